@@ -1,1 +1,1 @@
-"""Speed against peers."""
+"""Benchmarks and ablation studies."""

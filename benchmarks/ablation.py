@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""What a recipe for synthetic hands owes to each of its parts: short trainings, each without one of them.
+"""Ablation of the recipes for synthetic hands: short trainings, each with one change.
 
     python benchmarks/ablation.py --iterations 1500 --seeds 1 2
-    python benchmarks/ablation.py --recipe cameras              # sensors, sleeves, distances, turns
+    python benchmarks/ablation.py --recipe cameras              # sensors, sleeves, distances, rotations
 
-Every training is that of prototxt/synthetic_solver.prototxt with one change; its rate rises in the first tenth of the
-iterations and falls to 0 at the last. All are scored on the same held-out frames of the recipe. Data and weights go to
-snapshots/ablation. A finished training is not repeated if its prototxt files and its training data are the same.
+Every training is prototxt/synthetic_solver.prototxt with one change; the learning rate rises over the first tenth of
+the iterations and decays to 0 at the last. All are scored on the same held-out frames of the recipe. Data and weights
+are written to snapshots/ablation. A finished training is not repeated if its prototxt files and training data are
+unchanged.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ SOLVER = (ROOT / "prototxt" / "synthetic_solver.prototxt").read_text(encoding="u
 DROPOUT = (
     'layer {{ name: "Dropout{0}" type: "Dropout" bottom: "{0}" top: "{0}" dropout_param {{ dropout_ratio: 0.3 }} }}\n'
 )
-HELD_OUT = 2000  # frames that every training is scored on
+HELD_OUT = 2000  # frames for scoring
 HAND = prior_file.load()
 NARROW = (
     HAND.turned("palm_rot_z", std=20.0, any=0.0).turned("palm_rot_x", std=16.0).turned("palm_rot_y", std=25.0, any=0.0)
@@ -62,9 +63,9 @@ SAME = HAND.but(scale_std=0, bone_std=0)
 
 
 def _replaced(text: str, old: str, new: str) -> str:
-    """``str.replace``, but not of what is not there: a study without its change would pass for one."""
+    """``str.replace`` that raises ValueError if ``old`` is missing, as the study would then change nothing."""
     if old not in text:
-        raise ValueError(f"no {old!r} in the prototxt; expected the one that this study changes")
+        raise ValueError(f"the prototxt does not contain {old!r}, which this study changes")
     return text.replace(old, new)
 
 
@@ -96,15 +97,15 @@ def _without_augmentation(net: str) -> str:
 
 @dataclass(frozen=True)
 class Study:
-    """One change."""
+    """A training with one change."""
 
     name: str
     title: str
-    frames: int | None = None  # if not as many as the others have
-    recipe: Recipe = recipes.recipe("nyu")  # of the training data
+    frames: int | None = None  # None: as many as the other studies
+    recipe: Recipe = recipes.recipe("nyu")  # for the training data
     net: Callable[[str], str] = str
     solver: Callable[[str], str] = str
-    rampup: float = 0.1  # part of the iterations
+    rampup: float = 0.1  # fraction of the iterations
 
 
 OF_NYU = (
@@ -114,18 +115,18 @@ OF_NYU = (
     Study("plain", "no augmentation", net=_without_augmentation),
     Study(
         "on_bones",
-        "flesh about the bones, not on the palm's side of them",
+        "flesh centred on the bones, not on the palmar side",
         recipe=Recipe(flesh=FleshPrior(offsets=(0.0, 0.0))),
     ),
     Study("clean", "no sensor noise", recipe=Recipe(views=(View(sensor=None),))),
     Study("armless", "no forearm", recipe=Recipe(flesh=FleshPrior(limb=(0.05, 0.05), cut=1.0, cut_at=(0.01, 0.01)))),
     Study("narrow", "narrow rotations of the palm", recipe=Recipe(NARROW)),
     Study("uncurled", "fingers curl independently", recipe=Recipe(UNCURLED)),
-    Study("one_hand", "one hand: no other sizes and bones", recipe=Recipe(SAME, FleshPrior(thickness_std=0))),
+    Study("one_hand", "one hand: fixed size and bone lengths", recipe=Recipe(SAME, FleshPrior(thickness_std=0))),
     Study("one_head", "no second head", net=_without_second_head),
     Study("dropout", "dropout 0.3", net=_with_dropout),
     Study("squares", "EuclideanLoss, the paper's", net=_with_squares),
-    Study("at_once", "the full learning rate at once", rampup=0),
+    Study("at_once", "no learning rate warm-up", rampup=0),
     Study("sgd", "EuclideanLoss and SGD 0.003, the paper's", net=_with_squares, solver=_with_sgd),
 )
 CAMERAS, NYU = recipes.recipe("cameras"), recipes.recipe("nyu")
@@ -138,20 +139,22 @@ def _before_cameras(name: str, title: str, **changed: object) -> Study:
 OF_CAMERAS = (
     _before_cameras("recipe", "the recipe"),
     Study("nyu", "the recipe `nyu` instead", recipe=NYU),
-    _before_cameras("no_sensor", "no sensor faults", views=tuple(View(v.camera, None) for v in CAMERAS.views)),
+    _before_cameras("no_sensor", "no sensor errors", views=tuple(View(v.camera, None) for v in CAMERAS.views)),
     _before_cameras(
-        "one_sensor", "every camera with the faults of NYU's", views=tuple(View(v.camera) for v in CAMERAS.views)
+        "one_sensor",
+        "the sensor errors of NYU's camera for every camera",
+        views=tuple(View(v.camera) for v in CAMERAS.views),
     ),
-    _before_cameras("one_camera", "NYU's camera alone", views=NYU.views),
+    _before_cameras("one_camera", "NYU's camera only", views=NYU.views),
     _before_cameras("bare", "no sleeves", flesh=replace(CAMERAS.flesh, sleeve=0.0)),
     _before_cameras("uncut", "no cut forearms", flesh=replace(CAMERAS.flesh, cut=0.0)),
-    _before_cameras("same_flesh", "the flesh of `nyu`: whole, bare, of one shape", flesh=NYU.flesh),
+    _before_cameras("same_flesh", "the flesh of `nyu`: uncut, no sleeves, one shape", flesh=NYU.flesh),
     _before_cameras(
         "nyu_depth", "550 to 1000 mm away instead of 250 to 1200", prior=CAMERAS.prior.but(depth=NYU.prior.depth)
     ),
     _before_cameras(
         "upright",
-        "the turns of `nyu`: few hands point down",
+        "the orientations of `nyu`: few hands point down",
         prior=CAMERAS.prior.but(turn=NYU.prior.turn),
     ),
 )
@@ -163,23 +166,23 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("--iterations", type=positive, default=1500, metavar="N", help="default: %(default)s")
     parser.add_argument("--frames", type=positive, default=50000, metavar="N",
-                        help="of the training data (default: %(default)s)")  # fmt: skip
+                        help="frames of the training data (default: %(default)s)")  # fmt: skip
     parser.add_argument("--seeds", type=natural, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
     parser.add_argument("--recipe", choices=STUDIES, default="nyu",
-                        help=f"of {' or '.join(STUDIES)} (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="some of the studies (default: all)")
+                        help=f"{' or '.join(STUDIES)} (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="studies to run (default: all)")
     parser.add_argument("--work", type=Path, default=Path("snapshots/ablation"), metavar="FOLDER",
-                        help="where data and weights go (default: %(default)s)")  # fmt: skip
+                        help="folder for data and weights (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
     names = [study.name for study in STUDIES[args.recipe]]
     for name in args.only or []:
         if name not in names:
-            parser.error(f"--only {name}: expected some of {', '.join(names)}")
+            parser.error(f"--only {name}: expected {', '.join(names)}")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train and score."""
+    """Train and score the studies; returns the exit status."""
     if args.recipe != "nyu":
         args.work = args.work / args.recipe
     args.work.mkdir(parents=True, exist_ok=True)
@@ -204,7 +207,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def write_frames(prefix: Path, generator: Generator, count: int) -> Path:
-    """Frames in one file with its list, unless they are there already; returns the list."""
+    """Generate frames in one file with its list, unless they exist; returns the list."""
     part = parts.Part(prefix.with_suffix(".h5"), count, repr(generator.made_from()))
     if not parts.is_whole(part):
         with workers.processes(engine.available_cpus()) as pool:
@@ -215,7 +218,7 @@ def write_frames(prefix: Path, generator: Generator, count: int) -> Path:
 
 
 def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Namespace) -> tuple[int, Path, Path]:
-    """Exit status, weights and net of a training."""
+    """Train a study unless it is finished; returns the exit status, the weights and the net."""
     prefix = args.work / f"{study.name}_{args.iterations}_seed{seed}"
     weights, net = Path(f"{prefix}_iter_{args.iterations}.caffemodel.h5"), Path(f"{prefix}_net.prototxt")
     net_text = _replaced(study.net(NET), "data/nyu/train.txt", str(data))
@@ -223,7 +226,7 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     own = {"net": net, "max_iter": args.iterations, "display": 500, "random_seed": seed}
     own |= {"rampup_interval": round(study.rampup * args.iterations)}
     own |= {"snapshot_format": "HDF5", "snapshot_prefix": prefix}
-    net_text += f"# data {_recipe_sum(data)}\n"  # or weights of data that were since made anew would be taken
+    net_text += f"# data {_recipe_sum(data)}\n"  # weights of data regenerated since are not reused
     solver, tree = Path(f"{prefix}.prototxt"), with_fields(prototxt.parse(study.solver(SOLVER)), own)
     if weights.is_file() and atomic.text_of(net) == net_text and _tree_of(solver) == tree:
         return DONE, weights, net
@@ -234,13 +237,13 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
 
 
 def _recipe_sum(data: Path) -> str:
-    """A checksum of what the file of a list was made from."""
+    """Return a checksum of the recipe that the data file of a list was generated from."""
     recipe = (parts.attributes(data.with_suffix(".h5")) or {}).get("recipe")
     return hashlib.sha256(str(recipe).encode()).hexdigest()[:16]
 
 
 def _tree_of(path: Path) -> Message | None:
-    """What a prototxt says; None if there is none, or it is damaged."""
+    """Parse a prototxt; None if it is missing or malformed."""
     try:
         return prototxt.parse(atomic.text_of(path) or "", str(path))
     except PrototxtError:

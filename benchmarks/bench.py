@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
-"""Speed against peers, in one run: PyTorch, onnxruntime and OpenCV on the same network with the same weights.
+"""Benchmark against PyTorch, onnxruntime and OpenCV, with the same network and weights, in one run.
 
     make bench                                  or: python benchmarks/bench.py --json speed.json
 
-First every peer's outputs, and PyTorch's gradients, are compared with ours; nothing is timed unless they agree. Then
-each pair is timed in turn, A B A B ..., and the median of each and the median of the ratios are printed. A timing is a
-burst of calls of one of them, after one call that is not counted: so each works with caches and threads of its own, as
-it does where nothing else runs. Depth images are synthetic hands. Run it on a quiet machine: it warns if the machine is
-busy. Without the packages of the peers, --alone times this project alone.
+The outputs of every peer, and PyTorch's gradients, are first compared with this project's; nothing is timed unless they
+agree. Each pair is then timed alternately, A B A B ..., and the median times and the median ratio are printed. A timing
+is a burst of calls after one warm-up call, so that each implementation runs with its own caches and threads. Depth
+images are synthetic hands. Run it on an idle machine; it warns if the machine is busy. Without the packages of the
+peers, --alone times only this project.
 
-The ratios are compared with those stored for the same kind of machine (benchmarks/results), and what has become slower
-by more than its noise is named; the status is then 1. With --store, or where there are none yet, they are stored.
+The ratios are compared with those stored for the same kind of machine (benchmarks/results). Rows that are slower by
+more than their noise are listed, and the exit status is then 1. With --store, or if there are none yet, the ratios are
+stored.
 """
 
 from __future__ import annotations
@@ -59,33 +60,35 @@ except ModuleNotFoundError as error:
 else:
     MISSING = None
 
-FLOPS_FORWARD = 2 * (124**2 * 8 * 25 + 27**2 * 8 * 200 + 12**2 * 8 * 72 + 1152 * 1024 + 1024**2 + 1024 * 47)  # an image
-FLOPS_TRAINING = 3 * FLOPS_FORWARD - 2 * 124**2 * 8 * 25  # the first convolution passes no gradient down
+FLOPS_FORWARD = 2 * (
+    124**2 * 8 * 25 + 27**2 * 8 * 200 + 12**2 * 8 * 72 + 1152 * 1024 + 1024**2 + 1024 * 47
+)  # per image
+FLOPS_TRAINING = 3 * FLOPS_FORWARD - 2 * 124**2 * 8 * 25  # the first convolution needs no gradient of its input
 Job = Callable[[], Any]
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run all comparisons."""
+    """Run the benchmark; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("--rounds", type=positive, default=15, help="timings of each (default: %(default)s)")
+    parser.add_argument("--rounds", type=positive, default=15, help="number of timings (default: %(default)s)")
     parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
     parser.add_argument("--burst", type=positive_number, default=0.2, metavar="S",
-                        help="seconds of one timing; one call if that is longer (default: %(default)s)")  # fmt: skip
+                        help="duration of a timing, at least one call (default: %(default)s)")  # fmt: skip
     add_batch(parser)
-    parser.add_argument("--alone", action="store_true", help="no peers: time this project alone")
-    parser.add_argument("--store", action="store_true", help="store the ratios in the place of those stored before")
-    parser.add_argument("--json", metavar="FILE", help="write the figures here as well")
+    parser.add_argument("--alone", action="store_true", help="time only this project, without peers")
+    parser.add_argument("--store", action="store_true", help="replace the stored ratios")
+    parser.add_argument("--json", metavar="FILE", help="also write the results as JSON")
     return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare as the parsed arguments say. Raises NetlibError if a package of the peers is missing."""
+    """Run all comparisons. Raises NetlibError if a package of the peers is missing."""
     if MISSING and not args.alone:
-        raise NetlibError(f"{MISSING} is missing: pip install -e '.[bench]', or time this project alone by --alone")
+        raise NetlibError(f"{MISSING} is missing: pip install -e '.[bench]', or use --alone to time only this project")
     set_threads(args.threads, args.alone)
     load = os.getloadavg()[0]
     if load > 0.5:
-        print(f"warning: the machine is busy (load {load:.1f}); the figures will be uneven", file=sys.stderr)
+        print(f"warning: the machine is busy (load {load:.1f}); timings will vary", file=sys.stderr)
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), args)
         if not args.alone:
@@ -101,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def compare_with_stored(facts: dict[str, Any], rows: list[stored.Row], store: bool) -> int:
-    """Name what has become slower on this kind of machine; store the ratios if that is wanted or there are none."""
+    """Print which rows are slower than the stored ones; store the ratios if requested or if there are none."""
     path = stored.path_of(facts["kind"])
     before = None if store else stored.load(path)
     if before is None:
@@ -114,7 +117,7 @@ def compare_with_stored(facts: dict[str, Any], rows: list[stored.Row], store: bo
 
 
 def set_threads(count: int, alone: bool) -> None:
-    """The threads of all that are timed."""
+    """Set the number of threads of every library."""
     netlib.set_threads(count)
     if not alone:
         torch.set_num_threads(count)
@@ -122,7 +125,7 @@ def set_threads(count: int, alone: bool) -> None:
 
 
 class Bench:
-    """The data, the nets and the figures."""
+    """The data, nets and results of the benchmark."""
 
     def __init__(self, folder: Path, args: argparse.Namespace) -> None:
         self.folder, self.rounds, self.threads, self.burst = folder, args.rounds, args.threads, args.burst
@@ -137,17 +140,17 @@ class Bench:
     # ------------------------------------------------------------------------------------------ agreement
 
     def check(self) -> None:
-        """Outputs and gradients agree with the peers', or the run ends here."""
+        """Compare outputs and gradients with the peers'. Raises NetlibError if they differ."""
         x = self.depth[:8]
         net = self.deploy(len(x))
-        ours = net.forward(depth=x)["pred"].copy()
+        joints = net.forward(depth=x)["pred"].copy()
         angles = net.blobs["DoF"].data.copy()
         peer = TorchNet(net, self.skeleton).eval()
         with torch.inference_mode():
-            self._agree("PyTorch joints", ours, peer(torch.from_numpy(x)).numpy())
+            self._check("PyTorch joints", joints, peer(torch.from_numpy(x)).numpy())
         session = self._session(net, len(x), 1)
-        self._agree("onnxruntime angles", angles, session.run(None, {"depth": x})[0])
-        self._agree("OpenCV angles", angles, self._opencv(net)(x))
+        self._check("onnxruntime angles", angles, session.run(None, {"depth": x})[0])
+        self._check("OpenCV angles", angles, self._opencv(net)(x))
         train = self.solver(self.small)
         train.net.copy_from(net)
         for layer in train.net.layers:
@@ -160,15 +163,15 @@ class Bench:
         depth, joint = (torch.from_numpy(train.net.blobs[n].data.copy()) for n in ("depth", "joint"))
         value = peer.loss(depth, joint)
         value.backward()
-        self._agree("PyTorch loss", np.array(loss), np.array(value.item()))
+        self._check("PyTorch loss", np.array(loss), np.array(value.item()))
         for name, layer in zip(WEIGHTS, peer.trained):
-            self._agree(f"PyTorch gradient of {name}", train.net.params[name][0].diff, layer.weight.grad.numpy())
-            self._agree(f"PyTorch gradient of {name}'s bias", train.net.params[name][1].diff, layer.bias.grad.numpy())
+            self._check(f"PyTorch gradient of {name}", train.net.params[name][0].diff, layer.weight.grad.numpy())
+            self._check(f"PyTorch gradient of {name}'s bias", train.net.params[name][1].diff, layer.bias.grad.numpy())
 
-    def _agree(self, what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
-        error = float(np.abs(ours - theirs).max() / np.abs(theirs).max())
+    def _check(self, what: str, found: np.ndarray, expected: np.ndarray) -> None:
+        error = float(np.abs(found - expected).max() / np.abs(expected).max())
         if not error < 1e-3:
-            sys.exit(f"{what}: differs from ours by {error:.2g} of the largest value; nothing was timed")
+            sys.exit(f"{what}: relative difference {error:.2g}, expected below 1e-3; nothing was timed")
 
     def _opencv(self, net: Net) -> Callable[[np.ndarray], np.ndarray]:
         path = self.folder / "net.onnx"
@@ -183,20 +186,21 @@ class Bench:
 
     # ------------------------------------------------------------------------------------------ timing
 
-    def compare(self, what: str, ours: Job, theirs: dict[str, Job], goals: tuple[float, ...]) -> float:
-        """Time ours and each peer in turn; a row for each peer. Returns our median, in seconds."""
-        times: dict[str, list[float]] = {name: [] for name in ("ours", *theirs)}
-        calls = {name: self._calls(job) for name, job in (("ours", ours), *theirs.items())}
+    def compare(self, what: str, job: Job, peers: dict[str, Job], goals: tuple[float, ...]) -> float:
+        """Time a job alternately with each peer and add a row per peer. Returns the job's median time in s."""
+        jobs = {"ours": job, **peers}
+        times: dict[str, list[float]] = {name: [] for name in jobs}
+        calls = {name: self._calls(job) for name, job in jobs.items()}
         for _ in range(self.rounds):
-            for name, job in (("ours", ours), *theirs.items()):
+            for name, job in jobs.items():
                 job()
                 begin = time.perf_counter()
                 for _ in range(calls[name]):
                     job()
                 times[name].append((time.perf_counter() - begin) / calls[name])
-        if not theirs:
+        if not peers:
             self.figure(what, float(np.median(times["ours"])) * 1e3, "ms", "")
-        for (name, job_times), goal in zip([(n, times[n]) for n in theirs], goals):
+        for (name, job_times), goal in zip([(n, times[n]) for n in peers], goals):
             ratios = np.array(job_times) / np.array(times["ours"])
             low, ratio, high = (float(q) for q in np.quantile(ratios, (0.25, 0.5, 0.75)))
             self.rows.append(
@@ -213,18 +217,18 @@ class Bench:
         return float(np.median(times["ours"]))
 
     def _calls(self, job: Job) -> int:
-        """How many calls a burst has."""
+        """Return the number of calls in a burst."""
         job()
         begin = time.perf_counter()
         job()
         return max(1, round(self.burst / (time.perf_counter() - begin)))
 
     def figure(self, what: str, value: float, unit: str, goal: str) -> None:
-        """A row without a peer."""
+        """Add a row without a peer."""
         self.rows.append({"what": what, "value": value, "unit": unit, "goal": goal})
 
     def run(self) -> None:
-        """All rows of the table."""
+        """Time everything and add all rows."""
         step = {batch: self.training(batch) for batch in (self.large, self.small)}
         forward = self.forward_large()
         self.forward_small()
@@ -233,16 +237,16 @@ class Bench:
         peak = self.sgemm_peak()
         self.figure("sgemm peak", peak / 1e9, "GFLOP/s", "")
         training = 100 * self.large * FLOPS_TRAINING / step[self.large] / peak
-        self.figure("share of the peak, training", training, "%", ">= 38")
-        self.figure("share of the peak, forward", 100 * self.large * FLOPS_FORWARD / forward / peak, "%", ">= 48")
+        self.figure("fraction of peak, training", training, "%", ">= 38")
+        self.figure("fraction of peak, forward", 100 * self.large * FLOPS_FORWARD / forward / peak, "%", ">= 48")
         parts = self.large // self.small
         ratio = step[self.large] / (parts * step[self.small])
         self.figure(f"time of {self.large} against {parts} x {self.small}", ratio, "x", "0.9 to 1.1")
-        self.figure("data, log and bookkeeping", self.overhead(), "% of a step", "< 5")
+        self.figure("data, log and overhead", self.overhead(), "% of a step", "< 5")
         self.figure(f"peak memory, training at {self.large}", self.memory(), "MB", "< 1500, 500")
 
     def training(self, batch: int) -> float:
-        """solver.step(1) against PyTorch's training step."""
+        """Compare solver.step(1) with PyTorch's training step."""
         solver = self.solver(batch)
         jobs: dict[str, Job] = {}
         if not self.alone:
@@ -269,7 +273,7 @@ class Bench:
         return job
 
     def forward_large(self) -> float:
-        """net.forward against onnxruntime."""
+        """Compare net.forward with onnxruntime."""
         net = self.deploy(self.large)
         x = self.depth[: self.large]
         jobs: dict[str, Job] = {}
@@ -279,7 +283,7 @@ class Bench:
         return self.compare(f"forward, batch {self.large}", lambda: net.forward(depth=x), jobs, (1.2,))
 
     def forward_small(self) -> None:
-        """net.forward against OpenCV's dnn."""
+        """Compare net.forward with OpenCV's dnn."""
         net = self.deploy(self.small)
         x = self.depth[: self.small]
         jobs: dict[str, Job] = {}
@@ -289,7 +293,7 @@ class Bench:
         self.compare(f"forward, batch {self.small}", lambda: net.forward(depth=x), jobs, (2.0,))
 
     def one_image(self) -> None:
-        """One image on one thread, with the hand against PyTorch, without it against onnxruntime."""
+        """Compare one image on one thread: with the hand to PyTorch, without it to onnxruntime."""
         set_threads(1, self.alone)
         net, bare = self.deploy(1), self._without_hand()
         x = self.depth[:1]
@@ -320,7 +324,7 @@ class Bench:
         return Net(self.folder / "bare.prototxt", netlib.TEST, seed=1, engine=engine)
 
     def _onnx(self, net: Net) -> bytes:
-        """The network up to the angles, with a net's weights, as an ONNX file."""
+        """Export the network up to the angles, with a net's weights, as ONNX."""
         bare = self._without_hand("plain")
         bare.copy_from(net)
         return onnx_image(bare)
@@ -332,7 +336,7 @@ class Bench:
         return onnxruntime.InferenceSession(self._onnx(net), options, providers=["CPUExecutionProvider"])
 
     def hand(self) -> None:
-        """HandModel forward and backward against the same with autograd."""
+        """Compare HandModel forward and backward with autograd."""
         x = np.random.default_rng(0).normal(0, 0.3, (self.large, 47)).astype(np.float32)
         dy = np.random.default_rng(1).normal(size=(self.large, 93)).astype(np.float32)
         text = f"""force_backward: true
@@ -341,16 +345,16 @@ class Bench:
         (self.folder / "hand.prototxt").write_text(text)
         net = Net(self.folder / "hand.prototxt", netlib.TRAIN)
 
-        def ours() -> None:
+        def job() -> None:
             net.forward(x=x)
             net.backward(y=dy)
 
-        ours()
+        job()
         jobs = {} if self.alone else self._torch_hands(x, dy, net.blobs["x"].diff)
-        self.compare(f"HandModel forward + backward, {self.large}", ours, jobs, (11.0, 0.0))
+        self.compare(f"HandModel forward + backward, {self.large}", job, jobs, (11.0, 0.0))
 
     def _torch_hands(self, x: np.ndarray, dy: np.ndarray, dx: np.ndarray) -> dict[str, Job]:
-        """Two forms of the hand, whose gradients agree with ours."""
+        """Return jobs for two implementations of the hand, after checking their gradients."""
         tensor, gradient = torch.from_numpy(x), torch.from_numpy(dy)
 
         def job_of(peer: torch.nn.Module) -> Job:
@@ -360,14 +364,14 @@ class Bench:
                 peer(tensor).backward(gradient)
                 return tensor.grad.numpy()
 
-            self._agree("PyTorch gradient of the hand", dx, job())
+            self._check("PyTorch gradient of the hand", dx, job())
             return job
 
         hands = {"PyTorch, joint by joint": TorchHandByJoint, "PyTorch, by depth": TorchHand}
         return {name: job_of(hand(self.skeleton)) for name, hand in hands.items()}
 
     def sgemm_peak(self) -> float:
-        """FLOP/s of large products, one a thread."""
+        """Measure FLOP/s of large matrix products, one per thread."""
         n = 1536
         a = [np.random.default_rng(i).random((n, n), dtype=np.float32) for i in range(self.threads)]
         best = 0.0
@@ -382,7 +386,7 @@ class Bench:
         return best
 
     def overhead(self) -> float:
-        """How much longer a step of solver.step is than the net's own passes and the update, in percent."""
+        """Return the overhead of solver.step over the net's passes and the update, in percent."""
         solver = self.solver(self.large)
         steps = solver.net.executor.steps
         data = steps[0]
@@ -403,7 +407,7 @@ class Bench:
         return 100 * (float(np.median(whole)) / float(np.median(bare)) - 1)
 
     def memory(self) -> float:
-        """Peak memory of a process that trains with the large batch, MB."""
+        """Return the peak memory of a process that trains with the large batch, in MB."""
         self.solver(self.large)
         code = (f"import sys; sys.path.insert(0, {str(ROOT)!r}); import netlib; "
                 f"netlib.set_threads({self.threads}); "
@@ -415,7 +419,7 @@ class Bench:
     # ------------------------------------------------------------------------------------------ the table
 
     def table(self) -> str:
-        """All rows as text."""
+        """Format all rows."""
         lines = [f"{netlib.BLAS_NOTE}; {self.threads} threads; medians of interleaved bursts"]
         for row in self.rows:
             if "ratio" in row:

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""How long the fit to the depth takes on one core: a single frame, and frames in batches; network and crop included.
+"""Time the fit to depth on one core, for single frames and batches, including network and crop.
 
     python benchmarks/fit.py
 
-Medians over frames of the recipe nyu, with the packaged weights, on one thread.
+Prints medians over frames of the recipe nyu, with the packaged weights, on one thread.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Time everything."""
+    """Time every plan and print a table; returns the exit status."""
     engine.get().set_threads(1)
     generator = Generator(3, "test")
     scenes = [generator.scene(number) for number in range(2)]
@@ -74,13 +74,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _median(work: Callable[[], object], repeats: int) -> float:
-    """Milliseconds, after one run that is not counted."""
+    """Return the median time in ms, after one warm-up run."""
     work()
     times = []
     for _ in range(repeats):
-        begun = time.perf_counter()
+        start = time.perf_counter()
         work()
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - start)
     return float(np.median(times)) * 1000
 
 

@@ -1,4 +1,4 @@
-"""The paper's network on synthetic hands, and the options that benchmarks on it share."""
+"""The paper's network on synthetic hands, and options shared by its benchmarks."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
 
 
 def add_batch(parser: argparse.ArgumentParser) -> None:
-    """The option --batch."""
+    """Add the option --batch."""
     parser.add_argument("--batch", type=positive, default=512, metavar="N",
-                        help="the large batch; the small one is an eighth of it (default: %(default)s)")  # fmt: skip
+                        help="large batch; the small batch is an eighth of it (default: %(default)s)")  # fmt: skip
 
 
 def small(batch: int) -> int:
-    """The small batch that is timed in addition to a large one."""
+    """Return the small batch for a large one."""
     return max(2, batch // 8)
 
 
 class Paper:
-    """Depth images (N, 1, 128, 128) and joints (N, 93) of two large batches of hands, and the nets on them."""
+    """Depth images (N, 1, 128, 128) and joints (N, 93) of two large batches of hands, and nets that read them."""
 
     def __init__(self, folder: Path, batch: int, workers: int) -> None:
         from handpose.synthetic.generator import Generator
@@ -44,7 +44,7 @@ class Paper:
         (folder / "list.txt").write_text("a.h5\n")
 
     def solver(self, batch: int, engine: str | None = None) -> Solver:
-        """The paper's training."""
+        """Return a solver of the paper's training."""
         net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text()
         for name in ("train", "test"):
             net = net.replace(f"data/nyu/{name}.txt", str(self.folder / "list.txt"))
@@ -56,9 +56,9 @@ class Paper:
         return netlib.get_solver(path, engine=engine)
 
     def deploy(self, batch: int, engine: str | None = None) -> Net:
-        """The net for predictions."""
+        """Return the deploy net, after one forward pass."""
         net = Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, seed=1, engine=engine)
-        for name in WEIGHTS[3:]:  # not the fillers' 0.001, so that outputs differ from image to image
+        for name in WEIGHTS[3:]:  # larger than the fillers' 0.001, so that outputs vary between images
             net.params[name][0].data[...] = np.random.default_rng(0).normal(0, 0.03, net.params[name][0].shape)
         net.forward(depth=self.depth[:batch])
         return net

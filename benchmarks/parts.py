@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""What each part of fast/ is worth: everything timed with it, and with it switched off.
+"""Ablation of the fast engine: the time saved by each optimization in fast/.
 
     make parts                                  or: python benchmarks/parts.py --rounds 7
 
-Of each part, the paper's training step and forward pass are timed with the part and without, in turn, A B A B ..., and
-the median of the differences is printed, in ms and as a share of the time with it. What gains less than 2% everywhere
-is not worth its lines. Depth images are synthetic hands. Run it on a quiet machine.
+The paper's training step and forward pass are timed alternately with each optimization enabled and disabled, A B A B
+..., and the median difference is printed, in ms and relative to the time with it. An optimization that saves less than
+2% everywhere does not justify its code. Depth images are synthetic hands. Run it on an idle machine.
 """
 
 from __future__ import annotations
@@ -50,18 +50,18 @@ Off = Callable[[], contextlib.AbstractContextManager[Any]]
 
 
 def without_twin(plain: type) -> Off:
-    """The plain layer in the place of its twin."""
+    """Use the plain layer instead of its fast counterpart."""
     return lambda: mock.patch.dict(TWINS, {plain: plain})
 
 
 def patched(target: Any, name: str, value: Any) -> Off:
-    """Another value of a constant or function."""
+    """Replace a constant or function."""
     return lambda: mock.patch.object(target, name, value)
 
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """No second thread."""
+    """Use one thread."""
     before = netlib.threads()
     netlib.set_threads(1)
     try:
@@ -70,7 +70,7 @@ def one_thread() -> Iterator[None]:
         netlib.set_threads(before)
 
 
-ELSEWHERE = ("HandAugment", "Kinematics")  # not in this network: a layer of the recipe, and what fits use
+ELSEWHERE = ("HandAugment", "Kinematics")  # not in this network
 PARTS: dict[str, Off] = {
     **{f"fast {plain.__name__}": without_twin(plain) for plain in TWINS if plain.__name__ not in ELSEWHERE},
     "slices of the batch": patched(
@@ -92,23 +92,23 @@ PARTS: dict[str, Off] = {
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Time all parts."""
+    """Run the benchmark; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("--rounds", type=positive, default=7, help="timings of each (default: %(default)s)")
+    parser.add_argument("--rounds", type=positive, default=7, help="number of timings (default: %(default)s)")
     parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
     parser.add_argument("--burst", type=positive_number, default=0.15, metavar="S",
-                        help="seconds of one timing; one call if that is longer (default: %(default)s)")  # fmt: skip
+                        help="duration of a timing, at least one call (default: %(default)s)")  # fmt: skip
     add_batch(parser)
-    parser.add_argument("--only", nargs="+", metavar="PART", help="such parts whose names contain one of these")
+    parser.add_argument("--only", nargs="+", metavar="PART", help="only optimizations whose names contain one of these")
     args = parser.parse_args(argv)
     for word in args.only or ():
         if not any(word in part for part in PARTS):
-            parser.error(f"--only {word}: in no name of a part; expected words of {', '.join(PARTS)}")
+            parser.error(f"--only {word}: matches no optimization; expected part of {', '.join(PARTS)}")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Time each part as the parsed arguments say."""
+    """Time all selected optimizations and print a table; returns the exit status."""
     netlib.set_threads(args.threads)
     with tempfile.TemporaryDirectory() as folder:
         paper = Paper(Path(folder), args.batch, args.threads)
@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
             **{f"forward {batch}": functools.partial(forward, paper, batch) for batch in batches},
             "one image": functools.partial(forward, paper, 1),
         }
-        print(f"{'ms saved, share':<34}" + "".join(f"{name:>18}" for name in jobs))
+        print(f"{'ms saved, relative':<34}" + "".join(f"{name:>18}" for name in jobs))
         for part, off in PARTS.items():
             if args.only and not any(word in part for word in args.only):
                 continue
@@ -128,19 +128,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def step(paper: Paper, batch: int) -> Callable[[], Any]:
-    """A training step."""
+    """Return a function that runs a training step."""
     solver = paper.solver(batch)
     return lambda: solver.step(1)
 
 
 def forward(paper: Paper, batch: int) -> Callable[[], Any]:
-    """A forward pass."""
+    """Return a function that runs a forward pass."""
     net = paper.deploy(batch)
     return lambda: net.forward(depth=paper.depth[:batch])
 
 
 def compare(make: Callable[[], Callable[[], Any]], off: Off, rounds: int, burst: float) -> str:
-    """What the part saves: ms, and as a share of the time with it."""
+    """Return the time saved, in ms and relative to the time with the optimization."""
     with_it = make()
     with off():
         without = make()
@@ -158,7 +158,7 @@ def compare(make: Callable[[], Callable[[], Any]], off: Off, rounds: int, burst:
 
 
 def seconds(job: Callable[[], Any], calls: int) -> float:
-    """Of one call, on the mean of some, after one that is not counted."""
+    """Return the mean time of a call in s, after one warm-up call."""
     job()
     begin = time.perf_counter()
     for _ in range(calls):

@@ -14,7 +14,7 @@ from netlib.net import Net
 
 
 class TorchHandByJoint(nn.Module):
-    """Forward kinematics for autograd, as the paper has it: products of 4 x 4 transforms, root to tip, by joint."""
+    """Forward kinematics for autograd as in the paper: products of 4 x 4 transforms, from root to tip."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         super().__init__()
@@ -29,7 +29,7 @@ class TorchHandByJoint(nn.Module):
             self.bones.append(T)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(N, D) inputs → (N, 3 K) joints."""
+        """Map inputs (N, D) to joints (N, 3 K)."""
         theta = x + self.initial
         done: dict[int, torch.Tensor] = {}
 
@@ -46,7 +46,7 @@ class TorchHandByJoint(nn.Module):
         return torch.stack([of(j)[:, :3, 3] for j in range(len(self.bones))], 1).reshape(len(x), -1)
 
     def _steps(self, joint: int) -> list[torch.Tensor | Motion]:
-        """The joint's motions in order; fixed rotations are multiplied out to transforms (4, 4)."""
+        """Return the joint's motions in order, with fixed rotations as transforms (4, 4)."""
         steps: list[torch.Tensor | Motion] = []
         for motion in self.skeleton.motions[joint]:
             if motion.kind == "translate" or motion.row >= 0:
@@ -60,7 +60,7 @@ class TorchHandByJoint(nn.Module):
 
     @staticmethod
     def _motion(step: Motion, theta: torch.Tensor) -> torch.Tensor:
-        """The 4 x 4 transform of one motion, (N, 4, 4)."""
+        """Return the transforms (N, 4, 4) of one motion."""
         T = torch.eye(4).repeat(len(theta), 1, 1)
         t = step.sign * theta[:, step.dof]
         if step.kind == "translate":
@@ -73,7 +73,7 @@ class TorchHandByJoint(nn.Module):
 
 
 class TorchHand(nn.Module):
-    """The same for speed: joints of one depth and kind together, 3 x 3 matrices."""
+    """Faster forward kinematics: 3 x 3 matrices, joints of the same depth and kind batched."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         super().__init__()
@@ -93,7 +93,7 @@ class TorchHand(nn.Module):
                     self.register_buffer(f"s{i}_{s}", torch.tensor(do.sign[:, 0, 0], dtype=torch.float32))
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(N, D) inputs → (N, 3 K) joints."""
+        """Map inputs (N, D) to joints (N, 3 K)."""
         N = len(x)
         theta = torch.where(self.free, x, torch.zeros((), dtype=x.dtype)) + self.initial
         X: list[torch.Tensor] = [x] * len(self.bones)
@@ -124,7 +124,7 @@ class TorchHand(nn.Module):
 
 
 class TorchNet(nn.Module):
-    """The network with its hand."""
+    """The paper's network with its hand model."""
 
     def __init__(self, net: Net, skeleton: Skeleton) -> None:
         super().__init__()
@@ -148,15 +148,15 @@ class TorchNet(nn.Module):
         self.trained = layers
 
     def angles(self, depth: torch.Tensor) -> torch.Tensor:
-        """(N, 1, 128, 128) → (N, 47)."""
+        """Map depth (N, 1, 128, 128) to angles (N, 47)."""
         return self.fc(self.conv(depth))
 
     def forward(self, depth: torch.Tensor) -> torch.Tensor:
-        """(N, 1, 128, 128) → (N, 93)."""
+        """Map depth (N, 1, 128, 128) to joints (N, 93)."""
         return self.hand(self.angles(depth))
 
     def loss(self, depth: torch.Tensor, joint: torch.Tensor) -> torch.Tensor:
-        """The paper's loss: half the squared distance, plus the linear hinge on the limits, a frame."""
+        """Return the paper's loss per frame: half the squared distance plus a linear hinge on the joint limits."""
         x = self.angles(depth)
         hinge = torch.relu(x - self.upper).sum() + torch.relu(self.lower - x).sum()
         return ((self.hand(x) - joint) ** 2).sum() / (2 * len(depth)) + hinge / len(depth)

@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
-"""What ranks gain: the paper's training step by threads of one process and by ranks of mpiexec, and by a model beyond.
+"""Scaling of distributed training: the paper's training step with threads and with mpiexec ranks, and a model of
+clusters.
 
     make ranks                                  or: python benchmarks/ranks.py --steps 60
 
-First the step of one process is timed with one thread and with all, then that of ranks with one thread each, which
-divide the same batch: what a step costs, and what of it is agreeing and averaging. Then, with these figures, what a
-step would cost with more ranks on other networks (``model``).
+The step of one process is timed with one thread and with all, then that of ranks with one thread each, which divide the
+same batch: the time of a step, and of it the time for synchronizing and averaging. From these, ``model`` estimates a
+step with more ranks on other networks.
 
-With ``--launch`` two ranks on two machines, which share the working folder, are timed. There gradients are averaged
-while layers still run backwards; in every second step they are averaged at the end, to compare.
+``--launch`` times two ranks on two machines that share the working directory. There gradients are averaged during the
+backward pass, and in every second step after it, for comparison.
 
-Depth images are synthetic hands. Run it on quiet machines, with the extra mpi.
+Depth images are synthetic hands. Run it on idle machines, with the extra mpi.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from benchmarks.paper import Paper, add_batch, small
 from netlib import engine
 from netlib.distributed.allreduce import Buffers
 from netlib.distributed.gradients import Gradients
-from netlib.engine.plain import Passed
+from netlib.engine.plain import BackwardHook
 from netlib.errors import NetlibError
 from netlib.layer import Layer
 from netlib.net import Net
@@ -57,10 +58,10 @@ PARTS = 3  # of the gradients of the paper's network
 
 @dataclass(frozen=True)
 class Network:
-    """What connects machines.
+    """A network between machines.
 
-    latency    s of a message of no length
-    bandwidth  bytes per s, out of and into a machine at once
+    latency    of an empty message, in s
+    bandwidth  bytes per s in each direction, simultaneously
     """
 
     name: str
@@ -77,12 +78,12 @@ NETWORKS = (
 
 @dataclass(frozen=True)
 class Step:
-    """A step of some ranks in s, medians at rank 0.
+    """Times of a distributed step in s, medians at rank 0.
 
-    whole    all of it
-    behind   the backward pass that is left when the first part of the gradients is complete
-    agree    telling each other losses, requests, failures
-    average  waiting for the means of the gradients at the end
+    whole    the whole step
+    behind   the rest of the backward pass after the first part of the gradients is complete
+    agree    exchange of losses, requests and failures
+    average  wait for the averaged gradients at the end
     """
 
     whole: float
@@ -92,15 +93,15 @@ class Step:
 
 
 def model(network: Network, count: int, alone: Step, copies: float, size: int) -> float:
-    """A step of ``count`` ranks on machines of their own, in s.
+    """Estimate a step of ``count`` ranks, one per machine, in s.
 
     alone   the step of one rank
-    copies  copying the gradients to the flat buffer and back, and adding them up
+    copies  time to copy the gradients to the flat buffer and back, and to add them
     size    of the gradients in bytes
 
-    Two rounds of numbers to rank 0 and back; each piece of the gradients to its rank and its mean to all: 2 (N - 1)
-    messages for each of three parts and 2 (N - 1) / N times the bytes, all but the messages of the last part while
-    layers still run backwards.
+    Two round trips of numbers to rank 0, then each piece of the gradients to its rank and its mean to all: 2 (N - 1)
+    messages for each of three parts and 2 (N - 1) / N times the bytes. All but the messages of the last part overlap
+    the backward pass.
     """
     others = count - 1
     agreeing = 2 * network.latency + 2 * others * 1e-6  # rank 0 handles every message
@@ -110,20 +111,22 @@ def model(network: Network, count: int, alone: Step, copies: float, size: int) -
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Measure; returns the exit status."""
+    """Run the benchmark; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("--steps", type=positive, default=60, metavar="N", help="of each timing (default: %(default)s)")
+    parser.add_argument(
+        "--steps", type=positive, default=60, metavar="N", help="steps per timing (default: %(default)s)"
+    )
     add_batch(parser)
-    parser.add_argument("--launch", metavar="COMMAND", help="what starts two ranks on two machines, -n 2 follows "
-                        "it: time only these, each with a whole batch")  # fmt: skip
-    parser.add_argument("--worker", metavar="SOLVER", help=argparse.SUPPRESS)  # what mpiexec starts
+    parser.add_argument("--launch", metavar="COMMAND", help="command that starts two ranks on two machines, to which "
+                        "-n 2 is appended; time only these, each with a whole batch")  # fmt: skip
+    parser.add_argument("--worker", metavar="SOLVER", help=argparse.SUPPRESS)  # for processes started by mpiexec
     parser.add_argument("--threads", type=positive, default=1, help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
     return guarded(worker if args.worker else run, args)
 
 
 def worker(args: argparse.Namespace) -> int:
-    """Time the steps of a rank; rank 0 prints those with averages meanwhile, and those with averages at the end."""
+    """Time the steps of a rank; rank 0 prints those with overlapped averaging and those without."""
     ranks = world(divide=True)
     engine.get().set_threads(args.threads)
     solver = netlib.get_solver(args.worker, seed=1, ranks=ranks)
@@ -139,7 +142,7 @@ def worker(args: argparse.Namespace) -> int:
 
 
 class Watch:
-    """Times what some ranks do in a step."""
+    """Times the phases of distributed steps."""
 
     def __init__(self, ranks: Any, net: Net) -> None:
         self._gradients = Gradients(net.layers, net.learnable)
@@ -150,65 +153,67 @@ class Watch:
             self.begin_gradients,
             self.finish_gradients,
         )
-        self._begun = 0.0
+        self._start = 0.0
         self._meanwhile = True
         self._first: float | None = None
         self._times: dict[str, float] = {}
         self._steps: dict[bool, list[Step]] = {True: [], False: []}
 
     def begin(self, meanwhile: bool) -> None:
-        """A step, in which gradients are averaged while layers run backwards, or all at the end."""
-        self._begun, self._meanwhile, self._first, self._times = time.perf_counter(), meanwhile, None, {}
+        """Start a step; ``meanwhile``: average gradients during the backward pass, not after it."""
+        self._start, self._meanwhile, self._first, self._times = time.perf_counter(), meanwhile, None, {}
 
     def end(self) -> None:
-        """Of this step."""
-        self._steps[self._meanwhile].append(Step(whole=time.perf_counter() - self._begun, **self._times))
+        """End the step and record its times."""
+        self._steps[self._meanwhile].append(Step(whole=time.perf_counter() - self._start, **self._times))
 
     def step(self, meanwhile: bool) -> Step:
-        """The medians of all steps but the first fifth."""
+        """Return the medians over all steps except the first fifth."""
         steps = self._steps[meanwhile]
         later = [dataclasses.astuple(step) for step in steps[len(steps) // 5 :]]
         return Step(*map(statistics.median, zip(*later)))
 
-    def begin_gradients(self) -> Passed:
-        """What is called during the backward pass."""
+    def begin_gradients(self) -> BackwardHook:
+        """Return the hook for the backward pass."""
         follow = self._begin() if self._meanwhile else None
 
-        def passed(layer: Layer | None) -> None:
+        def hook(layer: Layer | None) -> None:
             if layer is not None and self._first is None and self._gradients.complete(layer):
                 self._first = time.perf_counter()
             if follow is not None:
                 follow(layer)
 
-        return passed
+        return hook
 
     def agree(self, *args: Any) -> float:
-        """The end of the backward pass."""
-        begun = time.perf_counter()
+        """Time the exchange after the backward pass."""
+        start = time.perf_counter()
         loss: float = self._agree(*args)
-        self._times.update(behind=begun - (self._first or begun), agree=time.perf_counter() - begun)
+        self._times.update(behind=start - (self._first or start), agree=time.perf_counter() - start)
         return loss
 
     def finish_gradients(self) -> None:
-        """What is left of the averages."""
-        begun = time.perf_counter()
+        """Time the wait for averaged gradients."""
+        start = time.perf_counter()
         self._finish()
-        self._times["average"] = time.perf_counter() - begun
+        self._times["average"] = time.perf_counter() - start
 
 
 def run(args: argparse.Namespace) -> int:
-    """All timings, then the model."""
+    """Print all timings, then the model's estimates; returns the exit status."""
     cpus = engine.available_cpus()
     launch = shlex.split(args.launch) if args.launch else [_mpiexec()]
     runs = [(2, 1)] if args.launch else list(dict.fromkeys([(1, 1), (1, cpus), (cpus, 1), (2 * cpus, 1)]))
-    with tempfile.TemporaryDirectory(dir=Path.cwd() if args.launch else None) as folder:  # which both machines see
+    with tempfile.TemporaryDirectory(
+        dir=Path.cwd() if args.launch else None
+    ) as folder:  # a folder that both machines share
         paper = Paper(Path(folder), args.batch, cpus)
         for batch in sorted({small(args.batch), args.batch}):
             frames = 2 * batch if args.launch else batch
             paper.solver(frames)
             timed = [_time(count, threads, launch, f"{folder}/solver.prototxt", args.steps) for count, threads in runs]
             (alone, _), size = timed[0]
-            rows = [["processes x threads", "averaged", "a step, ms", "frames/s", "agreeing, ms", "averaging, ms"]]
+            rows = [["processes x threads", "averaging", "step, ms", "frames/s", "exchange, ms", "averaging, ms"]]
             for (count, threads), (steps, _) in zip(runs, timed):
                 for step, when in list(zip(steps, ("meanwhile", "at the end")))[0 if args.launch else 1 :]:
                     ends = [when, f"{step.agree * 1e3:.2f}", f"{step.average * 1e3:.1f}"] if count > 1 else [""] * 3
@@ -217,8 +222,8 @@ def run(args: argparse.Namespace) -> int:
             print(f"\nbatch {batch}, gradients {size / 1e6:.1f} MB\n{aligned(rows)}")
             if not args.launch:
                 copies = _copies(size)
-                print(f"\nbatch {batch} on every rank, a machine each, by the model: speed, of N times one\n"
-                      f"(of the {alone.whole * 1e3:.1f} ms of a step {alone.behind * 1e3:.1f} ms come after the first "
+                print(f"\nbatch {batch} on every rank, one rank per machine, estimated: speed, of N times one\n"
+                      f"(of the {alone.whole * 1e3:.1f} ms of a step {alone.behind * 1e3:.1f} ms follow the first "
                       f"gradients; copies {copies * 1e3:.1f} ms)\n")  # fmt: skip
                 print(aligned(_table(alone, copies, size)))
     return DONE
@@ -227,12 +232,12 @@ def run(args: argparse.Namespace) -> int:
 def _mpiexec() -> str:
     found = shutil.which("mpiexec", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
     if found is None:
-        raise NetlibError("there is no mpiexec; pip install mpi4py mpich")
+        raise NetlibError("mpiexec not found; pip install mpi4py mpich")
     return found
 
 
 def _time(count: int, threads: int, launch: list[str], solver: str, steps: int) -> tuple[list[Step], int]:
-    """The steps, averaged meanwhile and at the end, and the size of the gradients."""
+    """Return the steps with overlapped averaging and without, and the size of the gradients in bytes."""
     command = [sys.executable, "-m", "mpi4py", str(Path(__file__).resolve()), "--worker", solver]
     options = ["--steps", str(steps), "--threads", str(threads)]
     start = [*launch, "-n", str(count)] if count > 1 else []
@@ -244,18 +249,18 @@ def _time(count: int, threads: int, launch: list[str], solver: str, steps: int) 
 
 
 def _copies(size: int) -> float:
-    """Copying gradients to a flat buffer and back, and adding up as many, in s."""
+    """Time copying gradients to a flat buffer and back, and adding them, in s."""
     parts = [np.ones(size // 16, np.float32) for _ in range(4)]
     buffers = Buffers(parts, 1)
     times = []
     for _ in range(9):
-        begun = time.perf_counter()
+        start = time.perf_counter()
         for place, part in zip(buffers.places, parts):
             place[...] = part
         buffers.flat += 1
         for place, part in zip(buffers.places, parts):
             part[...] = place
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - start)
     return statistics.median(times)
 
 

@@ -1,8 +1,8 @@
-"""Results of earlier benchmarks, one file for each kind of machine, and which ratios are worse now.
+"""Stored benchmark results, one file per kind of machine, and comparison with them.
 
-Times on two machines cannot be compared, and times on one machine change with what else runs on its host. Ratios to
-other libraries, timed in turn with this project, change little. So the ratios are stored, and compared with those of
-the same kind of machine only.
+Times on different machines cannot be compared, and times on one machine vary with the load of its host. Ratios to other
+libraries, timed alternately with this project, vary little. So only ratios are stored, and they are compared with those
+of the same kind of machine.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from netlib.errors import DataError
 from netlib.files import atomic
 
 RESULTS = Path(__file__).parent / "results"
-SMALLEST_CHANGE = 0.03  # of a ratio: medians differ by as much from one run to the next
+SMALLEST_CHANGE = 0.03  # relative variation of median ratios between runs
 
 Row = dict[str, Any]
 
 
 def kind(threads: int) -> str:
-    """The kind of this machine: its processor, the threads in use, and the kernels of BLAS."""
+    """Describe this machine: processor, number of threads and BLAS kernels."""
     cpuinfo = Path("/proc/cpuinfo")
     models = re.findall(r"^model name\s*:\s*(.+)$", cpuinfo.read_text(), re.MULTILINE) if cpuinfo.exists() else []
     model = models[0] if models else platform.processor() or platform.machine()
@@ -33,12 +33,12 @@ def kind(threads: int) -> str:
 
 
 def path_of(kind: str) -> Path:
-    """The file with the results of machines of this kind."""
+    """Return the path of the results of this kind of machine."""
     return RESULTS / (re.sub(r"[^a-z0-9]+", "_", kind.lower()).strip("_") + ".json")
 
 
 def load(path: Path) -> dict[str, Any] | None:
-    """Stored results; None if there are none. Raises DataError for a file of anything else."""
+    """Load stored results; None if there are none. Raises DataError if the file is malformed."""
     if not path.exists():
         return None
     try:
@@ -47,18 +47,18 @@ def load(path: Path) -> dict[str, Any] | None:
             return dict(found)
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         pass
-    raise DataError(f"{path}: not the stored results of a benchmark; remove it, or store new ones by --store")
+    raise DataError(f"{path}: malformed benchmark results; remove it, or replace it with --store")
 
 
 def save(path: Path, facts: dict[str, Any], rows: Sequence[Row]) -> None:
-    """Store the rows that are ratios."""
+    """Store the rows with ratios."""
     ratios = [{key: row[key] for key in ("what", "peer", "ratio", "noise")} for row in rows if "ratio" in row]
     path.parent.mkdir(exist_ok=True)
     atomic.replace_text(path, json.dumps({**facts, "rows": ratios}, indent=1) + "\n")
 
 
 def slower(rows: Sequence[Row], before: Sequence[Row]) -> list[str]:
-    """A line for each ratio that has fallen by more than the noise of both measurements."""
+    """Return a line for each ratio that decreased by more than the joint noise of both measurements."""
     stored = {(row["what"], row["peer"]): row for row in before}
     lines = []
     for row in rows:

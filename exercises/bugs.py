@@ -1,6 +1,6 @@
-"""Find the bug: our source with one known mistake in the place of the right lines, to be found and fixed.
+"""Debugging exercises: the project's source with one known mistake inserted, which the reader finds and fixes.
 
-Mistakes written in full are used: a function, or methods that replace ours and use neither them nor a helper.
+Only self-contained mistakes are used: a function, or methods that call neither super() nor a helper.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from netlib.files.paths import command, own
 
 
 def bugs(exercise: Exercise) -> list[str]:
-    """The files, one for each mistake that serves. Raises DataError if our source cannot be read."""
+    """Return the text of one file for each usable mistake. Raises DataError if the source cannot be read."""
     source = files.read_text(own(exercise.file), "the source")
-    made = (_with(exercise, source, mistake) for mistake in exercise.mistakes)
-    return [text for text in made if text is not None]
+    texts = (_with(exercise, source, mistake) for mistake in exercise.mistakes)
+    return [text for text in texts if text is not None]
 
 
 def _with(exercise: Exercise, source: str, mistake: Mistake) -> str | None:
-    lines, there = source.splitlines(), dict(functions(ast.parse(source)))
+    lines, defined = source.splitlines(), dict(functions(ast.parse(source)))
     written = _methods(exercise, mistake)
-    if not written or not set(written) <= set(there):
+    if not written or not set(written) <= set(defined):
         return None
-    for name in sorted(written, key=lambda name: -there[name].lineno):
-        old = there[name]
+    for name in sorted(written, key=lambda name: -defined[name].lineno):
+        old = defined[name]
         new = ast.parse(textwrap.dedent(written[name])).body[0]
         assert isinstance(new, ast.FunctionDef)
         first, last = body_lines(new)
@@ -37,19 +37,19 @@ def _with(exercise: Exercise, source: str, mistake: Mistake) -> str | None:
         first, last = body_lines(old)
         indent = " " * old.col_offset
         lines[first - 1 : last] = [f"{indent}{line}".rstrip() for line in body]
-    head = f"# There is one mistake in this file. Find and fix it, then: {command('exercise')} {exercise.name}"
+    head = f"# This file contains one mistake. Find and fix it, then run: {command('exercise')} {exercise.name}"
     return "\n".join([f"{head} --file THIS_FILE", *lines]) + "\n"
 
 
 def _methods(exercise: Exercise, mistake: Mistake) -> dict[str, str]:
-    """The source of what a mistake has of its own, by name as in our source; empty if it asks ours for a part of it."""
+    """Map qualified names to the source that a mistake overrides; empty if the mistake depends on the original."""
     part = mistake.part
     if inspect.isfunction(part):
         return {exercise.names[0]: inspect.getsource(part)}
-    if not inspect.isclass(part) or part.__bases__ != (exercise.ours,):
+    if not inspect.isclass(part) or part.__bases__ != (exercise.reference,):
         return {}
     own = {name: thing for name, thing in vars(part).items() if inspect.isfunction(thing)}
-    found = {f"{exercise.ours.__name__}.{name}": inspect.getsource(thing) for name, thing in own.items()}
-    ours = vars(sys.modules[exercise.ours.__module__])
+    found = {f"{exercise.reference.__name__}.{name}": inspect.getsource(thing) for name, thing in own.items()}
+    namespace = vars(sys.modules[exercise.reference.__module__])
     used = {name for thing in own.values() for name in thing.__code__.co_names if name in thing.__globals__}
-    return {} if any("super()" in text for text in found.values()) or not used <= ours.keys() else found
+    return {} if any("super()" in text for text in found.values()) or not used <= namespace.keys() else found

@@ -1,4 +1,4 @@
-"""The exercise convolution."""
+"""Exercise: the layer Convolution."""
 
 from __future__ import annotations
 
@@ -14,33 +14,31 @@ from netlib.blob import Array, Blob, Blobs
 
 
 class RoundsUp(Convolution):
-    """A convolution rounds its size down: a window that would hang over the edge is left out. It is pooling that
-    rounds up.
-    """
+    """Convolution rounds the output size down: a window that extends past the edge is omitted. Pooling rounds up."""
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
-        sizes = zip(x.shape[self.axis + 1 :], self.pad, self._reach(), self.stride)
+        sizes = zip(x.shape[self.axis + 1 :], self.pad, self._extent(), self.stride)
         return [-(-(n + 2 * pad - reach) // stride) + 1 for n, pad, reach, stride in sizes]
 
 
 class ForgetsPadInSize(Convolution):
-    """The padding makes the image larger on both sides: H + 2 pad."""
+    """Padding enlarges the image on both sides: H + 2 pad."""
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
-        sizes = zip(x.shape[self.axis + 1 :], self._reach(), self.stride)
+        sizes = zip(x.shape[self.axis + 1 :], self._extent(), self.stride)
         return [(n - reach) // stride + 1 for n, reach, stride in sizes]
 
 
 class PadsOneSide(Convolution):
-    """There is padding on both sides of the image: H + 2 pad, and not H + pad."""
+    """Padding is added on both sides of the image: H + 2 pad, not H + pad."""
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
-        sizes = zip(x.shape[self.axis + 1 :], self.pad, self._reach(), self.stride)
+        sizes = zip(x.shape[self.axis + 1 :], self.pad, self._extent(), self.stride)
         return [(n + pad - reach) // stride + 1 for n, pad, reach, stride in sizes]
 
 
 class ForgetsDilationInSize(Convolution):
-    """A spread kernel reaches dilation (k - 1) + 1 pixels far, which self._reach() gives, and not k."""
+    """A dilated kernel spans dilation (k - 1) + 1 pixels, the value of self._extent(), not k."""
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
         sizes = zip(x.shape[self.axis + 1 :], self.pad, self.kernel, self.stride)
@@ -48,14 +46,14 @@ class ForgetsDilationInSize(Convolution):
 
 
 class ForgetsOne(Convolution):
-    """Count the first window, too: the division says how often the kernel can move on, so the size is one more."""
+    """Count the first window as well: the division gives the number of shifts, so the size is one more."""
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
         return [max(n - 1, 1) for n in super()._outputs(i, x)]
 
 
 class Flips(Convolution):
-    """The kernel is turned around. Deep learning's convolution is a correlation: w[i, j] meets x[h + i, w + j], and not
+    """The kernel is flipped. Convolution in deep learning is a correlation: w[i, j] multiplies x[h + i, w + j], not
     x[h - i, w - j].
     """
 
@@ -78,7 +76,7 @@ class NoBias(Convolution):
 
 
 class MixesGroups(Convolution):
-    """With group, each part of the outputs sees its own part of the channels; yours all see the first part."""
+    """With group, each group of outputs uses its own group of channels; here all use the first."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         part = self.channels // self.param.group
@@ -89,14 +87,14 @@ class MixesGroups(Convolution):
 
 
 class SwapsStrideAndDilation(Convolution):
-    """stride and dilation are exchanged: the window moves by stride, h stride, and its elements are dilation apart, i
-    dilation.
+    """stride and dilation are exchanged: the window moves by stride (h stride), and its elements are dilation apart
+    (i dilation).
     """
 
     def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
         padded = np.pad(image, [(0, 0), *((p, p + 9) for p in self.pad)])
-        met = np.stack([padded[part] for part in self._swapped(y_shape)], axis=1)
-        return met.reshape(-1, int(np.prod(y_shape[1:])))
+        patches = np.stack([padded[part] for part in self._swapped(y_shape)], axis=1)
+        return patches.reshape(-1, int(np.prod(y_shape[1:])))
 
     def _swapped(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
         for element in np.ndindex(self.kernel):
@@ -105,7 +103,7 @@ class SwapsStrideAndDilation(Convolution):
 
 
 class KeepsLastImage(Convolution):
-    """dw and db are those of the last image alone. They are sums over all images of the batch: += inside the loop."""
+    """dw and db contain only the last image. They are sums over all images of the batch: use += inside the loop."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         before = [blob.diff.copy() for blob in self.blobs]
@@ -119,24 +117,22 @@ class KeepsLastImage(Convolution):
 
 
 class OverwritesShared(Convolution):
-    """Pixels that several windows share get a gradient from each of them; yours keeps that of the last. col2im has to
-    add, with +=.
+    """A pixel that several windows share receives a gradient from each; here only the last is kept. col2im must add,
+    with +=.
     """
 
     def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
         C, *sizes = x_shape
         padded = np.zeros((C, *(n + 2 * p for n, p in zip(sizes, self.pad))), columns.dtype)
-        met = columns.reshape(C, -1, *y_shape[1:])
-        for element, part in enumerate(self.places(y_shape)):
-            padded[part] = met[:, element]
+        patches = columns.reshape(C, -1, *y_shape[1:])
+        for element, part in enumerate(self.window_slices(y_shape)):
+            padded[part] = patches[:, element]
         inside = (slice(None), *(slice(p, p + n) for n, p in zip(sizes, self.pad)))
         return padded[inside]
 
 
 class OverwritesWindows(Convolution):
-    """Your loop over the windows writes dx where it has to add: windows overlap, and each of them adds its part to what
-    the ones before have left, with +=.
-    """
+    """The loop over the windows assigns to dx where it must add: windows overlap, and each contributes, with +=."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         super().backward(top, [False], bottom)
@@ -148,17 +144,17 @@ class OverwritesWindows(Convolution):
     def _last_window(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
         C, *sizes = x_shape
         padded = np.zeros((C, *(n + 2 * p for n, p in zip(sizes, self.pad))), columns.dtype)
-        met = columns.reshape(C, -1, *y_shape[1:])
+        patches = columns.reshape(C, -1, *y_shape[1:])
         elements = list(np.ndindex(self.kernel))
         for h, w in np.ndindex(*y_shape[1:]):
             for element, (i, j) in enumerate(elements):
                 row, column = h * self.stride[0] + i * self.dilation[0], w * self.stride[1] + j * self.dilation[1]
-                padded[:, row, column] = met[:, element, h, w]
+                padded[:, row, column] = patches[:, element, h, w]
         return padded[:, self.pad[0] : self.pad[0] + sizes[0], self.pad[1] : self.pad[1] + sizes[1]]
 
 
 class Transposes(Convolution):
-    """Rows and columns of the kernel are exchanged: w[o, c, i, j] meets row h + i and column w + j."""
+    """Rows and columns of the kernel are exchanged: w[o, c, i, j] multiplies row h + i and column w + j."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         w = self.weight.data
@@ -170,27 +166,27 @@ class Transposes(Convolution):
 
 
 class RepeatsEdge(Convolution):
-    """Outside of the image the nearest pixel is taken. The padding is 0."""
+    """Outside the image the nearest pixel is used. The padding is 0."""
 
     def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
         padded = np.pad(image, [(0, 0), *((p, p) for p in self.pad)], mode="edge")
-        met = np.stack([padded[part] for part in self.places(y_shape)], axis=1)
-        return met.reshape(-1, int(np.prod(y_shape[1:])))
+        patches = np.stack([padded[part] for part in self.window_slices(y_shape)], axis=1)
+        return patches.reshape(-1, int(np.prod(y_shape[1:])))
 
 
 class PadsTwice(Convolution):
     """The padding is counted twice: the image is padded, and pad is subtracted from the index as well. In a padded
-    image the window begins at h stride.
+    image the window starts at h stride.
     """
 
     def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
         padded = np.pad(image, [(0, 0), *((2 * p, 2 * p) for p in self.pad)])
-        met = np.stack([padded[part] for part in self.places(y_shape)], axis=1)
-        return met.reshape(-1, int(np.prod(y_shape[1:])))
+        patches = np.stack([padded[part] for part in self.window_slices(y_shape)], axis=1)
+        return patches.reshape(-1, int(np.prod(y_shape[1:])))
 
 
 class NoStrideBackward(Convolution):
-    """dx leaves the stride out: dy[h, w] goes back to row h stride + i dilation - pad, where forward read."""
+    """dx ignores the stride: dy[h, w] contributes to row h stride + i dilation - pad, which forward read."""
 
     def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
         kept, self.stride = self.stride, (1,) * len(self.stride)
@@ -200,8 +196,8 @@ class NoStrideBackward(Convolution):
 
 
 class Interleaves(Convolution):
-    """The groups are interleaved. Group 0 has the first channels and the first outputs, group 1 the next: blocks, and
-    not every second one.
+    """The groups are interleaved. Groups are contiguous blocks: group 0 has the first channels and outputs, group 1 the
+    next.
     """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -212,7 +208,7 @@ class Interleaves(Convolution):
 
 
 class BiasOfLastImage(Convolution):
-    """db is that of the last image alone. It is a sum over all images of the batch: += inside the loop."""
+    """db contains only the last image. It is a sum over all images of the batch: use += inside the loop."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept = [blob.diff.copy() for blob in self.blobs[1:]]
@@ -222,7 +218,7 @@ class BiasOfLastImage(Convolution):
 
 
 class BiasMean(Convolution):
-    """db is a mean over the places of the output. It is a sum: b[o] is added at each of them."""
+    """db is a mean over the output positions. It is a sum: b[o] is added at every position."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept = [blob.diff.copy() for blob in self.blobs[1:]]
@@ -232,8 +228,8 @@ class BiasMean(Convolution):
 
 
 class FlipsBackward(Convolution):
-    """dx uses the kernel turned around. Add dy[h, w] w[i, j] to the very pixel that w[i, j] met in forward, h stride +
-    i dilation - pad.
+    """dx uses the flipped kernel. Add dy[h, w] w[i, j] to the pixel that w[i, j] multiplies in forward, at
+    h stride + i dilation - pad.
     """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -260,17 +256,17 @@ EXERCISE = layer_exercise(
     file="layers/vision/convolution.py",
     to_do={
         "_outputs": "Return [Ho, Wo] for the shape of x: its spatial axes begin at self.axis + 1. self.pad, "
-        "self.stride and self.kernel have a number for each of them, and self._reach() is how far "
-        "the spread kernel reaches.",
+        "self.stride and self.kernel have one value per spatial axis, and self._extent() is the span of "
+        "the dilated kernel.",
         "forward": "For every x in bottom and y in top: write y.data, the sum over c, i, j of the docstring, plus b. "
-        "images(), by_group() and im2col() make three matrix products of it; plain loops over n, o, h, w are as "
-        "good, and slower.",
+        "images(), by_group() and im2col() reduce it to matrix products; plain loops over n, o, h, w are also "
+        "correct, but slower.",
         "backward": "Add to self.weight.diff (dw) and self.bias.diff (db), summed over the images; write x.diff "
-        "where propagate_down says so. What several windows share is summed.",
-        "im2col": "Stack what each kernel element meets; places() gives the parts of the padded image. "
-        "Leave it as it is if your forward does not need it.",
-        "col2im": "The way back: add every element of the columns where its pixel came from, and cut off the padding. "
-        "Leave it as it is if your backward does not need it.",
+        "where propagate_down is true. Sum the contributions of windows that share a pixel.",
+        "im2col": "Stack the pixels that each kernel element multiplies; window_slices() yields the slices of the "
+        "padded image. Leave it unchanged if your forward does not use it.",
+        "col2im": "The adjoint of im2col: add every element of the columns to its pixel and crop the padding. "
+        "Leave it unchanged if your backward does not use it.",
     },
     shaped_by="_outputs",
     letters=Letters(("x",), ("y",), ("w", "b"), {"x": "nchw", "y": "nohw", "w": "ocij", "b": "o"}),

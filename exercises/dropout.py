@@ -1,4 +1,4 @@
-"""The exercise dropout: a layer that is another one in training."""
+"""Exercise: the layer Dropout, which behaves differently in training and testing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from netlib.layer import TEST, TRAIN
 
 
 class _Drawn(Dropout):
-    """A forward in pieces, one of which is wrong."""
+    """forward split into methods; each subclass breaks one."""
 
     def draw(self, shape: tuple[int, ...]) -> Array:
         return self.rng.integers(0, 1 << 16, shape, dtype=np.uint16)
@@ -32,8 +32,8 @@ class _Drawn(Dropout):
 
 
 class NeverScales(_Drawn):
-    """What is kept is not scaled: in TRAIN it is x / (1 - p), so that the mean stays the same and TEST needs no
-    scale.
+    """The values kept are not scaled. In phase TRAIN they are x / (1 - p), which preserves the mean, so TEST needs no
+    scaling.
     """
 
     def scale(self) -> float:
@@ -41,24 +41,22 @@ class NeverScales(_Drawn):
 
 
 class ScalesByP(_Drawn):
-    """What is kept is divided by p. It is kept with probability 1 - p, and divided by that."""
+    """The values kept are divided by p. A value is kept with probability 1 - p and divided by 1 - p."""
 
     def scale(self) -> float:
         return float(1 / self.param.dropout_ratio) if self.param.scale_train else 1.0
 
 
 class KeepsTheDropped(_Drawn):
-    """It is the other way round: p, the dropout_ratio, is the part that is dropped, so a value is kept where drawn >=
-    least.
-    """
+    """The mask is inverted: p, the dropout_ratio, is the fraction dropped, so a value is kept where drawn >= least."""
 
     def kept(self, drawn: Array) -> Array:
         return ~super().kept(drawn)
 
 
 class DrawsOtherwise(_Drawn):
-    """The random numbers are drawn in another way. That is no mistake, but then nothing can be compared: draw them as
-    the comment in the stub says.
+    """The random numbers are drawn differently. This is valid, but the results cannot be compared: draw them as the
+    comment in the stub shows.
     """
 
     def kept(self, drawn: Array) -> Array:
@@ -69,14 +67,14 @@ class DrawsOtherwise(_Drawn):
 
 
 class OneMaskForAll(_Drawn):
-    """All items of the batch lose the same units. Each value has its own draw: the mask has the whole shape of x."""
+    """All items of the batch drop the same units. Draw each value independently: the mask has the full shape of x."""
 
     def draw(self, shape: tuple[int, ...]) -> Array:
         return np.broadcast_to(super().draw(shape[1:]), shape)
 
 
 class DrawsOnce(_Drawn):
-    """The mask is drawn only once. Each forward draws a new one; only backward uses the old one."""
+    """The mask is drawn only once. Each forward draws a new mask; only backward reuses it."""
 
     def draw(self, shape: tuple[int, ...]) -> Array:
         if not hasattr(self, "first"):
@@ -85,7 +83,7 @@ class DrawsOnce(_Drawn):
 
 
 class DropsInTest(_Drawn):
-    """In phase TEST nothing is dropped: y = x. self.active says whether to draw."""
+    """In phase TEST nothing is dropped: y = x. Draw a mask only if self.active."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         super().setup(bottom, top)
@@ -93,7 +91,7 @@ class DropsInTest(_Drawn):
 
 
 class ScalesInTest(Dropout):
-    """In phase TEST nothing is scaled: TRAIN has done that already, with 1 / (1 - p)."""
+    """In phase TEST nothing is scaled: TRAIN has already scaled by 1 / (1 - p)."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -102,8 +100,8 @@ class ScalesInTest(Dropout):
 
 
 class IgnoresScaleTrain(Dropout):
-    """The option scale_train is left out: with false, TRAIN does not scale and TEST does. self.in_training and
-    self.in_test have the right factors.
+    """The option scale_train is ignored. If it is false, TEST scales instead of TRAIN; self.in_training and
+    self.in_test hold the factors.
     """
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
@@ -113,21 +111,21 @@ class IgnoresScaleTrain(Dropout):
 
 
 class PassesAll(Dropout):
-    """backward passes the gradient of what was dropped. It has no influence on the loss: dx = dy factor."""
+    """backward propagates the gradient of dropped values. They do not affect the loss: dx = dy factor."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff
 
 
 class NoScaleBackward(Dropout):
-    """backward does not scale what was kept: y = x / (1 - p), so dx = dy / (1 - p)."""
+    """backward does not scale the values kept: y = x / (1 - p), so dx = dy / (1 - p)."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff * (self.factor != 0)
 
 
 class DrawsAgain(_Drawn):
-    """backward draws a new mask. It has to use that of the last forward, kept in self.factor."""
+    """backward draws a new mask. It must use that of the last forward, stored in self.factor."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if self.phase == TRAIN:
@@ -142,15 +140,15 @@ def _options(p: float, more: str = "") -> str:
 EXERCISE = layer_exercise(
     "dropout",
     "Dropout",
-    title="Dropout: a random part of the values is set to zero",
+    title="Dropout: random values are set to zero",
     chapter=7,
     file="layers/common/dropout.py",
     to_do={
         "reshape": "Give top[0] the shape of bottom[0].",
-        "forward": "Write top[0].data: y = x factor, and keep self.factor for backward. If not self.active it is "
+        "forward": "Write top[0].data: y = x factor, and store self.factor for backward. If not self.active it is "
         "self.in_test, else (drawn >= least) * self.in_training, with a new draw each time:\n"
         "drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16), least = round(p 65536), p = "
-        "self.param.dropout_ratio. Draw it like that, so that your numbers can be compared.",
+        "self.param.dropout_ratio. Draw exactly like this, so that the results can be compared.",
         "backward": "If propagate_down[0], write bottom[0].diff: dx = dy factor, with the factor of the last forward.",
     },
     letters=Letters(("x",), ("y",), axes={"x": "ni", "y": "ni"}),

@@ -1,4 +1,4 @@
-"""The exercise euclidean_loss: where the gradient begins."""
+"""Exercise: the layer EuclideanLoss, where backpropagation starts."""
 
 from __future__ import annotations
 
@@ -28,9 +28,7 @@ class NoItems(EuclideanLoss):
 
 
 class MeanOfValues(EuclideanLoss):
-    """The sum is divided by the number of all values. It is a mean over items only: divide by 2 N, with N =
-    self.items.
-    """
+    """The sum is divided by the number of values. Average over the items only: divide by 2 N, with N = self.items."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -38,8 +36,8 @@ class MeanOfValues(EuclideanLoss):
 
 
 class PlainMean(EuclideanLoss):
-    """This is the mean of all squares, as other frameworks have it. Caffe's is a half of the sum, divided by the number
-    of items only: 1 / (2 N).
+    """This is the mean of all squares, as in other frameworks. Caffe's loss is half the sum, divided by the number of
+    items: 1 / (2 N).
     """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -48,7 +46,7 @@ class PlainMean(EuclideanLoss):
 
 
 class Root(EuclideanLoss):
-    """This is a root. The loss is the sum of the squares themselves; np.linalg.norm has the root in it."""
+    """This is a square root. The loss is the sum of the squares; np.linalg.norm takes the root."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -56,7 +54,7 @@ class Root(EuclideanLoss):
 
 
 class Absolute(EuclideanLoss):
-    """The differences are squared, not taken without their sign."""
+    """The differences are squared; do not take absolute values."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -64,8 +62,8 @@ class Absolute(EuclideanLoss):
 
 
 class NoTopDiff(EuclideanLoss):
-    """backward does not use top[0].diff, dL. It is the loss weight of the prototxt, and by the chain rule every
-    gradient begins with it.
+    """backward ignores top[0].diff (dL). It is the loss weight of the prototxt, and by the chain rule every gradient
+    contains this factor.
     """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -85,7 +83,7 @@ class _Scaled(EuclideanLoss):
 
 
 class SameSign(_Scaled):
-    """db has the sign of da. b stands behind the minus of a - b, so db = -da."""
+    """db has the sign of da. b is subtracted in a - b, so db = -da."""
 
     factors = (1, -1)
 
@@ -97,7 +95,7 @@ class BothSigns(_Scaled):
 
 
 class GradientDoubled(_Scaled):
-    """The gradient has a 2 in it. The half of the loss takes it away: da = dL (a - b) / N."""
+    """The gradient contains a factor 2. The 1/2 of the loss cancels it: da = dL (a - b) / N."""
 
     factors = (2, 2)
 
@@ -121,15 +119,15 @@ EXERCISE = layer_exercise(
     to_do={
         "forward": "Write top[0].data, one number: L = 1 / (2 N) sum of (a - b)². N is self.items; a and b "
         "have the same number of values for each item (self.values), but perhaps not the same "
-        "shape. Keep what backward needs.",
-        "backward": "For each bottom that propagate_down asks for: da = dL (a - b) / N, db = -dL (a - b) / N, "
+        "shape. Store what backward needs.",
+        "backward": "For each bottom with propagate_down: da = dL (a - b) / N, db = -dL (a - b) / N, "
         "in the shape of that bottom. dL is top[0].diff.",
     },
     letters=Letters(("a", "b"), ("L",), axes={"a": "ni", "b": "ni", "L": ""}),
     examples=[
         Example("", (numbers(4, 3), numbers(4, 3, seed=1))),
         Example("", (numbers(3, 2, 2), numbers(3, 4, seed=2))),
-        Example("", (numbers(2, 5), numbers(2, 5, seed=3)), wanted=(True, False), note="only the first wants it"),
+        Example("", (numbers(2, 5), numbers(2, 5, seed=3)), wanted=(True, False), note="gradient of the first only"),
     ],
     from_caffe={"euclid": Example("", ()), "euclid_lw3": Example("loss_weight: 3", ())},
     mistakes=known(

@@ -1,8 +1,8 @@
-"""What an exercise is: a part of this project to be written, cases that check it, mistakes that are known.
+"""The definition of an exercise: a part of the project to write, the cases that check it and the known mistakes.
 
-A *part* is what the reader writes, as the rest of the project uses it: a layer class, an update rule, a few functions.
-A mistake is such a part, too: one that works, but for one thing. So the reader's mistake is found by running the known
-ones on the same numbers, until one gives what the reader's part gave.
+A *part* is what the reader writes, in the form that the project uses: a layer class, an update rule, a few functions.
+A mistake is a part that is correct except for one thing. The reader's mistake is identified by running the known
+mistakes on the same inputs until one reproduces the result of the reader's part.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ import numpy as np
 
 from netlib.blob import Array
 
-Part = Any  # a class, a function, or a few of them
-Tell = Callable[[int], None]  # that so many iterations more are done
-Values = dict[str, Array]  # by the name that the docstring of the source gives them
+Part = Any  # a class, a function or several of them
+Progress = Callable[[int], None]  # called with the number of iterations completed since the last call
+Values = dict[str, Array]  # by their names in the docstring of the source
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One computation that a part makes.
+    """One computation by a part.
 
-    title      what is computed, in a few words
-    run        what the part computes
-    wanted     what it should be; it is given the part, for its own differences
-    source     who says so: "Caffe"
+    title      description of the inputs
+    run        computes the results with the part
+    wanted     computes the expected results; takes the part, for finite differences of its own forward
+    source     where the expected results come from, for messages: "Caffe has"
     axes       names of the axes of each result, for the index in a message
-    tolerance  relative to the largest number of the same array, or to 1 if that is larger; 0: bit for bit
-    method     which of the reader's methods has computed it
+    tolerance  relative to the largest value of the same array, or to 1 if that is larger; 0: bit for bit
+    method     the reader's method that computes the results
     """
 
     title: str
@@ -46,7 +46,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Check:
-    """A step: cases of one kind."""
+    """A step: a group of cases."""
 
     title: str
     cases: tuple[Case, ...]
@@ -54,27 +54,27 @@ class Check:
 
 @dataclass(frozen=True)
 class Mistake:
-    """A part with one mistake in it, and what is said to a reader who has made the same."""
+    """A part with one mistake, and the advice for a reader who makes the same mistake."""
 
     part: Part
     advice: str
 
 
 def known(*parts: Part) -> tuple[Mistake, ...]:
-    """Mistakes of which the docstring is what is said to the reader."""
+    """Return Mistakes whose advice is the docstring of each part."""
     return tuple(Mistake(part, advice_of(part)) for part in parts)
 
 
 def advice_of(thing: Any) -> str:
-    """The docstring of a class or function, in one line."""
+    """Return the docstring of a class or function on one line."""
     return " ".join((thing.__doc__ or "").split())
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """A mistake of a kind that any part can have: ``cured`` makes the part right, if it is the only one.
+    """A mistake that any part can contain: ``cured`` returns a corrected part, if this is its only mistake.
 
-    looks_like  can the array, with what is wrong in it, come from this mistake
+    looks_like  whether a wrong array can result from this mistake
     """
 
     cured: Callable[[Part], Part]
@@ -86,17 +86,17 @@ class Remedy:
 class Exercise:
     """An exercise.
 
-    title     what is to be written, in a few words
-    chapter   of the book
-    file      the source that the stub is made of, from the root of the project
-    to_do     function or method -> what has to be done, as a comment in the stub
-    keep      the top-level names of the source that the stub has; none: all
-    names     what a reader's file must have; methods as ``Class.method``
-    part_of   the part in the reader's module
-    ours      the part in our source
-    train     the losses of so many iterations of the paper's network with a part in place of ours
-    last      what the last step is called; {} is the number of iterations
-    drift     by how much losses may differ from ours at the end, as a Case's tolerance
+    title      what to write, in a few words
+    chapter    of the book
+    file       the source that the stub is generated from, relative to the root of the project
+    to_do      maps a function or method to its instructions, a comment in the stub
+    keep       the top-level names of the source to include in the stub; empty: all
+    names      what a reader's file must define; methods as ``Class.method``
+    part_of    returns the part from the reader's module
+    reference  the part in the project's source
+    train      trains the paper's network with a part and returns the loss of each iteration
+    last       title of the last step; {} is the number of iterations
+    drift      allowed difference of the losses from the reference, as Case.tolerance
     """
 
     name: str
@@ -106,24 +106,24 @@ class Exercise:
     to_do: Mapping[str, str]
     names: tuple[str, ...]
     part_of: Callable[[Any], Part]
-    ours: Part
+    reference: Part
     checks: tuple[Check, ...]
     mistakes: tuple[Mistake, ...]
-    train: Callable[[Part, int, Tell], Array]
+    train: Callable[[Part, int, Progress], Array]
     keep: tuple[str, ...] = ()
     remedies: tuple[Remedy, ...] = ()
-    last: str = "the paper's network, {} iterations with yours in it: the losses are those with ours"
-    drift: float = 1e-3  # sums in another order drift apart, in float32 by less than a tenth of it
+    last: str = "the paper's network, {} iterations: the losses agree with the reference"
+    drift: float = 1e-3  # another order of summation changes float32 losses by less than a tenth of this
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a result is not what it should be.
+    """A result that differs from the expected one.
 
-    name   of the result
-    index  of the first element that differs; None if the shape does
+    name         of the result
+    index        of the first element that differs; None if the shapes differ
     got, wanted  the arrays
-    count  how many elements differ
+    count        number of elements that differ
     """
 
     case: Case
@@ -136,14 +136,14 @@ class Difference:
 
 @contextlib.contextmanager
 def unwarned() -> Iterator[None]:
-    """Within it nothing is said of numbers that overflow, and the like: what a part computes is compared."""
+    """Suppress warnings about overflow and other floating-point errors: the results are compared anyway."""
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
 def agree(got: Array, wanted: Array, tolerance: float) -> Array:
-    """Which elements of two arrays of one shape are the same, to a tolerance. What is not finite must be the same."""
+    """Return a mask of the elements of two arrays that agree to a tolerance. Non-finite elements must be equal."""
     finite = wanted[np.isfinite(wanted)]
     scale = max(1.0, float(np.abs(finite).max(initial=0)))
     with np.errstate(invalid="ignore"):
@@ -152,7 +152,7 @@ def agree(got: Array, wanted: Array, tolerance: float) -> Array:
 
 
 def first_difference(case: Case, got: Values, wanted: Values) -> Difference | None:
-    """The first result, in the order of ``wanted``, that differs, and its first element that does."""
+    """Return the first result that differs, in the order of ``wanted``, with the index of its first wrong element."""
     for name, right in wanted.items():
         right, mine = np.asarray(right, np.float64), np.asarray(got[name], np.float64)
         if mine.shape != right.shape:

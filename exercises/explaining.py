@@ -1,4 +1,4 @@
-"""The first difference, explained: which element, what it should be, and the likely mistake."""
+"""Explain the first difference: which element, its expected value, and the likely mistake."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from exercises.exercise import Case, Difference, Exercise, Part, Values, agree, 
 from netlib.blob import Array
 
 T = TypeVar("T")
-NO_IDEA = "This is none of the usual mistakes. Compare your lines with the formulas at the top of the file."
-SMALL = 12  # numbers of a result that is shown whole
-FACTORS = 1e-5  # how well a constant factor must fit all numbers
-COARSE = {"float16": 2e-3, "float32": 3e-6}  # how far numbers of fewer digits may be off
+NO_IDEA = "This is not a known mistake. Compare your code with the formulas at the top of the file."
+SMALL = 12  # size up to which a result is shown in full
+FACTORS = 1e-5  # tolerance of a constant factor or offset
+COARSE = {"float16": 2e-3, "float32": 3e-6}  # relative error after rounding to the type
 
 
 def sentences(exercise: Exercise, part: Part, found: Difference) -> Iterator[str]:
-    """What differs, then what is likely the reason."""
+    """Yield what differs, then the likely reason."""
     yield _what_differs(found)
     yield advice(exercise, part, found) or _unsteady(part, found) or _pattern(found) or NO_IDEA
     if where := where_wrong(found):
         yield where
     if found.index is not None and 1 < found.got.size <= SMALL:
-        yield f"Yours: {_listed(found.got)}; wanted: {_listed(found.wanted)}."
+        yield f"Found: {_listed(found.got)}; expected: {_listed(found.wanted)}."
 
 
 def _listed(array: Array) -> str:
-    """As nested lists, each number as short as it can be."""
+    """Format as nested lists, with up to six significant digits."""
     return f"[{', '.join(map(_listed, array))}]" if array.ndim else f"{float(array):.6g}"
 
 
@@ -36,18 +36,18 @@ def _what_differs(found: Difference) -> str:
     case = found.case
     where = f" ({case.title})" if case.title else ""
     if found.index is None:
-        return f"{found.name} has the shape {found.got.shape}, it should be {found.wanted.shape}{where}."
+        return f"{found.name} has the shape {found.got.shape}, expected {found.wanted.shape}{where}."
     letters = case.axes.get(found.name, ())
     named = len(letters) == len(found.index)
     index = ", ".join(f"{a}={i}" for a, i in zip(letters, found.index)) if named else ", ".join(map(str, found.index))
-    got, wanted = _written(float(found.got[found.index]), float(found.wanted[found.index]))
+    got, wanted = _distinct(float(found.got[found.index]), float(found.wanted[found.index]))
     place = f"{found.name}[{index}]" if index else found.name
-    others = "" if found.got.size == 1 else f"; {found.count} of {found.got.size} differ, this is the first"
+    others = "" if found.got.size == 1 else f"; the first of {found.count} elements of {found.got.size} that differ"
     return f"{place} is {got}, {case.source} {wanted}{others}{where}."
 
 
-def _written(a: float, b: float) -> tuple[str, str]:
-    """Two numbers with as many digits as it takes to tell them apart."""
+def _distinct(a: float, b: float) -> tuple[str, str]:
+    """Format two numbers with as many digits as needed to distinguish them."""
     for digits in range(4, 17):
         pair = f"{a:.{digits}g}", f"{b:.{digits}g}"
         if pair[0] != pair[1]:
@@ -56,11 +56,11 @@ def _written(a: float, b: float) -> tuple[str, str]:
 
 
 def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
-    """What is said of the known mistake that gives what the reader's part gives; None if none does.
+    """Return the advice of the known mistake that reproduces the reader's results; None if there is none.
 
-    It must be right where the reader's part is, and wrong in the same way where that is wrong, in every case of the
-    step. Where several are left, it is the one that agrees with the reader's part in most other results. A mistake that
-    gives the same numbers in half of the wrong cases is named as one that looks like the reader's.
+    The mistake must be correct where the reader's part is, and wrong in the same way elsewhere, in every case of the
+    step. Of several candidates, the one that agrees with the reader's part in most other results is chosen. A mistake
+    that gives the same results in half of the wrong cases is reported as a similar one.
     """
     for remedy in exercise.remedies:
         if remedy.looks_like(found.got) and _passes(found.case, part, remedy.cured):
@@ -76,7 +76,7 @@ def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
     whole = [m for m in like if shares[m] == 1]
     if not whole:
         half = [m for m in like if shares[m] >= 0.5]
-        return f"It looks like this, though not in every example: {half[0].advice}" if half else None
+        return f"In some examples it looks like this: {half[0].advice}" if half else None
     like = whole
     if len(like) == 1:
         return like[0].advice
@@ -86,12 +86,12 @@ def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
 
 
 def _difference(case: Case, part: Part) -> Difference | None:
-    """The first difference of a case; None if there is none, or the part fails."""
+    """Return the first difference of a case; None if there is none or the part raises."""
     return tried(lambda: first_difference(case, case.run(part), case.wanted(part)))
 
 
 def _passes(case: Case, part: Part, changed: Callable[[Part], Part] = lambda part: part) -> bool:
-    """Is a case right with a part, or with what is made of it?"""
+    """Return whether a case passes with ``changed(part)``."""
 
     def passes() -> bool:
         made = changed(part)
@@ -101,18 +101,18 @@ def _passes(case: Case, part: Part, changed: Callable[[Part], Part] = lambda par
 
 
 def _run(case: Case, part: Part) -> Values | None:
-    """What a part computes, None if it fails."""
+    """Return the results of a part, None if it raises."""
     return tried(lambda: case.run(part))
 
 
 def tried(compute: Callable[[], T]) -> T | None:
-    """What is computed, None if it fails: a part can have another mistake than this one."""
+    """Return ``compute()``, or None if it raises: the part may contain another mistake."""
     try:
         with unwarned():
             return compute()
     except KeyboardInterrupt:
         raise
-    except BaseException:  # SystemExit, or one of the reader's own
+    except BaseException:  # including SystemExit and the reader's own exceptions
         return None
 
 
@@ -126,7 +126,7 @@ def _same(found: Difference, values: Values) -> bool:
 
 
 def _alike(case: Case, mine: Values, theirs: Values) -> int:
-    """How many of the results are the same."""
+    """Return the number of results that agree."""
     return sum(
         _same(Difference(case, name, None, np.asarray(array, np.float64), array), theirs)
         for name, array in mine.items()
@@ -134,7 +134,7 @@ def _alike(case: Case, mine: Values, theirs: Values) -> int:
 
 
 def where_wrong(found: Difference) -> str | None:
-    """Where the wrong elements are, if not everywhere: along which axis, at the border, of which sign."""
+    """Describe where the wrong elements are, by axis, border or sign; None if everywhere or nowhere in particular."""
     if found.index is None:
         return None
     wrong = ~agree(found.got, found.wanted, found.case.tolerance)
@@ -147,12 +147,12 @@ def where_wrong(found: Difference) -> str | None:
         if (place := _along(letters[k] if len(letters) == wrong.ndim else f"axis {k}", wrong, k, size))
     ]
     if not places and wrong.ndim >= 2 and min(wrong.shape[-2:]) > 2 and not wrong[..., 1:-1, 1:-1].any():
-        places.append("at the border of the picture")
+        places.append("at the border of the image")
     for what, mask in (
-        ("it should be 0", found.wanted == 0),
-        ("it should not be 0", found.wanted != 0),
-        ("it should be positive", found.wanted > 0),
-        ("it should be negative", found.wanted < 0),
+        ("0 is expected", found.wanted == 0),
+        ("a non-zero value is expected", found.wanted != 0),
+        ("a positive value is expected", found.wanted > 0),
+        ("a negative value is expected", found.wanted < 0),
     ):
         if mask.any() and np.array_equal(wrong, mask):
             places.append(f"where {what}")
@@ -161,7 +161,7 @@ def where_wrong(found: Difference) -> str | None:
 
 
 def _along(letter: str, wrong: Array, k: int, size: int) -> str | None:
-    """At which indices of one axis the wrong elements are."""
+    """Describe the indices of the wrong elements along one axis."""
     at = np.flatnonzero(wrong.any(axis=tuple(i for i in range(wrong.ndim) if i != k)))
     if len(at) == size or size < 2:
         return None
@@ -176,68 +176,70 @@ def _along(letter: str, wrong: Array, k: int, size: int) -> str | None:
 
 
 def _unsteady(part: Part, found: Difference) -> str | None:
-    """What is said of numbers that are others each time."""
+    """Return advice if the result changes from call to call."""
     if _same(found, _run(found.case, part) or {}):
         return None
     return (
-        "It is another number each time it is computed. Random numbers of a layer come from self.rng, which a resume "
-        "can wind back, and never from np.random."
+        "The value changes from call to call. Draw a layer's random numbers from self.rng, whose state a resume "
+        "restores, and never from np.random."
     )
 
 
 def _pattern(found: Difference) -> str | None:
-    """What can be said of numbers that no known mistake gives."""
+    """Describe the pattern of a difference that no known mistake reproduces."""
     got, wanted = found.got, found.wanted
     if found.index is None:
         return _pattern_of_shapes(got, wanted)
     if np.isnan(got).all() and not np.isnan(wanted).all():
         return (
-            "All of it is NaN, as it was before: nothing was written, or something was added to it. Write into the "
-            "array, with [...] = on the left."
+            "All elements are NaN, their initial value: nothing was written, or values were added to them. Write into "
+            "the array, with [...] = on the left."
         )
     if np.isnan(got[found.index]) and not np.isnan(wanted[found.index]):
         return (
-            "It is NaN, as it was before: this element was never written, or it was computed from one that was not. "
-            "Every element has to be written."
+            "It is NaN, its initial value: the element was never written, or was computed from one that was not. "
+            "Write every element."
         )
     if np.isinf(got[found.index]) and np.isfinite(wanted[found.index]):
-        return "It is infinite: something was divided by 0, or grew beyond what the numbers can hold."
+        return "It is infinite: a division by 0 or an overflow."
     if not np.isfinite(got).all() or not np.isfinite(wanted).all():
         return None
     if (got == 0).all():
-        return "All of it is 0: nothing was written into the array, or 0 was written over what was there."
-    if said := _coarse(got, wanted):
-        return said
+        return "All elements are 0: nothing was written into the array, or 0 overwrote it."
+    if text := _coarse(got, wanted):
+        return text
     factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
     if wanted.size > 1 and agree(got, factor * wanted, FACTORS).all() and min(abs(factor), abs(factor - 1)) > FACTORS:
         if abs(factor + 1) < FACTORS:
-            return "Everything has the wrong sign."
-        return f"Everything is {factor:.5g} times what it should be: a factor is missing, or one too many."
+            return "All elements have the wrong sign."
+        return f"All elements are {factor:.5g} times the expected value: a factor is missing or superfluous."
     off, near = got - wanted, FACTORS * max(1.0, float(np.abs(wanted).max()))
     if wanted.size > 1 and np.ptp(off) <= near < abs(float(off.flat[0])):
-        return f"Everything is {float(off.flat[0]):.5g} more than it should be: a constant is added, or left out."
+        return (
+            f"All elements exceed the expected value by {float(off.flat[0]):.5g}: a constant is superfluous or missing."
+        )
     return None
 
 
 def _coarse(got: Array, wanted: Array) -> str | None:
-    """What is said of numbers that were right until they were stored in a type with fewer digits."""
+    """Return advice if the result is correct up to rounding to a narrower type."""
     how = None
-    with np.errstate(all="ignore"):  # numbers that a type does not reach
+    with np.errstate(all="ignore"):  # overflow in the narrower type
         if wanted.size > 1 and (got == np.trunc(wanted)).all():
             how = "whole numbers"
         for dtype, tolerance in COARSE.items():
-            lost = (wanted != wanted.astype(dtype)).mean() > 0.5  # else numbers of that type say nothing
+            lost = (wanted != wanted.astype(dtype)).mean() > 0.5  # otherwise the expected values fit the type
             if wanted.size > 1 and lost and (got == got.astype(dtype)).all() and agree(got, wanted, tolerance).all():
                 how = how or dtype
     return how and (
-        f"The numbers are right as far as {how} can hold them: somewhere on the way is an array of that type. Use that "
-        "of the arrays you are given."
+        f"The values are correct to the precision of {how}: an intermediate array has that type. Use the type "
+        "of the input arrays."
     )
 
 
 def _pattern_of_shapes(got: Array, wanted: Array) -> str | None:
     if got.shape == () != wanted.shape:
-        return "It is a single number: nobody has given it a shape, or all was summed."
+        return "It is a scalar: the array was not given a shape, or all axes were summed."
     if got.ndim and got.shape == wanted.shape[::-1]:
-        return "The axes are in the opposite order."
+        return "The axes are in reverse order."
     return None

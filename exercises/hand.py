@@ -1,4 +1,4 @@
-"""What the exercises of the hand share: bodies, poses, and how they are run."""
+"""Shared parts of the hand exercises: skeletons, poses and training."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from exercises import network
-from exercises.exercise import Tell
+from exercises.exercise import Progress
 from exercises.layers import in_place_of
 from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import Kinematics
@@ -30,23 +30,23 @@ joint { name: "tip" parent: "middle" translate { axis: Z dof: "slide" } rotate {
 
 
 def finger() -> Skeleton:
-    """Three joints; a DoF that moves two of them, one that is fixed, a turn about a negative axis."""
+    """Return a skeleton of three joints with a shared DoF, a fixed DoF and a rotation about a negative axis."""
     return Skeleton(schema.read(prototxt.parse(FINGER, "<finger>"), SkeletonParameter))
 
 
 def nyu_hand() -> Skeleton:
-    """The paper's hand."""
+    """Return the skeleton of the paper's hand."""
     return load(NYU_HAND)
 
 
 def poses(skeleton: Skeleton, count: int = 2, seed: int = 0) -> Array:
-    """Inputs of some poses."""
+    """Return random inputs (count, D)."""
     return np.asarray(np.random.default_rng(seed).uniform(-1, 1, (count, len(skeleton.dof_names))))
 
 
 @contextlib.contextmanager
 def in_hand_model(kinematics: type[Kinematics]) -> Iterator[None]:
-    """Within it, layers of type HandModel compute with this class."""
+    """Make HandModel layers use this class."""
 
     class Exercised(HandModel):
         kinematics_type = kinematics
@@ -55,7 +55,7 @@ def in_hand_model(kinematics: type[Kinematics]) -> Iterator[None]:
         yield
 
 
-def losses(kinematics: type[Kinematics], iterations: int, tell: Tell) -> Array:
-    """Of the paper's network with this class."""
+def losses(kinematics: type[Kinematics], iterations: int, progress: Progress) -> Array:
+    """Train the paper's network with this class; returns the loss of each iteration."""
     with in_hand_model(kinematics):
-        return network.losses(iterations, tell)
+        return network.losses(iterations, progress)

@@ -1,4 +1,4 @@
-"""The exercise inner_product: a layer with parameters."""
+"""Exercise: the layer InnerProduct, which has parameters."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from netlib.blob import Array, Blobs
 
 
 class KeepsAxes(InnerProduct):
-    """Only the last axis was replaced. All axes from self.axis on are one item's inputs, and one axis of num_output
-    comes in the place of all of them.
+    """Only the last axis is replaced. All axes from self.axis on are the inputs of one item; one axis of size
+    num_output replaces all of them.
     """
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
@@ -19,14 +19,14 @@ class KeepsAxes(InnerProduct):
 
 
 class FlattensAll(InnerProduct):
-    """The option axis is left out: every axis before self.axis counts items, not only the first."""
+    """The option axis is ignored: every axis before self.axis is a batch axis, not only the first."""
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape[0], self.param.num_output)
 
 
 class TakesColumns(InnerProduct):
-    """w has one row for each output, (O, I), so it is y = x wᵀ and not x w."""
+    """w has one row per output, (O, I), so y = x wᵀ, not x w."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
@@ -36,7 +36,7 @@ class TakesColumns(InnerProduct):
 
 
 class IgnoresTranspose(InnerProduct):
-    """With transpose: true the parameter is stored as (I, O). self.output_first() turns it."""
+    """With transpose: true the parameter is stored as (I, O). self.output_first() transposes it."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = self.rows(bottom[0].data), self.rows(top[0].data)
@@ -54,9 +54,7 @@ class NoBias(InnerProduct):
 
 
 class BiasPerItem(InnerProduct):
-    """b has one number for each output, which is the last axis of y; yours is added along the items. y += b is all it
-    takes.
-    """
+    """b is added along the items. It has one value per output, the last axis of y, so y += b is enough."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
@@ -66,7 +64,7 @@ class BiasPerItem(InnerProduct):
 
 
 class TransposedInBackward(InnerProduct):
-    """dx = dy w, without a transpose: y = x wᵀ has it already, and its own is w again."""
+    """dx = dy w, without a transpose: y = x wᵀ already has one, and transposing it again gives w."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         super().backward(top, [False], bottom)
@@ -75,8 +73,8 @@ class TransposedInBackward(InnerProduct):
 
 
 class IgnoresTransposeBackward(InnerProduct):
-    """backward takes the parameter as (O, I) in any case. With transpose: true it is stored as (I, O), and so is its
-    diff: self.output_first() turns both.
+    """backward always takes the parameter as (O, I). With transpose: true it is stored as (I, O), and so is its diff:
+    self.output_first() transposes both.
     """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -89,7 +87,7 @@ class IgnoresTransposeBackward(InnerProduct):
 
 
 class WeightGradientTransposed(InnerProduct):
-    """dw has the shape of w, (O, I): dyᵀ x, and not xᵀ dy."""
+    """dw has the shape of w, (O, I): dyᵀ x, not xᵀ dy."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept = self.blobs[0].diff.copy()
@@ -98,8 +96,8 @@ class WeightGradientTransposed(InnerProduct):
 
 
 class Means(InnerProduct):
-    """A gradient of the parameters is divided by the number of items. dw and db are sums over the items: whoever wants
-    a mean, as a loss, divides in its own gradient.
+    """A parameter gradient is divided by the number of items. dw and db are sums over the items: a loss that is a mean
+    divides in its own backward.
     """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -111,9 +109,7 @@ class Means(InnerProduct):
 
 
 class BiasOverOutputs(InnerProduct):
-    """db is summed over the outputs. Each b[o] is in y[n, o] for all items n, so the sum goes over the items:
-    axis 0.
-    """
+    """db is summed over the outputs. b[o] is added to y[n, o] of every item n, so sum over the items: axis 0."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept: Array | None = self.blobs[1].diff.copy() if self.param.bias_term else None
@@ -123,7 +119,7 @@ class BiasOverOutputs(InnerProduct):
 
 
 class ForgetsBiasGradient(InnerProduct):
-    """db was not added: self.bias.diff is as it was before."""
+    """db is not added: self.bias.diff is unchanged."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept = [blob.diff.copy() for blob in self.blobs[1:]]
@@ -143,8 +139,8 @@ EXERCISE = layer_exercise(
     chapter=2,
     file="layers/common/inner_product.py",
     to_do={
-        "reshape": "top[0] keeps the axes before self.axis, then comes one of self.param.num_output. (Ours "
-        "also says what is wrong if the number of inputs is no longer self.inputs.)",
+        "reshape": "Give top[0] the axes before self.axis, followed by one of size self.param.num_output. (The "
+        "project's layer also raises an error if the number of inputs is no longer self.inputs.)",
         "forward": "Write top[0].data: y = x wᵀ + b. w is self.weight.data, b is self.bias.data, if "
         "self.param.bias_term. rows() and output_first() give the matrices of the formula, as views.",
         "backward": "Add to self.weight.diff and self.bias.diff, with +=: dw = dyᵀ x, db = sum of dy over the "

@@ -1,4 +1,4 @@
-"""The exercise joint_transform: where the joints of a hand are."""
+"""Exercise: the forward kinematics of a hand."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from exercises import hand, recorded
-from exercises.exercise import Case, Check, Exercise, Mistake, Part, Tell, Values, advice_of
+from exercises.exercise import Case, Check, Exercise, Mistake, Part, Progress, Values, advice_of
 from layers.hand import kinematics as source
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Motion
@@ -27,7 +27,7 @@ AXES = {
 
 @dataclass(frozen=True)
 class Transform:
-    """The part: the class, and the function that its module has for one rotation."""
+    """The part: the class and the rotation function of its module."""
 
     kinematics: type[Kinematics]
     rotation: Rotation
@@ -61,11 +61,11 @@ def _caffe(part: Transform) -> Values:
     return {"joints": joints}
 
 
-OURS = Transform(Kinematics, source.rotation)
+REFERENCE = Transform(Kinematics, source.rotation)
 
 
 def _case(title: str, run: Callable[[Transform], Values], method: str = "forward") -> Case:
-    return Case(title, run, lambda part: run(OURS), "it should be", AXES, 1e-12, method)
+    return Case(title, run, lambda part: run(REFERENCE), "expected", AXES, 1e-12, method)
 
 
 def _caffes(part: Part) -> Values:
@@ -77,7 +77,7 @@ def _caffes(part: Part) -> Values:
 
 
 class _Walk(Kinematics):
-    """A forward in pieces, one of which is wrong."""
+    """forward split into methods; each subclass breaks one."""
 
     rotation: Rotation = staticmethod(source.rotation)
 
@@ -96,7 +96,7 @@ class _Walk(Kinematics):
     def axis(self, F: Array, motion: Motion) -> Array:
         return np.asarray(motion.sign * F[:, :, motion.axis])
 
-    def told_axis(self, F: Array, motion: Motion) -> Array:
+    def recorded_axis(self, F: Array, motion: Motion) -> Array:
         return self.axis(F, motion)
 
     def turned(self, F: Array, motion: Motion, angle: Array) -> Array:
@@ -115,19 +115,19 @@ class _Walk(Kinematics):
         pose = Pose(N, K, len(sk.driven))
         for j in sk.order:
             p, F = self.start(pose, j, N)
-            begin, before, met = p, F, []
+            begin, before, pivots = p, F, []
             for motion in self.motions(j):
                 if motion.row >= 0:
-                    pose.axis[:, motion.row] = self.told_axis(F, motion)
-                    met.append((motion.row, p))
+                    pose.axis[:, motion.row] = self.recorded_axis(F, motion)
+                    pivots.append((motion.row, p))
                 if motion.kind == "translate":
                     p = p + self.axis(F, motion) * theta[:, motion.dof, None]
                 else:
                     F = self.turned(F, motion, theta[:, motion.dof])
             along = self.bone_frame(F, before)[:, :, sk.bone_axes[j]]
             pose.joints[:, j], pose.frames[:, j] = p + along * lengths[:, j, None], F
-            for row, there in met:
-                pose.pivot[:, row] = self.pivot(there, begin, pose.joints[:, j])
+            for row, pivot in pivots:
+                pose.pivot[:, row] = self.pivot(pivot, begin, pose.joints[:, j])
         return pose
 
     def lengths(self, bones: Array | None) -> Array:
@@ -147,16 +147,16 @@ def _degrees(axis: int, angle: Any) -> Array:
 
 
 class _Transposed(_Walk):
-    """The rotation turns the other way: the minus belongs to the sine in the upper row, of (x, y) for z, (y, z) for x,
-    (z, x) for y.
+    """The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, (y, z) for
+    x, (z, x) for y.
     """
 
     rotation = staticmethod(_transposed)
 
 
 class _YMirrored(_Walk):
-    """The rotation about y turns the other way; the other two are right. After y comes z, then x: so the minus stands
-    in the row of z, below the diagonal.
+    """The rotation about y has the wrong direction; the other two are correct. The cyclic order after y is z, x, so the
+    minus is in the row of z, below the diagonal.
     """
 
     rotation = staticmethod(_y_mirrored)
@@ -169,8 +169,8 @@ class _Degrees(_Walk):
 
 
 class OnTheLeft(_Walk):
-    """The matrices are multiplied in the wrong order. A joint turns about its own axes, which the turns before have
-    moved: F <- F R, and not R F.
+    """The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the previous
+    rotations: F <- F R, not R F.
     """
 
     def turned(self, F: Array, motion: Motion, angle: Array) -> Array:
@@ -178,26 +178,26 @@ class OnTheLeft(_Walk):
 
 
 class ForgetsSign(_Walk):
-    """motion.sign is left out: NEG_Y is a turn about -y, which is one about y by -theta."""
+    """motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta."""
 
     def turned(self, F: Array, motion: Motion, angle: Array) -> Array:
         return np.asarray(F @ self.rotation(motion.axis, angle))
 
 
 class ForgetsSignOfAxis(_Walk):
-    """pose.axis has no sign: of a turn about -y the axis is -F e_y."""
+    """pose.axis ignores the sign: the axis of a rotation about -y is -F e_y."""
 
-    def told_axis(self, F: Array, motion: Motion) -> Array:
+    def recorded_axis(self, F: Array, motion: Motion) -> Array:
         return np.asarray(F[:, :, motion.axis])
 
 
 class SlidesInWorld(_Walk):
-    """The translation goes along the axes of the world. It goes along the joint's own axis: F e_axis, a column of F."""
+    """The translation follows the world axes. It must follow the joint's own axis: F e_axis, a column of F."""
 
     def axis(self, F: Array, motion: Motion) -> Array:
         return np.asarray(motion.sign * np.broadcast_to(np.eye(3)[motion.axis], (len(F), 3)))
 
-    def told_axis(self, F: Array, motion: Motion) -> Array:
+    def recorded_axis(self, F: Array, motion: Motion) -> Array:
         return np.asarray(motion.sign * F[:, :, motion.axis])
 
 
@@ -209,14 +209,14 @@ class TakesRows(_Walk):
 
 
 class BoneBeforeTurn(_Walk):
-    """The bone lies along the parent's axis. It is moved along after the turns: use the joint's own F."""
+    """The bone follows the parent's frame. Apply it after the rotations: use the joint's own F."""
 
     def bone_frame(self, F: Array, before: Array) -> Array:
         return before
 
 
 class OtherOrder(_Walk):
-    """The motions are applied in the wrong order; it is that of skeleton.motions[j]."""
+    """The motions are applied in the wrong order; use that of skeleton.motions[j]."""
 
     def motions(self, j: int) -> list[Motion]:
         return list(self.skeleton.motions[j])[::-1]
@@ -231,7 +231,7 @@ class StartsAtOrigin(_Walk):
 
 
 class ForgetsFrame(_Walk):
-    """Every joint begins unturned. It begins with its parent's frame: pose.frames[:, parent]."""
+    """Every joint starts with the identity. It starts with its parent's frame: pose.frames[:, parent]."""
 
     def start(self, pose: Pose, j: int, count: int) -> tuple[Array, Array]:
         p, _ = super().start(pose, j, count)
@@ -239,8 +239,8 @@ class ForgetsFrame(_Walk):
 
 
 class ChangesParent(_Walk):
-    """p += ... changes the parent's joint, too: p is a view of pose.joints[:, parent]. Write p = p + ..., which makes a
-    new array.
+    """p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which creates
+    a new array.
     """
 
     def forward(self, inputs: Array, bones: Array | None = None) -> Pose:
@@ -261,8 +261,8 @@ class ChangesParent(_Walk):
 
 
 class ForgetsInitial(_Walk):
-    """The inputs are taken for the angles. self.skeleton.theta(inputs) adds the initial values, and keeps fixed DoFs at
-    theirs.
+    """The inputs are used as the angles. self.skeleton.theta(inputs) adds the initial values and ignores the inputs of
+    fixed DoFs.
     """
 
     def theta(self, inputs: Array) -> Array:
@@ -270,49 +270,50 @@ class ForgetsInitial(_Walk):
 
 
 class PivotAtEnd(_Walk):
-    """The pivot of a turn is the point that stays where it is: where the joint begins, before its bone."""
+    """The pivot of a rotation is its fixed point: the start of the joint, before its bone."""
 
     def pivot(self, p: Array, start: Array, end: Array) -> Array:
         return end
 
 
 class OwnBonesOnly(_Walk):
-    """The argument bones is left out: if it is given, each pose has bone lengths of its own."""
+    """The argument bones is ignored: if given, it holds the bone lengths of each pose."""
 
     def lengths(self, bones: Array | None) -> Array:
         return self.skeleton.bones
 
 
-def _train(part: Transform, iterations: int, tell: Tell) -> Array:
-    return hand.losses(part.kinematics, iterations, tell)
+def _train(part: Transform, iterations: int, progress: Progress) -> Array:
+    return hand.losses(part.kinematics, iterations, progress)
 
 
 EXERCISE = Exercise(
     name="joint_transform",
-    title="A joint's transform: from angles to positions",
+    title="Joint transforms: from angles to positions",
     chapter=8,
     file="layers/hand/kinematics.py",
     to_do={
         "Kinematics.forward": "Return the Pose of each row of inputs. theta = self.skeleton.theta(inputs) has the "
-        "DoFs' values, (N, D), with what is fixed or added. Walk over skeleton.order, parents first. A "
+        "DoF values, (N, D), with fixed DoFs and initial values applied. Loop over skeleton.order, parents first. A "
         "joint starts at its parent's pose.joints and pose.frames (a root, whose skeleton.parents "
         "is -1: at 0, with the identity). Apply skeleton.motions[j] in their order: motion.kind, "
         ".axis, .sign, .dof. Then write pose.joints[:, j] and pose.frames[:, j]; skeleton.bones "
-        "and .bone_axes have each joint's bone, and bones, if given, other lengths.\n"
+        "and .bone_axes describe each joint's bone; bones, if given, replaces the lengths.\
+"
         "Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion "
-        "is applied: its axis in the world, with the sign, and the point p where the joint is "
-        "then. backward needs them.",
-        "rotation": "Return R for every angle: the textbook's matrices. About z, x is turned to y; about x, y to "
+        "is applied: its axis in world coordinates, with the sign, and the current point p of the "
+        "joint. backward needs them.",
+        "rotation": "Return R for every angle: the standard rotation matrices. About z, x rotates to y; about x, y to "
         "z; about y, z to x. For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
     },
     names=("Kinematics.forward", "rotation"),
     part_of=lambda module: Transform(module.Kinematics, module.rotation),
-    ours=OURS,
+    reference=REFERENCE,
     checks=(
         Check("values: a rotation about each axis", (_case("angles 0, 0.5, -1.2", _rotations, "rotation"),)),
-        Check("values: a finger of three joints", (_case("two poses", _finger), _case("bones given", _other_bones))),
-        Check("values: the axes and the pivots of its motions", (_case("two poses", _motions),)),
-        Check("values: the hands that Caffe posed", (
+        Check("values: a finger with three joints", (_case("two poses", _finger), _case("bones given", _other_bones))),
+        Check("values: the axes and pivots of its motions", (_case("two poses", _motions),)),
+        Check("values: Caffe's recorded hand poses", (
             Case("poses of the NYU hand", _caffe, _caffes, "Caffe has", AXES, 1e-12, "forward"),
         )),
     ),

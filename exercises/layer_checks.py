@@ -1,4 +1,4 @@
-"""How a layer is checked: shapes, values, gradients, each on small examples and on what Caffe recorded."""
+"""Checks of a layer: shapes, values and gradients, on small examples and on Caffe's recorded results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from exercises.exercise import Case, Check, Part, Values
 from exercises.layer_examples import Example, Letters, backward, built, forward, gradients_of
 from netlib.layer import Layer
 
-SINGLE, DIFFERENCES, DOUBLE = 1e-5, 2e-6, 1e-10  # tolerances: of Caffe's float32, of differences, of our own float64
+SINGLE, DIFFERENCES, DOUBLE = 1e-5, 2e-6, 1e-10  # tolerances: Caffe's float32, finite differences, float64 reference
 
 
 def checks(
@@ -20,12 +20,12 @@ def checks(
     letters: Letters,
     examples: Sequence[Example],
     from_caffe: Mapping[str, Example],
-    ours: type[Layer],
+    reference: type[Layer],
     shaped_by: str,
 ) -> tuple[Check, ...]:
-    """The steps of a layer. ``from_caffe`` are recorded cases; of their examples only the options count."""
+    """Return the steps of a layer. ``from_caffe`` names recorded cases; only the options of their examples are used."""
     axes = letters.all_axes()
-    theirs = {name: _as_recorded(name, example) for name, example in from_caffe.items()}
+    recorded_examples = {name: _as_recorded(name, example) for name, example in from_caffe.items()}
     shapes, values, gradients = [], [], []
 
     for example in examples:
@@ -38,25 +38,29 @@ def checks(
             return forward(built(part, type_name, example, np.float64), letters, example)
 
         def gradient(part: Part, example: Example = example) -> Values:
-            return {name: g.said for name, g in gradients_of(part, type_name, example, letters)}
+            return {name: g.analytic for name, g in gradients_of(part, type_name, example, letters)}
 
         def differences(part: Part, example: Example = example) -> Values:
             return {name: g.differences() for name, g in gradients_of(part, type_name, example, letters)}
 
-        shapes.append(Case(example.title, shape, _by(shape, ours), "ours", axes, 0, shaped_by))
-        values.append(Case(example.title, value, _by(value, ours), "our layer has", axes, DOUBLE, "forward"))
+        shapes.append(Case(example.title, shape, _by(shape, reference), "expected", axes, 0, shaped_by))
+        values.append(
+            Case(example.title, value, _by(value, reference), "the reference layer has", axes, DOUBLE, "forward")
+        )
         if example.on_kinks:
 
             def slope(part: Part, example: Example = example) -> Values:
                 run = built(part, type_name, example, np.float64)
                 return backward(run, [np.full(blob.shape, 0.5) for blob in run.top], letters)
 
-            gradients.append(Case(example.title, slope, _by(slope, ours), "our layer has", axes, DOUBLE, "backward"))
+            gradients.append(
+                Case(example.title, slope, _by(slope, reference), "the reference layer has", axes, DOUBLE, "backward")
+            )
         elif example.gradient:
-            gradients.append(Case(example.title, gradient, differences, "the differences say", axes, DIFFERENCES,
+            gradients.append(Case(example.title, gradient, differences, "finite differences give", axes, DIFFERENCES,
                                   "backward"))  # fmt: skip
     caffes_values, caffes_gradients = [], []
-    for name, example in theirs.items():
+    for name, example in recorded_examples.items():
 
         def caffe_value(part: Part, example: Example = example) -> Values:
             return forward(built(part, type_name, example, np.float32), letters, example)
@@ -73,14 +77,14 @@ def checks(
         )
     return (
         Check("shapes", tuple(shapes)),
-        Check("values: forward makes the numbers that Caffe made", tuple(values + caffes_values)),
-        Check("gradient: backward agrees with differences of forward, and with Caffe",
+        Check("values: forward agrees with Caffe", tuple(values + caffes_values)),
+        Check("gradient: backward agrees with finite differences and with Caffe",
               tuple(gradients + caffes_gradients)),
     )  # fmt: skip
 
 
-def _by(run: Any, ours: Part) -> Any:
-    return lambda part: run(ours)
+def _by(run: Any, reference: Part) -> Any:
+    return lambda part: run(reference)
 
 
 def _given(values: Values) -> Any:

@@ -1,4 +1,4 @@
-"""A layer on an example: its blobs filled, and what its methods make of them."""
+"""Run a layer on an example: fill its blobs and return the results of its methods."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter
 from netlib.proto.schema import Phase
 
-AGAIN = np.random.SFC64  # the source of a layer's random numbers, as in a net
+BIT_GENERATOR = np.random.SFC64  # the bit generator of a layer, as in a net
 
 
 @dataclass(frozen=True)
 class Letters:
-    """What the docstring of a layer calls its blobs, and the axes of each."""
+    """The names of a layer's blobs in its docstring, and the axes of each."""
 
     bottoms: tuple[str, ...]
     tops: tuple[str, ...]
@@ -31,19 +31,20 @@ class Letters:
     axes: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def all_axes(self) -> dict[str, Sequence[str]]:
-        """Of each blob's data and diff."""
+        """Return the axes of each blob's data and diff, by name."""
         after = {f"{name} (after forward)": axes for name, axes in self.axes.items()}
         return {f"{d}{name}": axes for name, axes in self.axes.items() for d in ("", "d")} | after
 
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """A layer, and what it is given: numbers that lie off the kinks.
+    """A layer with its inputs, which avoid points where it is not differentiable unless ``on_kinks``.
 
-    options   the inside of its ``layer { ... }`` besides the type
-    wanted    which bottoms get a gradient; by default all
-    gradient  is it checked by differences
-    on_kinks  some numbers lie on kinks: the gradient is compared with ours instead, for a top diff of 0.5
+    options   the fields of its ``layer { ... }`` except the type
+    wanted    which bottoms get a gradient; default: all
+    gradient  whether to check it by finite differences
+    on_kinks  whether some inputs are points where the layer is not differentiable: the gradient, for a top diff of 0.5,
+              is compared with the reference layer's instead
     """
 
     options: str
@@ -60,21 +61,21 @@ class Example:
 
     @property
     def title(self) -> str:
-        """For a message."""
+        """Description for messages."""
         bottoms = " and ".join(str(array.shape) for array in self.bottoms)
         how = [f"bottom {bottoms}"] + ["in place"] * self.in_place + ["in phase TEST"] * (self.phase == "TEST")
         return "; ".join([part for part in (self.options, self.note) if part] + how)
 
 
 def numbers(*shape: int, seed: int = 0) -> Array:
-    """Numbers between 0.2 and 1, of both signs: away from 0."""
+    """Return random values of both signs with magnitudes from 0.2 to 1, away from 0."""
     rng = np.random.default_rng(seed)
     return np.asarray(rng.choice([-1.0, 1.0], shape) * rng.uniform(0.2, 1, shape))
 
 
 @dataclass
 class Run:
-    """A layer that was set up and shaped for an example, with its blobs."""
+    """A layer set up and reshaped for an example, with its blobs."""
 
     layer: Layer
     bottom: Blobs
@@ -82,13 +83,13 @@ class Run:
 
 
 def built(part: type[Layer], type_name: str, example: Example, dtype: DTypeLike) -> Run:
-    """The layer, with numbers in its bottoms and parameters."""
+    """Create the layer and fill its bottoms and parameters."""
     tree = prototxt.parse(f'type: "{type_name}" {example.options}', "<exercise>")
     spec: Any = schema.read(tree, LayerParameter)
     tops = tuple(f"top[{i}]" for i in range(example.tops))
     bottoms = tuple(f"bottom[{i}]" for i in range(len(example.bottoms)))
     spec = schema.changed(spec, name=type_name, bottom=bottoms, top=bottoms[:1] if example.in_place else tops)
-    rng = np.random.Generator(AGAIN(0))
+    rng = np.random.Generator(BIT_GENERATOR(0))
     layer = create(spec, example.phase, rng, dtype, lambda cls: part)
     bottom = Blobs([_filled(array, dtype) for array in example.bottoms], dtype)
     top = Blobs([bottom[0]] if example.in_place else [Blob((), dtype) for _ in tops], dtype)
@@ -106,7 +107,7 @@ def _filled(array: Array, dtype: DTypeLike) -> Blob:
 
 
 def forward(run: Run, letters: Letters, example: Example) -> Values:
-    """The tops, which begin as NaN; then the bottoms, which no forward may change."""
+    """Run forward with tops initialized to NaN; returns the tops, then the bottoms, which must not change."""
     for _ in range(example.forwards):
         for blob in [] if example.in_place else run.top:
             blob.data[...] = np.nan
@@ -117,7 +118,9 @@ def forward(run: Run, letters: Letters, example: Example) -> Values:
 
 
 def backward(run: Run, top_diffs: Sequence[Array], letters: Letters) -> Values:
-    """Bottom diffs begin as NaN, parameter diffs as ones, as in gradcheck."""
+    """Run backward with bottom diffs initialized to NaN and parameter diffs to 1, as in gradcheck; returns the
+    gradients.
+    """
     run.layer.forward(run.bottom, run.top)
     for blob, diff in zip(run.top, top_diffs):
         blob.diff[...] = diff
@@ -133,7 +136,7 @@ def backward(run: Run, top_diffs: Sequence[Array], letters: Letters) -> Values:
 def gradients_of(
     part: type[Layer], type_name: str, example: Example, letters: Letters
 ) -> Iterator[tuple[str, gradcheck.Gradient]]:
-    """Each diff by name, as backward says it and, when asked, by differences of forward; in float64."""
+    """Yield each gradient by name, from backward and, on demand, from finite differences of forward, in float64."""
     run = built(part, type_name, example, np.float64)
     found = gradcheck.gradients(run.layer, example.bottoms, example.tops, example.wanted, in_place=example.in_place)
     for gradient in found:

@@ -1,4 +1,4 @@
-"""The exercise to write a layer, and the mistakes that any layer may have."""
+"""Layer exercises, and the mistakes that any layer can contain."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from exercises import network
-from exercises.exercise import Exercise, Mistake, Part, Remedy, Tell
+from exercises.exercise import Exercise, Mistake, Part, Progress, Remedy
 from exercises.layer_checks import checks
 from exercises.layer_examples import Example, Letters
 from layers import LAYER_TYPES
@@ -18,7 +18,7 @@ from netlib.layer import Layer
 
 def _clears(part: type[Layer]) -> type[Layer]:
     class Clears(part):  # type: ignore[valid-type,misc]
-        """Begins with bottom diffs of zeros."""
+        """Zeroes the bottom diffs before backward."""
 
         def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
             for blob in bottom:
@@ -31,7 +31,7 @@ def _clears(part: type[Layer]) -> type[Layer]:
 
 def _adds(part: type[Layer]) -> type[Layer]:
     class Adds(part):  # type: ignore[valid-type,misc]
-        """Adds what backward left in the parameters' diffs to what was there."""
+        """Adds the parameter gradients of backward to the previous diffs."""
 
         def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
             before = [blob.diff.copy() for blob in self.blobs]
@@ -47,27 +47,27 @@ def _adds(part: type[Layer]) -> type[Layer]:
 REMEDIES = (
     Remedy(
         _clears,
-        "backward adds to the diff of a bottom. It has to write it, bottom[0].diff[...] = ...: nobody clears it, so it "
-        "holds old numbers, and here NaN.",
+        "backward adds to the diff of a bottom. It must assign, bottom[0].diff[...] = ...: the diff is not cleared and "
+        "contains old values, here NaN.",
         lambda got: bool(np.isnan(got).all()),
     ),
     Remedy(
         _clears,
-        "backward leaves some elements of the diff of a bottom as they were. It has to write every one, the zeros, "
-        "too: nobody clears it, so it holds old numbers, and here NaN.",
+        "backward leaves some elements of the diff of a bottom unchanged. It must write every element, also zeros: "
+        "the diff is not cleared and contains old values, here NaN.",
         lambda got: bool(np.isnan(got).any()),
     ),
     Remedy(
         _adds,
-        "backward overwrites the diff of a parameter. It has to add to it, with +=: the solver sums the gradients of "
-        "several batches there, and of layers that share a parameter.",
+        "backward overwrites the diff of a parameter. It must add, with +=: the diff accumulates the gradients of "
+        "several batches and of layers that share the parameter.",
     ),
 )
 
 
 @contextlib.contextmanager
 def in_place_of(type_name: str, part: type[Layer]) -> Iterator[None]:
-    """Within it, nets make this class for layers of the type."""
+    """Make nets use this class for layers of the type."""
     before = LAYER_TYPES[type_name]
     LAYER_TYPES[type_name] = part
     try:
@@ -90,13 +90,15 @@ def layer_exercise(
     mistakes: Sequence[Mistake],
     shaped_by: str = "reshape",
 ) -> Exercise:
-    """The exercise to write a layer; ``to_do`` names its methods, ``shaped_by`` the one that says the tops' shapes."""
-    ours = LAYER_TYPES[type_name]
-    cls = ours.__name__
+    """Return the exercise for a layer; ``to_do`` maps its methods to instructions, ``shaped_by`` is the method that
+    sets the tops' shapes.
+    """
+    reference = LAYER_TYPES[type_name]
+    cls = reference.__name__
 
-    def train(part: Part, iterations: int, tell: Tell) -> Array:
+    def train(part: Part, iterations: int, progress: Progress) -> Array:
         with in_place_of(type_name, part):
-            return network.losses(iterations, tell)
+            return network.losses(iterations, progress)
 
     return Exercise(
         name=name,
@@ -106,8 +108,8 @@ def layer_exercise(
         to_do={f"{cls}.{method}": task for method, task in to_do.items()},
         names=tuple(f"{cls}.{method}" for method in ("setup", "reshape", "forward", "backward")),
         part_of=lambda module: getattr(module, cls),
-        ours=ours,
-        checks=checks(type_name, letters, examples, from_caffe, ours, shaped_by),
+        reference=reference,
+        checks=checks(type_name, letters, examples, from_caffe, reference, shaped_by),
         mistakes=tuple(mistakes),
         train=train,
         remedies=REMEDIES,

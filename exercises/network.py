@@ -1,4 +1,4 @@
-"""The last step of an exercise: the paper's network, trained for some iterations on frames rendered on the spot."""
+"""The last step of an exercise: train the paper's network for some iterations on newly rendered frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from exercises.exercise import Tell
+from exercises.exercise import Progress
 from handpose.synthetic.files import DataSet
 from handpose.synthetic.generator import Generator
 from netlib import files
@@ -20,50 +20,50 @@ from netlib.proto import prototxt, schema
 from netlib.proto.messages import SolverParameter
 from netlib.solver import Solver
 
-FRAMES = BATCH = 4  # small, for a reader's layer that loops over every pixel; the same each time, so the loss falls
+FRAMES = BATCH = 4  # small, as a reader's layer may loop over pixels; the same batch each time, so the loss falls
 SEED = 1
 RATE = 'type: "SGD" base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" weight_decay: 0.0005'
 
 
 @contextlib.contextmanager
 def frames() -> Iterator[Path]:
-    """A folder with a few rendered frames as a data set, which is gone afterwards."""
+    """Render a few frames as a data set in a temporary folder."""
     with tempfile.TemporaryDirectory(prefix="exercise.") as folder:
         DataSet(Path(folder), [(Generator(), FRAMES)]).write(1, lambda count: None)
         yield Path(folder)
 
 
 def net_text(folder: Path) -> str:
-    """prototxt/nyu_train_test.prototxt, reading small batches of these frames."""
+    """Return prototxt/nyu_train_test.prototxt, changed to read small batches of these frames."""
     text = files.read_text(ROOT / "prototxt" / "nyu_train_test.prototxt", "the net")
     text = text.replace("data/nyu/train.txt", str(folder / "train.txt"))
     return text.replace("batch_size: 512", f"batch_size: {BATCH}")
 
 
 def solver_of(net: str, options: str = RATE, kind: type[Solver] = Solver, seed: int = SEED) -> Solver:
-    """A solver of a net given as text, on the plain engine: what stands in the layers' files is what runs."""
+    """Return a solver of a net given as text, on the plain engine, which runs the layer classes themselves."""
     param = schema.read(prototxt.parse(options, "<exercise>"), SolverParameter, "solver")
     param = schema.changed(param, net_param=prototxt.parse(net, "<exercise>"), display=0, max_iter=10**6)
     return kind(param, "<exercise>", seed=seed, engine="plain")
 
 
-def losses(iterations: int, tell: Tell = lambda count: None) -> Array:
-    """The loss of each iteration. ``tell`` is called with 1 after each."""
+def losses(iterations: int, progress: Progress = lambda count: None) -> Array:
+    """Return the loss of each iteration. ``progress(1)`` is called after each."""
     with frames() as folder:
-        return trained(solver_of(net_text(folder)), iterations, tell)
+        return trained(solver_of(net_text(folder)), iterations, progress)
 
 
-def trained(solver: Solver, iterations: int, tell: Tell = lambda count: None) -> Array:
-    """Train for so many iterations; returns the loss of each."""
+def trained(solver: Solver, iterations: int, progress: Progress = lambda count: None) -> Array:
+    """Train for a number of iterations; returns the loss of each."""
     found = []
     for _ in range(iterations):
         solver.step(1)
         found.append(solver.net.loss())
-        tell(1)
+        progress(1)
     return np.array(found)
 
 
 @functools.cache
-def our_losses(iterations: int) -> tuple[float, ...]:
-    """The same with our own layers."""
+def reference_losses(iterations: int) -> tuple[float, ...]:
+    """Return the losses with the project's layers."""
     return tuple(losses(iterations).tolist())

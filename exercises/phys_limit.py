@@ -1,4 +1,4 @@
-"""The exercise phys_limit: a loss on angles that no hand can take."""
+"""Exercise: the layer PhysLimit, a loss on angles beyond their limits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from netlib.blob import Array, Blobs
 
 
 class _Forward(PhysLimit):
-    """A forward in pieces, one of which is wrong."""
+    """forward split into methods; each subclass breaks one."""
 
     def beyond_of(self, x: Array) -> Array:
         return np.asarray(np.maximum(x - self.upper, 0) - np.maximum(self.lower - x, 0))
@@ -31,7 +31,7 @@ class _Forward(PhysLimit):
 
 
 class SquaresAlways(_Forward):
-    """v is squared in any case. With norm L1, the paper's and the default, the loss is the sum of v itself."""
+    """v is always squared. With norm L1, the paper's and the default, the loss is the sum of v itself."""
 
     def total(self, v: Array) -> float:
         return float(np.vdot(v, v))
@@ -45,14 +45,14 @@ class SquaresNever(_Forward):
 
 
 class UpperOnly(_Forward):
-    """An angle below its lower limit is out of limits, too: v = max(lower - x, 0) + max(x - upper, 0)."""
+    """An angle below its lower limit is also out of limits: v = max(lower - x, 0) + max(x - upper, 0)."""
 
     def beyond_of(self, x: Array) -> Array:
         return np.asarray(np.maximum(x - self.upper, 0))
 
 
 class Cancels(_Forward):
-    """What is below a limit is subtracted from what is above. v counts both as a loss."""
+    """Violations of lower limits are subtracted from those of upper limits. v counts both as positive."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data.reshape(-1, len(self.lower))
@@ -69,21 +69,21 @@ class NotDivided(_Forward):
 
 
 class MeanOfDofs(_Forward):
-    """The sum is divided by the number of all angles. It is a mean over poses only: 1 / N."""
+    """The sum is divided by the number of angles. Average over the poses only: 1 / N."""
 
     def count(self, x: Array) -> int:
         return x.size
 
 
 class Halved(_Forward):
-    """There is no half in front of the squares, unlike in EuclideanLoss."""
+    """The squares have no factor 1/2, unlike in EuclideanLoss."""
 
     def total(self, v: Array) -> float:
         return float(v.sum() if self.param.norm == "L1" else np.vdot(v, v) / 2)
 
 
 class MeanOfViolations(_Forward):
-    """The sum is divided by the number of angles that are out of limits. It is a mean over poses: 1 / N."""
+    """The sum is divided by the number of angles out of limits. Average over the poses: 1 / N."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -91,28 +91,28 @@ class MeanOfViolations(_Forward):
 
 
 class SquareOfSum(_Forward):
-    """The sum of all v is squared. With norm L2 each v is squared by itself, and then they are summed."""
+    """The sum of a pose's v is squared. With norm L2 each v is squared before summing."""
 
     def total(self, v: Array) -> float:
         return float(v.sum() if self.param.norm == "L1" else (v.sum(axis=1) ** 2).sum())
 
 
 class SquareOfWholeSum(_Forward):
-    """The sum over all poses is squared. With norm L2 each v is squared by itself, and then all are summed."""
+    """The sum over all poses is squared. With norm L2 each v is squared before summing."""
 
     def total(self, v: Array) -> float:
         return float(v.sum() if self.param.norm == "L1" else v.sum() ** 2)
 
 
 class Degrees(_Forward):
-    """v is in degrees. The angles, their limits and the loss are in radians: nothing is to be converted."""
+    """v is in degrees. The angles, their limits and the loss are in radians: no conversion is needed."""
 
     def beyond_of(self, x: Array) -> Array:
         return np.asarray(np.rad2deg(super().beyond_of(x)))
 
 
 class _Backward(PhysLimit):
-    """A backward in pieces, one of which is wrong."""
+    """backward split into methods; each subclass breaks one."""
 
     def slope(self) -> Array:
         return np.asarray(np.sign(self.beyond) if self.param.norm == "L1" else 2 * self.beyond)
@@ -126,29 +126,29 @@ class _Backward(PhysLimit):
 
 
 class BothUp(_Backward):
-    """The gradient below a lower limit is negative: v grows when x gets smaller."""
+    """The gradient below a lower limit is negative: v grows as x decreases."""
 
     def slope(self) -> Array:
         return np.abs(super().slope())
 
 
 class TwoForgotten(_Backward):
-    """The derivative of v² is 2 v, and not v."""
+    """The derivative of v² is 2 v, not v."""
 
     def slope(self) -> Array:
         return np.asarray(np.sign(self.beyond) if self.param.norm == "L1" else self.beyond)
 
 
 class GradientOfSquare(_Backward):
-    """With norm L1 the derivative of v is ±1, and not 2 v."""
+    """With norm L1 the derivative of v is ±1, not 2 v."""
 
     def slope(self) -> Array:
         return np.asarray(2 * self.beyond)
 
 
 class SlopeAtLimit(_Backward):
-    """At a limit itself the slope is 0, and ±1 only beyond it: an angle that is just reached is a good one. So >= has
-    to be >, and <= has to be <.
+    """Exactly at a limit the slope is 0, and ±1 only beyond it: the limit itself is permitted. Use > instead of >= and
+    < instead of <=.
     """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -161,14 +161,14 @@ class SlopeAtLimit(_Backward):
 
 
 class SlopeIsV(_Backward):
-    """With norm L1 the derivative of v is ±1 however large v is, and not v itself."""
+    """With norm L1 the derivative of v is ±1 for any v > 0, not v itself."""
 
     def slope(self) -> Array:
         return np.asarray(self.beyond if self.param.norm == "L1" else 2 * self.beyond)
 
 
 class NoTopDiff(_Backward):
-    """backward does not use top[0].diff, dL: the loss weight of the prototxt."""
+    """backward ignores top[0].diff (dL), the loss weight of the prototxt."""
 
     def begin(self, dL: Array) -> Array:
         return np.asarray(1 / len(self.beyond))
@@ -182,7 +182,7 @@ class GradientNotDivided(_Backward):
 
 
 def _arm_like() -> Array:
-    """Two hands in the initial pose but for two angles, as in chapter 8; others lie on their limits."""
+    """Return two hands in the initial pose except two angles beyond a limit and two exactly at one."""
     skeleton = hand.nyu_hand()
     limited = np.flatnonzero(~skeleton.fixed & (skeleton.upper < 100))
     x = np.zeros((2, 47))
@@ -200,12 +200,12 @@ L1, L2 = ("phys_limit_param { norm: %s }" % norm for norm in ("L1", "L2"))  # no
 EXERCISE = layer_exercise(
     "phys_limit",
     "PhysLimit",
-    title="PhysLimit: a loss on angles that no hand can take",
+    title="PhysLimit: a loss on angles beyond their limits",
     chapter=10,
     file="layers/hand/phys_limit.py",
     to_do={
         "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower "
-        "and self.upper. self.param.norm is L1 or L2. Keep what backward needs.",
+        "and self.upper. self.param.norm is L1 or L2. Store what backward needs.",
         "backward": "If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 "
         "within the limits. dL is top[0].diff.",
     },

@@ -1,4 +1,4 @@
-"""The exercise pooling: Caffe's rules for windows that hang over."""
+"""Exercise: the layer Pooling, with Caffe's rules for windows that extend past the edge."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def _extent(layer: Pooling, i: int, size: int) -> int:
 
 
 class RoundsDown(Pooling):
-    """Caffe's pooling rounds its size up, not down: a last window may hang over the edge."""
+    """Caffe's pooling rounds the output size up, not down: the last window may extend past the edge."""
 
     def _outputs(self, i: int, size: int) -> int:
         count = _extent(self, i, size) // self.stride[i] + 1
@@ -24,7 +24,7 @@ class RoundsDown(Pooling):
 
 
 class IgnoresRoundMode(Pooling):
-    """The option round_mode is left out: with FLOOR the size is rounded down."""
+    """The option round_mode is ignored: with FLOOR the size is rounded down."""
 
     def _outputs(self, i: int, size: int) -> int:
         count = -(-_extent(self, i, size) // self.stride[i]) + 1
@@ -32,7 +32,7 @@ class IgnoresRoundMode(Pooling):
 
 
 class KeepsLastWindow(Pooling):
-    """With padding, a last window that starts beyond the image sees no pixel and is dropped."""
+    """With padding, a last window that starts beyond the image covers no pixel and is dropped."""
 
     def _outputs(self, i: int, size: int) -> int:
         extent = _extent(self, i, size)
@@ -40,8 +40,8 @@ class KeepsLastWindow(Pooling):
 
 
 class DropsAlways(Pooling):
-    """A last window is dropped only if it starts beyond the image and the padding before it: where (count - 1) stride
-    >= size + pad, with the start counted from the padding on.
+    """The last window is dropped only if it starts beyond the image and the leading padding: (count - 1) stride >= size
+    + pad, with the start measured from the edge of the padding.
     """
 
     def _outputs(self, i: int, size: int) -> int:
@@ -51,15 +51,15 @@ class DropsAlways(Pooling):
 
 
 class ZeroCanWin(Pooling):
-    """The padding of a maximum must never win, and 0 is more than a negative number: pad with -infinity."""
+    """The padding must never be the maximum, and 0 exceeds negative values: pad with -infinity."""
 
     def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
         return super().padded(x, y_shape, 0)
 
 
 class CountsWhatHangsOver(Pooling):
-    """The mean divides by the kernel's whole area. What hangs over the padded image is not counted; area() gives what
-    is.
+    """The mean divides by the whole kernel area. The part of a window outside the padded image is not counted; area()
+    returns the number of counted elements.
     """
 
     def area(self, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
@@ -67,8 +67,8 @@ class CountsWhatHangsOver(Pooling):
 
 
 class CountsNoPadding(Pooling):
-    """The mean divides by the number of pixels. Caffe counts the padding, too (PyTorch's count_include_pad); area()
-    gives its number.
+    """The mean divides by the number of pixels. Caffe also counts the padding (PyTorch's count_include_pad); area()
+    returns the number.
     """
 
     def area(self, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
@@ -80,7 +80,7 @@ class CountsNoPadding(Pooling):
 
 
 class ForgetsAreaBackward(Pooling):
-    """backward of the mean does not divide: each pixel of a window gets dy / area."""
+    """backward of AVE does not divide: each pixel of a window gets dy / area."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not self.is_max:
@@ -93,8 +93,8 @@ class ForgetsAreaBackward(Pooling):
 
 
 class LastOfEqual(Pooling):
-    """Of equal values the first one wins, row by row; yours takes the last. Use >, and not >=, if you walk through the
-    window.
+    """Of equal maxima the first in row-major order is selected; here it is the last. In a loop over the window use >,
+    not >=.
     """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -108,7 +108,7 @@ class LastOfEqual(Pooling):
 
 
 class PlaceInWindow(Pooling):
-    """The mask says where in the map a winner stands, h W + w, and not where in its window."""
+    """The mask holds the index of a maximum in the map, h W + w, not its index in the window."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -117,9 +117,7 @@ class PlaceInWindow(Pooling):
 
 
 class AllOfEqual(Pooling):
-    """Of equal values only the first gets the gradient; yours gives it to all of them. Remember in forward which one
-    won.
-    """
+    """Of equal maxima only the first receives the gradient; here all do. Store in forward which one was selected."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not self.is_max:
@@ -128,15 +126,15 @@ class AllOfEqual(Pooling):
         for n, x in enumerate(bottom[0].data):
             shape = top[0].shape
             source, target = self.padded(x, shape, -np.inf), self.padded(np.zeros_like(x), shape, 0)
-            for rows, across in self.places(shape):
+            for rows, across in self.window_slices(shape):
                 target[:, rows, across] += top[0].diff[n] * (source[:, rows, across] == top[0].data[n])
             p, q = self.pad
             bottom[0].diff[n] = target[:, p : p + x.shape[1], q : q + x.shape[2]]
 
 
 class OverwritesShared(Pooling):
-    """A pixel that wins in several windows gets the gradient of each; yours keeps one. An array of indices on the left
-    of += does not add twice: np.add.at does.
+    """A pixel that is the maximum of several windows receives the gradient of each; here only one is kept. += with an
+    array of indices adds only once per index: use np.add.at.
     """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -153,7 +151,7 @@ class OverwritesShared(Pooling):
 
 
 def _different(*shape: int, seed: int = 0) -> Array:
-    """Numbers far apart from each other, most of them negative."""
+    """Return well-separated values, most of them negative."""
     count = int(np.prod(shape))
     return np.asarray(np.random.default_rng(seed).permutation(count).reshape(shape) / 7.0 - count / 9)
 
@@ -173,11 +171,12 @@ EXERCISE = layer_exercise(
     to_do={
         "_outputs": "Return the size of the output in direction i (0 down, 1 across) for an input of this size: round "
         "up unless self.param.round_mode is FLOOR; with padding in either direction, any(self.pad), drop a last window "
-        "that starts beyond the image. The kernel is self.whole_kernel[i]. (Ours also says if no window is left.)",
-        "forward": "Write top[0].data, and the mask into top[1].data if there is one. self.is_max tells MAX from AVE. "
-        "Keep what backward needs, as self.winners. padded(), windows(), _index() and area() help.",
-        "backward": "If propagate_down[0], write every element of bottom[0].diff: what several windows share "
-        "is summed, what no window took is 0.",
+        "that starts beyond the image. The kernel is self.whole_kernel[i]. (The project's layer also raises "
+        "an error if no window is left.)",
+        "forward": "Write top[0].data, and the mask into top[1].data if there is one. self.is_max is true for MAX. "
+        "Store what backward needs, as self.winners. padded(), windows(), _index() and area() help.",
+        "backward": "If propagate_down[0], write every element of bottom[0].diff: sum the contributions of windows "
+        "that share a pixel; pixels of no window are 0.",
     },
     shaped_by="_outputs",
     letters=Letters(("x",), ("y", "mask"), axes={"x": "nchw", "y": "nchw", "mask": "nchw"}),

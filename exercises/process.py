@@ -1,10 +1,10 @@
-"""A reader's file is checked in a process of its own, whose end, loop or closed streams are an error like any other.
+"""Check a reader's file in a separate process, so that a crash, an endless loop or closed streams are ordinary errors.
 
-    for news in checked(exercise, path, iterations=20, limit_s=300):
-        ...                   # a Step, or the number of iterations that were trained since
+    for result in checked(exercise, path, iterations=20, limit_s=300):
+        ...                   # a Step, or the number of iterations completed since the last result
 
-The process writes its news as lines of JSON on a pipe that the reader's code does not know. What that code prints goes
-to stderr. The process ends with its parent, which holds the other end of its standard input.
+The process writes its results as lines of JSON to a pipe that the reader's code has no access to. Output of that code
+goes to stderr. The process ends with its parent, which holds the other end of its standard input.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if __name__ == "__main__":
 import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 from exercises.checking import Step, first_step, in_network, steps
 from exercises.exercise import Exercise
-from exercises.reading import ExerciseError, ReadersFile, told
+from exercises.reading import ExerciseError, ReadersFile, describe
 from exercises.table import EXERCISES
 from netlib.building import python_layer
 from netlib.errors import NetlibError
@@ -38,9 +38,10 @@ from netlib.errors import NetlibError
 def checked(
     exercise: Exercise, path: Path, iterations: int, limit_s: float, python_layers: bool = True
 ) -> Iterator[Step | int]:
-    """What becomes of the steps, one by one, and of the iterations of the last.
+    """Yield the result of each step, and the iterations completed in the last.
 
-    Raises ExerciseError, also if nothing comes for so many seconds; KeyboardInterrupt if the reader's code does.
+    Raises ExerciseError, also if there is no result for ``limit_s`` seconds; KeyboardInterrupt if the reader's code
+    does.
     """
     words = [exercise.name, str(path), str(iterations), str(int(python_layers))]
     with tempfile.TemporaryDirectory(prefix="exercise.") as folder, contextlib.ExitStack() as stack:
@@ -52,16 +53,16 @@ def checked(
         stack.callback(child.kill)
         lines: queue.Queue[bytes] = queue.Queue()
         threading.Thread(target=_read, args=(child.stdout, lines), daemon=True).start()
-        limit: float | None = None  # until the modules are there
+        limit: float | None = None  # none while modules are imported
         while True:
             try:
                 line = lines.get(timeout=limit)
             except queue.Empty:
-                raise ExerciseError(f"{path}: nothing has come of it for {limit_s:g} s, so it was ended; look for a "
-                                    "loop without end, or give a larger --limit") from None  # fmt: skip
+                raise ExerciseError(f"{path}: no progress for {limit_s:g} s, so its process was ended; look for an "
+                                    "endless loop, or use a larger --limit") from None  # fmt: skip
             if not line:
                 raise ExerciseError(f"{path}: its process ended with status {child.wait()} in the middle of the check; "
-                                    "it must neither exit nor crash") from None  # fmt: skip
+                                    "the code must not exit or crash") from None  # fmt: skip
             news = json.loads(line)
             if "step" in news:
                 yield Step(*news["step"])
@@ -77,7 +78,7 @@ def checked(
 
 
 def _read(stream: IO[bytes], lines: queue.Queue[bytes]) -> None:
-    """Put every line of a stream into the queue, and an empty one at its end."""
+    """Put every line of a stream into the queue, then an empty one at its end."""
     for line in stream:
         lines.put(line)
     lines.put(b"")
@@ -87,7 +88,7 @@ def _read(stream: IO[bytes], lines: queue.Queue[bytes]) -> None:
 
 
 def _run(name: str, path: str, iterations: str, python_layers: str) -> None:
-    """Check a file, and send the news."""
+    """Check a file and send the results."""
     parent, news = os.dup(0), os.fdopen(os.dup(1), "w", encoding="ascii")
     nowhere = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nowhere, 0)
@@ -108,22 +109,22 @@ def _run(name: str, path: str, iterations: str, python_layers: str) -> None:
     except KeyboardInterrupt:
         send(interrupted=True)
     except BaseException as error:
-        send(error=str(error) if isinstance(error, NetlibError) else told(error))
+        send(error=str(error) if isinstance(error, NetlibError) else describe(error))
     else:
         send(done=True)
-    os._exit(0)  # whatever threads the reader's code has left
+    os._exit(0)  # does not wait for threads that the reader's code has left
 
 
 def _check(exercise: Exercise, path: Path, iterations: int, send: Any) -> None:
-    def tell(step: Step) -> None:
+    def report(step: Step) -> None:
         send(step=[step.title, step.passed, step.lines])
 
     reader = ReadersFile(exercise, path)
-    tell(first_step(exercise, reader))
+    report(first_step(exercise, reader))
     for step in steps(exercise, reader.part, reader):
-        tell(step)
+        report(step)
     if step.passed and iterations:
-        tell(in_network(exercise, reader.part, iterations, reader, lambda count: send(count=count)))
+        report(in_network(exercise, reader.part, iterations, reader, lambda count: send(count=count)))
 
 
 if __name__ == "__main__":

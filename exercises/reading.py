@@ -1,4 +1,4 @@
-"""The reader's file: loaded as a module, and where in it something stands or went wrong."""
+"""Load the reader's file as a module, and find the lines of its functions and errors."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from netlib.files.paths import load_module
 
 
 class ExerciseError(NetlibError):
-    """A reader's file that cannot be checked."""
+    """Raised if a reader's file cannot be checked."""
 
 
 class ReadersFile:
-    """A file with the reader's solution of an exercise. Raises ExerciseError if it cannot be loaded.
+    """The file with the reader's solution of an exercise. Raises ExerciseError if it cannot be loaded.
 
-    path    as the user named it
-    lines   function or ``Class.method`` -> its line
-    to_do   those that are still to be written -> the line that says so
-    needed  those of them that something asks for
-    part    what was written
+    path    as given by the user
+    lines   maps a function or ``Class.method`` to its line
+    to_do   maps those not yet written to the line that raises NotImplementedError
+    needed  the names in to_do that are required or used
+    part    the solution
     """
 
     def __init__(self, exercise: Exercise, path: Path) -> None:
         self.path = path
-        self._whole = path.resolve()  # now: the reader's code may go to another folder
+        self._whole = path.resolve()  # resolved now: the reader's code may change the working directory
         text = files.read_text(path, f"the exercise {exercise.name}", ExerciseError)
         if path.suffix != ".py":
-            raise ExerciseError(f"{path}: is no module; expected a file whose name ends in .py")
+            raise ExerciseError(f"{path}: expected a Python module (.py)")
         try:
             tree = ast.parse(text, str(path))
-            compile(text, str(path), "exec", dont_inherit=True)  # finds what a tree may have, and a program not
+            compile(text, str(path), "exec", dont_inherit=True)  # finds errors that ast.parse does not
         except SyntaxError as error:
             raise ExerciseError(f"{path}:{error.lineno or 1}: {error.msg}") from error
-        except (ValueError, RecursionError, MemoryError) as error:  # ValueError: a NUL in it
+        except (ValueError, RecursionError, MemoryError) as error:  # ValueError: a NUL character
             raise ExerciseError(f"{path}: {reason_of(error)}") from error
         self.lines = {name: node.lineno for name, node in functions(tree)}
         self.to_do = {name: line for name, node in functions(tree) if (line := _raises_not_implemented(node))}
@@ -51,39 +51,42 @@ class ReadersFile:
         module = self._load(exercise)
         missing = [name for name in exercise.names if not _has(module, name)]
         if missing:
-            raise ExerciseError(f"{path}: has no {' and no '.join(missing)}; keep the names of the stub, which "
-                                f"--start writes")  # fmt: skip
+            raise ExerciseError(f"{path}: {', '.join(missing)} missing; keep the names of the stub that --start "
+                                "writes")  # fmt: skip
         self._check_kinds(exercise, module)
         self.part: Part = exercise.part_of(module)
 
     def _load(self, exercise: Exercise) -> ModuleType:
         name = f"{exercise.name} of {self._whole}"
         sys.modules.pop(name, None)
-        kept, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # an old .pyc might be taken for the new file
+        kept, sys.dont_write_bytecode = (
+            sys.dont_write_bytecode,
+            True,
+        )  # a stale .pyc might be used instead of the new file
         try:
             return load_module(name, self._whole)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # SystemExit, or one of the reader's own
-            raise ExerciseError(f"{self.where(error) or self.path}: {told(error)}") from error
+        except BaseException as error:  # including SystemExit and the reader's own exceptions
+            raise ExerciseError(f"{self.where(error) or self.path}: {describe(error)}") from error
         finally:
             sys.dont_write_bytecode = kept
 
     def _check_kinds(self, exercise: Exercise, module: ModuleType) -> None:
-        """Raise ExerciseError if a class is of another kind than ours, or a function takes other arguments."""
+        """Raise ExerciseError if the base classes or the parameters differ from the reference."""
         source = importlib.import_module(exercise.file.removesuffix(".py").replace("/", "."))
         for whole in exercise.names:
             place = f"{self.path}:{self.lines[whole]}" if whole in self.lines else str(self.path)
             name = whole.split(".")[0]
-            ours, mine = getattr(source, name), getattr(module, name)
-            if isinstance(ours, type) and not (isinstance(mine, type) and issubclass(mine, ours.__bases__)):
-                bases = ", ".join(base.__name__ for base in ours.__bases__)
-                raise ExerciseError(f"{place}: {name} is no such class; expected class {name}({bases}), as in the stub")
+            reference, mine = getattr(source, name), getattr(module, name)
+            if isinstance(reference, type) and not (isinstance(mine, type) and issubclass(mine, reference.__bases__)):
+                bases = ", ".join(base.__name__ for base in reference.__bases__)
+                raise ExerciseError(f"{place}: {name}: expected class {name}({bases}), as in the stub")
             if fault := _fault_of(_named(module, whole), _named(source, whole)):
                 raise ExerciseError(f"{place}: {whole} {fault}")
 
     def where(self, error: BaseException) -> str | None:
-        """``file:line`` of the reader's own code that an error came from, with the line itself; None if not from it."""
+        """Return ``file:line`` and the source line of the reader's code that raised an error; None if none did."""
         mine = str(self._whole)
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == mine]
         if not frames:
@@ -91,23 +94,23 @@ class ReadersFile:
         return f"{self.path}:{frames[-1].lineno}" + (f" ({frames[-1].line})" if frames[-1].line else "")
 
     def function_at(self, error: BaseException) -> str | None:
-        """The function of the reader's own in which an error was raised, as the message calls it."""
+        """Return the qualified name of the reader's unwritten function that raised an error; None if none did."""
         mine = str(self._whole)
         names = [frame.name for frame in traceback.extract_tb(error.__traceback__) if frame.filename == mine]
         return next((full for full in self.to_do if names and full.split(".")[-1] == names[-1]), None)
 
 
-def told(error: BaseException) -> str:
-    """An error in one line."""
+def describe(error: BaseException) -> str:
+    """Format an exception on one line."""
     try:
         text = str(error).strip().split("\n")[0]
-    except Exception:  # it is the reader's, too
+    except Exception:  # the reader's exception may fail in __str__
         text = ""
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 def functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
-    """The functions of a file by name, its methods as ``Class.method``."""
+    """Yield the functions of a file by name, methods as ``Class.method``."""
     for node in tree.body:
         if isinstance(node, ast.FunctionDef):
             yield node.name, node
@@ -117,7 +120,7 @@ def functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
 
 
 def body_lines(function: ast.FunctionDef) -> tuple[int, int]:
-    """The first and the last line of a function's body after its docstring."""
+    """Return the first and last line of a function's body, without its docstring."""
     body = function.body
     has_docstring = ast.get_docstring(function) is not None
     first = (body[0].end_lineno or 0) + 1 if has_docstring else body[0].lineno
@@ -125,13 +128,13 @@ def body_lines(function: ast.FunctionDef) -> tuple[int, int]:
 
 
 def _is_used(name: str, tree: ast.Module) -> bool:
-    """Does the file ask for a function or method somewhere?"""
+    """Return whether the file uses a function or method."""
     last = name.split(".")[-1]
     return any(last in (getattr(node, "attr", None), getattr(node, "id", None)) for node in ast.walk(tree))
 
 
 def _raises_not_implemented(function: ast.FunctionDef) -> int | None:
-    """The line of a ``raise NotImplementedError`` in a function, None without one."""
+    """Return the line of a ``raise NotImplementedError`` in a function; None if there is none."""
     for node in ast.walk(function):
         if isinstance(node, ast.Raise) and node.exc is not None:
             raised = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
@@ -145,22 +148,22 @@ def _has(module: ModuleType, name: str) -> bool:
 
 
 def _named(module: ModuleType, name: str) -> Any:
-    """A function, or a method as its class has it; None without."""
+    """Return a function, or a method as stored in its class; None if it does not exist."""
     thing: object = module
     for part in name.split("."):
         thing = inspect.getattr_static(thing, part, None)
     return thing
 
 
-def _fault_of(mine: Callable[..., object], ours: Callable[..., object]) -> str | None:
-    """What is wrong with how a function is called; None if it can be called as ours."""
+def _fault_of(mine: Callable[..., object], reference: Callable[..., object]) -> str | None:
+    """Describe why a function cannot be called like the reference; None if it can."""
     if inspect.isgeneratorfunction(mine) or inspect.iscoroutinefunction(mine):
-        return "has a yield or an async: nothing of it runs when it is called"
-    if isinstance(mine, (staticmethod, classmethod)) and not isinstance(ours, type(mine)):
-        return f"is a {type(mine).__name__}; expected none, as in the stub"
+        return "is a generator or coroutine: calling it does not run its body"
+    if isinstance(mine, (staticmethod, classmethod)) and not isinstance(reference, type(mine)):
+        return f"is a {type(mine).__name__}; expected a plain method, as in the stub"
     try:
-        taken, wanted = inspect.signature(mine), inspect.signature(ours)
-    except (TypeError, ValueError):  # of what is written in C
+        taken, wanted = inspect.signature(mine), inspect.signature(reference)
+    except (TypeError, ValueError):  # functions written in C
         return None
     names = [p.name for p in wanted.parameters.values() if p.default is p.empty]
     own = [p for p in taken.parameters if p in wanted.parameters]

@@ -1,4 +1,4 @@
-"""The exercise relu: the smallest layer."""
+"""Exercise: the layer ReLU, the simplest one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from netlib.blob import Blobs
 
 
 class ForgetsSlope(ReLU):
-    """negative_slope is left out: a negative x becomes slope * x, with self.slope, and not 0."""
+    """negative_slope is ignored: a negative x becomes slope * x, with self.slope, not 0."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         top[0].data[...] = np.maximum(bottom[0].data, 0)
@@ -27,8 +27,8 @@ class SwapsSides(ReLU):
 
 
 class ReadsWhatItWrote(ReLU):
-    """In a net a ReLU runs in place: top[0].data and bottom[0].data are then the same array. A line that reads x after
-    another has written y reads y. Compute all of it in one expression.
+    """In place, top[0].data and bottom[0].data are the same array, so reading x after writing y reads y. Compute the
+    result in one expression.
     """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -38,7 +38,7 @@ class ReadsWhatItWrote(ReLU):
 
 
 class ChangesBottom(ReLU):
-    """forward changes bottom[0].data. It belongs to the layer below, which may need it in its own backward; write only
+    """forward changes bottom[0].data. It belongs to the previous layer, which may need it in its backward; write only
     into top[0].data.
     """
 
@@ -49,14 +49,14 @@ class ChangesBottom(ReLU):
 
 
 class ForgetsSlopeBackward(ReLU):
-    """backward leaves the slope out: where x <= 0 the gradient is slope * dy, and not 0."""
+    """backward ignores the slope: where x <= 0 the gradient is slope * dy, not 0."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff * (bottom[0].data > 0)
 
 
 class ForgetsTopDiff(ReLU):
-    """backward does not use top[0].diff. By the chain rule dx is dy times g, and not g alone."""
+    """backward ignores top[0].diff. By the chain rule dx is dy times g, not g alone."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x = bottom[0].data
@@ -64,9 +64,7 @@ class ForgetsTopDiff(ReLU):
 
 
 class OneAtZero(ReLU):
-    """At x = 0 both slopes would do, and Caffe takes that of the negative side: g is 1 only where x > 0, so >= has to
-    be >.
-    """
+    """At x = 0 Caffe uses the slope of the negative side: g is 1 only where x > 0, so use > instead of >=."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x = bottom[0].data
@@ -74,7 +72,7 @@ class OneAtZero(ReLU):
 
 
 class TimesOutput(ReLU):
-    """The gate g is multiplied by y. By the chain rule it is multiplied by what comes from the loss: dx = g dy."""
+    """g is multiplied by y. By the chain rule it is multiplied by the gradient of the loss: dx = g dy."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x = bottom[0].data
@@ -82,7 +80,7 @@ class TimesOutput(ReLU):
 
 
 class LooksAtGradient(ReLU):
-    """backward asks for the sign of dy. What counts is the sign of x: g is 1 where x > 0."""
+    """backward uses the sign of dy. The sign of x decides: g is 1 where x > 0."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
@@ -94,15 +92,15 @@ LEAKY = "relu_param { negative_slope: 0.1 }"
 EXERCISE = layer_exercise(
     "relu",
     "ReLU",
-    title="ReLU: cut off what is negative",
+    title="ReLU: set negative values to zero",
     chapter=1,
     file="layers/activation/relu.py",
     to_do={
         "reshape": "Give top[0] the shape of bottom[0].",
-        "forward": "Read bottom[0].data, write top[0].data: y = g x. Write into the array that is there, "
+        "forward": "Read bottom[0].data, write top[0].data: y = g x. Write into the existing array, "
         "top[0].data[...] = ..., and do not change bottom[0].data.",
         "backward": "Read top[0].diff (dy) and bottom[0].data, write every element of bottom[0].diff: dx = g dy. Do it "
-        "only if propagate_down[0]: else nobody wants it.",
+        "only if propagate_down[0].",
     },
     letters=Letters(("x",), ("y",), axes={"x": "ncw", "y": "ncw"}),
     examples=[

@@ -1,4 +1,4 @@
-"""The exercise resume: a training that was interrupted goes on exactly."""
+"""Exercise: the exact continuation of an interrupted training."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from exercises import network
-from exercises.exercise import Case, Check, Exercise, Mistake, Tell, Values, advice_of
+from exercises.exercise import Case, Check, Exercise, Mistake, Progress, Values, advice_of
 from netlib.blob import Array
 from netlib.errors import DivergenceError
 from netlib.files import atomic, hdf5
@@ -42,18 +42,18 @@ DROPOUT = 'layer { name: "drop" type: "Dropout" bottom: "y" top: "y" }'
 
 @dataclass(frozen=True)
 class Functions:
-    """The part: what makes a state, and what takes it back."""
+    """The part: the functions that save and restore a solver state."""
 
     state_of: Callable[[Any, Path], SolverState]
     restore_state: Callable[[Any, Path], None]
 
 
-OURS = Functions(source.state_of, source.restore_state)
+REFERENCE = Functions(source.state_of, source.restore_state)
 
 
 @contextlib.contextmanager
 def interrupted(part: Functions, make: Callable[[int], Solver], iterations: int) -> Iterator[Solver]:
-    """A new solver, after another has trained and left a snapshot: it begins with other weights and random numbers."""
+    """Yield a new solver, with other weights and random numbers, restored from the snapshot of a trained solver."""
     with tempfile.TemporaryDirectory(prefix="exercise.") as folder:
         first = make(1)
         first.step(iterations)
@@ -65,10 +65,10 @@ def interrupted(part: Functions, make: Callable[[int], Solver], iterations: int)
 
 
 def _found(solver: Solver) -> Values:
-    """What a solver says now and in some more iterations."""
+    """Return the state of a solver and its losses over AFTER more iterations."""
     at = solver.iter
     course = np.full(AFTER, np.nan)
-    with contextlib.suppress(DivergenceError):  # of a state that is mixed up
+    with contextlib.suppress(DivergenceError):  # of an inconsistent state
         for i in range(AFTER):
             course[i : i + 1] = network.trained(solver, 1)
     param = solver.net.params["ip"][0].data
@@ -76,7 +76,7 @@ def _found(solver: Solver) -> Values:
 
 
 def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case:
-    """A small net that a resume must go on with; the title says what it takes besides the case before."""
+    """Return the case of resuming a small net; the title names the state it needs beyond the previous case."""
 
     @contextlib.contextmanager
     def solvers() -> Iterator[Callable[[int], Solver]]:
@@ -89,19 +89,19 @@ def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case
             return _found(solver)
 
     @functools.cache
-    def without_a_stop() -> Values:
+    def uninterrupted() -> Values:
         with solvers() as make:
             solver = make(1)
             solver.step(BEFORE)
             return _found(solver)
 
-    return Case(title, run, lambda part: without_a_stop(), "without a stop it is", AXES, 0, "restore_state")
+    return Case(title, run, lambda part: uninterrupted(), "the uninterrupted run has", AXES, 0, "restore_state")
 
 
 def _rows(folder: Path) -> str:
-    """A list of one file with ten rows."""
+    """Write a data file with ten rows and a list of it; returns the name of the list."""
     rng = np.random.default_rng(0)
-    with hdf5.written(folder / "rows.h5") as file:
+    with hdf5.created(folder / "rows.h5") as file:
         file["x"], file["t"] = rng.normal(size=(10, 2)), rng.normal(size=(10, 2))
     atomic.replace_text(folder / "rows.txt", f"{folder / 'rows.h5'}\n")
     return str(folder / "rows.txt")
@@ -113,20 +113,18 @@ Back = Callable[[], None]
 
 
 def _forgetting(forgets: Callable[[Solver], Back]) -> Mistake:
-    """A restore after which something is as it was before it."""
+    """Return a mistake: a restore that leaves one part of the state unchanged."""
 
     def restore_state(solver: Solver, path: Path) -> None:
         back = forgets(solver)
-        OURS.restore_state(solver, path)
+        REFERENCE.restore_state(solver, path)
         back()
 
-    return Mistake(replace(OURS, restore_state=restore_state), advice_of(forgets))
+    return Mistake(replace(REFERENCE, restore_state=restore_state), advice_of(forgets))
 
 
 def _weights(solver: Solver) -> Back:
-    """The weights are not those of the snapshot: weights_of.write has to be called on what weights_of.fitting
-    returns.
-    """
+    """The weights are not restored: call weights_of.write with the result of weights_of.fitting."""
     before = [param.blob.data.copy() for param in solver.net.learnable]
 
     def back() -> None:
@@ -137,23 +135,21 @@ def _weights(solver: Solver) -> Back:
 
 
 def _iter(solver: Solver) -> Back:
-    """The iteration is not restored: solver.iter = state.iter. The learning rate depends on it, and Adam's
-    correction.
+    """The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction depend on
+    it.
     """
     return lambda: setattr(solver, "iter", 0)
 
 
 def _smoothed(solver: Solver) -> Back:
-    """The losses that are averaged are forgotten: solver.smoothed. What is displayed after a resume would not
-    be what was displayed without one.
+    """The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from those of
+    an uninterrupted run.
     """
     return solver.smoothed.clear
 
 
 def _all_but_last(solver: Solver) -> Back:
-    """Of the losses that are averaged only the last is there. solver.smoothed takes all of them back: clear,
-    then extend.
-    """
+    """Only the last of the averaged losses is restored. Restore all of solver.smoothed: clear, then extend."""
 
     def back() -> None:
         last = list(solver.smoothed)[-1:]
@@ -164,8 +160,8 @@ def _all_but_last(solver: Solver) -> Back:
 
 
 def _momentum(solver: Solver) -> Back:
-    """The history is forgotten: the momentum starts from 0 again, and the training loses its speed for some iterations.
-    Copy state.history into solver.history.
+    """The history is not restored: the momentum starts from 0, which slows the training for some iterations. Copy
+    state.history into solver.history.
     """
 
     def back() -> None:
@@ -177,8 +173,8 @@ def _momentum(solver: Solver) -> Back:
 
 
 def _second_history(solver: Solver) -> Back:
-    """The second history of each parameter is forgotten: Adam has two, and state.history has the first ones of all
-    parameters, then the second ones.
+    """The second history of each parameter is not restored: Adam has two, and state.history holds the first histories
+    of all parameters, then the second ones.
     """
 
     def back() -> None:
@@ -190,8 +186,8 @@ def _second_history(solver: Solver) -> Back:
 
 
 def _mixed_up(solver: Solver) -> Back:
-    """The histories are mixed up between parameters. state.history has the first ones of all parameters, then
-    the second ones: number i is history i // count of parameter i % count.
+    """The histories are assigned to the wrong parameters. state.history holds the first histories of all parameters,
+    then the second ones: entry i is history i // count of parameter i % count.
     """
 
     def back() -> None:
@@ -204,69 +200,69 @@ def _mixed_up(solver: Solver) -> Back:
 
 
 def _layers(solver: Solver) -> Back:
-    """The states of the layers are not restored: which row of the data comes next, and what random numbers.
-    layer_states() belongs into the state, and _restore_layers takes it back.
+    """The states of the layers are not restored: the next row of the data and the random number generators. Save
+    layer_states() and restore it with _restore_layers.
     """
     states = solver.net.layer_states()
     return lambda: solver.net.restore_layer_states(states)
 
 
 def _cursor(solver: Solver) -> Back:
-    """The data start anew: the state of the data layer has a cursor, which says the row that comes next."""
+    """The data restart from the first row: the state of a data layer contains a cursor, the index of the next row."""
     states = {name: state for name, state in solver.net.layer_states().items() if "cursor" in state}
     return lambda: solver.net.restore_layer_states(states)
 
 
 def _random_numbers(solver: Solver) -> Back:
-    """The layers' random numbers start anew, so dropout draws other masks: the states of their generators belong to the
-    state of a training.
+    """The layers' random number generators restart, so dropout draws other masks: their states are part of the training
+    state.
     """
     states = {name: state for name, state in solver.net.layer_states().items() if "rng" in state}
     return lambda: solver.net.restore_layer_states(states)
 
 
-def _train(part: Functions, iterations: int, tell: Tell) -> Array:
-    """Half of the iterations, a snapshot, the other half in another solver."""
+def _train(part: Functions, iterations: int, progress: Progress) -> Array:
+    """Train half of the iterations, take a snapshot, and train the rest in another solver."""
     half = iterations // 2
     with network.frames() as folder:
 
         def make(seed: int) -> Solver:
             return network.solver_of(network.net_text(folder), seed=seed)
 
-        begun = network.trained(make(1), half, tell)
+        first = network.trained(make(1), half, progress)
         with interrupted(part, make, half) as solver:
-            return np.concatenate([begun, network.trained(solver, iterations - half, tell)])
+            return np.concatenate([first, network.trained(solver, iterations - half, progress)])
 
 
 FALLING = 'base_lr: 0.1 lr_policy: "step" stepsize: 3 gamma: 0.5'
 MOMENTUM = f"{FIXED} momentum: 0.9"
 EXERCISE = Exercise(
     name="resume",
-    title="A resume that is exact",
+    title="An exact resume",
     chapter=7,
     file="netlib/training/resume.py",
     to_do={
         "state_of": "Return the SolverState of the solver: its iteration, steps_taken(solver.param, "
         "solver.iter), str(learned_net), the histories in one list, and extra_state(solver). "
-        "solver.history has for each parameter the list of its histories; the file has the first "
-        "histories of all parameters, then the second ones, as Caffe.",
-        "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe has no place for: solver (_course), "
-        "smoothed (the losses that are averaged), layers (layer_states() of solver.net and of each test net); "
+        "solver.history holds a list of histories per parameter; the file holds the first "
+        "histories of all parameters, then the second ones, as in Caffe.",
+        "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe's format cannot store: solver "
+        "(_course), smoothed (the averaged losses), layers (layer_states() of solver.net and of each test net); "
         "and ranks, the list of others, if there are any.",
-        "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.pair_of) and take back "
+        "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.pair_of) and restore "
         "all of it: the weights, solver.history, solver.iter, solver.smoothed, the states of the "
         "layers (_restore_layers, of _states_of_rank).\n"
         "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
-        "weights_of.write(writes), copies weights. (Ours also checks the histories first, and "
-        "says in the log what it does.)",
+        "weights_of.write(writes), copies weights. (The project's function also checks the histories first and "
+        "logs what it does.)",
     },
     names=("state_of", "extra_state", "restore_state"),
     part_of=lambda module: Functions(module.state_of, module.restore_state),
-    ours=OURS,
+    reference=REFERENCE,
     checks=(
-        Check("exact: the weights, and which iteration it is", (
+        Check("exact: the weights and the iteration", (
             _case("the same batch each time", SAME),
-            _case("a rate that falls every 3 iterations", SAME, FALLING),
+            _case("a learning rate that decreases every 3 iterations", SAME, FALLING),
             _case("average_loss: 6", SAME, f"{FIXED} average_loss: 6"),
         )),
         Check("exact: the histories", (
@@ -274,8 +270,8 @@ EXERCISE = Exercise(
             _case("Adam, with two histories", SAME, f'{MOMENTUM} type: "Adam" momentum2: 0.99'),
         )),
         Check("exact: the data", (
-            _case("rows of a file in order", ROWS % ("rows.txt", "")),
-            _case("rows of a file in a new order each time", ROWS % ("rows.txt", "shuffle: true")),
+            _case("rows in file order", ROWS % ("rows.txt", "")),
+            _case("rows in a new random order each epoch", ROWS % ("rows.txt", "shuffle: true")),
         )),
         Check("exact: the random numbers of layers", (_case("dropout", SAME, middle=DROPOUT),)),
     ),
@@ -295,6 +291,6 @@ EXERCISE = Exercise(
         )
     ),
     train=_train,
-    last="the paper's network, a stop in the middle of {} iterations: the losses are those without a stop",
+    last="the paper's network, interrupted halfway through {} iterations: the losses equal the uninterrupted ones",
     drift=0,
 )  # fmt: skip

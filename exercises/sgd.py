@@ -1,4 +1,4 @@
-"""The exercise sgd: one update of one parameter."""
+"""Exercise: one SGD update of one parameter."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from exercises import network, recorded
-from exercises.exercise import Case, Check, Exercise, Part, Tell, Values, known
+from exercises.exercise import Case, Check, Exercise, Part, Progress, Values, known
 from netlib.blob import Array
 from netlib.proto.messages import SolverParameter
 from netlib.updates import RULES, Rule
 
-OURS = RULES["SGD"][0]
-UPDATES = 8  # that are recorded of Caffe's trainings
+REFERENCE = RULES["SGD"][0]
+UPDATES = 8  # recorded from each of Caffe's trainings
 WEIGHTS = {"b of conv": ("conv", 1), "w of ip2": ("ip2", 0), "b of ip2": ("ip2", 1)}
 AXES = dict.fromkeys(("w", "h", "g (after the update)"), ("update", "i")) | {
     "b of conv": ("update", "o"),
@@ -32,7 +32,7 @@ layer { name: "relu2" type: "ReLU" bottom: "ip1" top: "ip1" }
 layer { name: "ip2" type: "InnerProduct" bottom: "ip1" top: "ip2" inner_product_param { num_output: 5 } }
 layer { name: "loss" type: "EuclideanLoss" bottom: "ip2" bottom: "label" top: "loss" }
 """
-TRAININGS = {  # as Caffe ran them: tests/caffe/solvers
+TRAININGS = {  # run with Caffe by tests/caffe/solvers
     "sgd_mom09": 'base_lr: 0.02 momentum: 0.9 lr_policy: "fixed"',
     "snap_sgd_hdf5": 'base_lr: 0.02 momentum: 0.9 lr_policy: "step" gamma: 0.5 stepsize: 6 weight_decay: 0.01',
 }
@@ -40,7 +40,7 @@ TRAININGS = {  # as Caffe ran them: tests/caffe/solvers
 
 @contextlib.contextmanager
 def in_use(rule: Rule) -> Iterator[None]:
-    """Within it, this is the rule of solvers of type SGD."""
+    """Make solvers of type SGD use this rule."""
     before = RULES["SGD"]
     RULES["SGD"] = (rule, 1)
     try:
@@ -50,7 +50,7 @@ def in_use(rule: Rule) -> Iterator[None]:
 
 
 def followed(rule: Rule, momentum: float, rates: Sequence[float], decay: float = 0.0) -> Values:
-    """w and h after each of some updates, and what became of g."""
+    """Return w, h and g after each of a few updates."""
     rng = np.random.default_rng(0)
     p = SolverParameter(base_lr=0.5, momentum=momentum, weight_decay=decay)
     w, h, found = rng.normal(size=3), np.zeros(3), []
@@ -62,7 +62,7 @@ def followed(rule: Rule, momentum: float, rates: Sequence[float], decay: float =
 
 
 def caffes_training(rule: Rule, name: str) -> Values:
-    """Some weights of a small net after each update, trained as Caffe was, from the same weights on the same rows."""
+    """Return some weights of a small net after each update, trained like Caffe's: same initial weights, same rows."""
     arrays = recorded.everything()
     solver = network.solver_of(NET, TRAININGS[name])
     for layer, blobs in solver.net.params.items():
@@ -85,7 +85,7 @@ def _by_hand(title: str, momentum: float, *rates: float, decay: float = 0.0) -> 
     def run(part: Part) -> Values:
         return followed(part, momentum, rates, decay)
 
-    return Case(title, run, lambda part: run(OURS), "our rule has", AXES, 1e-12, "_sgd")
+    return Case(title, run, lambda part: run(REFERENCE), "the reference rule has", AXES, 1e-12, "_sgd")
 
 
 def _by_caffe(name: str) -> Case:
@@ -98,8 +98,8 @@ def _by_caffe(name: str) -> Case:
 
 
 def _rate_later(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """The rate is applied when w is changed, as in PyTorch. In Caffe it is inside the history, h <- m h + r g: when the
-    rate falls, what was gathered before keeps its own rate.
+    """The rate is applied when w is changed, as in PyTorch. In Caffe it is part of the history, h <- m h + r g: when
+    the rate decreases, earlier gradients keep the rate they were added with.
     """
     [h] = history
     h[...] = p.momentum * h + g
@@ -107,7 +107,7 @@ def _rate_later(p: SolverParameter, w: Array, g: Array, rate: float, history: Se
 
 
 def _nesterov(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """This is Nesterov's rule, which looks ahead. SGD subtracts h itself: w <- w - h."""
+    """This is Nesterov's rule. SGD subtracts h itself: w <- w - h."""
     [h] = history
     before = h.copy()
     h[...] = p.momentum * h + rate * g
@@ -115,39 +115,35 @@ def _nesterov(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequ
 
 
 def _uphill(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """w goes uphill. The gradient shows where the loss grows, so h is subtracted."""
+    """The update ascends. The gradient points towards a larger loss, so subtract h."""
     [h] = history
     h[...] = p.momentum * h + rate * g
     w += h
 
 
 def _forgets_history(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """The new h is lost: h = ... makes a new array, and the next update sees the old one. Write into it: h[...]
-    = ...
-    """
+    """The new h is lost: h = ... creates a new array; the next update uses the old one. Write into it: h[...] = ..."""
     [h] = history
     h = p.momentum * h + rate * g
     w -= h
 
 
 def _new_weights(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """The new w is lost: w = ... makes a new array, and the net keeps the old one. Write into it: w -= h."""
+    """The new w is lost: w = ... creates a new array, and the net keeps the old one. Write into it: w -= h."""
     [h] = history
     h[...] = p.momentum * h + rate * g
     w = w - h
 
 
 def _dampens(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """The gradient is multiplied by 1 - m, as in a mean (Adam does that). Here it is h <- m h + r g."""
+    """The gradient is multiplied by 1 - m, as in Adam's running mean. SGD uses h <- m h + r g."""
     [h] = history
     h[...] = p.momentum * h + (1 - p.momentum) * rate * g
     w -= h
 
 
 def _base_rate(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """The rate is taken from p.base_lr. Use the argument rate: the policy and the parameter's lr_mult are in it
-    already.
-    """
+    """The rate is taken from p.base_lr. Use the argument rate, which includes the policy and lr_mult."""
     [h] = history
     h[...] = p.momentum * h + p.base_lr * g
     w -= h
@@ -161,7 +157,7 @@ def _no_momentum(p: SolverParameter, w: Array, g: Array, rate: float, history: S
 
 
 def _changes_g(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """g is changed. The rule leaves it as it is: who prints or clips gradients needs it; compute rate * g in the
+    """g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the
     expression.
     """
     [h] = history
@@ -171,28 +167,28 @@ def _changes_g(p: SolverParameter, w: Array, g: Array, rate: float, history: Seq
 
 
 def _decays_again(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """The weight decay is added twice. The solver has added it to g already, before it asks the rule."""
+    """The weight decay is added twice. The solver adds it to g before calling the rule."""
     [h] = history
     h[...] = p.momentum * h + rate * (g + p.weight_decay * w)
     w -= h
 
 
 def _twice(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """The rate is applied twice. It is in h already, h <- m h + r g, so w is changed by h itself: w <- w - h."""
+    """The rate is applied twice. h already includes it, h <- m h + r g, so w changes by h itself: w <- w - h."""
     [h] = history
     h[...] = p.momentum * h + rate * g
     w -= rate * h
 
 
 def _corrected(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """h is divided by 1 - m^t. That correction is Adam's; SGD subtracts h as it is."""
+    """h is divided by 1 - m^t. That is Adam's bias correction; SGD subtracts h unchanged."""
     [h] = history
     h[...] = p.momentum * h + rate * g
     w -= h / (1 - p.momentum**t)
 
 
 def _keeps_weights(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """h holds the old weights. It has to hold the last step: h <- m h + r g, which begins as 0."""
+    """h holds the old weights. It must hold the last update: h <- m h + r g, initially 0."""
     [h] = history
     old = w.copy()
     w += p.momentum * (w - h) * (t > 1) - rate * g
@@ -200,26 +196,26 @@ def _keeps_weights(p: SolverParameter, w: Array, g: Array, rate: float, history:
 
 
 def _negative(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """h has the other sign, and w is right. Here h <- m h + r g and w <- w - h; a snapshot holds h."""
+    """h has the opposite sign, although w is correct. Use h <- m h + r g and w <- w - h: snapshots contain h."""
     [h] = history
     h[...] = p.momentum * h - rate * g
     w += h
 
 
 def _late(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    """w is changed by the old h. Compute the new h first."""
+    """w is updated with the old h. Compute the new h first."""
     [h] = history
     w -= h
     h[...] = p.momentum * h + rate * g
 
 
-def _train(part: Part, iterations: int, tell: Tell) -> Array:
+def _train(part: Part, iterations: int, progress: Progress) -> Array:
     with in_use(part):
-        return network.losses(iterations, tell)
+        return network.losses(iterations, progress)
 
 
 def _part_of(module: object) -> Callable[..., None]:
-    return getattr(module, "_sgd")  # noqa: B009  mypy: a module is an object here
+    return getattr(module, "_sgd")  # noqa: B009  the type is object, for mypy
 
 
 EXERCISE = Exercise(
@@ -229,21 +225,21 @@ EXERCISE = Exercise(
     file="netlib/updates.py",
     to_do={
         "_sgd": "Change h, the only array of history, and then w: h <- m h + r g, w <- w - h. m is "
-        "p.momentum, r is rate. Write into both arrays (h[...] = ..., w -= ...), and leave g as "
-        "it is.",
+        "p.momentum, r is rate. Write into both arrays (h[...] = ..., w -= ...), and leave g "
+        "unchanged.",
     },
     keep=("Rule", "_sgd"),
     names=("_sgd",),
     part_of=_part_of,
-    ours=OURS,
+    reference=REFERENCE,
     checks=(
         Check("values: a few updates of three weights", (
             _by_hand("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
             _by_hand("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
-            _by_hand("momentum 0.9, a rate that falls", 0.9, 0.1, 0.1, 0.01, 0.01),
-            _by_hand("momentum 0.9, weight_decay 0.1, which the solver has added to g", 0.9, 0.1, 0.1, decay=0.1),
+            _by_hand("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
+            _by_hand("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
         )),
-        Check("values: a small net is trained as Caffe trained it", tuple(map(_by_caffe, TRAININGS))),
+        Check("values: a small net, trained with Caffe", tuple(map(_by_caffe, TRAININGS))),
     ),
     mistakes=known(
         _rate_later,

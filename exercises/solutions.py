@@ -1,6 +1,6 @@
-"""The reader's solutions in the working folder, and which of them have passed.
+"""The reader's solutions in the working directory, and a record of those that have passed.
 
-The file .exercises.json there has the checksums of those that have, by exercise.
+The file .exercises.json there maps an exercise to the checksum of its passed solution.
 """
 
 from __future__ import annotations
@@ -21,40 +21,40 @@ PASSED = Path(".exercises.json")
 
 
 def place(exercise: Exercise) -> Path:
-    """The reader's file in the working folder."""
+    """Return the path of the reader's file in the working directory."""
     return Path(f"{exercise.name}.py")
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a file; one that is there is the reader's work, and stays. Raises ExerciseError."""
+    """Write a file. Raises ExerciseError if it exists, as it is the reader's work."""
     if exists(path) or path.is_symlink():
-        raise ExerciseError(f"{path}: is there already, and stays as it is; remove it to begin anew")
+        raise ExerciseError(f"{path}: already exists and is kept; remove it to start again")
     atomic.replace_text(path, text)
 
 
 def to_check(exercise: Exercise) -> Path:
-    """The solution here, else that of the project. Raises ExerciseError if there is neither."""
+    """Return the solution in the working directory, else the project's. Raises ExerciseError if there is neither."""
     here, there = place(exercise), ROOT / "docs" / "exercises" / f"{exercise.name}.py"
     for path in (here, there):
         if exists(path):
             return path
-    raise ExerciseError(f"{here}: is not there; {command('exercise')} {exercise.name} --start writes one")
+    raise ExerciseError(f"{here}: not found; run {command('exercise')} {exercise.name} --start to create it")
 
 
 def mark(exercise: Exercise, passed: dict[str, str]) -> str:
-    """A tick if the solution here is one that has passed, a point if it is another one, a space if there is none."""
+    """Return a tick if the solution has passed, a dot if it has not or was changed since, a space if there is none."""
     if not exists(place(exercise)):
         return " "
     return "✓" if passed.get(exercise.name) == _checksum(exercise) else "·"
 
 
 def note(exercise: Exercise) -> None:
-    """The solution here has passed."""
+    """Record that the solution has passed."""
     atomic.replace_text(PASSED, json.dumps(passed() | {exercise.name: _checksum(exercise)}, indent=1) + "\n")
 
 
 def passed() -> dict[str, str]:
-    """The checksums by exercise; none if the file is not there or not readable."""
+    """Return the checksums by exercise; empty if the file is missing or unreadable."""
     try:
         found = parsed(files.read_text(PASSED, "the list of exercises"), str(PASSED))
     except NetlibError:

@@ -1,4 +1,4 @@
-"""The exercise split: one blob, several readers."""
+"""Exercise: the layer Split, one blob with several consumers."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from netlib.blob import Blobs
 
 
 class ShapesOne(Split):
-    """Every top needs the shape, not only the first: for y in top."""
+    """Reshape every top, not only the first: for y in top."""
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape)
 
 
 class WritesOne(Split):
-    """Every top gets a copy, not only the first: for y in top."""
+    """Copy into every top, not only the first: for y in top."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         top[0].data[...] = bottom[0].data
 
 
 class Divides(Split):
-    """Nothing is divided among the readers: each gets all of x."""
+    """x is not divided among the consumers: each gets all of it."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         for y in top:
@@ -32,8 +32,8 @@ class Divides(Split):
 
 
 class TakesLast(Split):
-    """dx is the gradient of the last reader alone: every turn of the loop overwrites the one before. L depends on x
-    through all of them, and the chain rule sums.
+    """dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L depends
+    on x through all tops, so their gradients are summed.
     """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -42,14 +42,14 @@ class TakesLast(Split):
 
 
 class TakesFirst(Split):
-    """dx is the gradient of the first reader alone. L depends on x through all of them, and the chain rule sums."""
+    """dx contains only the gradient of the first top. L depends on x through all tops, so sum their gradients."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff
 
 
 class Means(Split):
-    """dx is the mean of the gradients. The chain rule sums: nothing is divided."""
+    """dx is the mean of the gradients. By the chain rule it is their sum."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         super().backward(top, propagate_down, bottom)
@@ -57,7 +57,7 @@ class Means(Split):
 
 
 class CountsFirstTwice(Split):
-    """The gradient of the first reader is counted twice: written first, and then added with the others."""
+    """The gradient of the first top is counted twice: it is assigned first, then added with the others."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         super().backward(top, propagate_down, bottom)
@@ -65,7 +65,7 @@ class CountsFirstTwice(Split):
 
 
 class TwoOnly(Split):
-    """Only two readers are summed; there may be any number: loop over top."""
+    """Only two gradients are summed; there may be any number: loop over top."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff + top[1].diff
@@ -74,19 +74,19 @@ class TwoOnly(Split):
 EXERCISE = layer_exercise(
     "split",
     "Split",
-    title="Split: one blob for several readers",
+    title="Split: one blob for several consumers",
     chapter=5,
     file="layers/common/split.py",
     to_do={
         "reshape": "Give every top the shape of bottom[0].",
         "forward": "Copy bottom[0].data into every top.",
-        "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It holds "
-        "old numbers, so the first of them is written and not added.",
+        "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It contains "
+        "old values, so assign the first and add the others.",
     },
     letters=Letters(("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}),
     examples=[
-        Example("", (numbers(2, 3),), tops=2, note="2 readers"),
-        Example("", (numbers(3, 2, seed=1),), tops=3, note="3 readers"),
+        Example("", (numbers(2, 3),), tops=2, note="2 tops"),
+        Example("", (numbers(3, 2, seed=1),), tops=3, note="3 tops"),
     ],
     from_caffe={"split_explicit": Example("", (), tops=3)},
     mistakes=known(

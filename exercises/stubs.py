@@ -1,4 +1,4 @@
-"""The stub of an exercise: our own source, with the bodies to be written taken out."""
+"""Generate the stub of an exercise: the project's source without the bodies that the reader writes."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from exercises.reading import body_lines, functions
 from netlib import files
 from netlib.files.paths import command, own
 
-WIDTH = 116  # of a comment, with its indentation
+WIDTH = 116  # of a comment, including indentation
 
 
 def stub(exercise: Exercise, *, bare: bool = False) -> str:
-    """The text of the file that a reader begins with; ``bare``: without the formulas and the hints.
+    """Return the text of the stub; ``bare``: without formulas and hints.
 
-    Raises DataError if our source cannot be read.
+    Raises DataError if the source cannot be read.
     """
     text = files.read_text(own(exercise.file), "the source")
     lines, tree = text.splitlines(), ast.parse(text)
-    there = dict(functions(tree))
-    for name in sorted(exercise.to_do, key=lambda name: -there[name].lineno):
-        function = there[name]
+    defined = dict(functions(tree))
+    for name in sorted(exercise.to_do, key=lambda name: -defined[name].lineno):
+        function = defined[name]
         first, last = body_lines(function)
         lines[first - 1 : last] = _instead("" if bare else exercise.to_do[name], function.body[0].col_offset)
     text = "\n".join(lines) + "\n"
     text = _without_formulas(text) if bare else text
     text = _with_numpy(_kept(text, exercise.keep) if exercise.keep else text)
-    return f"# Write what raises NotImplementedError, then: {command('exercise')} {exercise.name}\n{text}"
+    return f"# Replace each NotImplementedError, then run: {command('exercise')} {exercise.name}\n{text}"
 
 
 def _without_formulas(text: str) -> str:
-    """The text with no more of its docstring than the title and what the bottoms, parameters and tops are."""
+    """Reduce the module docstring to its title and the description of the blobs."""
     docstring = ast.parse(text).body[0]
     paragraphs = (ast.get_docstring(ast.parse(text)) or "").split("\n\n")
     blobs = [one for one in paragraphs[1:] if one.startswith(("bottom[", "top["))]
@@ -50,7 +50,7 @@ def _instead(task: str, indent: int) -> list[str]:
 
 
 def _kept(text: str, names: tuple[str, ...]) -> str:
-    """The docstring, what of the imports is needed, and the top-level statements of these names."""
+    """Return the module docstring, the imports used, and the top-level statements with these names."""
     tree, lines = ast.parse(text), text.splitlines()
 
     def source(node: ast.stmt) -> str:
@@ -74,19 +74,19 @@ def _kept(text: str, names: tuple[str, ...]) -> str:
 
 
 def _with_numpy(text: str) -> str:
-    """With ``np``, which a reader may want where we do without."""
+    """Add ``import numpy as np`` if it is missing, for the reader's solution."""
     if "\nimport numpy as np\n" in text:
         return text
     return re.sub(r"^(?=from (netlib|layers)\b)", "import numpy as np\n\n", text, count=1, flags=re.MULTILINE)
 
 
 def _in_groups(imports: list[str]) -> str:
-    """Imports of Python's own, of others, of ours: an empty line between the groups."""
-    ours, others = ("netlib", "layers"), ("numpy", "scipy")
+    """Join imports in three groups (standard library, third-party, project), separated by blank lines."""
+    project, others = ("netlib", "layers"), ("numpy", "scipy")
     groups: list[list[str]] = [[], [], []]
     for line in imports:
         package = line.split()[1].split(".")[0]
-        groups[2 if package in ours else 1 if package in others else 0].append(line)
+        groups[2 if package in project else 1 if package in others else 0].append(line)
     return "\n\n".join("\n".join(group) for group in groups if group)
 
 

@@ -1,4 +1,4 @@
-"""The exercises, in the order of the book."""
+"""The exercises in the order of the book."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The exercise torque_gradient: the gradient of the joints by torques."""
+"""Exercise: the gradient of joint positions from torques."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _run(part: type[Kinematics], skeleton: Skeleton, inputs: Array, dX: Array) -
 
 
 def _differences(part: type[Kinematics], skeleton: Skeleton, inputs: Array, dX: Array) -> Values:
-    """Central differences of sum dX . X."""
+    """Compute dtheta by central differences of sum dX . X."""
 
     def value(moved: Array) -> Array:
         return np.asarray((part(skeleton).forward(moved).joints * dX).sum(axis=(1, 2)))
@@ -38,7 +38,7 @@ def _by_differences(title: str, skeleton: Skeleton, dX: Array) -> Case:
         title,
         lambda part: _run(part, skeleton, inputs, dX),
         lambda part: _differences(part, skeleton, inputs, dX),
-        "the differences say",
+        "finite differences give",
         AXES,
         1e-7,
         "backward",
@@ -67,7 +67,7 @@ def _caffes(part: Part) -> Values:
 
 
 class _Climb(Kinematics):
-    """A backward in pieces, one of which is wrong."""
+    """backward split into methods; each subclass breaks one."""
 
     def order(self) -> list[int]:
         return list(reversed(self.skeleton.order))
@@ -107,14 +107,14 @@ class _Climb(Kinematics):
 
 
 class CrossReversed(_Climb):
-    """The cross product is the wrong way round: a torque is arm x force, (X - P) x f."""
+    """The cross product has the wrong order: a torque is arm x force, (X - P) x f."""
 
     def about_P(self, X: Array, P: Array, force: Array, torque: Array) -> Array:
         return np.asarray(torque + np.cross(force, X - P))
 
 
 class LeverReversed(_Climb):
-    """On the way up the cross product is the wrong way round: (X_c - X_j) x force_c."""
+    """The cross product for the parent has the wrong order: (X_c - X_j) x force_c."""
 
     def up(self, force: Array, torque: Array, X: Array, j: int, parent: int) -> None:
         force[:, parent] += force[:, j]
@@ -122,15 +122,15 @@ class LeverReversed(_Climb):
 
 
 class AllReversed(_Climb):
-    """Every torque has the wrong sign: the cross product is the wrong way round. A torque is arm x force."""
+    """Every torque has the wrong sign: the cross product has the wrong order. A torque is arm x force."""
 
     def about_P(self, X: Array, P: Array, force: Array, torque: Array) -> Array:
         return np.asarray(-super().about_P(X, P, force, torque))
 
 
 class LastJointOnly(_Climb):
-    """Each joint that hangs on a motion overwrites what the one before has written. Their torques are summed, also
-    those of several motions of one DoF: dtheta[:, dof] += ...
+    """Each joint that a motion carries overwrites the value of the previous one. Sum their torques, also those of
+    several motions of one DoF: dtheta[:, dof] += ...
     """
 
     def backward(self, pose: Pose, dX: Array) -> Array:
@@ -147,30 +147,28 @@ class LastJointOnly(_Climb):
 
 
 class AboutJoint(_Climb):
-    """This is the torque about the joint itself. The motion turns about its pivot P, where the joint has an arm: add
-    (X_j - P) x force_j.
-    """
+    """This is the torque about the joint itself. The motion rotates about its pivot P: add (X_j - P) x force_j."""
 
     def about_P(self, X: Array, P: Array, force: Array, torque: Array) -> Array:
         return torque
 
 
 class AboutOrigin(_Climb):
-    """This is the torque about the origin. The motion turns about its pivot P: the arm is X_j - P."""
+    """This is the torque about the origin. The motion rotates about its pivot P: the arm is X_j - P."""
 
     def about_P(self, X: Array, P: Array, force: Array, torque: Array) -> Array:
         return np.asarray(torque + np.cross(X, force))
 
 
 class KeepsForce(_Climb):
-    """The force on a child has to reach its parent as well: who moves the parent moves them all."""
+    """The force on a child must be added to its parent's: moving the parent moves all its descendants."""
 
     def up(self, force: Array, torque: Array, X: Array, j: int, parent: int) -> None:
         torque[:, parent] += torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])
 
 
 class NoLever(_Climb):
-    """A torque about the child is not yet one about its parent: add (X_c - X_j) x force_c."""
+    """The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c."""
 
     def up(self, force: Array, torque: Array, X: Array, j: int, parent: int) -> None:
         force[:, parent] += force[:, j]
@@ -178,7 +176,7 @@ class NoLever(_Climb):
 
 
 class KeepsTorque(_Climb):
-    """The torque of the child itself is left out on the way up: torque_c + (X_c - X_j) x force_c."""
+    """The child's own torque is not added to its parent's: torque_c + (X_c - X_j) x force_c."""
 
     def up(self, force: Array, torque: Array, X: Array, j: int, parent: int) -> None:
         force[:, parent] += force[:, j]
@@ -186,7 +184,7 @@ class KeepsTorque(_Climb):
 
 
 class Overwrites(_Climb):
-    """A DoF may drive several motions, and its gradient is the sum over them: dtheta[:, dof] += ..."""
+    """A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ..."""
 
     def enter(self, dtheta: Array, dof: int, value: Array) -> None:
         dtheta[:, dof] = value
@@ -200,15 +198,15 @@ class TurnsAll(_Climb):
 
 
 class ParentsFirst(_Climb):
-    """The joints are walked from the root to the tips. The sums come from the tips: reversed(skeleton.order)."""
+    """The joints are visited from the root to the tips. Visit children before parents: reversed(skeleton.order)."""
 
     def order(self) -> list[int]:
         return list(self.skeleton.order)
 
 
 class FileOrder(_Climb):
-    """The joints are walked in the order of the file, or the reverse of it. Neither has children before parents for
-    every body: reversed(skeleton.order) has.
+    """The joints are visited in file order, or its reverse. Neither visits children before parents in every skeleton;
+    use reversed(skeleton.order).
     """
 
     def order(self) -> list[int]:
@@ -216,8 +214,8 @@ class FileOrder(_Climb):
 
 
 class ReversedFileOrder(FileOrder):
-    """The joints are walked in the order of the file backwards. In the hand's file some children stand before their
-    parents and some after: reversed(skeleton.order) has all children first.
+    """The joints are visited in reverse file order. In the hand's file some children precede their parents and some
+    follow them: reversed(skeleton.order) visits all children first.
     """
 
     def order(self) -> list[int]:
@@ -225,8 +223,8 @@ class ReversedFileOrder(FileOrder):
 
 
 class CountsLeverTwice(_Climb):
-    """The sum over the children is added once for every motion of the joint. What a joint hands on to its parent is
-    added after the loop over its motions, and torque[:, j] stays as it is within it.
+    """The sum over the children is added once for every motion of the joint. Add a joint's force and torque to its
+    parent's after the loop over its motions, and do not change torque[:, j] within the loop.
     """
 
     def backward(self, pose: Pose, dX: Array) -> Array:
@@ -246,8 +244,8 @@ class CountsLeverTwice(_Climb):
 
 
 class AboutParent(_Climb):
-    """This is the torque about the parent's place. The pivot P is where the turn begins: after the slides of the same
-    joint, so it is pose.pivot[:, row] and not X of the parent.
+    """This is the torque about the parent. The pivot P lies after the translations of the same joint: pose.pivot[:,
+    row], not X of the parent.
     """
 
     def backward(self, pose: Pose, dX: Array) -> Array:
@@ -263,8 +261,8 @@ class AboutParent(_Climb):
 
 
 class FinishedAxis(_Climb):
-    """The axis is taken from the joint's finished frame, after all its rotations. A motion turns about the axis as it
-    stands when its turn comes, which is pose.axis[:, row].
+    """The axis is taken from the joint's final frame, after all its rotations. A motion rotates about the axis at the
+    time it is applied: pose.axis[:, row].
     """
 
     def backward(self, pose: Pose, dX: Array) -> Array:
@@ -279,15 +277,15 @@ class FinishedAxis(_Climb):
 
 
 class ChangesGiven(_Climb):
-    """dX is changed: it belongs to the layer above. Sum the forces in a copy."""
+    """dX is modified: it belongs to the next layer. Sum the forces in a copy."""
 
     def copied(self, dX: Array) -> Array:
         return dX
 
 
 class MovesFixed(_Climb):
-    """Fixed DoFs have no gradient: they ignore their input. Their motions have row -1, which as an index would be the
-    last row.
+    """Fixed DoFs have no gradient, as their inputs are ignored. Their motions have row -1, which would index the last
+    row.
     """
 
     def is_free(self, motion: Motion) -> bool:
@@ -303,23 +301,23 @@ EXERCISE = Exercise(
     file="layers/hand/kinematics.py",
     to_do={
         "Kinematics.backward": "Return dtheta (N, D) in self.dtype. Begin with force = a float64 copy of dX and torque "
-        "= 0, and walk over reversed(skeleton.order), so that a joint has the sums of its children "
-        "before it is asked. For each of its motions with motion.row >= 0 (the others are fixed) "
+        "= 0, and loop over reversed(skeleton.order), so that a joint contains the sums of its children "
+        "before it is visited. For each of its motions with motion.row >= 0 (the others are fixed) "
         "add to dtheta[:, motion.dof]; a is pose.axis[:, row], P is pose.pivot[:, row], and a DoF "
         "may drive several motions. Then add the joint's force and torque to its parent's. "
         "np.cross(u, v) works along the last axis.",
     },
     names=("Kinematics.forward", "Kinematics.backward"),
     part_of=lambda module: module.Kinematics,
-    ours=Kinematics,
+    reference=Kinematics,
     checks=(
-        Check("gradient: a finger, against differences", (
+        Check("gradient: a finger, against finite differences", (
             _by_differences("a force on the base alone", FINGER, _forces(FINGER, 0)),
             _by_differences("a force on the middle alone", FINGER, _forces(FINGER, 1)),
             _by_differences("a force on the tip alone", FINGER, _forces(FINGER, 2)),
             _by_differences("forces on all joints", FINGER, _forces(FINGER)),
         )),
-        Check("gradient: the hands that Caffe posed", (
+        Check("gradient: Caffe's recorded hand poses", (
             Case("poses of the NYU hand", _caffe, _caffes, "Caffe has", AXES, 1e-11, "backward"),
         )),
     ),

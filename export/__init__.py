@@ -1,1 +1,1 @@
-"""Nets in the formats of other programs."""
+"""Export of nets to other formats."""

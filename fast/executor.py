@@ -24,7 +24,7 @@ from fast.slices import SlicedStep
 from fast.tiles import FastBlob
 from fast.twin import Twin
 from netlib.blob import Array, Blob
-from netlib.engine.plain import Connection, Executor, Passed, Step, guarded
+from netlib.engine.plain import BackwardHook, Connection, Executor, Step, guarded
 from netlib.errors import NetlibError
 
 Halves = tuple["Array | None", "Array | None"]  # data and diff, as far as there is memory for them
@@ -100,14 +100,14 @@ class SlicedExecutor(Executor):
             cast(FastBlob, hidden[key]).on_look = None
         return [_step_of(run) for run in runs]
 
-    def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
+    def backward(self, first: int = 0, last: int | None = None, on_done: BackwardHook | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards."""
         with self.one_thread:
             if self._is_part(first, last) or self._is_rewritten():
                 self._run_by_layer()
             self._unwatch()
             self._kept_back.clear()
-            super().backward(first, last, passed)
+            super().backward(first, last, on_done)
             if not self._is_part(first, last):
                 self._seen[1] = True
             self._watch()

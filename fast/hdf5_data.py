@@ -16,7 +16,7 @@ from fast.tiles import FastBlob
 from fast.twin import Twin
 from layers.data.hdf5_data import Cursor, HDF5Data
 from netlib.blob import Array, Blobs
-from netlib.system.one_thread import tell
+from netlib.system.one_thread import call_after_fork
 
 
 class FastHDF5Data(Twin, HDF5Data):
@@ -28,7 +28,7 @@ class FastHDF5Data(Twin, HDF5Data):
         self._reader = Workers(1, "hdf5_data")
         self._ahead: Future[Cursor] | None = None
         self._next: list[Array] = []
-        tell(self)
+        call_after_fork(self)
 
     def after_fork(self) -> None:
         """The batch that was being read ahead stays unread; the next forward reads it again."""

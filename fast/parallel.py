@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from netlib.engine import available_cpus
-from netlib.system.one_thread import tell
+from netlib.system.one_thread import call_after_fork
 
 T = TypeVar("T")
 
@@ -29,7 +29,7 @@ class Workers:
     def __init__(self, count: int, name: str) -> None:
         self.count, self._name = count, name
         self.after_fork()
-        tell(self)
+        call_after_fork(self)
 
     def after_fork(self) -> None:
         """Start new threads. Jobs submitted before the fork are not run here: the caller must submit them again."""

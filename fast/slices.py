@@ -33,7 +33,7 @@ from fast.slice_blobs import Hidden, ParamOfLane, Window
 from fast.twin import Twin
 from netlib.blob import Array, Blob, Blobs
 from netlib.engine import memory_advice
-from netlib.engine.plain import Connection, Passed, Step, guarded
+from netlib.engine.plain import BackwardHook, Connection, Step, guarded
 from netlib.layer import Layer
 from netlib.system.memory import blocks
 
@@ -84,7 +84,7 @@ class SlicedStep(Step):
             for at in piece:
                 guarded(at.layer, "forward", at.bottom, at.top)
 
-    def backward(self, passed: Passed | None = None) -> None:
+    def backward(self, on_done: BackwardHook | None = None) -> None:
         """Run the layers backwards on all slices, and add up the gradients of the parameters."""
         if not self._needs_backward:
             return
@@ -92,7 +92,7 @@ class SlicedStep(Step):
         for blob in self._gradients:
             self._ensure(blob, "diff")
         caller = threading.get_ident()
-        between = (lambda: threading.get_ident() == caller and passed(None)) if passed else lambda: None
+        between = (lambda: threading.get_ident() == caller and on_done(None)) if on_done else lambda: None
         parallel.run([partial(self._backward, lane, between) for lane in self._lanes])
         for i, at in enumerate(self.run.order):
             for j, param in enumerate(at.layer.blobs):

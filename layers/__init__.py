@@ -1,7 +1,7 @@
-"""The layers, and the table that gives each type name its class.
+"""The layers, and the table of their types.
 
-They stand in the rooms of Caffe's layer catalogue: data, vision, activation, normalization, recurrent, common, loss;
-and hand, for our own.
+Sub-packages follow Caffe's layer catalogue: data, vision, activation, normalization, recurrent, common, loss. ``hand``
+holds the layers of this project.
 """
 
 from layers.activation.absval import AbsVal
@@ -77,7 +77,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "AbsVal": AbsVal,
     "Accuracy": Accuracy,
     "ArgMax": ArgMax,
-    "Axpy": Axpy,  # SENet's
+    "Axpy": Axpy,  # from SENet
     "BNLL": BNLL,
     "BatchNorm": BatchNorm,
     "BatchReindex": BatchReindex,
@@ -89,8 +89,8 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Crop": Crop,
     "Data": Data,
     "Deconvolution": Deconvolution,
-    "DeepHandModel": HandModel,  # the released system's name
-    "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # the released system's name
+    "DeepHandModel": HandModel,  # name in the released system
+    "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # name in the released system
     "Dropout": Dropout,
     "DummyData": DummyData,
     "ELU": ELU,
@@ -123,7 +123,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Pooling": Pooling,
     "Power": Power,
     "RNN": RNN,
-    "ROIPooling": ROIPooling,  # Fast R-CNN's
+    "ROIPooling": ROIPooling,  # from Fast R-CNN
     "ReLU": ReLU,
     "Reduction": Reduction,
     "Reshape": Reshape,
@@ -144,7 +144,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "WindowData": WindowData,
 }
 
-# Types that are another class with so many bottoms.
+# Types with a different class for some number of bottoms.
 BY_BOTTOMS: dict[tuple[str, int], type[Layer]] = {
     ("DeepHandModel", 2): SizedHandModel,
     ("HandModel", 2): SizedHandModel,

@@ -11,8 +11,8 @@ import os
 
 from netlib import engine
 
-BLAS_NOTE = engine.prepare()  # before anything imports NumPy
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # before OpenCV is imported: netlib/files/pictures.py
+BLAS_NOTE = engine.prepare()  # must run before NumPy is imported
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # OpenCV reads this once, when it is imported
 
 from netlib import gradcheck  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402
@@ -46,17 +46,17 @@ def layer_type_list() -> list[str]:
 
 
 def install_as_caffe() -> None:
-    """From now on ``import caffe`` gives netlib.caffe in this process, whatever else is installed.
+    """Make ``import caffe`` return netlib.caffe in this process, even if Caffe is installed.
 
-    Where the package protobuf is missing, ``from google.protobuf import text_format`` gives one that knows caffe_pb2's
-    messages.
+    If the package protobuf is missing, ``from google.protobuf import text_format`` returns a replacement that reads and
+    writes the messages of caffe_pb2.
     """
     if aliases.install("caffe", "netlib.caffe"):
         aliases.lend_text_format("netlib.caffe.proto.text_format")
 
 
 def _install_if_missing() -> None:
-    """The same, unless a Caffe is installed that Python would find."""
+    """Like ``install_as_caffe``, but does nothing if Caffe is installed."""
     if not aliases.is_installed("caffe", "Net"):
         install_as_caffe()
 
@@ -78,14 +78,14 @@ def threads() -> int:
 
 
 def set_threads(count: int) -> None:
-    """Use ``count`` threads from now on. Results do not depend on it, not in one bit."""
+    """Set the number of threads. Results do not depend on it: they are bit-for-bit the same."""
     engine.get().set_threads(count)
 
 
 def set_mode_cpu() -> None:
-    """For scripts written for pycaffe; there is only the CPU here."""
+    """Do nothing; exists for compatibility with pycaffe, as netlib always runs on the CPU."""
 
 
 def set_mode_gpu() -> None:
-    """For scripts written for pycaffe; this runs on the CPU all the same, and says so once."""
+    """Warn once that netlib runs on the CPU only; exists for compatibility with pycaffe."""
     once("set_mode_gpu: accepted, but this runs on the CPU")

@@ -1,7 +1,7 @@
-"""Blob: an array and its gradient, ``data`` and ``diff``, of one shape.
+"""Blob: an array (``data``) and its gradient (``diff``), both of one shape.
 
-Layers hand blobs to each other, and keep their parameters in blobs. Memory is taken at the first look, so a gradient
-that nobody needs costs nothing.
+Layers exchange blobs and keep their parameters in blobs. Memory is allocated at the first access, so an unused gradient
+costs nothing.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError
 
 Array = NDArray[Any]
-MOST_AXES = 32  # Caffe's limit, too
+MAX_AXES = 32  # same limit as Caffe
 
 
 class Blob:
-    """Values, and the gradient of the loss at these values.
+    """An array and the gradient of the loss with respect to it.
 
-    shape    of both
+    shape    shape of both arrays
     data     values
     diff     dL/d(data)
     """
 
     def __init__(self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32) -> None:
         self.dtype = np.dtype(dtype)
-        self._shape = self._possible(tuple(int(n) for n in shape))
+        self._shape = self._checked(tuple(int(n) for n in shape))
         self._data: Array | None = None
         self._diff: Array | None = None
-        self._owner: Blob | None = None  # whose memory this blob uses for its data
+        self._owner: Blob | None = None  # the blob whose memory holds the data, if not this one
         self._diff_owner: Blob | None = None
 
     @property
@@ -49,17 +49,17 @@ class Blob:
 
     @property
     def bytes(self) -> int:
-        """Of ``data``, and of ``diff``."""
+        """Size in bytes of ``data``, and of ``diff``."""
         return self.count * self.dtype.itemsize
 
     @property
     def owns_memory(self) -> bool:
-        """The data are not another blob's."""
+        """Whether ``data`` is this blob's own memory, not shared from another blob."""
         return self._owner is None
 
     @property
     def data(self) -> Array:
-        """Values."""
+        """The values."""
         if self._owner is not None:
             return self._owner.data.reshape(self._shape)
         if self._data is None:
@@ -68,7 +68,7 @@ class Blob:
 
     @property
     def diff(self) -> Array:
-        """Gradient of the loss at the values."""
+        """Gradient of the loss with respect to the values."""
         if self._diff_owner is not None:
             return self._diff_owner.diff.reshape(self._shape)
         if self._diff is None:
@@ -76,12 +76,12 @@ class Blob:
         return self._diff
 
     def reshape(self, *shape: Any) -> None:
-        """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``. Another number of values forgets them."""
+        """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``. A new count discards the values."""
         if len(shape) == 1 and not np.isscalar(shape[0]):
             shape = tuple(shape[0])
         shape = tuple(int(n) for n in shape)
         if shape != self._shape:
-            self._possible(shape)
+            self._checked(shape)
             keep = math.prod(shape) == self.count
             self._data, self._diff = (
                 array.reshape(shape) if keep and array is not None and array.shape == self._shape else None
@@ -89,16 +89,16 @@ class Blob:
             )
             self._shape = shape
 
-    def _possible(self, shape: tuple[int, ...]) -> tuple[int, ...]:
-        """The shape, if an array can have it. Raises ValueError, OutOfMemoryError."""
-        if min(shape, default=0) < 0 or len(shape) > MOST_AXES:
+    def _checked(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        """Return ``shape``. Raises ValueError or OutOfMemoryError if no array can have it."""
+        if min(shape, default=0) < 0 or len(shape) > MAX_AXES:
             raise ValueError(f"a blob cannot have the shape {shape}")
         if max(math.prod(n for n in shape if n), max(shape, default=0)) * self.dtype.itemsize >= 2**63:
             raise OutOfMemoryError(f"a blob cannot have the shape {shape}: no computer has so much memory", self)
         return shape
 
     def share(self, owner: Blob) -> None:
-        """Use the memory of ``owner``, data and diff, in this blob's own shape (of the same count)."""
+        """Share the data and diff of ``owner``, viewed in this blob's shape. The counts must be equal."""
         self.share_data(owner)
         while owner._diff_owner is not None:
             owner = owner._diff_owner
@@ -106,7 +106,7 @@ class Blob:
             self._diff_owner, self._diff = owner, None
 
     def share_data(self, owner: Blob) -> None:
-        """Use the data of ``owner``, in this blob's own shape; the diff stays its own."""
+        """Share the data of ``owner``, viewed in this blob's shape. The diff stays separate."""
         while owner._owner is not None:
             owner = owner._owner
         if owner is not self:
@@ -114,7 +114,7 @@ class Blob:
 
     @contextmanager
     def holding(self, data: Array | None = None, diff: Array | None = None) -> Iterator[None]:
-        """For a while, use other arrays as ``data`` and ``diff``; blobs that share this one's memory keep theirs."""
+        """Temporarily replace ``data`` and ``diff``. Blobs that share this one's memory are not affected."""
         before = self._owner, self._data, self._diff_owner, self._diff
         if data is not None:
             self._owner, self._data = None, data
@@ -125,25 +125,25 @@ class Blob:
         finally:
             self._owner, self._data, self._diff_owner, self._diff = before
 
-    # Caffe's names for the first axes
+    # Caffe's names for the first four axes
     @property
     def num(self) -> int:
-        """Size of axis 0, 1 if there is none."""
+        """Size of axis 0, or 1 if there is none."""
         return self._axis(0)
 
     @property
     def channels(self) -> int:
-        """Size of axis 1, 1 if there is none."""
+        """Size of axis 1, or 1 if there is none."""
         return self._axis(1)
 
     @property
     def height(self) -> int:
-        """Size of axis 2, 1 if there is none."""
+        """Size of axis 2, or 1 if there is none."""
         return self._axis(2)
 
     @property
     def width(self) -> int:
-        """Size of axis 3, 1 if there is none."""
+        """Size of axis 3, or 1 if there is none."""
         return self._axis(3)
 
     def _axis(self, i: int) -> int:
@@ -154,21 +154,21 @@ class Blob:
 
 
 class Blobs(list[Blob]):
-    """A list of blobs; ``add_blob`` is how a Caffe Python layer makes a parameter.
+    """A list of blobs. Caffe's Python layers create parameters with ``add_blob``.
 
-    others  bytes of the parameters that the net has besides these
+    bytes_before  size in bytes of the parameters that the net had before this layer
     """
 
     def __init__(self, blobs: Iterable[Blob] = (), dtype: DTypeLike = np.float32) -> None:
         super().__init__(blobs)
         self.dtype = np.dtype(dtype)
-        self.others = 0
+        self.bytes_before = 0
 
     def add_blob(self, *shape: int) -> Blob:
-        """Append a blob of zeros and return it. Raises OutOfMemoryError if it cannot fit."""
+        """Append a blob of zeros and return it. Raises OutOfMemoryError if it does not fit in memory."""
         blob = Blob(shape, self.dtype)
         own = blob.bytes + sum(other.bytes for other in self)
         memory.check(own, "of parameters")
-        memory.check(own + self.others, f"of parameters in all, {memory.written(own)} of them here")
+        memory.check(own + self.bytes_before, f"of parameters in total, {memory.format_bytes(own)} of them here")
         self.append(blob)
         return blob

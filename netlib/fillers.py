@@ -1,4 +1,4 @@
-"""Initial values of parameters: Caffe's fillers.
+"""Caffe's fillers: initial values of parameters.
 
     constant   value                          uniform    U(min, max)
     gaussian   N(mean, std²)                  xavier     U(-a, a), a = sqrt(3 / n)
@@ -22,12 +22,12 @@ from netlib.proto.messages import Filler
 
 __all__ = ["Filler", "fill"]
 
-BLOCK = 1 << 20  # numbers drawn together
+BLOCK = 1 << 20  # numbers drawn at a time
 TYPES = ("constant", "uniform", "gaussian", "xavier", "msra", "positive_unitball", "bilinear")
 
 
 def Constant(value: float) -> Filler:
-    """The filler that sets every element to ``value``."""
+    """Return a filler that sets every element to ``value``."""
     return Filler(value=value)
 
 
@@ -60,22 +60,22 @@ def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
         raise PrototxtError(schema.position_of(filler, "type"), f"unknown filler type {filler.type!r}{advice}")
 
 
-def _draw(array: NDArray[Any], some: Callable[[int], NDArray[np.float64]]) -> None:
-    """Random numbers, drawn block by block: numbers of 64 bits take twice the memory of what they are for."""
+def _draw(array: NDArray[Any], draw: Callable[[int], NDArray[np.float64]]) -> None:
+    """Fill ``array`` with random numbers, block by block, because they are drawn in float64."""
     flat = array.reshape(-1)
     for first in range(0, flat.size, BLOCK):
         part = flat[first : first + BLOCK]
-        part[...] = some(len(part))
+        part[...] = draw(len(part))
 
 
 def _fault(shape: tuple[int, ...], filler: Filler) -> str:
-    """What is wrong with the options, or with a shape for them; empty if nothing."""
+    """Describe what is wrong with the options or the shape; empty if nothing is."""
     if filler.type == "gaussian" and not filler.std >= 0:
         return f"std {filler.std:g} must not be negative"
     if filler.type == "gaussian" and filler.sparse >= 0 and not shape:
-        return "sparse is for weights with an axis of outputs, not for a single number"
+        return "sparse needs weights with an output axis, found a single number"
     if filler.type == "uniform" and not -np.inf < filler.min <= filler.max < np.inf:
-        return f"min {filler.min:g} and max {filler.max:g} must be finite, and in this order"
+        return f"min {filler.min:g} and max {filler.max:g} must be finite, and min must not exceed max"
     if filler.type in ("xavier", "msra", "positive_unitball") and (not shape or 0 in shape):
         return f"cannot fill a parameter of shape {shape}"
     if filler.type == "bilinear" and (len(shape) != 4 or shape[2] != shape[3]):
@@ -90,7 +90,7 @@ def _fan(shape: tuple[int, ...], filler: Filler) -> float:
 
 
 def _bilinear(shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """The interpolation kernel of an upsampling by ceil(width / 2)."""
+    """Interpolation kernel for upsampling by ceil(width / 2)."""
     width = shape[-1]
     factor = (width + 1) // 2
     centre = (2 * factor - 1 - factor % 2) / (2 * factor)

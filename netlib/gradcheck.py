@@ -9,9 +9,9 @@ function of every bottom and parameter value; backward must give its gradient. E
 
     dL/dv  ≈  (L(v + step) - L(v - step)) / (2 step)
 
-Everything runs in float64. The layer's random stream is rewound before each forward, so that dropout draws the same
-mask; inputs should lie off kinks (of ReLU, of a maximum) by more than the step. Bottom diffs start as NaN and
-parameter diffs as ones, so that a backward that forgets an element, or overwrites where it must add, fails.
+Everything runs in float64. The layer's random generator is reset before each forward, so that dropout draws the same
+mask. Inputs should be farther than the step from kinks (of ReLU, of a maximum). Bottom diffs start as NaN and parameter
+diffs as ones, so a backward that skips an element, or overwrites where it must add, fails.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from netlib.proto.schema import Phase
 
 
 class GradientError(AssertionError):
-    """A gradient that does not agree with the differences."""
+    """A gradient that does not agree with the central differences."""
 
 
 class Gradient(NamedTuple):
-    """The gradient at one bottom or parameter."""
+    """The gradient with respect to one bottom or parameter."""
 
     kind: str  # "bottom" or "parameter"
     number: int
-    said: Array  # by backward
-    differences: Callable[[], Array]  # what central differences say: two forwards for each value
+    analytic: Array  # computed by backward
+    differences: Callable[[], Array]  # computes the central differences: two forward passes per value
 
 
 def make_layer(
@@ -53,9 +53,9 @@ def make_layer(
     engine: str | None = None,
     dtype: DTypeLike = np.float64,
 ) -> Layer:
-    """A layer from the inside of a ``layer { ... }``, set up for bottoms of these shapes, in float64 for a check.
+    """Build a layer from the text inside ``layer { ... }`` and set it up for bottoms of these shapes.
 
-    ``engine`` "plain", the default unless NETLIB_ENGINE is set, is the layer as layers/ has it; "fast" is its twin.
+    The default ``engine``, unless NETLIB_ENGINE is set, is "plain": the class in layers/. "fast" is its class in fast/.
     """
     spec = schema.read(prototxt.parse(text, "<gradcheck>"), LayerParameter)
     names = [f"bottom{i}" for i in range(len(bottoms))]
@@ -81,11 +81,11 @@ def check(
     seed: int = 0,
     in_place: bool = False,
 ) -> None:
-    """Raise GradientError unless backward agrees with the differences.
+    """Raise GradientError unless backward agrees with central differences.
 
-    wanted      which bottoms to check; by default all
-    tolerance   allowed difference, relative to the largest gradient of the same array (or to 1, if that is larger)
-    in_place    the first top is the first bottom, as in a net with equal names
+    wanted      the bottoms to check; default all
+    tolerance   maximum difference, relative to the largest gradient of the same array (or to 1, if that is larger)
+    in_place    make the first top the same blob as the first bottom, as in a net where they have the same name
     """
     for gradient in gradients(layer, bottoms, tops, wanted, step, seed, in_place):
         _compare(f"{layer.type}: gradient of {gradient.kind} {gradient.number}", gradient, tolerance)
@@ -100,7 +100,7 @@ def gradients(
     seed: int = 0,
     in_place: bool = False,
 ) -> Iterator[Gradient]:
-    """What ``check`` compares: the gradients at the wanted bottoms, then at the parameters."""
+    """Yield the gradients that ``check`` compares: those of the wanted bottoms, then those of the parameters."""
     wanted = [True] * len(bottoms) if wanted is None else list(wanted)
     rng = np.random.default_rng(seed)
     start = layer.state()
@@ -139,30 +139,32 @@ def gradients(
 
 
 def _differences(array: Array, value: Callable[[], float], step: float) -> Array:
-    """Move every number of the array up and down by the step."""
+    """Central differences of ``value`` with respect to every element of ``array``."""
     numeric = np.zeros(array.shape)
     for index in np.ndindex(*array.shape):
-        kept = array[index]
-        array[index] = kept + step
+        original = array[index]
+        array[index] = original + step
         above = value()
-        array[index] = kept - step
+        array[index] = original - step
         below = value()
-        array[index] = kept
+        array[index] = original
         numeric[index] = (above - below) / (2 * step)
     return numeric
 
 
 def _compare(what: str, gradient: Gradient, tolerance: float) -> None:
-    said, numeric = gradient.said, gradient.differences()
-    if said.size == 0:
+    analytic, numeric = gradient.analytic, gradient.differences()
+    if analytic.size == 0:
         return
-    error = np.array(np.abs(said - numeric))
-    error[~np.isfinite(said)] = np.inf
+    error = np.array(np.abs(analytic - numeric))
+    error[~np.isfinite(analytic)] = np.inf
     worst = np.unravel_index(int(error.argmax()), error.shape)
     scale = max(1.0, float(np.abs(numeric).max()))
     if not error[worst] <= tolerance * scale:
         place = tuple(int(i) for i in worst)
-        raise GradientError(f"{what} at {place}: backward says {said[worst]:.9g}, differences say {numeric[worst]:.9g}")
+        raise GradientError(
+            f"{what} at {place}: backward computed {analytic[worst]:.9g}, central differences give {numeric[worst]:.9g}"
+        )
 
 
 def _blobs(arrays: Sequence[ArrayLike]) -> Blobs:

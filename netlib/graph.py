@@ -1,6 +1,7 @@
-"""Graph: layers connected by blobs, in file order.
+"""Graph: layers connected by blobs, in the order of the file.
 
-Who writes a blob and who reads it, which parameters are one, which tops are losses, and who runs backwards.
+Determines which layer writes and reads each blob, which parameters are shared, which tops are losses, and which layers
+run backwards.
 """
 
 from __future__ import annotations
@@ -22,25 +23,25 @@ from netlib.proto.net_parameter import distinct
 from netlib.splits import insert_splits
 
 log = logging.getLogger("netlib")
-AUTOMATIC = "(automatic)"  # Caffe's name for the top that a loss layer has without a name
+AUTOMATIC = "(automatic)"  # Caffe's name for the unnamed top of a loss layer
 
 
 class LayerHook:
-    """What else is done to each layer while a graph is built; a subclass says what."""
+    """Callbacks for each layer while a graph is built; a subclass overrides them."""
 
     def before_setup(self, layer: Layer) -> None:
-        """The layer is made, and has not read its options."""
+        """Called when the layer exists but has not read its options."""
 
     def after_setup(self, layer: Layer, seed: np.random.SeedSequence) -> None:
-        """The layer has its parameters and tops; ``seed`` is that of its random numbers."""
+        """Called when the layer has its parameters and tops; ``seed`` is the seed of its random generator."""
 
 
 class Graph:
-    """The layers of a net, made and connected.
+    """The connected layers of a net.
 
-    ``param`` holds the layers of one phase and no others; ``seed`` is that of their random numbers, None for a new one
-    each run. What it has is explained in net.py: blobs, params, inputs, outputs, layer_dict, connections, losses,
-    learnable. Raises LayerError.
+    ``param`` holds the layers of one phase only. ``seed`` seeds their random generators; None means a new seed each
+    run. The attributes blobs, params, inputs, outputs, layer_dict, connections, losses and learnable are documented in
+    net.py. Raises LayerError.
     """
 
     def __init__(
@@ -61,12 +62,12 @@ class Graph:
         self.losses: list[tuple[Blob, float, str]] = []
         self.inputs: list[str] = []
         self._parameters = Parameters()
-        self._writers: dict[str, str] = {}  # blob name -> the layer that made it
-        self._unread: dict[str, None] = {}  # names of blobs
-        self._needs: dict[int, bool] = {}  # blob id -> does somebody below want its gradient
+        self._writers: dict[str, str] = {}  # blob name -> layer that created it
+        self._unread: dict[str, None] = {}  # names of blobs that no layer has read yet
+        self._needs: dict[int, bool] = {}  # blob id -> whether a layer below needs its gradient
         specs = insert_splits(param.layer)
         seeds = np.random.SeedSequence(seed).spawn(len(specs))
-        with np.errstate(all="ignore"):  # options may be any numbers; what comes of them is looked at when it runs
+        with np.errstate(all="ignore"):  # options can be any numbers; a run reports values that are not finite
             for spec, name, own_seed in zip(specs, distinct([spec.name for spec in specs]), seeds):
                 self._add(spec, name, own_seed)
         self.learnable = self._parameters.learnable
@@ -77,14 +78,14 @@ class Graph:
     # ------------------------------------------------------------------------------------------ layer by layer
 
     def _add(self, spec: LayerParameter, name: str, seed: np.random.SeedSequence) -> None:
-        """Make a layer and its tops; its bottoms are there already."""
+        """Create a layer and its tops; its bottoms exist already."""
         rng = np.random.Generator(np.random.SFC64(seed))
         layer = create.create(spec, spec.phase or self.phase, rng, self.dtype, self.engine.twin)
         layer.name = name
         _check_counts(layer)
         bottom = self._bottoms(layer)
         top = self._tops(layer)
-        layer.blobs.others = self._parameters.bytes
+        layer.blobs.bytes_before = self._parameters.bytes
         self.layer_hook.before_setup(layer)
         guarded(layer, "setup", bottom, top)
         guarded(layer, "reshape", bottom, top)
@@ -99,7 +100,7 @@ class Graph:
         self.layer_hook.after_setup(layer, seed)
 
     def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:
-        """Enter the layer and its parameters. It runs backwards if it, or a layer below, learns: so far."""
+        """Register the layer and its parameters. It runs backwards if it or a layer below has trained parameters."""
         trains = any(p.spec.lr_mult != 0 for p in self._parameters.enter(layer))
         down = _propagate_down(layer, [self._needs.get(id(blob), False) for blob in bottom])
         at = Connection(layer, bottom, top, down, any(down) or trains)
@@ -108,7 +109,7 @@ class Graph:
         self.connections.append(at)
 
     def _bottoms(self, layer: Layer) -> Blobs:
-        """The blobs that the layer reads, from the layers before it."""
+        """The bottom blobs of the layer, created by layers before it."""
         for index, name in enumerate(layer.spec.bottom):
             if name not in self.blobs:
                 known = f"; known here: {', '.join(self.blobs)}" if self.blobs else ""
@@ -119,7 +120,7 @@ class Graph:
         return Blobs(self.blobs[name] for name in layer.spec.bottom)
 
     def _tops(self, layer: Layer) -> Blobs:
-        """The blobs that the layer writes: new ones, or that of the bottom in the same place."""
+        """The top blobs of the layer: new blobs, or the bottom of the same index for a layer in place."""
         tops = Blobs(self._top(layer, index) for index in range(len(layer.spec.top)))
         tops += [self.engine.blob(self.dtype) for _ in range(_automatic_tops(layer))]
         self._unread.update(dict.fromkeys(layer.spec.top))
@@ -140,7 +141,7 @@ class Graph:
         return self.blobs[name]
 
     def _weigh(self, layer: Layer, top: Blobs) -> None:
-        """Enter the layer's losses."""
+        """Register the losses of the layer."""
         weights = layer.spec.loss_weight
         if weights and len(weights) != len(top):
             raise layer.fail(f"has {len(top)} tops, but {len(weights)} loss_weight")
@@ -152,9 +153,9 @@ class Graph:
     # ------------------------------------------------------------------------------------------ gradients
 
     def _decide_backward(self, force: bool) -> None:
-        """Caffe's rules: gradients flow only where something below learns and something above is a loss.
+        """Apply Caffe's rules: a gradient is computed only between a trained parameter and a loss above it.
 
-        Each layer's output has one reader by now (splits.py); layers in place count one after the other.
+        Each blob has one reader at this point (splits.py); layers in place count as a chain.
         """
         under_loss, skipped = {id(blob) for blob, _, _ in self.losses}, set()
         for at in reversed(self.connections):
@@ -175,7 +176,7 @@ class Graph:
                 ]
 
     def _note_overwritten_tops(self) -> None:
-        """Say where a gradient will be wrong, as it is in Caffe, which says nothing."""
+        """Warn where a gradient will be wrong because its top is overwritten; Caffe computes it without a warning."""
         writers: dict[int, Connection] = {}
         for at in self.connections:
             for blob, name in zip(at.top, at.layer.spec.top):
@@ -194,12 +195,12 @@ class Graph:
 
 
 def _automatic_tops(layer: Layer) -> int:
-    """How many tops a loss layer has that the prototxt does not name."""
+    """Number of unnamed tops that a loss layer has."""
     return max(0, layer.tops[0] - len(layer.spec.top)) if layer.loss_weight else 0
 
 
 def _propagate_down(layer: Layer, wanted: list[bool]) -> list[bool]:
-    """Which bottoms get a gradient: those for which it is wanted, unless the prototxt says. Raises LayerError."""
+    """Bottoms that receive a gradient: as the prototxt says, by default those that need one. Raises LayerError."""
     given = list(layer.spec.propagate_down)
     if given and len(given) != len(wanted):
         raise layer.fail(f"has {len(wanted)} bottoms, but {len(given)} propagate_down")
@@ -207,7 +208,7 @@ def _propagate_down(layer: Layer, wanted: list[bool]) -> list[bool]:
 
 
 def _check_counts(layer: Layer) -> None:
-    """Numbers of bottoms and tops that the type takes. Raises LayerError."""
+    """Check the numbers of bottoms and tops against those of the layer type. Raises LayerError."""
     for what, names, (least, most) in (
         ("bottom", layer.spec.bottom, layer.bottoms),
         ("top", layer.spec.top, layer.tops),

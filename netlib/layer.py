@@ -8,8 +8,8 @@ A layer has four methods, Caffe's Python-layer protocol:
     backward(top, propagate_down, bottom)   write every element of bottom[i].diff where propagate_down[i];
                                             add to the diff of the parameters
 
-``bottom`` and ``top`` are lists of blobs. The class attributes say what a prototxt may ask of a layer type; a layer of
-your own needs none of them.
+``bottom`` and ``top`` are lists of blobs. The class attributes declare which options and blobs a prototxt may give a
+layer type; a layer of your own needs none of them.
 """
 
 from __future__ import annotations
@@ -34,28 +34,28 @@ PHASES = {"TRAIN": TRAIN, "TEST": TEST}
 
 
 class Layer:
-    """Base of all layers.
+    """Base class of all layers.
 
     name, type, phase   as in the prototxt; phase is netlib.TRAIN or netlib.TEST
-    source              the prototxt file that this layer is written in
+    source              the prototxt file that contains this layer
     param               the options, an instance of ``param_type``
     param_str           the string of a Python layer's ``python_param``
-    blobs               the parameters, in the order in which new_param made them
-    rng                 the source of all randomness of this layer
+    blobs               the parameters, in the order in which new_param created them
+    rng                 the random generator of this layer
     """
 
     param_type: ClassVar[type] = NoParameter  # dataclass of the options
-    param_name: ClassVar[str] = ""  # their block; by default the type in snake case, ``inner_product_param``
-    other_blocks: ClassVar[Mapping[str, type]] = {}  # more options that several types share, ``transform_param``
-    bottoms: ClassVar[tuple[int, int | None]] = (0, None)  # least and greatest number of bottoms; None: any
+    param_name: ClassVar[str] = ""  # name of their block; by default the type in snake case, ``inner_product_param``
+    other_blocks: ClassVar[Mapping[str, type]] = {}  # blocks that several types share, ``transform_param``
+    bottoms: ClassVar[tuple[int, int | None]] = (0, None)  # minimum and maximum number of bottoms; None: no maximum
     tops: ClassVar[tuple[int, int | None]] = (0, None)
-    in_place: ClassVar[bool] = True  # may a top be the same blob as its bottom
-    reads_top: bool = False  # backward reads the tops' data, so no layer in place may overwrite them
-    reads_signs: bool = False  # backward reads which values of the tops are above 0
-    keeps_signs: ClassVar[bool] = False  # what is above 0 stays so, all else not, where a gradient comes from above
-    loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt gives one
+    in_place: ClassVar[bool] = True  # whether a top may be the same blob as its bottom
+    reads_top: bool = False  # backward reads the data of the tops, so no layer in place may overwrite them
+    reads_signs: bool = False  # backward reads which values of the tops are positive
+    keeps_signs: ClassVar[bool] = False  # where a gradient flows, a value is positive after the layer iff it was before
+    loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt sets it
     is_input: ClassVar[bool] = False  # the caller writes the tops
-    moving: ClassVar[bool] = False  # forward changes the parameters: running means
+    moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 
     def __init__(self, spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> None:
         self.spec, self.source = spec, schema.position_of(spec).source
@@ -69,10 +69,10 @@ class Layer:
     # ------------------------------------------------------------------------------------------ the contract
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Read the options and make the parameters."""
+        """Read the options and create the parameters."""
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Shape the tops for the bottoms."""
+        """Set the shapes of the tops from those of the bottoms."""
         raise NotImplementedError(f"{type(self).__name__} has no reshape")
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -80,36 +80,36 @@ class Layer:
         raise NotImplementedError(f"{type(self).__name__} has no forward")
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Write the diffs of the bottoms, add to the diffs of the parameters."""
+        """Write the diffs of the bottoms and add to the diffs of the parameters."""
 
     def allow_force_backward(self, bottom_index: int) -> bool:
-        """May force_backward ask for the gradient of this bottom? Not of labels."""
+        """Whether force_backward applies to this bottom; False for labels."""
         return True
 
     def state(self) -> dict[str, Any]:
-        """What an exact resume needs besides the parameters; plain numbers and strings."""
+        """State that an exact resume needs in addition to the parameters, as plain numbers and strings."""
         return {"rng": self.rng.bit_generator.state}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Take back what ``state`` gave."""
+        """Restore a state that ``state`` returned."""
         if "rng" in state:
             self.rng.bit_generator.state = state["rng"]
 
     # ------------------------------------------------------------------------------------------ for layer authors
 
     def new_param(self, name: str, shape: Sequence[int], filler: Filler) -> Blob:
-        """Make the next parameter and fill it: ``self.gain = self.new_param("gain", shape, filler)``."""
+        """Create the next parameter and fill it: ``self.gain = self.new_param("gain", shape, filler)``."""
         blob = self.blobs.add_blob(*shape)
         fill(blob.data, filler, self.rng)
         return blob
 
     def read_block(self, name: str, kind: type) -> Any:
-        """An options block as its dataclass; an absent one has all defaults. Raises PrototxtError."""
-        nothing = Message([], schema.position_of(self.spec))  # required options are then missed at the layer
+        """Read an options block into its dataclass; if absent, all defaults. Raises PrototxtError."""
+        nothing = Message([], schema.position_of(self.spec))  # a missing required option is reported at the layer
         return schema.read(self.spec.blocks.get(name, nothing), kind, name)
 
     def fail(self, message: str, field: str | None = None, at: Place | None = None) -> LayerError:
-        """A LayerError that names this layer and its place in the prototxt, or that of a field of its options."""
+        """Return a LayerError with the name of this layer and its place in the prototxt, or that of an option."""
         block = self.spec.blocks.get(block_name(type(self), self.spec.type))
         where = schema.position_of(self.spec)
         if field is not None and block is not None:
@@ -117,7 +117,7 @@ class Layer:
         return LayerError(f"{at or where}: error: layer {self.name!r}: {message}")
 
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
-        """``axis`` counted from the front; negative ones count from the back. Raises LayerError."""
+        """Return ``axis`` as a non-negative index; negative axes count from the end. Raises LayerError."""
         n = len(blob.shape)
         if not -n <= axis < n:
             raise self.fail(f"{what} {axis} is out of range for a blob of {n} axes {blob.shape}", what)

@@ -1,4 +1,4 @@
-"""Net: a graph of layers (graph.py) that runs forwards and backwards, takes weights and gives them.
+"""Net: a graph of layers (graph.py) that runs forwards and backwards, loads weights and saves them.
 
 The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``net.backward()``, ``net.save()``.
 """
@@ -17,7 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 from netlib import engine as engines
 from netlib.blob import Blob
 from netlib.building import python_layer
-from netlib.engine.plain import Connection, Passed
+from netlib.engine.plain import BackwardHook, Connection
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.graph import Graph, LayerHook
 from netlib.layer import PHASES, TEST, TRAIN
@@ -34,33 +34,34 @@ _seeds: np.random.Generator | None = None
 
 
 def set_random_seed(seed: int) -> None:
-    """Seed of the nets and solvers that are made from now on without one of their own; each gets another."""
+    """Set the seed from which nets and solvers without a seed of their own draw theirs."""
     global _seeds
     _seeds = np.random.default_rng(seed)
 
 
 def next_seed() -> int | None:
-    """The seed of what is made next: None, a new one each run, unless ``set_random_seed`` was called."""
+    """Draw the next seed; None (a new one each run) unless ``set_random_seed`` was called."""
     return None if _seeds is None else int(_seeds.integers(2**31))
 
 
 class Net:
     """A net of layers.
 
-    ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file, or a parsed NetParameter. ``engine``
-    is "plain" or "fast" (netlib/engine/choice.py). ``python_layers=False`` refuses a net that brings code of its own.
+    ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file or a parsed NetParameter. ``engine``
+    is "plain" or "fast" (netlib/engine/choice.py). ``python_layers=False`` rejects nets with layers of type Python.
     ``layer_hook`` is called with each layer before and after its setup.
 
-    blobs           name -> Blob, in the order in which they are made
-    params          layer name -> its parameters, for layers that have some
-    inputs, outputs names of the blobs that come from outside, and of those that no layer reads
-    layers          the layers in order; layer_dict by name
-    connections     the same, with the blobs that each reads and writes
+    blobs           name -> Blob, in the order of creation
+    params          layer name -> its parameters, for layers that have any
+    inputs, outputs names of the blobs that the caller writes, and of those that no layer reads
+    layers          the layers in order
+    layer_dict      name -> layer
+    connections     the layers in order, each with the blobs that it reads and writes
     losses          (blob, loss weight, name) of every loss
-    learnable       list of Param, shared ones once
-    executor        what runs the layers
+    learnable       list of Param, each shared parameter once
+    executor        runs the layers
 
-    Raises NetlibError (PrototxtError, LayerError, WeightsError) for whatever is wrong with the files.
+    Raises NetlibError (PrototxtError, LayerError, WeightsError) if a file is invalid.
     """
 
     def __init__(
@@ -104,7 +105,7 @@ class Net:
         self.connections, self.layer_dict = graph.connections, graph.layer_dict
         self.layers = list(self.layer_dict.values())
         self._in_place = {id(x) for at in self.connections for x in at.bottom for y in at.top if x is y}
-        self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff that has its weight
+        self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff array that holds its weight
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
         self.executor = self.engine.executor(self.connections, outside, self.name)
         if weights is not None:
@@ -117,13 +118,13 @@ class Net:
     def forward(
         self, blobs: Iterable[str] | None = None, start: str | None = None, end: str | None = None, **inputs: Any
     ) -> dict[str, NDArray[Any]]:
-        """Run the layers ``start`` to ``end`` (both included; default all); returns the tops of the last one.
+        """Run the layers from ``start`` to ``end`` (inclusive; default all) and return the tops of the last one.
 
-        Those of a whole net are its outputs. ``inputs`` are arrays for input blobs; a new shape reshapes the net.
-        ``blobs`` names more blobs to return.
+        For the whole net these are its outputs. ``inputs`` are arrays for the input blobs; a new shape reshapes the
+        net. ``blobs`` names more blobs to return.
         """
         part = self._part(start, end)
-        with self.executor.one_thread:  # or another thread's inputs would be overwritten
+        with self.executor.one_thread:  # inputs are shared: a second thread would overwrite them
             if part == (0, None):
                 self.executor.forget_last_pass()
             self._set_inputs({name: _numbers(array, f"input {name!r}") for name, array in inputs.items()})
@@ -132,9 +133,9 @@ class Net:
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
     def run_forward(self, after: Callable[[Connection], object] | None = None) -> float:
-        """Run all layers; returns the loss, the sum of loss_weight x top over all losses.
+        """Run all layers and return the loss: the sum of loss_weight x top over all losses.
 
-        With ``after`` they run one by one, and it is called after each.
+        ``after``, if given, is called with the connection of each layer after it ran.
         """
         if after is None:
             self.executor.forward()
@@ -145,7 +146,7 @@ class Net:
         return self.loss()
 
     def loss(self, layers: slice = slice(None)) -> float:
-        """The loss of the last forward pass, or of some of its layers."""
+        """The loss of the last forward pass, or the part of it from some layers."""
         tops = {id(blob) for at in self.connections[layers] for blob in at.top}
         losses = [(blob, weight) for blob, weight, _ in self.losses if id(blob) in tops]
         return float(sum(weight * float(blob.data.sum(dtype=np.float64)) for blob, weight in losses))
@@ -153,10 +154,10 @@ class Net:
     def backward(
         self, diffs: Iterable[str] | None = None, start: str | None = None, end: str | None = None, **tops: Any
     ) -> dict[str, NDArray[Any]]:
-        """Run the layers backwards from ``start`` to ``end``; returns the diffs of the last one's bottoms.
+        """Run the layers backwards from ``start`` to ``end`` and return the diffs of the last one's bottoms.
 
-        Those of a whole net are its inputs. ``tops`` are arrays for the diffs of output blobs; ``diffs`` names more
-        blobs whose diff to return.
+        For the whole net these are its inputs. ``tops`` are arrays for the diffs of output blobs; ``diffs`` names more
+        blobs whose diffs to return.
         """
         part = self._part(end, start)
         with self.executor.one_thread:
@@ -167,28 +168,30 @@ class Net:
                     diff[...] = given
                 except ValueError:
                     raise LayerError(
-                        f"output {name!r} has shape {diff.shape}, given an array of shape {given.shape}"
+                        f"output {name!r} has shape {diff.shape}, got an array of shape {given.shape}"
                     ) from None
             self.executor.backward(*part)
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
-    def run_backward(self, passed: Passed | None = None, after: Callable[[Connection], object] | None = None) -> None:
-        """Run all layers backwards; the diffs of the parameters are added to. ``after`` as in ``run_forward``."""
+    def run_backward(
+        self, on_done: BackwardHook | None = None, after: Callable[[Connection], object] | None = None
+    ) -> None:
+        """Run all layers backwards, adding to the diffs of the parameters. ``after`` as in ``run_forward``."""
         with self.executor.one_thread:
             self._seed_losses()
             if after is None:
-                self.executor.backward(passed=passed)
+                self.executor.backward(on_done=on_done)
                 return
             for number, at in reversed(list(enumerate(self.connections))):
-                self.executor.backward(number, number + 1, passed)
+                self.executor.backward(number, number + 1, on_done)
                 after(at)
 
     def _seed_losses(self) -> None:
-        """The loss is the sum of loss_weight x top, so dL/dtop is loss_weight.
+        """Set the diff of each loss to its weight: the loss is the sum of loss_weight x top, so dL/dtop = loss_weight.
 
-        It is written once into each array, as in Caffe: what a user writes over it counts. Where a layer in place
-        overwrites it, it is written before each pass.
+        As in Caffe, the weight is written once per array, so a value that the user writes over it is kept. If a layer
+        in place overwrites it, it is written before each pass.
         """
         for i, (blob, weight, _) in enumerate(self.losses):
             if self._seeded.get(i) is not blob.diff or id(blob) in self._in_place:
@@ -196,7 +199,7 @@ class Net:
                 self._seeded[i] = blob.diff
 
     def _part(self, first: str | None, last: str | None) -> tuple[int, int | None]:
-        """Where the layers from ``first`` to ``last`` stand."""
+        """Range of layer indices from ``first`` to ``last``."""
         if first is last is None:
             return 0, None
         names = list(self.layer_dict)
@@ -206,7 +209,7 @@ class Net:
         return 0 if first is None else names.index(first), None if last is None else names.index(last) + 1
 
     def _set_inputs(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Write input blobs; new shapes reshape the net, once."""
+        """Write the input blobs; reshape the net once if any shape is new."""
         reshaped = False
         for name, array in arrays.items():
             if name not in self.inputs:
@@ -214,7 +217,7 @@ class Net:
                                   f"its inputs: {', '.join(self.inputs) or 'none'}")  # fmt: skip
             blob = self.blobs[name]
             if array.ndim != len(blob.shape):
-                raise LayerError(f"input {name!r} has shape {blob.shape}, given an array of shape {array.shape}")
+                raise LayerError(f"input {name!r} has shape {blob.shape}, got an array of shape {array.shape}")
             if array.shape != blob.shape:
                 blob.reshape(array.shape)
                 reshaped = True
@@ -229,7 +232,7 @@ class Net:
         return self.blobs[str(name)]
 
     def reshape(self) -> None:
-        """Shape all blobs anew, after an input blob was reshaped."""
+        """Reshape all blobs after an input blob was reshaped."""
         self.executor.reshape()
 
     def clear_param_diffs(self) -> None:
@@ -237,7 +240,7 @@ class Net:
         self.engine.run([partial(param.blob.diff.fill, 0) for param in self.learnable])
 
     def first_not_finite(self) -> str | None:
-        """Where in the net NaN or infinity first appears, in words; None if nowhere."""
+        """Describe where in the net NaN or infinity first appears; None if all values are finite."""
         for at in self.connections:
             for i, param in enumerate(at.layer.blobs):
                 if not np.isfinite(param.data).all():
@@ -248,50 +251,50 @@ class Net:
         return None
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        raise NetlibError("a net cannot be copied or pickled; build a second one from its file and give it the weights "
-                          "with copy_from, or save them")  # fmt: skip
+        raise NetlibError("a net cannot be copied or pickled; build a second net from the same file and copy the "
+                          "weights with copy_from, or save them")  # fmt: skip
 
     # ------------------------------------------------------------------------------------------ weights and states
 
     def copy_from(self, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:
         """Copy weights by layer name from a snapshot or another net.
 
-        Returns the layers of the source that are not in this net, and those of this net that are not in the source
-        and keep their values. Raises WeightsError if a shape does not fit, if no layer fits at all, or, if
-        ``strict``, if a layer of this net is not in the source.
+        Returns the names of the layers that only the source has, and of those that only this net has, which keep their
+        values. Raises WeightsError if a shape differs, if no layer matches, or, with ``strict``, if the source lacks a
+        layer of this net.
         """
         return weights_of.copy(self, source, strict)
 
     def share_params(self, other: Net) -> None:
-        """Use the other net's parameters, by layer name (a test net those of the training net).
+        """Share the other net's parameters, by layer name, as a test net shares those of the training net.
 
-        Gradients stay each net's own, as in Caffe. Raises LayerError where shapes or precisions differ.
+        As in Caffe, each net keeps its own gradients. Raises LayerError if shapes or dtypes differ.
         """
         weights_of.share(self, other)
 
     def save(self, path: str | Path) -> None:
-        """Write the weights, atomically: as Caffe's HDF5 if the name ends in ``.h5``, else in its binary format."""
+        """Write the weights atomically, in Caffe's HDF5 format if the name ends in ``.h5``, else in binary format."""
         snapshot.write_weights(weights_of.image(self, path), path)
 
     def layer_states(self) -> dict[str, Any]:
-        """State of every layer, by name, for an exact resume."""
+        """Return the state of every layer by name, for an exact resume."""
         return {layer.name: layer.state() for layer in self.layers}
 
     def restore_layer_states(self, states: Mapping[str, Any]) -> None:
-        """Take back what ``layer_states`` gave."""
+        """Restore states that ``layer_states`` returned."""
         for name, state in states.items():
             if name in self.layer_dict:
                 self.layer_dict[name].restore(state)
 
 
 def _numbers(array: Any, what: str) -> NDArray[Any]:
-    """An array as given for a blob. Raises LayerError for one of anything but numbers, and for one with a mask."""
+    """Convert to an array of numbers. Raises LayerError for other types, ragged lists and masked arrays."""
     if isinstance(array, np.ma.MaskedArray):
-        raise LayerError(f"{what} takes all of an array, given one with a mask; give array.filled(VALUE)")
+        raise LayerError(f"{what} got a masked array; expected a plain one, for example array.filled(VALUE)")
     try:
         found = np.asarray(array)
     except ValueError:
-        raise LayerError(f"{what} takes one array, given rows of different lengths") from None
+        raise LayerError(f"{what} got rows of different lengths; expected one array") from None
     if found.dtype.kind not in "fiub":
-        raise LayerError(f"{what} takes numbers, given an array of {found.dtype}")
+        raise LayerError(f"{what} got an array of {found.dtype}; expected numbers")
     return found

@@ -1,7 +1,7 @@
-"""The learnable parameters of a net: those of one name are one parameter.
+"""The learnable parameters of a net. Parameters with the same name are shared.
 
-The first layer that names a parameter owns it; the others use its memory. ``lr_mult`` and ``decay_mult`` may stand in
-any of them, but must not contradict each other.
+The first layer that names a parameter owns it; the others share its memory. ``lr_mult`` and ``decay_mult`` can be set
+in any of these layers but must agree.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Param:
     layer: str  # the layer that owns it
     index: int  # among that layer's parameters
     spec: ParamSpec
-    given: dict[str, str] = field(default_factory=dict)  # multiplier -> the layer that says it
+    given: dict[str, str] = field(default_factory=dict)  # multiplier -> the layer that sets it
 
     @property
     def label(self) -> str:
@@ -31,7 +31,7 @@ class Param:
 
 
 class Parameters:
-    """``learnable`` parameters, in the order of their layers, and the ``bytes`` of all their values."""
+    """The ``learnable`` parameters, in the order of their layers, and the total size of their values in ``bytes``."""
 
     def __init__(self) -> None:
         self.learnable: list[Param] = []
@@ -39,7 +39,7 @@ class Parameters:
         self._named: dict[str, Param] = {}
 
     def enter(self, layer: Layer) -> list[Param]:
-        """Enter a layer's parameters; returns them, or their owners. Raises LayerError."""
+        """Register the parameters of a layer and return them, or their owners if shared. Raises LayerError."""
         if len(layer.spec.param) > len(layer.blobs):
             raise layer.fail(f"has {len(layer.blobs)} parameters, but {len(layer.spec.param)} param blocks")
         entered = []
@@ -70,9 +70,9 @@ def _check_shape(layer: Layer, i: int, blob: Blob, spec: ParamSpec, owner: Param
 
 
 def _merge_multipliers(layer: Layer, spec: ParamSpec, owner: Param) -> None:
-    """Take the multipliers that this layer says; they must be those that another layer has said."""
+    """Apply the multipliers that this layer sets. Raises LayerError if another layer set a different value."""
     for name in ("lr_mult", "decay_mult"):
-        if not schema.gives(spec, name):
+        if not schema.is_given(spec, name):
             continue
         mine, theirs = getattr(spec, name), getattr(owner.spec, name)
         if name in owner.given and mine != theirs:

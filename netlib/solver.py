@@ -1,12 +1,11 @@
 """Solver: Caffe's training loop.
 
     solver = netlib.get_solver("solver.prototxt")
-    solver.solve()                 all of it, or
-    solver.step(100)               some iterations
+    solver.solve()                 train to the end
+    solver.step(100)               or make some iterations
 
-``iter`` always equals the number of updates made. What a training prints is Caffe's log, line for line, written
-to the logger "netlib"; tools/train.py gives it Caffe's time stamps. A subclass attaches more at the points that
-``step`` has for it.
+``iter`` always equals the number of updates made. Training logs the same lines as Caffe, to the logger "netlib";
+tools/train.py adds Caffe's time stamps. A subclass attaches further work at the hooks that ``step`` calls.
 """
 
 from __future__ import annotations
@@ -44,13 +43,13 @@ class Solver:
     net           the training net
     test_nets     nets for testing; they share the parameters of ``net``
     iter          number of updates made
-    update        what changes the weights (updates.py); its history has, per parameter, the arrays of the update rule
+    update        applies gradients to the weights (updates.py); its history has, per parameter, the arrays of the rule
     smoothed      the losses of the last average_loss iterations
-    callbacks     pairs of functions: one is called before the gradients of an iteration, one when they are there
-    on_iteration  a function that is called with the solver after each update
+    callbacks     pairs of functions: the first is called before the gradients of an iteration, the second after them
+    on_iteration  a function, called with the solver after each update
     """
 
-    net_class: type[Net] = Net  # of all its nets
+    net_class: type[Net] = Net  # class of the training net and the test nets
 
     def __init__(
         self,
@@ -76,12 +75,12 @@ class Solver:
         for names in param.weights:
             for path in names.split(","):
                 self.copy_weights(path.strip())
-        self._lap: tuple[int, float] = (0, time.perf_counter())
-        self._prefixes: dict[str, Path] = {}  # snapshot_prefix -> what it meant when it was first used
-        self._saved: Path | None = None  # the last solver state
+        self._lap: tuple[int, float] = (0, time.perf_counter())  # iteration and time of the last display
+        self._prefixes: dict[str, Path] = {}  # snapshot_prefix -> its path at the first use
+        self._saved: Path | None = None  # the last solver state written or read
 
     def _choose_seed(self, given: int | None) -> int:
-        """The seed given, else that of the file, else one that ``set_random_seed`` or the system gives."""
+        """The seed given, else that of the file, else one from ``set_random_seed``, else a random one."""
         if given is None:
             given = self.param.random_seed if self.param.random_seed >= 0 else next_seed()
         return secrets.randbits(31) if given is None else given
@@ -91,7 +90,7 @@ class Solver:
     def _make_net(
         self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int, **options: Any
     ) -> Net:
-        """The net number ``number`` of this solver; ``options`` are those of ``net_class``."""
+        """Build the net with this number; ``options`` are passed to ``net_class``."""
         which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
         log.info("Creating %s net file: %s", which, name)
         net = self.net_class(
@@ -110,7 +109,7 @@ class Solver:
         return nets
 
     def copy_weights(self, path: str | Path) -> None:
-        """Start from these weights ("finetuning"). Raises WeightsError."""
+        """Load initial weights ("finetuning"). Raises WeightsError."""
         path = find(str(path), self.source)
         log.info("Finetuning from %s", path)
         report.copied(path, *self.net.copy_from(path))
@@ -118,7 +117,7 @@ class Solver:
     # ------------------------------------------------------------------------------------------ training
 
     def solve(self, resume: str | Path | None = None) -> bool:
-        """Train until max_iter; False if it was stopped early. Takes the last snapshot and test."""
+        """Train until max_iter, then take the last snapshot and test. Returns False if stopped early."""
         p = self.param
         log.info("Solving %s", self.net.name)
         log.info("Learning Rate Policy: %s", p.lr_policy)
@@ -142,7 +141,7 @@ class Solver:
         return self.step(iterations)
 
     def step(self, iterations: int) -> bool:
-        """Make some updates; True when all are made."""
+        """Make some updates. Returns True when all are made."""
         self._lap = (self.iter, time.perf_counter())
         for _ in range(iterations):
             self._before_iteration()
@@ -161,10 +160,10 @@ class Solver:
                 self.snapshot()
         return True
 
-    # ------------------------------------------------------------------------------------------ where more attaches
+    # ------------------------------------------------------------------------------------------ hooks for subclasses
 
     def _before_iteration(self) -> None:
-        """An iteration begins, with its tests."""
+        """Called at the start of an iteration, before its tests."""
 
     def _before_gradients(self) -> None:
         for on_start, _ in self.callbacks:
@@ -179,12 +178,12 @@ class Solver:
             self.on_iteration(self)
 
     def _after_test_batch(self) -> None:
-        """A test net has run one batch."""
+        """Called after each batch of a test net."""
 
     # ------------------------------------------------------------------------------------------ one iteration
 
     def _forward_backward(self) -> float:
-        """Sum the gradients of iter_size batches; returns the mean loss."""
+        """Sum the gradients of iter_size batches and return the mean loss."""
         total = 0.0
         is_shown = self.param.debug_info and self._display_is_due()
         for left in reversed(range(self.param.iter_size)):
@@ -194,7 +193,7 @@ class Solver:
         return total / self.param.iter_size
 
     def _backward(self, left: int, after: Callable[[Any], object] | None) -> None:
-        """Run the net backwards; ``left`` batches of this iteration follow. ``after`` as in ``Net.run_backward``."""
+        """Run the net backwards; ``left`` batches of this iteration remain. ``after`` as in ``Net.run_backward``."""
         self.net.run_backward(after=after)
 
     def _last_loss(self) -> float:
@@ -206,17 +205,17 @@ class Solver:
             where = self.net.first_not_finite() or "the loss alone"
             raise DivergenceError(
                 f"iteration {self.iter}: the loss is {loss}; the first value that is not finite is in {where}. "
-                "Lower base_lr, set clip_gradients, or look at the data; the last snapshot is untouched"
+                "Lower base_lr, set clip_gradients, or check the data; the last snapshot is untouched"
             )
         return loss
 
     @property
     def loss(self) -> float:
-        """The mean loss of the last average_loss iterations."""
+        """Mean loss of the last average_loss iterations."""
         return float(np.mean(self.smoothed)) if self.smoothed else float("nan")
 
     def apply_update(self) -> None:
-        """Change the weights by the gradients, at the rate of this iteration."""
+        """Update the weights from their gradients, at the learning rate of this iteration."""
         rate = learning_rate(self.param, self.iter)
         if self.param.lr_policy == "multistep":
             before, now = (steps_taken(self.param, i) for i in (self.iter - 1, self.iter))
@@ -254,7 +253,7 @@ class Solver:
         return bool(p.test_interval) and self.iter % p.test_interval == 0 and (self.iter > 0 or p.test_initialization)
 
     def test_all(self) -> list[dict[str, Any]]:
-        """Test every test net; returns the mean of each output."""
+        """Run every test net; returns the mean of each output."""
         return [self.test(i) for i in range(len(self.test_nets))]
 
     def test(self, number: int) -> dict[str, Any]:
@@ -271,8 +270,8 @@ class Solver:
                 if values.size != np.size(sums.setdefault(name, np.zeros_like(values))):
                     raise LayerError(
                         f"test net (#{number}): output {name!r} has {values.size} values in this batch, had "
-                        f"{np.size(sums[name])}, so they have no mean; expected as many in all, or a Silence layer "
-                        "that reads it"
+                        f"{np.size(sums[name])}, so no mean exists; expected equal numbers in all batches, or a "
+                        "Silence layer that reads it"
                     )
                 sums[name] += values
             self._after_test_batch()
@@ -290,9 +289,9 @@ class Solver:
 
     @property
     def prefix(self) -> Path:
-        """snapshot_prefix. A directory gets the solver's name appended; if empty, the solver's path without suffix.
+        """The path that snapshot names start with: snapshot_prefix, by default the solver's path without suffix.
 
-        A directory that comes to be later changes nothing.
+        If it is a directory, the solver's name is appended. A directory created after the first use has no effect.
         """
         given, name = self.param.snapshot_prefix, Path(self.source).stem
         if not given:
@@ -303,7 +302,7 @@ class Solver:
         return self._prefixes[given]
 
     def snapshot_paths(self, iteration: int) -> tuple[Path, Path]:
-        """Where the weights and the solver state after ``iteration`` updates go."""
+        """Paths of the weights and the solver state after ``iteration`` updates."""
         stem = f"{self.prefix}_iter_{iteration}"
         suffix = ".h5" if self.param.snapshot_format == "HDF5" else ""
         return Path(f"{stem}.caffemodel{suffix}"), Path(f"{stem}.solverstate{suffix}")
@@ -322,7 +321,7 @@ class Solver:
         return state_path
 
     def _is_saved(self) -> bool:
-        """Is the last solver state that was written or read the one of this iteration?"""
+        """Whether the last solver state written or read is that of this iteration."""
         return self._saved is not None and self._saved.absolute() == self.snapshot_paths(self.iter)[1].absolute()
 
     def _write(self, weights_path: Path, state_path: Path) -> None:
@@ -333,10 +332,10 @@ class Solver:
         snapshot.write_pair(image, self._state(weights_path), weights_path, state_path)
 
     def _state(self, weights_path: Path) -> SolverState:
-        """What a solver state file beside these weights will hold."""
+        """Content of the solver state file that goes with these weights."""
         return state_of(self, weights_path)
 
     def restore(self, path: str | Path) -> None:
-        """Go on from a solver state, bit for bit if this project wrote it. Raises WeightsError."""
+        """Resume from a solver state; exact to the bit if netlib wrote it. Raises WeightsError."""
         restore_state(self, path)
         self._saved = Path(path)

@@ -1,7 +1,7 @@
-"""Give every reader of a blob its own copy, so that nobody has to share a diff.
+"""Give each reader of a blob its own copy, so that no two layers write the same diff.
 
-Where the top of one layer feeds several, Caffe inserts a ``Split`` layer whose backward sums the diffs; so do
-we, with Caffe's names. A loss weight on such a top counts as one more reader.
+As in Caffe, a ``Split`` layer is inserted where several layers read a top; its backward sums the diffs. Names are
+Caffe's. A loss weight on such a top counts as another reader.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from netlib.proto.messages import LayerParameter
 
 
 def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
-    """The layers with a Split after every top that has more than one reader."""
+    """Insert a Split layer after every top that has more than one reader."""
     last: dict[str, tuple[int, int]] = {}  # blob name -> (layer, top index) that wrote it last
     source: dict[tuple[int, int], tuple[int, int]] = {}  # (layer, bottom index) -> its writer
     readers: dict[tuple[int, int], int] = {}
     for i, layer in enumerate(layers):
         for j, name in enumerate(layer.bottom):
-            if name in last:  # an unknown bottom is reported by the net, which knows more
+            if name in last:  # the net reports unknown bottoms, with better advice
                 source[i, j] = last[name]
                 readers[last[name]] = readers.get(last[name], 0) + 1
         for j, name in enumerate(layer.top):

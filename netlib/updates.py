@@ -1,7 +1,7 @@
-"""Update rules and learning-rate policies: what turns gradients into new weights.
+"""Update rules and learning-rate policies: how gradients change the weights.
 
-A rule sees one parameter at a time: its value w, gradient g (clipped, averaged, decayed), learning rate r (the
-policy's times the parameter's lr_mult), its history h, and t, the number of this update counted from 1.
+A rule processes one parameter at a time: its value w, gradient g (clipped, averaged, decayed), learning rate r (the
+policy's rate times lr_mult), history h, and t, the number of this update counted from 1.
 
     SGD       h <- m h + r g                                           w <- w - h
     Nesterov  h' = m h + r g                                           w <- w - ((1 + m) h' - m h)
@@ -12,10 +12,10 @@ policy's times the parameter's lr_mult), its history h, and t, the number of thi
     Adam      h <- m h + (1 - m) g,  q <- n q + (1 - n) g²             w <- w - r c h / (sqrt(q) + d)
               c = sqrt(1 - n^t) / (1 - m^t)
 
-m: momentum, n: momentum2, k: rms_decay, d: delta, q: the second history. In SGD the learning rate is inside the
-history, as in Caffe. Sources: Caffe's sgd_solvers.hpp; Kingma and Ba 2015 (Adam); Zeiler 2012 (AdaDelta).
+m: momentum, n: momentum2, k: rms_decay, d: delta, q: the second history. As in Caffe, the history of SGD includes the
+learning rate. Sources: Caffe's sgd_solvers.hpp; Kingma and Ba 2015 (Adam); Zeiler 2012 (AdaDelta).
 
-A rule writes into w and the histories, and leaves g as it is.
+A rule modifies w and the histories in place; it does not change g.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from netlib.system import memory
 
 log = logging.getLogger("netlib")
 
-BLOCK = 1 << 17  # values that are changed at a time: they stay in the cache between the operations of a rule
+BLOCK = 1 << 17  # values updated at a time, so that they stay in the cache between the operations of a rule
 
 Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], None]
 
@@ -82,7 +82,7 @@ def _adam(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence
     w -= rate * c * (h / (np.sqrt(q) + p.delta))
 
 
-RULES: dict[str, tuple[Rule, int]] = {  # the rule, and how many histories a parameter has
+RULES: dict[str, tuple[Rule, int]] = {  # the rule, and its number of history arrays per parameter
     "SGD": (_sgd, 1),
     "Nesterov": (_nesterov, 1),
     "AdaGrad": (_adagrad, 1),
@@ -93,13 +93,13 @@ RULES: dict[str, tuple[Rule, int]] = {  # the rule, and how many histories a par
 
 
 class Update:
-    """Changes parameters by their gradients, in Caffe's order: clip, divide by iter_size, decay, apply the rule.
+    """Updates parameters from their gradients, in Caffe's order: clip, divide by iter_size, decay, apply the rule.
 
-    learnable  parameters of a net; one with lr_mult 0 stays as it is
-    rule       of the solver's type
+    learnable  parameters of a net; those with lr_mult 0 are not changed
+    rule       rule of the solver type, given with its number of history arrays per parameter
     history    per parameter, the arrays of the rule
 
-    ``run`` does independent jobs. Raises OutOfMemoryError if a training cannot fit.
+    ``run`` executes independent jobs. Raises OutOfMemoryError if the training does not fit in memory.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Update:
         self.history = _histories(learnable, count, param.type)
 
     def apply(self, rate: float, t: int) -> None:
-        """The update number ``t``, counted from 1, at this learning rate; writes into weights, gradients, histories."""
+        """Apply update number ``t`` (from 1) at this learning rate; modifies weights, gradients and histories."""
         trained = [(param, h) for param, h in zip(self.learnable, self.history) if param.spec.lr_mult != 0]
         scale = self._clip([param for param, _ in trained]) / self.param.iter_size
         jobs = []
@@ -125,7 +125,7 @@ class Update:
 
     def _change(self, spec: ParamSpec, scale: float, rate: float, t: int, w: Array, g: Array, *history: Array) -> None:
         p, decay = self.param, self.param.weight_decay * spec.decay_mult
-        with np.errstate(all="ignore"):  # what overflows is found by the next loss
+        with np.errstate(all="ignore"):  # an overflow shows in the next loss
             if scale != 1:
                 g *= scale
             if decay:
@@ -133,7 +133,7 @@ class Update:
             self.rule(p, w, g, rate * spec.lr_mult, history, t)
 
     def _clip(self, params: Sequence[Param]) -> float:
-        """The factor that brings the norm of all gradients together down to clip_gradients."""
+        """Factor that reduces the joint norm of all gradients to clip_gradients; 1 if it is smaller."""
         bound = self.param.clip_gradients
         if bound < 0:
             return 1.0
@@ -146,7 +146,7 @@ class Update:
 
 
 def _histories(params: Sequence[Param], count: int, type_name: str) -> list[list[Array]]:
-    """Per parameter so many histories of zeros. Raises OutOfMemoryError."""
+    """Allocate ``count`` arrays of zeros per parameter. Raises OutOfMemoryError."""
     trained = sum(p.blob.bytes for p in params if p.spec.lr_mult != 0)
     memory.check(
         sum(p.blob.bytes for p in params) + (1 + count) * trained,
@@ -160,13 +160,13 @@ def _histories(params: Sequence[Param], count: int, type_name: str) -> list[list
 
 
 def steps_taken(p: SolverParameter, iteration: int) -> int:
-    """How often the policies step and multistep have lowered the rate (Caffe's current_step)."""
+    """How many times the policies step and multistep have lowered the rate (Caffe's current_step)."""
     if p.lr_policy == "step":
         return iteration // p.stepsize
     if p.lr_policy != "multistep":
         return 0
     taken, due = 0, -1
-    for value in p.stepvalue:  # at most one step per iteration
+    for value in p.stepvalue:  # Caffe takes at most one step per iteration
         due = max(value, due + 1)
         taken += due <= iteration
     return taken
@@ -184,13 +184,13 @@ POLICIES: dict[str, Callable[[SolverParameter, int], float]] = {
 
 
 def learning_rate(p: SolverParameter, iteration: int) -> float:
-    """The learning rate of the update that follows ``iteration`` updates. Raises DivergenceError."""
+    """Learning rate of the update that follows ``iteration`` updates. Raises DivergenceError."""
     if iteration < p.rampup_interval:
         return p.rampup_lr + (p.base_lr - p.rampup_lr) * iteration / p.rampup_interval
     try:
         return POLICIES[p.lr_policy](p, iteration)
     except OverflowError:
         raise DivergenceError(
-            f"iteration {iteration}: the learning rate is beyond all numbers by lr_policy {p.lr_policy!r} with gamma "
+            f"iteration {iteration}: learning rate overflow with lr_policy {p.lr_policy!r}, gamma "
             f"{p.gamma:g} and power {p.power:g}; expected a gamma below 1, or fewer iterations"
         ) from None

@@ -1,6 +1,6 @@
-"""The command-line tools: one file per command, and in tools/common what they share. No command imports another.
+"""The command-line tools, one file per command; tools/common has what they share. No command imports another.
 
-A command calls ``begin`` before it imports anything large, and runs in console.guarded.
+A command calls ``begin`` before it imports large packages, and runs in console.guarded.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ import sys
 import warnings
 from collections.abc import Iterator
 
-_is_program = False  # is this the process of a command, and not of tests or of somebody who imports one
+_is_program = False  # true if a command was started as a program, not imported
 
 
 def begin(name: str) -> None:
-    """Begin a command whose ``__name__`` this is. If it is run as a program, its process is prepared first."""
+    """Start a command with this ``__name__``. If it runs as a program, prepare the process first."""
     global _is_program
     if name == "__main__":
         _is_program = True
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)  # during the imports, Ctrl-C ends it without a traceback
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C during the imports ends it without a traceback
         _prepare_streams()
-        if not sys.warnoptions:  # python -W default shows NumPy's; what matters of them is said in the tool's words
+        if not sys.warnoptions:  # hide NumPy's warnings unless python -W asks for them; tools report what matters
             warnings.simplefilter("ignore")
-    importlib.import_module("netlib")  # before NumPy: it chooses BLAS kernels
+    importlib.import_module("netlib")  # must be imported before NumPy, because it selects BLAS kernels
 
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """Within it, Ctrl-C is a KeyboardInterrupt; in a command's process, before it and after it ends the process."""
+    """Context manager: Ctrl-C raises KeyboardInterrupt within it; outside, it ends the process of a command."""
     if not _is_program or signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
         yield
         return
@@ -44,8 +44,8 @@ def interruptible() -> Iterator[None]:
 
 
 def _prepare_streams() -> None:
-    """Open standard streams that are closed on the null device, and escape what the others cannot encode."""
-    while (null := os.open(os.devnull, os.O_RDWR)) <= 2:  # else a file that is opened later takes the number
+    """Open closed standard streams on the null device, and escape characters that the others cannot encode."""
+    while (null := os.open(os.devnull, os.O_RDWR)) <= 2:  # otherwise the next file opened would get the number
         pass
     os.close(null)
     if sys.stderr is None:  # print(file=None) would write to stdout

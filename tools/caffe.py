@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Caffe's command: train a net, test one, time one. Flags have one dash or two; the log goes to the standard error.
+"""Train, test or time a net: Caffe's command. Flags have one dash or two; the log goes to standard error.
 
     python tools/caffe.py train -solver prototxt/nyu_solver.prototxt
     python tools/caffe.py train -solver=prototxt/nyu_solver.prototxt -snapshot=snapshots/nyu_iter_2000.solverstate.h5
     python tools/caffe.py test -model prototxt/nyu_train_test.prototxt -weights snapshots/nyu_iter_2000.caffemodel.h5
     python tools/caffe.py time -model prototxt/nyu_train_test.prototxt -iterations 10
 
-What -gpu 0,1 is in Caffe, mpiexec -n 2 python -m mpi4py tools/caffe.py train ... is here: each process runs the batch,
-on rows of its own. The environment says what Caffe's flags cannot: NETLIB_ENGINE=plain. docs/caffe_tools.md tells what
-differs from Caffe.
+Instead of Caffe's -gpu 0,1, use mpiexec -n 2 python -m mpi4py tools/caffe.py train ...: each process runs the batch on
+its own rows. Environment variables set what Caffe's flags cannot: NETLIB_ENGINE=plain. docs/caffe_tools.md lists the
+differences from Caffe.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from tools.common.arguments import caffes_flags, parser_of, positive
 from tools.common.caffe_log import BarHandler
 from tools.common.caffe_reports import report_test, report_time
 from tools.common.console import DONE, guarded
-from tools.common.ranks import first_speaks, world
+from tools.common.ranks import only_first_prints, world
 
 log = logging.getLogger("netlib")
 
@@ -47,39 +47,39 @@ EFFECTS = ("stop", "snapshot", "none")
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("command", choices=NEEDED, nargs="?", help="device_query only says that this runs on the CPU")
+    parser.add_argument("command", choices=NEEDED, nargs="?", help="device_query: report that this runs on the CPU")
     parser.add_argument("--solver", metavar="FILE", help="train: the solver's prototxt")
     parser.add_argument("--model", metavar="FILE", help="test, time: the net's prototxt")
-    parser.add_argument("--snapshot", metavar="STATE", help="train: go on from this solver state")
-    parser.add_argument("--weights", metavar="FILE", help="test: these; train: start from them, several with commas")
+    parser.add_argument("--snapshot", metavar="STATE", help="train: resume from this solver state")
+    parser.add_argument("--weights", metavar="FILE", help="test: weights; train: initial weights, comma-separated")
     parser.add_argument("--iterations", type=positive, default=50, metavar="N", help="default: %(default)s")
     parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="time (default: %(default)s)")
-    parser.add_argument("--level", type=int, default=0, metavar="N", help="of the net's state (default: %(default)s)")
-    parser.add_argument("--stage", default="", metavar="A,B", help="of the net's state, with commas between")
+    parser.add_argument("--level", type=int, default=0, metavar="N", help="level of the net (default: %(default)s)")
+    parser.add_argument("--stage", default="", metavar="A,B", help="stages of the net, separated by commas")
     parser.add_argument("--sigint_effect", choices=EFFECTS, default="stop", help="train (default: %(default)s)")
     parser.add_argument("--sighup_effect", choices=EFFECTS, default="snapshot", help="train (default: %(default)s)")
     parser.add_argument("--gpu", metavar="ID", help="accepted; this runs on the CPU")
-    with first_speaks():
+    with only_first_prints():
         args = parser.parse_args(caffes_flags(argv))
-        if args.command is None:  # Caffe does the same
+        if args.command is None:  # as in Caffe
             parser.print_help()
             return DONE
         for flag in NEEDED[args.command]:
             if not getattr(args, flag):
                 parser.error(f"{args.command} needs -{flag}")
         if args.snapshot and args.weights:
-            parser.error("-snapshot brings its own weights; give either it or -weights")
+            parser.error("-snapshot includes weights; expected either it or -weights")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do what the parsed arguments say."""
-    with first_speaks():
+    """Run the command that the parsed arguments select."""
+    with only_first_prints():
         ranks = world() if args.command == "train" else ALONE
     status = DONE
     with training.logged(ranks) as console:
         if args.command == "device_query":
-            log.info("This runs on the CPU; there is no GPU to ask")
+            log.info("This runs on the CPU; there is no GPU to query")
             return DONE
         log.info("Use CPU.")
         if args.gpu:
@@ -93,12 +93,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def stages(args: argparse.Namespace) -> tuple[str, ...]:
-    """The stages between the commas."""
+    """Split the stages at commas."""
     return tuple(filter(None, args.stage.split(",")))
 
 
 def train(args: argparse.Namespace, console: BarHandler, ranks: Ranks) -> int:
-    """Train; returns the exit status: Caffe's 0 for all ends that a user asks for."""
+    """Train; returns the exit status, which is 0 for every end that the user requests, as in Caffe."""
     state = solver_parameter.read(args.solver).train_state
     state = schema.changed(state, level=args.level, stage=(*state.stage, *stages(args)))
     weights = [args.weights] if args.weights else []
@@ -116,7 +116,7 @@ def train(args: argparse.Namespace, console: BarHandler, ranks: Ranks) -> int:
 
 
 def examine(args: argparse.Namespace) -> None:
-    """Test a net, or time it."""
+    """Test or time a net."""
     phase = netlib.TRAIN if args.command == "time" and args.phase == "TRAIN" else netlib.TEST
     with on_missing_data():
         net = Net(args.model, phase, level=args.level, stages=stages(args))

@@ -1,21 +1,21 @@
 #!/usr/bin/env python3
-"""Make a skeleton file for one person's hand from annotated frames: bones, fixed directions, initial pose and limits.
+"""Create a skeleton file for one person's hand from annotated frames: bones, fixed directions, initial pose and limits.
 
     python tools/calibrate_hand.py data/me/train.txt --out prototxt/hand/me.prototxt
 
-ANNOTATIONS is an HDF5 file, or a list (.txt) of such files as HDF5Data reads it, with the data set joint (rows of
-31 x 3 half-cubes from the crop centre, or of the 14 joints that NYU is scored on) and perhaps half_cube (mm). All
-frames must show the same person. Joints that the cube cut off are left out.
+ANNOTATIONS is an HDF5 file, or a list (.txt) of such files as for HDF5Data, with the data set joint (rows of 31 x 3
+half-cubes from the crop centre, or of NYU's 14 evaluation joints) and optionally half_cube (mm). All frames must show
+the same person. Joints outside the cube are ignored.
 
-Bones and fixed directions that the frames do not determine are held near those of the template, which is scaled to the
-size of the hand; the report names them. "+-" is the standard deviation. Limits are percentiles of the angles in the
-frames, so the frames should show everything that the hand can do.
-To use the file, write skeleton: "FILE" in the hand_model_param and in the phys_limit_param of a net.
+Bones and fixed directions that the frames do not determine stay close to those of the template, scaled to the size of
+the hand; the report lists them. "+-" is the standard deviation. Limits are percentiles of the angles in the frames, so
+the frames should show the full range of motion.
+To use the file, set skeleton: "FILE" in the hand_model_param and the phys_limit_param of a net.
 
     python tools/calibrate_hand.py --from-depth frames/*.png --camera kinect2 --out prototxt/hand/me.prototxt
 
-needs no annotation: it finds the hand in each depth frame, fits the packaged hand to it, and looks for the one size
-that explains all frames best, and how thick the flesh is. Twenty frames of an open, moving hand are enough.
+needs no annotation: it detects the hand in each depth frame, fits the packaged hand to it, and estimates the one size
+and thickness that explain all frames best. About 20 frames of an open, moving hand are enough.
 """
 
 from __future__ import annotations
@@ -47,60 +47,59 @@ from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.files.paths import command
 from tools.common import outputs
-from tools.common.arguments import camera, half_cube, natural, parser_of, positive, positive_number, refuse_given
+from tools.common.arguments import camera, half_cube, natural, parser_of, positive, positive_number, reject_given
 from tools.common.console import DONE, duration, guarded, say
 from tools.common.outputs import check_skeleton, write_skeleton
 from tools.common.progress import ProgressBar
 
 OF_ANNOTATIONS, OF_DEPTH = ("template", "frames", "joints", "half_cube", "percentile", "seed"), ("unit", "hand")
-UNSURE = 0.03  # deviation of a size
-LARGE_MM = 4.0  # a mean distance; careful annotation of one person leaves 3 mm (NYU's two test subjects)
+UNSURE = 0.03  # standard deviation of a size
+LARGE_MM = 4.0  # mean distance; careful annotation of one person leaves 3 mm (NYU's two test subjects)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("annotations", metavar="ANNOTATIONS", nargs="+",
-                        help="an HDF5 file, or a list of them (.txt); with --from-depth depth frames")  # fmt: skip
-    parser.add_argument("--from-depth", action="store_true", help="no annotation: size and girth alone, from depth")
-    parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0", help="of the depth frames")
-    parser.add_argument(
-        "--unit", type=positive_number, metavar="MM", help="of the depth frames (default: 1, of sr305 0.125)"
-    )
+                        help="an HDF5 file, or a list of them (.txt); depth frames with --from-depth")  # fmt: skip
+    parser.add_argument("--from-depth", action="store_true",
+                        help="estimate only size and thickness, from depth frames without annotation")  # fmt: skip
+    parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0", help="camera of the depth frames")
+    parser.add_argument("--unit", type=positive_number, metavar="MM", help="depth unit (default: 1, for sr305 0.125)")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
-                        help="in the depth frames (default: %(default)s, the one that most of them show)")  # fmt: skip
+                        help="hand in the depth frames (default: %(default)s, the one in most of them)")  # fmt: skip
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the skeleton file to write")
     parser.add_argument("--template", metavar="SKELETON", help="a skeleton file to start from (default: the NYU hand)")
     parser.add_argument("--frames", type=positive, default=2000, metavar="N",
-                        help="use N frames, drawn at random (default: %(default)s; more hardly help)")  # fmt: skip
+                        help="use N random frames (default: %(default)s; more give little improvement)")  # fmt: skip
     parser.add_argument(
-        "--joints", type=int, choices=(31, 14), help="how many of NYU's joints to use (default: all that are there)"
+        "--joints", type=int, choices=(31, 14), help="number of NYU's joints to use (default: all available)"
     )
     parser.add_argument("--half-cube", type=half_cube, metavar="MM",
                         help="unit of the skeleton, and of frames without half_cube (default: "
-                             f"that of most frames, else {CUBE_MM / 2:g})")  # fmt: skip
+                             f"the most frequent one, else {CUBE_MM / 2:g})")  # fmt: skip
     parser.add_argument("--percentile", type=float, default=0.5, metavar="P",
                         help="limits are the P-th and (100 - P)-th percentiles (default: %(default)s)")  # fmt: skip
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of the random choices (default: 0)")
-    parser.add_argument("--force", action="store_true", help="replace FILE if it is there")
+    parser.add_argument("--force", action="store_true", help="replace FILE if it exists")
     args = parser.parse_args(argv)
     if args.frames < MIN_FRAMES:
         parser.error(f"--frames must be at least {MIN_FRAMES}, found {args.frames}")
     if not 0 <= args.percentile < 50:
         parser.error(f"--percentile must be at least 0 and less than 50, found {args.percentile:g}")
     if args.from_depth != (args.camera is not None):
-        parser.error("--from-depth and --camera belong together")
+        parser.error("--from-depth and --camera must be given together")
     if args.from_depth:
-        refuse_given(parser, args, OF_ANNOTATIONS, "is for annotated frames")
+        reject_given(parser, args, OF_ANNOTATIONS, "applies only to annotated frames")
     else:
-        refuse_given(parser, args, OF_DEPTH, "is for --from-depth")
+        reject_given(parser, args, OF_DEPTH, "applies only with --from-depth")
     if not args.from_depth and len(args.annotations) > 1:
         parser.error(f"{len(args.annotations)} ANNOTATIONS; expected one file, or a list of files")
     return guarded(run_on_depth if args.from_depth else run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate as the parsed arguments say. Raises NetlibError."""
+    """Calibrate from annotated frames. Raises NetlibError."""
     check_skeleton(args.out, args.force, args.annotations)
     template = skeletons.load(args.template) if args.template else skeletons.load()
     (annotations,) = args.annotations
@@ -122,13 +121,13 @@ def run(args: argparse.Namespace) -> int:
     say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     after = float(np.nanmean(found.after)) * unit
     if after > LARGE_MM:
-        say(f"warning: the joints are still {after:.1f} mm from the hand on average; are all frames of one person, "
-            "and their joints in this order?", file=sys.stderr)  # fmt: skip
+        say(f"warning: the mean distance of the joints to the hand is still {after:.1f} mm; check that all frames show "
+            "one person, with joints in this order", file=sys.stderr)  # fmt: skip
     return DONE
 
 
 def run_on_depth(args: argparse.Namespace) -> int:
-    """Find size and girth as the parsed arguments say. Raises NetlibError."""
+    """Estimate size and thickness from depth frames. Raises NetlibError."""
     check_skeleton(args.out, args.force, args.annotations)
     begun = time.perf_counter()
     predictor = load_predictor(args.camera, hand=args.hand)
@@ -136,17 +135,17 @@ def run_on_depth(args: argparse.Namespace) -> int:
     with ProgressBar((1 + len(GRID)) * len(frames)) as progress:
         hand, size = hand_of(predictor, frames, progress)
     words = (f"A {hand} hand of {size.size:.3f} +- {size.deviation:.3f} times the size of {predictor.skeleton.name}, "
-             f"its flesh {size.girth:.2f} times as thick, from the depth of {len(frames)} frames.")  # fmt: skip
-    mirrored = " The file is its mirror image, a right hand." if is_mirrored(hand) else ""
+             f"with {size.girth:.2f} times its thickness, from {len(frames)} depth frames.")  # fmt: skip
+    mirrored = " The file describes its mirror image, a right hand." if is_mirrored(hand) else ""
     write_skeleton(args.out, sized(predictor.skeleton, size), words + mirrored)
     say(words)
     say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     if size.at_the_edge:
-        print(f"warning: that is the end of what is tried, {GRID[0]:.2f} to {GRID[-1]:.2f}: the hand may lie "
-              "beyond it; are camera and unit those of the frames?", file=sys.stderr)  # fmt: skip
+        print(f"warning: this is at the end of the range tried, {GRID[0]:.2f} to {GRID[-1]:.2f}: the hand may be "
+              "outside it; check camera and unit of the frames", file=sys.stderr)  # fmt: skip
     if size.deviation > UNSURE:
-        print("warning: halves of the frames say different sizes; are all frames of one person, and the hand found in "
-              f"each? ({command('predict')} draws it)", file=sys.stderr)  # fmt: skip
+        print("warning: the two halves of the frames give different sizes; check that all frames show one person, and "
+              f"that the hand is found in each ({command('predict')} draws it)", file=sys.stderr)  # fmt: skip
     return DONE
 
 

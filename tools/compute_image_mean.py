@@ -3,7 +3,7 @@
 
     python tools/compute_image_mean.py train_lmdb mean.binaryproto
 
-Prints the mean of each channel, for mean_value. Without OUTPUT_FILE that is all.
+Prints the mean of each channel, for mean_value. OUTPUT_FILE is optional.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from tools.common.progress import ProgressBar
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("database", metavar="INPUT_DB", help="the folder of the database")
-    parser.add_argument("output", metavar="OUTPUT_FILE", nargs="?", help="the .binaryproto to write, (1, C, H, W)")
+    parser.add_argument("database", metavar="INPUT_DB", help="folder of the database")
+    parser.add_argument("output", metavar="OUTPUT_FILE", nargs="?", help=".binaryproto file to write, (1, C, H, W)")
     parser.add_argument("--backend", type=databases.backend, default="lmdb", help="lmdb")
     args = parser.parse_args(caffes_flags(argv))
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compute as the parsed arguments say."""
+    """Compute the mean."""
     count, entries = databases.read_database(args.database)
     if args.output:
         outputs.refuse_inputs(args.output, [args.database, *Path(args.database).glob("*")])
@@ -51,11 +51,11 @@ def run(args: argparse.Namespace) -> int:
             if total is None:
                 total = np.zeros(image.shape)
             if image.shape != total.shape:
-                raise DataError(f"{what}: an image (C, H, W) {image.shape}, but the first has {total.shape}; "
-                                "expected the same; convert_imageset.py can resize pictures")  # fmt: skip
+                raise DataError(f"{what}: the image (C, H, W) is {image.shape}, the first {total.shape}; expected "
+                                "equal shapes; convert_imageset.py can resize images")  # fmt: skip
             total += image
             progress(1)
-    assert total is not None  # no database is empty
+    assert total is not None  # read_database rejects empty databases
     mean = (total / count).astype(np.float32)
     if args.output:
         write_blob(mean[None], args.output)

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Make a database of pictures, which Data layers read: Caffe's convert_imageset. Flags have one dash or two.
+"""Convert images to a database for Data layers: Caffe's convert_imageset. Flags have one dash or two.
 
     python tools/convert_imageset.py -resize_height=256 -resize_width=256 -shuffle pictures/ list.txt train_lmdb
 
-LISTFILE has a line for each picture: its path, which follows ROOTFOLDER/, a space, and its label, a whole number. A
-picture that cannot be read is named and left out. The database is written whole, or not at all.
+LISTFILE has one line per image: its path, to which ROOTFOLDER/ is prepended, a space, and its label, an integer. Images
+that cannot be read are reported and skipped. The database is written atomically.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ SWITCHES = ("gray", "shuffle", "check_size", "encoded")
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("root", metavar="ROOTFOLDER/", help="is written before every path of the list")
+    parser.add_argument("root", metavar="ROOTFOLDER/", help="prepended to every path in the list")
     parser.add_argument("list", metavar="LISTFILE", type=Path, help="paths and labels")
-    parser.add_argument("database", metavar="DB_NAME", type=Path, help="the folder to be made")
-    parser.add_argument("--gray", action="store_true", help="read pictures as grey ones")
-    parser.add_argument("--shuffle", action="store_true", help="in an order by chance, the same in every run")
+    parser.add_argument("database", metavar="DB_NAME", type=Path, help="folder to create")
+    parser.add_argument("--gray", action="store_true", help="convert images to grey")
+    parser.add_argument("--shuffle", action="store_true", help="shuffle the list, in the same order in every run")
     parser.add_argument("--backend", type=databases.backend, default="lmdb", help="lmdb")
-    parser.add_argument("--resize_width", type=natural, default=0, metavar="W", help="in px; 0: as they are")
-    parser.add_argument("--resize_height", type=natural, default=0, metavar="H", help="in px; 0: as they are")
-    parser.add_argument("--check_size", action="store_true", help="all pictures must have the same size")
-    parser.add_argument("--encoded", action="store_true", help="store picture files instead of pixels")
+    parser.add_argument("--resize_width", type=natural, default=0, metavar="W", help="in px; 0: do not resize")
+    parser.add_argument("--resize_height", type=natural, default=0, metavar="H", help="in px; 0: do not resize")
+    parser.add_argument("--check_size", action="store_true", help="require the same size of all images")
+    parser.add_argument("--encoded", action="store_true", help="store image files instead of pixels")
     parser.add_argument(
-        "--encode_type", default="", metavar="png|jpg|...", help="... of this type (default: their own)"
+        "--encode_type", default="", metavar="png|jpg|...", help="type of the stored files (default: their own)"
     )
     args = parser.parse_args(caffes_flags(argv, SWITCHES))
     if (args.resize_width == 0) != (args.resize_height == 0):
@@ -60,7 +60,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Convert as the parsed arguments say."""
+    """Convert the images."""
     items, _ = read_list(args.list)
     if args.shuffle:
         items = [items[i] for i in np.random.default_rng(0).permutation(len(items))]
@@ -74,26 +74,26 @@ def run(args: argparse.Namespace) -> int:
                 try:
                     image = read_image(path, color=not args.gray)
                 except DataError as error:
-                    progress.print(f"{error}; left out", sys.stderr)
+                    progress.print(f"{error}; skipped", sys.stderr)
                     continue
                 if args.resize_height:
                     image = resize_image(image, args.resize_height, args.resize_width)
                 first = image.shape if first is None else first
                 if args.check_size and image.shape != first:
-                    raise DataError(f"{path}: a picture (H, W, C) {image.shape}, but the first has {first}; "
-                                    "expected the same, as -check_size asks")  # fmt: skip
+                    raise DataError(f"{path}: the image (H, W, C) is {image.shape}, the first {first}; expected equal "
+                                    "shapes because of -check_size")  # fmt: skip
                 writers[0].put(f"{number:08d}_{name}", datum_of(path, image, label, args))
         if not writers[0].entries:
-            raise DataError(f"{args.list}: none of its {len(items)} pictures can be read; ROOTFOLDER/ stands before "
+            raise DataError(f"{args.list}: none of its {len(items)} images can be read; ROOTFOLDER/ is prepended to "
                             f"every path, as in {args.root + items[0][0]!r}")  # fmt: skip
         if left := len(items) - writers[0].entries:
-            say(f"{left} of {len(items)} pictures left out", file=sys.stderr)
+            say(f"skipped {left} of {len(items)} images", file=sys.stderr)
 
     return databases.write_databases([args.database], fill)
 
 
 def datum_of(path: Path, image: Array, label: int, args: argparse.Namespace) -> Datum:
-    """The entry of a picture (H, W, C): its pixels, or the bytes of a file."""
+    """Create the entry of an image (H, W, C): its pixels, or an encoded file."""
     if args.encoded or args.encode_type:
         kind = args.encode_type or path.suffix[1:].lower()
         return Datum(data=_file_of(path, image, kind, args), label=label, encoded=True)
@@ -102,7 +102,7 @@ def datum_of(path: Path, image: Array, label: int, args: argparse.Namespace) -> 
 
 
 def _file_of(path: Path, image: Array, kind: str, args: argparse.Namespace) -> bytes:
-    """The bytes of the file itself, if it is of that type and the picture as it is wanted; else a new file's."""
+    """Content of the file itself, if it has the requested type and channels; otherwise the re-encoded image."""
     own = {"jpeg": "jpg"}.get(path.suffix[1:].lower(), path.suffix[1:].lower())
     if own == {"jpeg": "jpg"}.get(kind.lower(), kind.lower()) and not args.resize_height:
         content = files.read_bytes(path, "the image")
@@ -113,7 +113,7 @@ def _file_of(path: Path, image: Array, kind: str, args: argparse.Namespace) -> b
     except cv2.error:
         written = False
     if not written:
-        raise DataError(f"{path}: OpenCV cannot encode pictures of type {kind!r}; say -encode_type png, for example")
+        raise DataError(f"{path}: OpenCV cannot encode images of type {kind!r}; expected for example -encode_type png")
     return buffer.tobytes()
 
 

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Show what comes out: hands before a rendered camera, found, predicted and fitted with the packaged weights.
+"""Demonstrate prediction: detect, predict and fit hands in rendered depth frames with the packaged weights.
 
     python tools/demo.py --out demo
 
-writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm), runs what tools/predict.py runs on
-them, and draws demo/hands.png: each frame's crop with the skeleton, the flesh that explains it, and the hand in space;
-above them how sure the fit is, and how far it really is from the true joints. demo/hands.json has the same in numbers:
-joints in mm from each crop's centre (x right, y up, z away).
+writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm), runs the same prediction on them
+as tools/predict.py, and draws demo/hands.png: the crop of each frame with the skeleton, the fitted surface, and the
+hand in space; above them the confidence of the fit, its expected error and its true error. demo/hands.json has the
+numbers: joints in mm from each crop's centre (x right, y up, z away).
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
     parser.add_argument("--frames", type=positive, default=6, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of the frames (default: %(default)s)")
+    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
     args = parser.parse_args(argv)
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draw, predict and show as the parsed arguments say. Raises NetlibError."""
+    """Render, predict and draw. Raises NetlibError."""
     pictures.make_folder(args.out)
     predictor = load_predictor(NYU)
     scenes = draw_scenes(np.random.default_rng(args.seed), args.frames)
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
             frame = np.rint(depth).astype(np.uint16)
             pictures.write_image(args.out / f"frame_{n}.png", frame)
             found = predictor.in_frame(frame)
-            assert found.fit is not None  # load_predictor fits
+            assert found.fit is not None  # load_predictor enables the fit
             uvd, cube = found.center_uvd, found.cube_mm
             images += [
                 hands.overlay(found.crop, found.joints, predictor.skeleton, None, uvd, cube, NYU, zoom=2),
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _from_here(path: str) -> str:
-    """The relative path of a file below the working folder; elsewhere the path itself."""
+    """Path relative to the working folder if the file is below it."""
     return os.path.relpath(path) if Path(path).is_relative_to(Path.cwd()) else path
 
 

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Draw a net: its layers and blobs, and what flows where. The command line is that of Caffe's draw_net.py.
+"""Draw the graph of a net: its layers and blobs. The command line is that of Caffe's draw_net.py.
 
     python tools/draw_net.py prototxt/nyu_train_test.prototxt net.png --phase TRAIN --rankdir TB
 
-It takes the package pydot (pip install pydot) and the program Graphviz.
+Requires the package pydot (pip install pydot) and Graphviz.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("input_net_proto_file", help="the net's prototxt, in any of Caffe's formats")
-    parser.add_argument("output_image_file", help="the picture; the ending of its name says the format: png, svg, pdf; "
-                        "raw is Graphviz's own language and needs no Graphviz")  # fmt: skip
+    parser.add_argument("output_image_file", help="image to write; its suffix selects the format: png, svg, pdf; raw "
+                        "is Graphviz's own language and does not need Graphviz")  # fmt: skip
     parser.add_argument("--rankdir", choices=["LR", "RL", "TB", "BT"], default="LR",
-                        help="the direction: left to right, top to bottom ... (default: %(default)s)")  # fmt: skip
+                        help="direction: left to right, top to bottom ... (default: %(default)s)")  # fmt: skip
     parser.add_argument("--phase", choices=list(PHASES), default="ALL",
                         help="draw the layers of this phase (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--display_lrm", action="store_true", help="show the lr_mult of layers that learn")
+    parser.add_argument("--display_lrm", action="store_true", help="show the lr_mult of layers with weights")
     args = parser.parse_args(argv)
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draw as the parsed arguments say."""
+    """Draw the net."""
     net = caffe_pb2.NetParameter()
     net.merge_tree(upgraded(prototxt.parse_file(args.input_net_proto_file)))
     draw.draw_net_to_file(net, args.output_image_file, args.rankdir, PHASES[args.phase], args.display_lrm)

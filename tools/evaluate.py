@@ -1,18 +1,19 @@
 #!/usr/bin/env python3
-r"""Compare published predictions with the annotation: errors in mm, success rates, errors by joint, the paper's curves.
+r"""Score published predictions: errors in mm, success rates, errors per joint, the curves of the paper.
 
     python tools/evaluate.py nyu --groundtruth test_groundtruth_uvd.txt --plot nyu.png \
         --predictions DeepModel=IJCAI16_NYU_DeepModel.txt Feedback=ICCV15_NYU_Feedback.txt
 
 Files are text with one frame per line and three numbers per joint: u v d (px, px, mm) or x y z (mm, camera axes: x
 right, y up, z away). NYU has 14 joints: annotated 0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 27, 30, 31, 32. ICVL has its 16.
-Several NAME=FILE make one table and one picture. Errors are distances between absolute positions: no crop centre and
-no cube is involved.
+Several NAME=FILE are compared in one table and one figure. Errors are distances between absolute positions, independent
+of crop centres and cubes.
 
---angles (NYU) also fits the hand model to all joints, which takes a minute or two per method, and compares its angles:
-the mean over the 23 rotations, in canonical form. The annotation is fitted within the limits with a ridge of 0.003,
-which keeps angles that 14 joints do not determine at the initial pose; predictions are fitted within the limits without
-a ridge. Where most frames lie on the model to 0.05 mm, a fit without limits counts the frames that break them.
+--angles (NYU) also fits the hand model to all joints, which takes one or two minutes per method, and compares its
+angles: the mean over the 23 rotations, in canonical form. The annotation is fitted within the limits with a ridge of
+0.003, which keeps angles that 14 joints do not determine near the initial pose; predictions are fitted within the
+limits without a ridge. If most frames fit the model to 0.05 mm, a fit without limits counts the frames that violate
+them.
 """
 
 from __future__ import annotations
@@ -43,22 +44,22 @@ from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 
 PICTURES = (".png", ".svg", ".pdf")
-WITHIN_MM = (20, 40, 60, 80)  # columns of the table; the curves have every mm
-IMPLAUSIBLE_MM = 50.0  # a mean error of no method, but of files with other axes (y down: 62 mm on ICVL) or frames
+WITHIN_MM = (20, 40, 60, 80)  # columns of the table; the curves have a value per mm
+IMPLAUSIBLE_MM = 50.0  # a mean error caused by wrong axes (y down: 62 mm on ICVL) or frames
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("dataset", metavar="DATASET", choices=BENCHMARKS, help=" or ".join(BENCHMARKS))
-    parser.add_argument("--groundtruth", metavar="FILE", required=True, help="the annotated joints")
+    parser.add_argument("--groundtruth", metavar="FILE", required=True, help="annotated joints")
     parser.add_argument("--predictions", metavar="NAME=FILE", required=True, nargs="+", action="extend",
-                        type=named_file, help="the joints that each method predicts")  # fmt: skip
+                        type=named_file, help="predicted joints of each method")  # fmt: skip
     parser.add_argument("--format", choices=FORMATS, default="uvd", help="of predictions (default: %(default)s)")
     parser.add_argument("--groundtruth-format", choices=FORMATS, default="uvd", help="default: %(default)s")
-    parser.add_argument("--plot", metavar="FILE", help=f"draw the curves and bars to this file ({', '.join(PICTURES)})")
-    parser.add_argument("--angles", action="store_true", help="compare joint angles too, by fitting the hand (NYU)")
-    parser.add_argument("--json", action="store_true", help="print JSON, with the curves, instead of tables")
+    parser.add_argument("--plot", metavar="FILE", help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
+    parser.add_argument("--angles", action="store_true", help="also compare joint angles of the fitted hand (NYU)")
+    parser.add_argument("--json", action="store_true", help="print JSON, including curves, instead of tables")
     args = parser.parse_args(argv)
     names = [name for name, _ in args.predictions]
     for name in names:
@@ -67,12 +68,12 @@ def main(argv: list[str] | None = None) -> int:
     if args.plot is not None and not args.plot.lower().endswith(PICTURES):
         parser.error(f"--plot must end in {', '.join(PICTURES)}, found {args.plot}")
     if args.angles and args.dataset != "nyu":
-        parser.error("--angles is for nyu: the hand model's limits are those of its hand")
+        parser.error("--angles applies only to nyu, whose hand has the limits of the model")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare as the parsed arguments say."""
+    """Score the predictions."""
     if args.plot:
         outputs.refuse_inputs(args.plot, [args.groundtruth, *(path for _, path in args.predictions)])
     benchmark = BENCHMARKS[args.dataset]()
@@ -85,8 +86,9 @@ def run(args: argparse.Namespace) -> int:
         predictions[name] = predicted
         scores[name] = published.score_on(benchmark, joint_errors(predicted, truth))
         if scores[name].mean_mm > IMPLAUSIBLE_MM:
-            say(f"warning: {path}: a mean error of {scores[name].mean_mm:.0f} mm; are these {args.format}, "
-                f"y up if xyz, of the same {benchmark.name} frames?", file=sys.stderr)  # fmt: skip
+            say(f"warning: {path}: the mean error is {scores[name].mean_mm:.0f} mm; check that the format is "
+                f"{args.format}, y up if xyz, and that the frames are those of {benchmark.name}",
+                file=sys.stderr)  # fmt: skip
     if args.plot:
         plots.plot_joint_errors(scores, benchmark, len(truth), args.plot)
         say(f"wrote {args.plot}", file=sys.stderr)
@@ -125,7 +127,7 @@ def _json(
 
 
 def _tables(scores: dict[str, Score], benchmark: Benchmark, frames: int) -> str:
-    """What the figures are, a table with one line per method, and one with one line per joint."""
+    """Format a heading, a table with one line per method, and one with one line per joint."""
     some = "" if frames == benchmark.frames else f" of the test set's {benchmark.frames}"
     parts = list(next(iter(scores.values())).parts_mm)
     methods = [["method", "mean", *parts, "median of max", *(f"max <= {t} mm" for t in WITHIN_MM)]]

@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Write a net as ONNX, so that any runtime of ONNX runs it: onnxruntime, OpenCV, a browser, a phone.
+"""Export a net to ONNX, for runtimes such as onnxruntime, OpenCV, browsers and phones.
 
     python tools/export_onnx.py prototxt/nyu_deploy.prototxt snapshots/nyu_iter_1000.caffemodel.h5 hand.onnx
     python tools/export_onnx.py models/synthetic_hand/deploy.prototxt \
         models/synthetic_hand/synthetic_hand.caffemodel.h5 hand.onnx --blob DoF --check
 
-The file has standard operators only, the hand model included, and takes batches of any size. Inputs and outputs are
-called as in the prototxt; what they mean is in the file's metadata (docs/onnx.md).
+The file uses only standard operators, including for the hand model, and accepts batches of any size. Inputs and outputs
+have the names of the prototxt; their meaning is in the file's metadata (docs/onnx.md).
 
---check runs it in onnxruntime, on random inputs, against this project's own computation. It fails if an output is off
-by more than 1e-5 of the output's largest value. Needs the packages of pip install onnx onnxruntime.
+--check runs it in onnxruntime on random inputs and compares with netlib. It fails if an output differs by more than
+1e-5 of its largest value. Requires pip install onnx onnxruntime.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ from tools.common import outputs
 from tools.common.arguments import cube, parser_of
 from tools.common.console import DONE, FAILED, guarded, say
 
-BATCHES = (1, 3)  # of --check
+BATCHES = (1, 3)  # batch sizes of --check
 TOLERANCE = 1e-5
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("net", metavar="NET", help="the net's deploy prototxt")
+    parser.add_argument("net", metavar="NET", help="deploy prototxt of the net")
     parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
     parser.add_argument("out", metavar="OUT", type=Path, help="the file to write, *.onnx")
     parser.add_argument("--blob", metavar="NAME", action="append", default=[],
-                        help="give out this blob, too, for example DoF; may be given several times")  # fmt: skip
+                        help="also output this blob, for example DoF; can be repeated")  # fmt: skip
     parser.add_argument("--cube", type=cube, metavar="MM",
-                        help="edge of the cube that crops of a body show, for the metadata "
-                             f"(default of hands: {CUBE_MM:g})")  # fmt: skip
+                        help="edge of the cube around a body in its crops, for the metadata "
+                             f"(default for hands: {CUBE_MM:g})")  # fmt: skip
     parser.add_argument("--check", action="store_true", help="compare with onnxruntime")
     args = parser.parse_args(argv)
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write, and check, as the parsed arguments say. Raises NetlibError."""
+    """Write and optionally check the file. Raises NetlibError."""
     outputs.refuse_inputs(args.out, [args.net, args.weights])
     net = load(args.net, args.weights)
     image = onnx_image(net, args.blob, args.cube)
@@ -66,10 +66,10 @@ def run(args: argparse.Namespace) -> int:
         return DONE
     worst = differences(args.out.read_bytes(), net, BATCHES, args.blob)
     for name, difference in worst.items():
-        say(f"{name}: largest difference {difference:.1e} of its largest value, batches of "
+        say(f"{name}: largest difference {difference:.1e} of its largest value, batch sizes "
             f"{' and '.join(map(str, BATCHES))}")  # fmt: skip
     if max(worst.values()) > TOLERANCE:
-        say(f"{args.out}: onnxruntime computes something else, by more than {TOLERANCE:g}", file=sys.stderr)
+        say(f"{args.out}: onnxruntime's result differs by more than {TOLERANCE:g}", file=sys.stderr)
         return FAILED
     return DONE
 

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Write blobs of a net to databases, one entry for each item of a batch: Caffe's extract_features.
+"""Extract blobs of a net to databases, one entry per item: Caffe's extract_features.
 
     python tools/extract_features.py caffenet.caffemodel features.prototxt fc6,fc7 fc6_lmdb,fc7_lmdb 10 lmdb
 
-The net is built for phase TEST and reads its own data. Entries are Datum with float_data, keys 0000000000,
-0000000001 ... The databases are written whole, or not at all.
+The net is built for phase TEST and reads its own data. Entries are Datum messages with float_data and keys 0000000000,
+0000000001 ... The databases are written atomically.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from tools.common.progress import ProgressBar
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("weights", metavar="WEIGHTS", help="the weights")
-    parser.add_argument("net", metavar="NET", help="the net's prototxt, with a layer that reads data")
+    parser.add_argument("weights", metavar="WEIGHTS", help="weights of the net")
+    parser.add_argument("net", metavar="NET", help="prototxt of the net, with a data layer")
     parser.add_argument("blobs", metavar="BLOB[,BLOB]", help="names of blobs")
-    parser.add_argument("databases", metavar="DB[,DB]", help="as many folders to be made")
-    parser.add_argument("batches", metavar="NUM_BATCHES", type=positive, help="how many batches to run")
+    parser.add_argument("databases", metavar="DB[,DB]", help="folders to create, one per blob")
+    parser.add_argument("batches", metavar="NUM_BATCHES", type=positive, help="number of batches to run")
     parser.add_argument("backend", metavar="lmdb", type=databases.backend, help="lmdb")
     parser.add_argument("mode", choices=("CPU", "GPU"), nargs="?", help="accepted; this runs on the CPU")
     parser.add_argument("device", metavar="DEVICE_ID", nargs="?", help="accepted")
@@ -48,22 +48,22 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     args.blobs, args.databases = args.blobs.split(","), [Path(name) for name in args.databases.split(",")]
     if len(args.blobs) != len(args.databases):
-        parser.error(f"{len(args.blobs)} blobs need as many databases, found {len(args.databases)}")
+        parser.error(f"{len(args.blobs)} blobs, but {len(args.databases)} databases; expected one per blob")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Extract as the parsed arguments say."""
+    """Extract the blobs."""
     if args.mode == "GPU":
         print("GPU is accepted, but this runs on the CPU", file=sys.stderr)
     with on_missing_data():
         net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
     for name in args.blobs:
         if name not in net.blobs:
-            raise NetlibError(f"{args.net}: no blob {name!r} in it{did_you_mean(name, net.blobs)}")
+            raise NetlibError(f"{args.net}: the net has no blob {name!r}{did_you_mean(name, net.blobs)}")
         if len(net.blobs[name].shape) > 4:
-            raise NetlibError(f"{args.net}: blob {name!r} has the shape {net.blobs[name].shape}; a Datum holds an item "
-                              "of at most three axes")  # fmt: skip
+            raise NetlibError(f"{args.net}: blob {name!r} has shape {net.blobs[name].shape}; a Datum holds items "
+                              "with at most three axes")  # fmt: skip
 
     def fill(writers: Sequence[databases.Writer]) -> None:
         with ProgressBar(args.batches, "batches") as progress:

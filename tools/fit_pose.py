@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
-r"""Fit the hand model to joints: which angles put its joints where they were annotated, or predicted?
+r"""Fit the hand model to annotated or predicted joints, to obtain its angles.
 
     python tools/fit_pose.py test_groundtruth_uvd.txt --out truth.h5
     python tools/fit_pose.py data/nyu/train.txt --out data/nyu_angles
 
-The first reads a text file with one frame per line, NYU's 14 joints (u v d in px, px, mm; with --format xyz in mm), and
-writes dof (N, 47) and residual_mm (N, 14). The second reads a list of HDF5 files. For each of them it writes a small
-file with the angles and with links to the data, and in the end a list of the small files: a training set with angles as
-labels. Files that are already there are kept; others than such small files of the same data are never replaced.
+The first command reads a text file with one frame per line, NYU's 14 joints (u v d in px, px, mm; with --format xyz in
+mm), and writes dof (N, 47) and residual_mm (N, 14). The second reads a list of HDF5 files. For each it writes a small
+file with the angles and links to the data, and finally a list of these files: a training set with angles as labels.
+Files that exist are kept; other files are never replaced.
 
-The fit is Levenberg-Marquardt from several starts; --swarm is the paper's particle swarm, which is slower and worse.
+The fit uses Levenberg-Marquardt from several starts; --swarm uses the paper's particle swarm, which is slower and less
+accurate.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import read_list
 from tools.common import outputs
-from tools.common.arguments import parser_of, positive, refuse_given, weight
+from tools.common.arguments import parser_of, positive, reject_given, weight
 from tools.common.console import DONE, duration, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -51,30 +52,30 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("joints", metavar="FILE", help="a text file of joints, or a list of HDF5 files")
-    parser.add_argument("--out", metavar="PATH", help="a file for a text file of joints, a folder for a list")
+    parser.add_argument("--out", metavar="PATH", help="file to write for a text file of joints, folder for a list")
     parser.add_argument("--format", choices=FORMATS, default="uvd", help="of a text file (default: %(default)s)")
-    parser.add_argument("--skeleton", metavar="FILE", help="the hand (default: NYU's)")
-    parser.add_argument("--no-limits", action="store_true", help="let angles leave their limits")
+    parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the hand (default: NYU's)")
+    parser.add_argument("--no-limits", action="store_true", help="allow angles outside their limits")
     parser.add_argument("--ridge", type=weight, default=0.0, metavar="W",
-                        help="pull to the initial pose: weight of squared angles (default: 0)")  # fmt: skip
-    parser.add_argument("--starts", type=positive, default=8, metavar="N", help="per frame (default: %(default)s)")
-    parser.add_argument("--swarm", action="store_true", help="particle swarm, as the paper did")
+                        help="weight of squared angles, which favours the initial pose (default: 0)")  # fmt: skip
+    parser.add_argument("--starts", type=positive, default=8, metavar="N", help="starts per frame (default: 8)")
+    parser.add_argument("--swarm", action="store_true", help="particle swarm, as in the paper")
     parser.add_argument("--particles", type=positive, default=128, metavar="N", help="default: %(default)s")
     parser.add_argument("--generations", type=positive, default=200, metavar="N", help="default: %(default)s")
     parser.add_argument("--frames", type=positive, metavar="N",
-                        help="fit only N frames, spread evenly (text files)")  # fmt: skip
+                        help="fit only N evenly spaced frames (text files)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.swarm and (args.no_limits or args.ridge):
-        parser.error("--swarm keeps to the limits and has no ridge")
+        parser.error("--swarm does not support --no-limits and --ridge")
     if args.swarm:
-        refuse_given(parser, args, ["starts"], "is for the fit without --swarm")
+        reject_given(parser, args, ["starts"], "does not apply with --swarm")
     else:
-        refuse_given(parser, args, ["particles", "generations"], "is for --swarm")
+        reject_given(parser, args, ["particles", "generations"], "applies only with --swarm")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit as the parsed arguments say."""
+    """Fit the joints."""
     skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
     begun = time.perf_counter()
     inputs, residuals = (_fit_list if is_list(args.joints) else _fit_text)(args, skeleton)
@@ -83,13 +84,13 @@ def run(args: argparse.Namespace) -> int:
     say(
         f"{len(frame)} frames in {duration(time.perf_counter() - begun)}: residual {np.nanmean(residuals):.4f} mm "
         f"(mean over joints), {np.median(frame):.4f} median frame, {frame.max():.4f} worst frame; "
-        f"{broken:.2%} of the frames have an angle out of its limits"
+        f"{broken:.2%} of the frames have an angle outside its limits"
     )
     return DONE
 
 
 def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
-    """Inputs (N, D) and residuals (N, K) in mm of the frames of a text file; written if --out names a file."""
+    """Inputs (N, D) and residuals (N, K) in mm for the frames of a text file; written if --out is given."""
     chosen = nyu.EVALUATION_JOINTS
     if max(chosen) >= len(skeleton.parents):
         raise DataError(f"skeleton {skeleton.name!r} has {len(skeleton.parents)} joints, expected the 31 of NYU's hand")
@@ -117,20 +118,20 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
 
 
 def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
-    """Inputs (N, D) and residuals (N, K) in mm of the frames of all files of a list, which are written beside links."""
+    """Inputs (N, D) and residuals (N, K) in mm for the frames of a list, written to files with links to the data."""
     if args.swarm or args.frames or args.format != "uvd":
-        raise NetlibError(f"{args.joints}: a list of HDF5 files; --swarm, --frames and --format are for text files of "
-                          "joints")  # fmt: skip
+        raise NetlibError(f"{args.joints}: a list of HDF5 files; --swarm, --frames and --format need a text file "
+                          "of joints")  # fmt: skip
     if not args.out:
-        raise NetlibError(f"{args.joints}: a list of HDF5 files; expected --out FOLDER for their angles")
+        raise NetlibError(f"{args.joints}: a list of HDF5 files needs --out FOLDER for their angles")
     name = Path(args.joints).name
     outputs.refuse_inputs(Path(args.out) / name, [args.joints])
     files = read_list(args.joints, None)
 
-    def told(number: int, target: Path, residuals: Any) -> None:
+    def on_file_done(number: int, target: Path, residuals: Any) -> None:
         say(f"{number} of {len(files)}: {target}, {np.nanmean(residuals):.3f} mm", file=sys.stderr)
 
-    return fit_list(files, Path(args.out), name, skeleton, told=told,
+    return fit_list(files, Path(args.out), name, skeleton, told=on_file_done,
                     limits=not args.no_limits, ridge=args.ridge, starts=args.starts)  # fmt: skip
 
 

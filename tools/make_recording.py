@@ -1,24 +1,24 @@
 #!/usr/bin/env python3
-"""Make a depth recording of hands that move, and the truth about it, to test what tracks hands.
+"""Generate a synthetic depth recording of moving hands with ground truth, for testing trackers.
 
     python tools/make_recording.py minute --out takes/minute
     python tools/make_recording.py gestures --camera kinect2 --seed 3 --out gestures.npz
     python tools/make_recording.py moving --hand left --rate 60 --seconds 10 --out left.mkv
 
 SCRIPT is one of
-    rest        a hand keeps still: all that moves is noise
-    gestures    it shows gestures with a name, and waves
-    moving      it moves freely through poses of the prior, with rests
-    leaves      it leaves the image and returns, twice
-    two_hands   of one person
-    two_people  a right hand of each
+    rest        a hand at rest, so that all changes are noise
+    gestures    a hand shows named gestures, and waves
+    moving      a hand moves freely through poses of the prior, with pauses
+    leaves      a hand leaves the image and returns, twice
+    two_hands   both hands of one person
+    two_people  the right hands of two persons
     left        a left hand
-    body        a person is seen behind the hand
-    minute      all that
+    body        a person is visible behind the hand
+    minute      all of these
 
---out is a folder of 16-bit PNG, FILE.npz or FILE.mkv, as tools/record.py writes them. Beside it OUT.truth.json is a
-track as tools/track.py writes it. Where it calls a hand lost because it is "partly in sight", nobody can say what a
-tracker should say. The seed decides all of it; the noise is that of the camera.
+--out is a folder of 16-bit PNG, FILE.npz or FILE.mkv, as written by tools/record.py. The ground truth is a track in
+OUT.truth.json, as written by tools/track.py. Frames where it reports a hand as lost because it is "partly in sight"
+have no correct answer for a tracker. The seed determines everything; noise is that of the camera.
 """
 
 from __future__ import annotations
@@ -55,29 +55,29 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("script", metavar="SCRIPT", choices=SCRIPTS, help=", ".join(SCRIPTS))
-    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="what to write")
+    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="output")
     parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
                         help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")  # fmt: skip
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")  # fmt: skip
-    parser.add_argument("--seconds", type=positive_number, metavar="S", help="how long (default: the script's)")
-    parser.add_argument("--hand", choices=SIDES, help="the first hand; a second one is then the other")
-    parser.add_argument("--clean", action="store_true", help="without the faults of a camera")
+    parser.add_argument("--seconds", type=positive_number, metavar="S", help="duration (default: that of the script)")
+    parser.add_argument("--hand", choices=SIDES, help="side of the first hand; a second one is the other")
+    parser.add_argument("--clean", action="store_true", help="without noise and other artefacts of a camera")
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
-    parser.add_argument("--force", action="store_true", help="replace what --out names, and its truth")
+    parser.add_argument("--force", action="store_true", help="replace an existing recording and its ground truth")
     return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the recording that the parsed arguments ask for."""
+    """Generate the recording."""
     if not args.out.name:
         raise NetlibError(f"{args.out}: expected the name of a new folder, FILE.npz or FILE.mkv")
     truth = args.out.with_name(f"{args.out.stem if args.out.suffix in ('.npz', '.mkv') else args.out.name}.truth.json")
     if truth.exists() and not args.force:
-        raise NetlibError(f"{truth}: is there already; name another --out or replace it by --force")
-    with atomic.naming(truth):
+        raise NetlibError(f"{truth}: exists already; choose another --out, or replace it with --force")
+    with atomic.error_names(truth):
         make_folder(truth.parent)
-        atomic.refuse_what_is_no_file(truth)
+        atomic.require_regular_file(truth)
     recording = SyntheticRecording(
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
         sensor=None if args.clean else "camera's", mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),
@@ -104,18 +104,18 @@ def run(args: argparse.Namespace) -> int:
                 if writer.count:
                     replacing.enter_context(_put_aside(truth, args.out))
     except StoppedError:
-        say(f"stopped; {args.out} and {truth} keep {writer.count} frames", file=sys.stderr)
+        say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
     say(f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
-        f"unit {recording.unit_mm:g} mm; the truth is {truth}")  # fmt: skip
+        f"unit {recording.unit_mm:g} mm; ground truth in {truth}")  # fmt: skip
     return DONE
 
 
 @contextlib.contextmanager
 def _discarded_by_errors(output: RecordingWriter | JsonWriter) -> Iterator[None]:
-    """What is written within it is kept if the block ends or a signal stops it, and discarded if an error does.
+    """Context manager: discard the output after an error, but keep it if the block ends or a signal stops it.
 
-    A recording without the truth about it is worth nothing, nor is one beside the truth about another.
+    A recording is useless without its ground truth, and misleading with that of another one.
     """
     try:
         yield
@@ -128,14 +128,14 @@ def _discarded_by_errors(output: RecordingWriter | JsonWriter) -> Iterator[None]
 
 @contextlib.contextmanager
 def _put_aside(truth: Path, recording: Path) -> Iterator[None]:
-    """Within it an old truth has a temporary name; an error gives it its own back if the recording is the old one, too.
+    """Context manager: rename an old ground truth, and restore it after an error if the old recording is still there.
 
-    The recording is replaced before its truth: a run that is killed between leaves one without any.
+    The recording is replaced before its ground truth, so a run killed in between leaves a recording without one.
     """
     if not truth.exists():
         yield
         return
-    with atomic.naming(truth), atomic.temporary(truth) as old:
+    with atomic.error_names(truth), atomic.temporary(truth) as old:
         before = _identity(recording)
         os.replace(truth, old)
         try:

@@ -1,35 +1,35 @@
 #!/usr/bin/env python3
-"""Make synthetic training and test data: depth crops of random hands with their joints.
+"""Generate synthetic training and test data: depth crops of random hands with their joints.
 
     python tools/make_synthetic.py --out data/nyu --train 20000 --test 2000
 
-writes train_000.h5, train_001.h5, ... of 2,500 frames each, test_000.h5, and the lists train.txt and test.txt
-that HDF5Data layers read. What is already there and the same is kept: a second run returns at once, and an
-interrupted run goes on where it stopped. Data of another origin, of another body, or places where frames are to be, are
-replaced only with --force.
+writes train_000.h5, train_001.h5, ... of 2,500 frames each, test_000.h5, and the lists train.txt and test.txt that
+HDF5Data layers read. Existing files with the same content are kept: a second run returns at once, and an interrupted
+run continues. Data of another origin, of another body, or locator crops in place of frames are replaced only with
+--force.
 
     python tools/make_synthetic.py --raw --out data/nyu_raw --train 200 --test 100
 
-writes the same frames in the format of the NYU data set, for tools/prepare_nyu.py: whole depth images in train/
-and test/, and joint_data.mat with the labels. Depth is in whole millimetres there.
+writes the same frames in the format of the NYU data set, for tools/prepare_nyu.py: full depth images in train/ and
+test/, and joint_data.mat with the labels. Depths are rounded to millimetres.
 
     python tools/make_synthetic.py --places --train 240000 --test 6000
 
-writes what the locator learns from (models/hand_locator): small crops of places in scenes, with a hand and without.
+writes training data of the locator (models/hand_locator): small crops of scenes, with and without a hand.
 
 --recipe nyu          NYU's camera, distances and poses: the default
-         other_flesh  the same with other hands than the one that a fit believes in, and more noise: to test on
-         any_roll     hands turned by any angle, 250 to 1200 mm away
-         cameras      those, of anybody, in sleeves, before Kinects, RealSense and time-of-flight cameras: to train for
-                      a camera of one's own
-         people       adults and children seen from any side by those cameras, the arm coming from anywhere
-         one_hand     always the same hand, turned as NYU's are, and in the test split a second, smaller one: the
-                      paper's setting (docs/results/table1.md)
-         many_hands   the same poses of hands of many people
+         other_flesh  the same with hands whose surface differs from the model of the fit, and more noise, for testing
+         any_roll     hands rotated by any angle, 250 to 1200 mm away
+         cameras      as any_roll, with hands of many people, sleeves, and Kinect, RealSense and time-of-flight cameras:
+                      for training with your own camera
+         people       as cameras, with adults and children, any viewpoint and any direction of the arm
+         one_hand     one hand, with NYU's orientations, and in the test split a second, smaller one: the setting of the
+                      paper (docs/results/table1.md)
+         many_hands   the same poses, with hands of many people
 
     python tools/make_synthetic.py --body prototxt/body/person_prior.prototxt --train 40000
 
-draws another body than a hand: as its prior file says, in the folder data/ of its skeleton's name (docs/bodies.md).
+draws another body, as described by its prior file, into the folder of its name in data/ (docs/bodies.md).
 """
 
 from __future__ import annotations
@@ -63,32 +63,32 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--raw", action="store_true", help="write images and labels in the format of the NYU data set")
-    kind.add_argument("--places", action="store_true", help="write places of scenes, with a hand and without")
-    kind.add_argument("--body", metavar="PRIOR", type=Path, help="draw the body of this prior file, instead of hands")
-    parser.add_argument("--out", type=Path, help="folder to write to (default: data/nyu; data/nyu_raw, data/places; "
-                        "with --body data/ and the skeleton's name)")  # fmt: skip
+    kind.add_argument("--places", action="store_true", help="write crops of scenes, with and without a hand")
+    kind.add_argument("--body", metavar="PRIOR", type=Path, help="draw the body of this prior file instead of hands")
+    parser.add_argument("--out", type=Path, help="output folder (default: data/nyu; data/nyu_raw, data/places; with "
+                        "--body data/ and the skeleton's name)")  # fmt: skip
     parser.add_argument(
-        "--train", type=positive, default=20000, metavar="N", help="frames or places (default: %(default)s)"
+        "--train", type=positive, default=20000, metavar="N", help="frames or crops (default: %(default)s)"
     )
     parser.add_argument(
-        "--test", type=positive, default=2000, metavar="N", help="frames or places (default: %(default)s)"
+        "--test", type=positive, default=2000, metavar="N", help="frames or crops (default: %(default)s)"
     )
     parser.add_argument("--seed", type=lambda text: natural(text, MAX_SEED), default=0, metavar="N",
                         help="random seed (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--recipe", choices=recipes.NAMES, help="whose hands, before which camera (default: nyu)")
+    parser.add_argument("--recipe", choices=recipes.NAMES, help="hands and cameras (default: nyu)")
     parser.add_argument("--workers", type=positive, default=engine.available_cpus(), metavar="N",
                         help="processes (default: one per processor, %(default)s)")  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="replace whatever is there, even real data")
+    parser.add_argument("--force", action="store_true", help="replace existing data, even real data")
     args = parser.parse_args(argv)
     if args.places and args.recipe:
-        parser.error("--recipe is for hands; places are seen by three cameras, always the same")
+        parser.error("--recipe applies only to hands; --places has fixed cameras")
     if args.body and args.recipe:
-        parser.error("--recipe is for hands; of another body the prior file says all")
+        parser.error("--recipe applies only to hands; other bodies are described by the prior file")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make what is missing of the data that the parsed arguments ask for."""
+    """Generate the missing data."""
     recipe = recipes.recipe_of(args.body) if args.body else recipes.recipe(args.recipe or "nyu")
     if args.body:
         recipes.check_in_view(recipe, args.seed)
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         data = DataSet(out, [(Generator(args.seed, split, recipe), n) for split, n in counts.items()], args.force)
     if data.is_whole:
-        say(f"{summary} are already there{where}, kept")
+        say(f"{summary} exist already{where}")
         return DONE
     begun = time.perf_counter()
 
@@ -118,13 +118,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _folder(args: argparse.Namespace, recipe: Recipe) -> str:
-    """The folder of data/ that the frames go to. Raises NetlibError for a body whose name is none."""
+    """The subfolder of data/ for the frames. Raises NetlibError if a body's name cannot be a folder."""
     if not args.body:
         return "places" if args.places else "nyu_raw" if args.raw else "nyu"
     name = recipe.prior.body().name
     if re.fullmatch(r"\w[\w.-]*", name):
         return name
-    raise NetlibError(f"{args.body}: its skeleton is named {name!r}, which is no folder; give one with --out")
+    raise NetlibError(f"{args.body}: its skeleton is named {name!r}, which cannot be a folder; expected --out")
 
 
 if __name__ == "__main__":

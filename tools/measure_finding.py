@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""In how many synthetic scenes the hand is found: forearms before it, bodies behind it, tables and bottles beside it.
+"""Measure detection: synthetic scenes with forearms in front, bodies behind, and tables and bottles next to the hand.
 
     python tools/measure_finding.py
     python tools/measure_finding.py --scenes 30 --fit fast --json
 
-The packaged weights on whole depth images of handpose.synthetic.scenes, with a seed that nothing was chosen on. The
-hand is "found" if its palm is within 30 mm of the true one, "right" if it is told to be a right hand, as all are;
-"located" is the median distance of the locator's likeliest place from the hand's middle; "mean" and "median" are of the
-error of 14 joints.
+Runs the packaged weights on full depth images of handpose.synthetic.scenes, with a seed that was not used for tuning. A
+hand is "found" if its palm is within 30 mm of the true one, "right" if it is reported as a right hand, which all are;
+"located" is the median distance of the locator's best candidate from the hand's centre; "mean" and "median" refer to
+the error of 14 joints.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("--scenes", type=positive, default=150, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of the scenes (default: 0)")
+    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of the scenes (default: 0)")
     parser.add_argument("--fit", choices=("fast", "accurate"), default="accurate", help="default: %(default)s")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -52,7 +52,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure as the parsed arguments say. Raises NetlibError."""
+    """Measure detection. Raises NetlibError."""
     predictor = load_predictor(NYU, fit=args.fit, engine=args.engine)
     assert predictor.locator is not None
     palm = predictor.skeleton.joint_names.index("palm")
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             begun = time.perf_counter()
             try:
                 found = predictor.in_frame(depth)
-            except DataError:  # nothing is found
+            except DataError:  # no hand was found
                 figures.append((False, False, np.nan, np.nan))
                 continue
             finally:
@@ -94,10 +94,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _summary(table: Array) -> dict[str, float | None]:
-    """Of scenes (n, 4): shares that are found and told to be right hands, means and medians of those with an answer."""
+    """Summarize scenes (n, 4): fractions found and reported as right hands, mean and median errors of those found."""
     found, right, located, error = table.T
-    told = ~np.isnan(error)
-    answers = (np.median(located[told]), error[told].mean(), np.median(error[told])) if told.any() else (None,) * 3
+    answered = ~np.isnan(error)
+    answers = (
+        (np.median(located[answered]), error[answered].mean(), np.median(error[answered]))
+        if answered.any()
+        else (None,) * 3
+    )
     return {
         "count": len(table),
         "found": float(found.mean()),

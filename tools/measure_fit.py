@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
-"""What a network and the fit after it are worth on synthetic hands: errors, failures, confidence, left or right.
+"""Measure a network and the fit after it on synthetic hands: errors, failures, confidence, handedness.
 
     python tools/measure_fit.py
     python tools/measure_fit.py --weights snapshots/x.caffemodel.h5 --model prototxt/nyu_deploy.prototxt
     python tools/measure_fit.py --recipes nyu other_flesh --frames 512 --terms
 
-The packaged network by default, on every recipe; --terms leaves each term of the fit out in turn.
+The default is the packaged network on all recipes; --terms omits each term of the fit in turn.
 
-Frames are drawn from the recipes (tools/make_synthetic.py says which there are), of the split and seed that nothing
-was chosen on. Errors are means over NYU's 14 joints in mm. A frame has failed if its error is above 30 mm; "auc" is how
-well the doubt tells those that have; "expected" the mean error that the fit itself expects. "right" is the share of
-frames that are doubted less than their mirror image (--hands). --roll: errors by how the palm is turned in the picture.
+Frames are drawn from recipes (listed by tools/make_synthetic.py --help) with a split and seed that were not used for
+tuning. Errors are means over NYU's 14 joints in mm. A frame has failed if its error is above 30 mm; "auc" measures how
+well the uncertainty predicts failures; "expected" is the mean error that the fit predicts. "right" is the fraction of
+frames with less uncertainty than their mirror image (--hands). --roll groups errors by the rotation of the palm in the
+image.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from tools.common.arguments import add_engine, natural, parser_of, positive
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 
-TERMS = {  # what is left out -> the weights without it
+TERMS = {  # omitted term -> weights
     "nothing": Weights(),
     "silhouette": replace(Weights(), outline=0.0),
     "free space": replace(Weights(), front=0.0),
@@ -63,27 +64,27 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
-    parser.add_argument("--model", metavar="NET", help="the net that predicts with them")
+    parser.add_argument("--model", metavar="NET", help="deploy prototxt of their net")
     parser.add_argument("--recipes", choices=recipes.NAMES, nargs="+", default=list(recipes.NAMES[:4]), metavar="NAME",
                         help=f"some of {', '.join(recipes.NAMES)} (default: the first four)")  # fmt: skip
     parser.add_argument("--plans", choices=PLANS, nargs="+", default=list(PLANS), metavar="PLAN",
                         help=f"some of {', '.join(PLANS)} (default: all)")  # fmt: skip
     parser.add_argument("--frames", type=positive, default=2000, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=lambda text: natural(text, MAX_SEED), default=0, metavar="N",
-                        help="of the test frames (default: 0)")  # fmt: skip
-    parser.add_argument("--hands", action="store_true", help="fit the mirror images, too (twice the time)")
-    parser.add_argument("--roll", action="store_true", help="errors by the palm's turn in the picture")
+                        help="seed of the test frames (default: 0)")  # fmt: skip
+    parser.add_argument("--hands", action="store_true", help="also fit mirror images (twice the time)")
+    parser.add_argument("--roll", action="store_true", help="errors by rotation of the palm in the image")
     parser.add_argument("--terms", action="store_true", help="errors without each term of the fit")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
     if bool(args.weights) != bool(args.model):
-        parser.error("--weights and --model belong together")
+        parser.error("--weights and --model must be given together")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure as the parsed arguments say. Raises NetlibError."""
+    """Measure the network and the fits. Raises NetlibError."""
     weights = Path(args.weights) if args.weights else checked_weights(read_card(SYNTHETIC_HAND))
     net = trained(args.model or SYNTHETIC_HAND / "deploy.prototxt", weights, args.engine)
     refuse_other_bodies(skeleton_to_fit(net), "the recipes are of hands")
@@ -103,15 +104,13 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"weights": str(weights), "frames": args.frames, "seed": args.seed, "rows": rows}, indent=2))
     else:
-        say(
-            f"{args.frames} frames of each recipe, seed {args.seed}, {time.perf_counter() - begun:.0f} s; mm, 14 joints"
-        )
+        say(f"{args.frames} frames per recipe, seed {args.seed}, {time.perf_counter() - begun:.0f} s; mm, 14 joints")
         print(_table(rows))
     return DONE
 
 
 def _rows(recipe: str, found: Figures, without: str, by_roll: bool) -> list[dict[str, Any]]:
-    """One row for the network and one for each plan; then the same for each range of the roll."""
+    """One row for the network and one per plan; optionally the same for each range of the roll."""
     every = np.ones(len(found.network), bool)
     groups = [("", every)]
     if by_roll:

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""How often gestures are read as what is shown: a confusion table over synthetic recordings of one hand.
+"""Measure gesture recognition: a confusion table over synthetic recordings of one hand.
 
     python tools/measure_gestures.py --seeds 100 101 102 103
     python tools/measure_gestures.py --seeds 100 --seconds 5 --cameras kinect2 --truth
 
-Each recording shows the gestures in any order, each held for 0.4 to 1.2 s. A row is a gesture that is shown, a column
-what is read, in percent of the frames in which the fingers have been at rest for 0.2 s; "none" is no gesture, "lost" no
-hand. --truth reads the gestures from the true joints instead of a tracker's.
+Each recording shows the gestures in random order, each held for 0.4 to 1.2 s. Rows are the gestures shown, columns
+those recognized, in percent of the frames in which the fingers have been at rest for 0.2 s; "none" means no gesture,
+"lost" no hand. --truth recognizes gestures from the true joints instead of a tracker's.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("--seeds", type=natural, nargs="+", default=[100], metavar="N",
-                        help="of the recordings (default: 100)")  # fmt: skip
+                        help="seeds of the recordings (default: 100)")  # fmt: skip
     parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
                         help=f"some of {', '.join(CAMERAS)} (default: nyu)")  # fmt: skip
-    parser.add_argument("--seconds", type=positive_number, metavar="S", help="of each (default: 30)")
-    parser.add_argument("--truth", action="store_true", help="read from the true joints, without a tracker")
-    parser.add_argument("--left", action="store_true", help="the left hand instead of the right one")
+    parser.add_argument("--seconds", type=positive_number, metavar="S", help="duration of each (default: 30)")
+    parser.add_argument("--truth", action="store_true", help="use the true joints instead of a tracker")
+    parser.add_argument("--left", action="store_true", help="use the left hand")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure as the parsed arguments say. Raises NetlibError."""
+    """Measure gesture recognition. Raises NetlibError."""
     recordings = [SyntheticRecording(SHOWING, CAMERAS[camera], seconds=args.seconds, seed=seed, mirrored=args.left)
                   for camera in args.cameras for seed in args.seeds]  # fmt: skip
 
@@ -74,8 +74,8 @@ def run(args: argparse.Namespace) -> int:
     for name, row in zip(GESTURES, found.counts):
         rows.append([name, str(row.sum()), *(f"{100 * n / row.sum():.0f}" if n else "" for n in row)])
     print(aligned(rows))
-    say(f"{found.right():.1%} of {found.counts.sum()} frames are read as shown; "
-        f"{len(found.delays)} times, {delay or 0:.2f} s after the fingers come to rest (median)")  # fmt: skip
+    say(f"{found.right():.1%} of {found.counts.sum()} frames are recognized correctly; "
+        f"median delay {delay or 0:.2f} s after the fingers come to rest, {len(found.delays)} times")  # fmt: skip
     return DONE
 
 

@@ -1,20 +1,20 @@
 #!/usr/bin/env python3
-"""What the tracker is worth on synthetic recordings: errors, hands lost and invented, sides, jitter, lag, speed.
+"""Measure the tracker on synthetic recordings: errors, missed and invented hands, handedness, jitter, lag, speed.
 
     python tools/measure_tracking.py
     python tools/measure_tracking.py --scripts minute two_hands --cameras nyu kinect2 --seeds 0 1 --frame-by-frame
     python tools/measure_tracking.py --scripts moving --rate 60 --seconds 5 --raw --fit accurate --json
 
-The scripts are those of tools/make_recording.py; a row for each of their hands, and one for all of them. Joints' errors
-are in mm, over frames in which the hand is in sight and "found": told with a mean error of at most 100 mm; "mean 14"
-and "median 14" are of NYU's 14 joints. Of other frames in sight it is "missed"; "invented" counts hands told where none
-is, over frames. "ids" and "flips" count changes of its number and of the hand that it is told to be, "wrong side" the
-frames in which that is the other one. "jitter" is in mm, while it rests, "lag" in ms, while it moves, "bone" the most
-in mm that the length of a bone changes. "frames/s" are those of the tracker, without making frames.
+The scripts are those of tools/make_recording.py. There is a row for each of their hands, and one for all. Joint errors
+are in mm, over frames in which the hand is visible and "found", that is, reported with a mean error of at most 100 mm;
+"mean 14" and "median 14" are for NYU's 14 joints. In other frames with a visible hand it is "missed"; "invented" counts
+reported hands where there is none. "ids" and "flips" count changes of its id and of its reported side; "wrong side"
+counts frames in which that is wrong. "jitter" is in mm while the hand rests, "lag" in ms while it moves, "bone" is the
+largest change of a bone length in mm. "frames/s" is the speed of the tracker without rendering.
 
---frame-by-frame fits each frame alone, too, by the same plan, with no history, but told what only the truth knows: the
-middle of the crop and which hand it is. "same" and "alone" are the mean errors of the track and of that, in frames in
-which both find the hand, "same md" and "alone md" the medians; "found alone" is what that finds of the hands in sight.
+--frame-by-frame also fits each frame independently with the same plan, without history, but given the true centre of
+the crop and side. "same" and "alone" are the mean errors of the track and of these fits in frames in which both find
+the hand, "same md" and "alone md" the medians; "found alone" is the fraction of visible hands that the fits find.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from tools.common.progress import ProgressBar
 from tools.common.sources import rate
 
 Row = dict[str, str | float | None]
-TITLES = {  # of the columns, and how they are written
+TITLES = {  # columns: key -> title and format
     "in_sight": ("in sight", "d"), "found": ("found", ".1%"), "mean": ("mean", ".1f"), "median": ("median", ".1f"),
     "mean_14": ("mean 14", ".1f"), "median_14": ("median 14", ".1f"), "same": ("same", ".1f"),
     "alone": ("alone", ".1f"), "same_median": ("same md", ".1f"), "alone_median": ("alone md", ".1f"),
@@ -61,21 +61,21 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
                         help=f"some of {', '.join(CAMERAS)} (default: nyu)")  # fmt: skip
     parser.add_argument("--seeds", type=natural, nargs="+", default=[0], metavar="N",
-                        help="of the recordings (default: 0)")  # fmt: skip
+                        help="seeds of the recordings (default: 0)")  # fmt: skip
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")  # fmt: skip
-    parser.add_argument("--seconds", type=positive_number, metavar="S", help="of each (default: the scripts')")
+    parser.add_argument("--seconds", type=positive_number, metavar="S", help="duration (default: the script's)")
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frame-by-frame", type=positive, nargs="?", const=1, metavar="N",
-                        help="look at every frame alone, too, or at every N-th")  # fmt: skip
+                        help="also fit each frame, or every N-th, independently")  # fmt: skip
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure as the parsed arguments say. Raises NetlibError."""
+    """Measure the tracker. Raises NetlibError."""
     recordings = [
         (script, camera, seed, SyntheticRecording(script, CAMERAS[camera], rate=args.rate, seconds=args.seconds,
                                                   seed=seed))
@@ -99,19 +99,19 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps({**facts, "rows": rows}, indent=2))
     else:
         how = "not smoothed" if args.raw else "smoothed"
-        say(f"{frames} frames, {args.rate:g} a second, {args.fit} fit, {how}; mm, lag in ms")
+        say(f"{frames} frames, {args.rate:g} per second, {args.fit} fit, {how}; mm, lag in ms")
         print(_table(rows))
     return DONE
 
 
 def _alone(camera: Camera, args: argparse.Namespace) -> Alone:
-    """What looks at frames of a camera alone, by the tracker's plan."""
+    """The independent fits of a camera's frames, with the tracker's plan."""
     right, left = (load_predictor(camera, hand=side, refine=0, fit=args.fit, engine=args.engine) for side in SIDES)
     return Alone(right, left)
 
 
 def _rows(names: dict[str, str], tracked: Tracked) -> list[Row]:
-    """A row for each hand of a recording; what is of the recording is in the first."""
+    """One row per hand of a recording; values of the whole recording are in the first row."""
     rows: list[Row] = [
         {**names, "hand": f"{hand.scores.id} {hand.scores.hand}", **summary([hand])} for hand in tracked.hands
     ] or [{**names, "hand": "none", **summary([])}]
@@ -120,7 +120,7 @@ def _rows(names: dict[str, str], tracked: Tracked) -> list[Row]:
 
 
 def _table(rows: list[Row]) -> str:
-    """Without columns in which there is nothing."""
+    """Format the rows without empty columns."""
     filled = {name for row in rows for name, value in row.items() if value is not None}
     names = ["script", "camera", "seed", "hand", *(name for name in TITLES if name in filled)]
 

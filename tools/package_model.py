@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Make a small file of weights that a fit can start from: rounded, compressed, with the network's errors measured.
+"""Package weights as a small file for fits: rounded, compressed, and with the measured errors of the network.
 
     python tools/package_model.py snapshots/synthetic_iter_80000.caffemodel.h5 \
         --model models/synthetic_hand/deploy.prototxt --out models/synthetic_hand/synthetic_hand.caffemodel.h5
 
-The errors are measured on training frames of a recipe (tools/make_synthetic.py says which there are) that the network
-was not trained on: how far its angles are off, which says where else a fit starts and how near it stays; and how the
-doubt of each plan goes with the error of the joints, which is the confidence. Weights of a net without
-a hand model are only rounded and compressed. Caffe reads the file like any other.
+Errors are measured on training frames of a recipe (listed by tools/make_synthetic.py --help) that the network was not
+trained on: the errors of its angles, which determine further starts of a fit and its prior; and how the uncertainty of
+each plan relates to joint errors, which gives the confidence. Weights of a net without a hand model are only rounded
+and compressed. Caffe can read the file.
 """
 
 from __future__ import annotations
@@ -48,16 +48,16 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("snapshot", metavar="SNAPSHOT", help="weights, *.caffemodel.h5")
-    parser.add_argument("--model", metavar="NET", required=True, help="the net that predicts with them")
-    parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the file to write")
+    parser.add_argument("--model", metavar="NET", required=True, help="deploy prototxt of their net")
+    parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="file to write")
     parser.add_argument("--bits", type=natural, default=10, metavar="N",
-                        help="of each mantissa, of 23 (default: %(default)s)")  # fmt: skip
+                        help="bits of each mantissa, at most 23 (default: %(default)s)")  # fmt: skip
     parser.add_argument(
-        "--recipe", choices=recipes.NAMES, default="people", help="of the frames (default: %(default)s)"
+        "--recipe", choices=recipes.NAMES, default="people", help="recipe of the frames (default: %(default)s)"
     )
     parser.add_argument("--frames", type=positive, default=8192, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=lambda text: natural(text, MAX_SEED), default=1000, metavar="N",
-                        help="of the frames; not that of the training (default: %(default)s)")  # fmt: skip
+                        help="seed of the frames, unlike that of the training (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.bits > 23:
         parser.error(f"--bits must be at most 23, found {args.bits}")
@@ -65,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure and write as the parsed arguments say. Raises NetlibError."""
+    """Measure the errors and write the file. Raises NetlibError."""
     outputs.check_place(args.out, [args.snapshot, args.model])
     net = trained(args.model, args.snapshot)
     if hand_layer(net) is None:
@@ -86,12 +86,12 @@ def _round(net: Net, bits: int) -> None:
 
 
 def _measure(net: Net, args: argparse.Namespace) -> None:
-    """Round the weights, measure what they and the fits after them are worth, and write all of it."""
-    refuse_other_bodies(skeleton_to_fit(net), "the frames that the errors are measured on show hands")
+    """Round the weights, measure the errors of the network and the fits, and write the file."""
+    refuse_other_bodies(skeleton_to_fit(net), "errors are measured on frames of hands")
     skeleton = skeleton_to_fit(net)
     model = CapsuleModel(skeleton, CUBE_MM / 2)
     if args.frames <= (count := len(model.limbs)):  # a covariance of fewer samples is singular
-        raise NetlibError(f"--frames {args.frames}: the covariance of the errors of {count} inputs of limbs takes "
+        raise NetlibError(f"--frames {args.frames} is too few for the covariance of {count} inputs; expected "
                           f"--frames {count + 1} or more")  # fmt: skip
     generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
     with ProgressBar(3 * args.frames) as progress:

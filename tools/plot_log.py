@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Draw the loss and test curves of training logs, this project's or Caffe's.
+"""Plot the loss and test curves of training logs of this project or of Caffe.
 
     python tools/plot_log.py snapshots/train.log --out snapshots/train.png
 
-Several logs share one picture. The log of a training that was continued with --snapshot may follow the first log.
-Of many test outputs, those with the largest last values have panels of their own; the others share one.
+Several logs share one figure. The log of a training resumed with --snapshot can follow the first log in one file.
+If there are many test outputs, those with the largest last values have their own panels; the others share one.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _ITERATION = re.compile(r"Iteration (\d{1,18})(?!\d)")
 _LOSS = re.compile(rf"Iteration (\d{{1,18}})(?: \([^()]*\))?, loss = {_NUMBER}")
 _OUTPUT = re.compile(rf"(Train|Test) net output #\d+: (\S+) = {_NUMBER}")
 
-MAX_PANELS = 8  # of test outputs
+MAX_PANELS = 8  # for test outputs
 MAX_LABELS = 12  # in a legend
-MAX_LENGTH = 40  # of a name, in characters
+MAX_LENGTH = 40  # characters of a name
 
 Curve = list[tuple[int, float]]
 
@@ -53,15 +53,15 @@ class Log:
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("logs", metavar="LOG", nargs="+", help="what tools/train.py --log wrote, or Caffe's stderr")
+    parser.add_argument("logs", metavar="LOG", nargs="+", help="log of tools/train.py --log, or stderr of Caffe")
     parser.add_argument("--out", metavar="FILE", default="log.png",
-                        help="the picture; the ending of its name says the format (default: %(default)s)")  # fmt: skip
+                        help="figure; its suffix selects the format (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draw as the parsed arguments say."""
+    """Plot the logs."""
     outputs.refuse_inputs(args.out, args.logs)
     logs = {path: read_log(path) for path in args.logs}
     plot(logs, args.out)
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def read_log(path: str | Path) -> Log:
-    """Parse a log. Raises DataError if it cannot be read or has no iteration in it."""
+    """Parse a log. Raises DataError if it cannot be read or has no iterations."""
     text = files.read_text(path, "the log", errors="replace")
     log, iteration = Log(), 0
     for line in text.splitlines():
@@ -82,12 +82,12 @@ def read_log(path: str | Path) -> Log:
             curves = log.train if found[1] == "Train" else log.test
             curves.setdefault(found[2], []).append((iteration, float(found[3])))
     if not log.loss and not log.test:
-        raise DataError(f"{path}: no line like 'Iteration 20 (...), loss = 0.5' in it; expected a training log")
+        raise DataError(f"{path}: it has no line like 'Iteration 20 (...), loss = 0.5'; expected a training log")
     return log
 
 
 def plot(logs: dict[str, Log], out: str | Path) -> None:
-    """One panel for the loss, and one per test output. Raises NetlibError if the picture cannot be written."""
+    """Plot one panel for the loss and one per test output. Raises NetlibError if the figure cannot be written."""
     names = sorted({name for log in logs.values() for name in log.test})
     own = names if len(names) <= MAX_PANELS else sorted(_largest(logs, names))
     others = [name for name in names if name not in own]
@@ -118,20 +118,20 @@ def plot(logs: dict[str, Log], out: str | Path) -> None:
 
 
 def shortened(name: str) -> str:
-    """Any name as a label: matplotlib typesets formulas, and takes no bytes that are not UTF-8."""
+    """Shorten and escape a name for a label, because matplotlib interprets $ and rejects invalid UTF-8."""
     name = printable(name)
     kept = name if len(name) <= MAX_LENGTH else f"{name[: MAX_LENGTH - 15]}…{name[-14:]}"
     return kept.replace("$", r"\$")
 
 
 def _largest(logs: dict[str, Log], names: list[str]) -> list[str]:
-    """The outputs with panels of their own where there are more than panels: one is left for all others."""
+    """The outputs with their own panels if there are too many; one panel remains for the others."""
     last = {name: max(log.test[name][-1][1] for log in logs.values() if name in log.test) for name in names}
     return sorted(names, key=lambda name: math.inf if math.isnan(last[name]) else last[name])[1 - MAX_PANELS :]
 
 
 def _end_to_end(curves: list[Curve]) -> Curve:
-    """Many curves as one line with gaps, which is drawn as fast as one."""
+    """Join curves into one line with gaps, which is faster to draw."""
     return [point for curve in curves if curve for point in (*curve, (curve[-1][0], math.nan))]
 
 

@@ -1,28 +1,29 @@
 #!/usr/bin/env python3
-"""Find the hand in depth images: its joints, how sure they are, and a picture.
+"""Predict the hand in depth images: its joints and confidence, and a figure.
 
     python tools/predict.py frame.png --camera kinect2 --out pictures
     python tools/predict.py crop.png --out pictures
     python tools/predict.py frame.png --camera kinect2 --html frame.html
 
-The network of models/synthetic_hand predicts a pose, and a fit moves it until it explains the depth (--fit fast takes a
-third of the time, --fit no leaves the network alone). --weights takes a network of one's own.
+The network of models/synthetic_hand predicts a pose, and a fit refines it to match the depth (--fit fast takes a third
+of the time, --fit no uses the network alone). --weights selects your own network.
 
-With --camera, the images are whole depth frames: 16-bit grey PNG, 0 where the camera read nothing; with --camera nyu
-also NYU's colour packing. --center says where the hand is, else it is looked for. The crop is then moved to the palm
-that the network sees in it, --refine times; give 0 for networks whose training crops have another centre than NYU's,
-such as ICVL's.
+With --camera, the images are full depth frames: 16-bit grey PNG, 0 where there is no measurement; with --camera nyu,
+also NYU's colour encoding. --center gives the position of the hand; by default it is detected. The crop is then moved
+to the palm that the network predicts, --refine times; use 0 for networks whose training crops are not centred like
+NYU's, such as ICVL's.
 
-Without, they are crops: square 8-bit pictures of normalised depth, in which value v stands for the depth centre +
-(v / 127.5 - 1) * cube / 2, so the hand's centre is mid-grey and the background white; they are resized to 128 x 128.
+Without --camera, the images are crops: square 8-bit images of normalised depth, in which value v means the depth of the
+centre + (v / 127.5 - 1) * cube / 2, so the hand's centre is mid-grey and the background white. They are resized to
+128 x 128.
 
-Networks know right hands, in images that are not mirrored. --hand either, which is what a fit does by itself, tries
-both and takes the one that explains the depth better; --hand left or right where it is known. Another body
-(docs/bodies.md) needs the --weights and the --model of its net, its --cube, and in whole frames the --center.
+Networks are trained on right hands, in images that are not mirrored. --hand either, the default with a fit, tries both
+and selects the one that matches the depth better; use --hand left or right if it is known. Another body
+(docs/bodies.md) needs --weights and --model of its net, --cube, and for full frames --center.
 
 Joints are printed in mm from the crop's centre (x right, y up, z away); with --camera also the centre in camera axes.
-"Sure" is the chance that their mean error is below 30 mm.
---html writes a page for the browser besides: the hands over their depth points, to turn around and to bend.
+The percentage is the probability that their mean error is below 30 mm.
+--html also writes a page for the browser that shows the hands with the depth points; they can be rotated and bent.
 """
 
 from __future__ import annotations
@@ -55,52 +56,52 @@ from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, hand_pages, outputs, pictures
 from tools.common.console import DONE, guarded, say
-from tools.common.sources import say_doubts
+from tools.common.sources import print_warnings
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = arguments.parser_of(__doc__, nets=True)
-    parser.add_argument("images", metavar="IMAGE", nargs="+", help="crops, or with --camera whole depth frames")
+    parser.add_argument("images", metavar="IMAGE", nargs="+", help="crops, or with --camera full depth frames")
     parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
     parser.add_argument("--model", metavar="NET",
-                        help="net with the input depth and the output pred (default: that of the weights that are "
-                             "packaged, with --weights nyu_deploy.prototxt)")  # fmt: skip
-    parser.add_argument("--fit", choices=("no", *PLANS), help="move the predicted hand until it explains the depth "
-                        "(default: accurate; fast for other bodies, no for those without flesh)")  # fmt: skip
-    parser.add_argument("--hand", choices=SOUGHT_SIDES, help="(default: either, with --fit no right)")
-    parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
-    parser.add_argument("--html", metavar="FILE", help="write a page with all the hands, to turn around")
+                        help="net with input depth and output pred (default: that of the packaged weights; with "
+                             "--weights, nyu_deploy.prototxt)")  # fmt: skip
+    parser.add_argument("--fit", choices=("no", *PLANS), help="refine the predicted hand to match the depth (default: "
+                        "accurate; fast for other bodies, no for those without a surface)")  # fmt: skip
+    parser.add_argument("--hand", choices=SOUGHT_SIDES, help="default: either, with --fit no right")
+    parser.add_argument("--out", metavar="DIR", default=".", help="output folder (default: the working folder)")
+    parser.add_argument("--html", metavar="FILE", help="write a page on which the hands can be rotated")
     parser.add_argument(
-        "--cube", type=arguments.cube, metavar="MM", help=f"edge of the cube (default of hands: {CUBE_MM:g})"
+        "--cube", type=arguments.cube, metavar="MM", help=f"edge of the cube (default for hands: {CUBE_MM:g})"
     )
     parser.add_argument("--camera", type=arguments.camera, metavar="NAME|FX,FY,U0,V0",
-                        help="the images are whole depth frames of this camera: "
+                        help="the images are full depth frames of this camera: "
                              f"{', '.join(CAMERAS)}, or FX,FY,U0,V0")  # fmt: skip
     parser.add_argument("--unit", type=arguments.positive_number, metavar="MM",
-                        help="what a pixel's value of 1 stands for (default: 1, of sr305 0.125)")  # fmt: skip
+                        help="depth unit: mm per stored value of 1 (default: 1, for sr305 0.125)")  # fmt: skip
     parser.add_argument("--center", type=arguments.center, metavar="U,V[,D]", action="append",
-                        help="px, px, mm: middle of the hand, once for all frames or once per frame")  # fmt: skip
+                        help="px, px, mm: centre of the hand, once for all frames or once per frame")  # fmt: skip
     parser.add_argument("--refine", type=lambda text: arguments.natural(text, MAX_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
     arguments.add_engine(parser)
-    arguments.add_joints_option(parser, "in the table instead of ours, in --json with them")
+    arguments.add_joints_option(parser, "in the table instead of NYU's, in --json in addition")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
     if args.model and not args.weights:
-        parser.error("--model needs the --weights of that net")
+        parser.error("--model needs --weights")
     if args.fit == "no" and args.hand == "either":
-        parser.error("--hand either needs a fit, which tells the hands apart; say --hand right or left")
+        parser.error("--hand either needs a fit; use --hand right or left")
     if args.camera is None:
-        arguments.refuse_given(parser, args, ["center", "unit", "refine"], "is for whole frames; name their --camera")
+        arguments.reject_given(parser, args, ["center", "unit", "refine"], "applies only to full frames, with --camera")
     if args.center and len(args.center) not in (1, len(args.images)):
         parser.error(f"--center is given {len(args.center)} times for {len(args.images)} images; "
-                     "expected once, or for each")  # fmt: skip
+                     "expected once, or once per image")  # fmt: skip
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Predict as the parsed arguments say."""
+    """Predict the images."""
     predictor = _predictor(args)
     out = Path(args.out)
     pictures.make_folder(out)
@@ -115,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
         if found.in_frame and predictor.is_hand:
-            say_doubts(image, depth, found.camera, args.unit, found.fit.confidence if found.fit else 0.0)
+            print_warnings(image, depth, found.camera, args.unit, found.fit.confidence if found.fit else 0.0)
         hands.append((image, found))
         findings.draw(place, found, predictor)
         if args.json:
@@ -133,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _predictor(args: argparse.Namespace) -> Predictor:
-    """The predictor that the arguments ask for."""
+    """Create the predictor that the arguments select."""
     camera, options = args.camera or NYU, {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
     if not args.weights:
         options["hand"] = args.hand or ("right" if args.fit == "no" else "either")
@@ -143,12 +144,13 @@ def _predictor(args: argparse.Namespace) -> Predictor:
 
 
 def _in_frame(predictor: Predictor, depth: NDArray[np.float32], middle: Any, image: str) -> Prediction:
-    """The hand in a frame; an error names the image, and says what to do."""
+    """Predict the hand in a frame. Raises DataError with the image's name and advice."""
     try:
         return predictor.in_frame(depth, middle)
     except DataError as error:
         known = isinstance(error, UnitError) or (middle and len(middle) == 3)
-        advice = "" if known else f"; say with --center U,V,D where the {'hand' if predictor.is_hand else 'body'} is"
+        body = "hand" if predictor.is_hand else "body"
+        advice = "" if known else f"; give the position of the {body} with --center U,V,D"
         raise DataError(f"{image}: {error}{advice}") from None
 
 

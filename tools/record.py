@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Record a depth camera, or turn one recording into another that can be replayed.
+"""Record a depth camera, or convert a recording to a format that can be replayed.
 
     python tools/record.py realsense --out takes/wave --seconds 20
     python tools/record.py take.bag --out take.mkv
     python tools/record.py "frames/left_*.png" --camera sr305 --rate 60 --out left.npz
 
-SOURCE is a folder of 16-bit PNG or names in it (quoted, with a *), a stack of frames (.npy, .npz, .h5), a video (.mkv,
-also of an Azure Kinect), a bag of ROS, or realsense. --out is a folder of 16-bit PNG whose names are their times, with
-a camera.json, or FILE.npz, or FILE.mkv, a lossless video. What is written has no lens distortion any more.
+SOURCE is a folder of 16-bit PNG or a quoted pattern of their names, an array file (.npy, .npz, .h5), a video (.mkv,
+also of an Azure Kinect), a ROS bag, or realsense. --out is a folder of 16-bit PNG, named by their times, with a
+camera.json, or FILE.npz, or FILE.mkv, a lossless video. The output is undistorted.
 
 Ctrl-C ends a recording and keeps it. Nothing is overwritten without --force.
 """
@@ -33,46 +33,46 @@ from tools.common import outputs
 from tools.common.arguments import parser_of, positive, positive_number
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
-from tools.common.sources import add_source_options, opened, say_first_look, say_found_on_the_way, total_of
+from tools.common.sources import add_source_options, opened, print_first_look, print_new_remarks, total_of
 from tools.common.stopper import StoppedError, Stopper
 
-COARSEST_MM = 1.0  # unit of what is written, unless --out-unit says another: sources in metres have fractions
-MOST_MM = 10.0  # of --out-unit: hands are lost in what is rounded to more
+COARSEST_MM = 1.0  # largest default depth unit: sources in metres have fractions
+MAX_UNIT_MM = 10.0  # of --out-unit: with a larger one, hands are lost in the rounding
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     add_source_options(parser)
-    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="what to write")
-    parser.add_argument("--seconds", type=positive_number, metavar="S", help="stop after so many")
-    parser.add_argument("--frames", type=positive, metavar="N", help="stop after so many")
-    parser.add_argument("--out-unit", type=functools.partial(positive_number, most=MOST_MM), metavar="MM",
-                        help=f"of what is written (default: the source's, at most {COARSEST_MM:g})")  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="replace what --out names")
+    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="output")
+    parser.add_argument("--seconds", type=positive_number, metavar="S", help="maximum duration")
+    parser.add_argument("--frames", type=positive, metavar="N", help="maximum number of frames")
+    parser.add_argument("--out-unit", type=functools.partial(positive_number, most=MAX_UNIT_MM), metavar="MM",
+                        help=f"depth unit of the output (default: the source's, at most {COARSEST_MM:g})")  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="replace an existing output")
     args = parser.parse_args(argv)
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the recording that the parsed arguments name."""
+    """Write the recording."""
     source = Path(args.source).absolute()
-    outputs.refuse_inputs(args.out, [source, source.parent], "is where the source lies")
+    outputs.refuse_inputs(args.out, [source, source.parent], "contains the source")
     with opened(args) as recording:
         unit = args.out_unit or min(recording.unit_mm, COARSEST_MM)
         writer = RecordingWriter(args.out, recording.camera, unit, recording.rate, replace=args.force)
         seen = look(recording)
-        say_first_look(seen)
+        print_first_look(seen)
         try:
             with Stopper() as stopper:
                 seconds = _write(recording, writer, stopper, args.seconds, args.frames)
         except StoppedError:
-            say(f"stopped; {args.out} keeps {writer.count} frames", file=sys.stderr)
+            say(f"stopped; {args.out} has {writer.count} frames", file=sys.stderr)
             return 128 + stopper.signum
         except NetlibError as error:
-            kept = f"; {args.out} keeps the {writer.count} frames before it" if writer.count else ""
+            kept = f"; {args.out} has the {writer.count} frames before it" if writer.count else ""
             raise NetlibError(f"{error}{kept}") from None
-        say_found_on_the_way(recording, seen)
+        print_new_remarks(recording, seen)
     if not writer.count:
         raise NetlibError(f"{args.source}: no frames")
     say(f"wrote {args.out}: {writer.count} frames of {seconds:.1f} s, unit {unit:g} mm")
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
 def _write(
     recording: Recording, writer: RecordingWriter, stopper: Stopper, seconds: float | None, frames: int | None
 ) -> float:
-    """Write frames till there are so many; returns the time in s from the first to the last. Raises StoppedError."""
+    """Write frames up to the limits; returns the time in s from the first to the last. Raises StoppedError."""
     first = last = None
     with writer, ProgressBar(total_of(recording, frames), what="recording") as progress:
         for frame in recording:

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Look at data: one picture with frames of one or more data sets and their annotated hands, or other bodies.
+"""Show data: one figure with frames of one or more data sets and their annotated hands or other bodies.
 
     python tools/show_data.py data/nyu/test.txt --out synthetic.png
     python tools/show_data.py data/nyu/test.txt real_crops/ --out both.png --plain
     python tools/show_data.py data/person/test.txt --out people.png --skeleton prototxt/body/person.prototxt
 
-Each argument becomes a block of rows: a list of HDF5 files, an HDF5 file with depth and perhaps joint, or a folder of
-crops (square 8-bit pictures of normalised depth). Frames are spread evenly over each set. Hands are drawn where a
-data set has the 31 joints of the model, or as many as the --skeleton; --plain draws none.
+Each argument becomes a block of rows: a list of HDF5 files, an HDF5 file with depth and optionally joint, or a folder
+of crops (square 8-bit images of normalised depth). Frames are evenly spaced over each set. Hands are drawn if a data
+set has the 31 joints of the model, or the joints of the --skeleton; --plain draws none.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from tools.common import outputs, pictures
 from tools.common.arguments import name_in, parser_of, positive
 from tools.common.console import DONE, guarded, say
 
-LARGEST_PX = 65000  # of a JPEG, nearly
-LARGEST = 1 << 28  # pixels in all, which take a GB of memory
+MAX_PX = 65000  # per side, close to the limit of JPEG
+MAX_PIXELS = 1 << 28  # about 1 GB of memory
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -43,25 +43,25 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("sets", metavar="DATA", nargs="+", help="a list, an HDF5 file, or a folder of crops")
     parser.add_argument(
-        "--out", metavar="FILE", type=name_in(".png", ".jpg"), required=True, help="the picture, .png or .jpg"
+        "--out", metavar="FILE", type=name_in(".png", ".jpg"), required=True, help="figure, .png or .jpg"
     )
-    parser.add_argument("--frames", type=positive, default=16, metavar="N", help="per set (default: %(default)s)")
-    parser.add_argument("--columns", type=positive, default=8, metavar="N", help="per row (default: %(default)s)")
+    parser.add_argument("--frames", type=positive, default=16, metavar="N", help="frames per set (default: 16)")
+    parser.add_argument("--columns", type=positive, default=8, metavar="N", help="frames per row (default: 8)")
     parser.add_argument("--zoom", type=positive, default=1, metavar="N", help="enlarge N times (default: %(default)s)")
-    parser.add_argument("--skeleton", metavar="FILE", help="of the bodies (default: NYU's hand)")
-    parser.add_argument("--plain", action="store_true", help="do not draw what is annotated")
+    parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the bodies (default: NYU's hand)")
+    parser.add_argument("--plain", action="store_true", help="do not draw annotations")
     return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draw as the parsed arguments say."""
+    """Draw the figure."""
     skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
     with files.noted() as read:
         sets = [examples_of(Path(name), args.frames) for name in args.sets]
-    beside = [path for name in args.sets for path in Path(name).glob("*")]
-    outputs.refuse_inputs(args.out, [args.skeleton, *read, *beside])
+    contents = [path for name in args.sets for path in Path(name).glob("*")]
+    outputs.refuse_inputs(args.out, [args.skeleton, *read, *contents])
     columns = min(args.columns, max(map(len, sets)))
-    _refuse_large(sets, columns, args.zoom)
+    _check_size(sets, columns, args.zoom)
     images, titles = [], []
     for name, examples in zip(args.sets, sets):
         for number, (crop, joints, where) in enumerate(examples):
@@ -72,11 +72,11 @@ def run(args: argparse.Namespace) -> int:
             if args.plain or joints is None or found != len(skeleton.parents):
                 images.append(hands.picture(crop, args.zoom))
             elif not np.isfinite(joints).all():
-                raise DataError(f"{where}: its joints are not finite; with --plain no hands are drawn")
+                raise DataError(f"{where}: its joints are not finite; use --plain to omit hands")
             else:
                 images.append(hands.overlay(crop, joints, skeleton, zoom=args.zoom))
             titles.append(Path(name).name if number == 0 else "")
-        while len(images) % columns:  # each set begins a row
+        while len(images) % columns:  # each set starts a row
             images.append(np.full_like(images[-1], 255))
             titles.append("")
     pictures.write_image(args.out, sheets.sheet(images, columns, titles, gap=4))
@@ -84,13 +84,13 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _refuse_large(sets: Sequence[Sequence[Example]], columns: int, zoom: int) -> None:
-    """Raise DataError for what is more than a picture can be."""
+def _check_size(sets: Sequence[Sequence[Example]], columns: int, zoom: int) -> None:
+    """Raise DataError if the figure would be too large."""
     size = zoom * max(len(crop) for examples in sets for crop, *_ in examples)
     width, height = columns * size, sum(-(-len(examples) // columns) for examples in sets) * size
-    if max(width, height) > LARGEST_PX or width * height > LARGEST:
-        raise DataError(f"{width} x {height} pixels are more than a picture can have, {LARGEST_PX} each way and "
-                        f"{LARGEST / 1e6:.0f} million in all; ask for a smaller --zoom or fewer --frames")  # fmt: skip
+    if max(width, height) > MAX_PX or width * height > MAX_PIXELS:
+        raise DataError(f"{width} x {height} pixels; expected at most {MAX_PX} per side and {MAX_PIXELS / 1e6:.0f} "
+                        "million in total, so reduce --zoom or --frames")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,18 +1,18 @@
 #!/usr/bin/env python3
-"""Score snapshots on the test set of a net: its outputs, joint errors in mm, success rates, broken limits.
+"""Score snapshots on the test set of a net: its outputs, joint errors in mm, success rates, violated limits.
 
     python tools/test.py snapshots/nyu_iter_*.caffemodel.h5
 
     python tools/test.py snapshots/person_iter_20000.caffemodel.h5 --model prototxt/body/person_train_test.prototxt
 
-    python tools/test.py --joints ...           # the error of each joint of the last snapshot, too
+    python tools/test.py --joints ...           # also the error per joint of the last snapshot
 
-    python tools/test.py --fit accurate ...     # the same after the hand model was fitted to the depth, in more columns
+    python tools/test.py --fit accurate ...     # also the same after a fit of the hand model to the depth
 
-Errors are distances between predicted and annotated joints. Both are relative to the centre of the crop (joint 34 of
-the NYU annotation; on synthetic data the same place of the synthetic hand) and scaled by each frame's own cube. Success
-rates are of whole frames, none of whose joints (of NYU's hand: of its 14) is farther off than 20 or 40 mm; of a larger
-body than a hand, as much more as its cube is larger.
+Errors are distances between predicted and annotated joints, relative to the centre of the crop (joint 34 of the NYU
+annotation; the same point in synthetic data) and scaled by the cube of each frame. The success rate is the fraction of
+frames in which all joints (for NYU's hand: the 14 evaluation joints) are within 20 or 40 mm; thresholds of larger
+bodies are scaled by their cube.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from netlib.files.paths import ROOT
 from netlib.net import Net
 from tools.common import pictures
 from tools.common.advice import on_missing_data
-from tools.common.arguments import add_engine, name_in, parser_of, refuse_given
+from tools.common.arguments import add_engine, name_in, parser_of, reject_given
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 
-DRAWN = 12  # frames in a picture
+DRAWN = 12  # frames in a figure
 COLUMNS = {  # figure -> heading, format
     "error_mm": ("all joints mm", "{:.2f}"),
     "error_14_mm": ("14 joints mm", "{:.2f}"),
@@ -66,20 +66,20 @@ def main(argv: list[str] | None = None) -> int:
                         help="the net's prototxt (default: nyu_train_test.prototxt)")  # fmt: skip
     parser.add_argument("--fit", choices=PLANS, help="also fit the predicted hands to the depth")
     parser.add_argument("--deploy", metavar="NET", default=str(ROOT / "prototxt" / "nyu_deploy.prototxt"),
-                        help="with --fit: the same net with an input (default: nyu_deploy.prototxt)")  # fmt: skip
+                        help="with --fit: deploy prototxt of the net (default: nyu_deploy.prototxt)")  # fmt: skip
     parser.add_argument("--picture", metavar="FILE.png", type=name_in(".png"),
-                        help=f"draw {DRAWN} frames as the last snapshot sees them")  # fmt: skip
-    parser.add_argument("--joints", action="store_true", help="list the joints with the last snapshot's errors")
+                        help=f"draw {DRAWN} frames with predictions of the last snapshot")  # fmt: skip
+    parser.add_argument("--joints", action="store_true", help="print the error per joint of the last snapshot")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
     if not args.fit:
-        refuse_given(parser, args, ["deploy"], "is the net of a fit; say --fit, too")
+        reject_given(parser, args, ["deploy"], "applies only with --fit")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Score as the parsed arguments say."""
+    """Score the snapshots."""
     rows = []
     with on_missing_data():
         net = Net(args.model, netlib.TEST, engine=args.engine)
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _draw(path: Path, net: Net, found: Predictions) -> None:
-    """Frames spread over the test set, on the crop and in 3-D: the prediction in colour, the annotation thin."""
+    """Draw evenly spaced test frames, on the crop and in 3-D: predictions in colour, annotations as thin lines."""
     hand = hand_layer(net)
     chosen = spread(len(found.joints), DRAWN)
     errors = joint_errors(found.joints[chosen], found.truth[chosen]).mean(axis=1) * found.half_cube[chosen]
@@ -133,7 +133,7 @@ def _draw(path: Path, net: Net, found: Predictions) -> None:
 
 
 def _table(rows: list[dict[str, object]]) -> str:
-    """A table with one line per snapshot."""
+    """Format a table with one line per snapshot."""
     names = [name for name in rows[0] if name != "snapshot"]
     lines = [["snapshot", *(_column(n)[0] for n in names)]]
     for row in rows:
@@ -142,7 +142,7 @@ def _table(rows: list[dict[str, object]]) -> str:
 
 
 def _column(name: str) -> tuple[str, str]:
-    """Heading and format of a figure."""
+    """Heading and format of a column."""
     if within := WITHIN.fullmatch(name):
         return f"max <= {within[1]} mm", "{:.1%}"
     return COLUMNS.get(name, (name, "{:.5g}"))

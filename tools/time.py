@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Time a net, layer by layer, as ``caffe time`` does; or say where its memory goes.
+"""Time a net layer by layer, like ``caffe time``, or report its memory use.
 
     python tools/time.py prototxt/nyu_train_test.prototxt --iterations 20
     python tools/time.py prototxt/nyu_train_test.prototxt --engine plain
 
-Single layers are timed on one thread, as the engine runs them (fast: slice by slice, summed over the slices of a
-batch); the passes below them run on all threads, as in training. --memory lists what the net holds after one pass.
+Layers are timed on one thread, as the engine runs them (fast: shard by shard, summed over a batch); full passes run on
+all threads, as in training. --memory lists what the net stores after one pass.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from tools.common.costs import memory_of, time_passes
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("model", metavar="MODEL", help="the net's prototxt")
+    parser.add_argument("model", metavar="MODEL", help="prototxt of the net")
     parser.add_argument("--iterations", type=positive, default=20, metavar="N", help="default: %(default)s")
     parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="default: %(default)s")
     parser.add_argument("--threads", type=positive, metavar="N", help="number of threads (default: one per processor)")
     add_engine(parser)
-    parser.add_argument("--memory", action="store_true", help="say where the memory goes instead")
+    parser.add_argument("--memory", action="store_true", help="report memory use instead")
     args = parser.parse_args(argv)
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Time as the parsed arguments say."""
+    """Time the net."""
     if args.threads:
         engine.get(args.engine).set_threads(args.threads)
     with on_missing_data():
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     if args.memory:
         for what, size in memory_of(net):
             say(f"{size / 2**20:10.2f} MiB  {what}")
-        with contextlib.suppress(ImportError):  # Windows has no such module
+        with contextlib.suppress(ImportError):  # not available on Windows
             import resource
 
             say(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process")

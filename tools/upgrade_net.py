@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Write a net of Caffe's older formats, or a solver, as one of today's: upgrade_net_proto_text, _binary and
-upgrade_solver_proto_text in one.
+"""Upgrade a net of Caffe's older formats, or a solver, to the current format. Replaces Caffe's upgrade_net_proto_text,
+upgrade_net_proto_binary and upgrade_solver_proto_text.
 
     python tools/upgrade_net.py lenet_v0.prototxt lenet.prototxt
     python tools/upgrade_net.py old.caffemodel new.caffemodel
     python tools/upgrade_net.py --solver old_solver.prototxt solver.prototxt
 
-A text becomes a text and a binary file a binary one. Comments are lost, as with Caffe's.
+Text files stay text and binary files stay binary. Comments are lost, as in Caffe.
 """
 
 from __future__ import annotations
@@ -41,39 +41,39 @@ INPUTS = ("input", "input_shape", "input_dim")
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("old", metavar="IN", help="the net, or with --solver the solver")
-    parser.add_argument("new", metavar="OUT", help="the file to write")
-    parser.add_argument("--solver", action="store_true", help="it is a solver, in text")
+    parser.add_argument("old", metavar="IN", help="net, or with --solver a solver")
+    parser.add_argument("new", metavar="OUT", help="file to write")
+    parser.add_argument("--solver", action="store_true", help="IN is a solver in text format")
     args = parser.parse_args(argv)
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Upgrade as the parsed arguments say."""
+    """Upgrade the file."""
     args.old = str(find(args.old, None))
     content = files.read_bytes(args.old, "the net")
     if args.solver or _is_text(content):
         tree = prototxt.parse_file(args.old)
-        new = todays_solver(tree) if args.solver else todays_net(tree)
+        new = current_solver(tree) if args.solver else current_net(tree)
         image = str(new).encode("utf-8", "surrogateescape")
     else:
         tree = wire.decode(content, AnyNetParameter, args.old)
-        new = todays_net(tree)
+        new = current_net(tree)
         image = wire.encode(new, NetParameter)
     if new.fields == tree.fields:
-        say(f"{args.old}: already in today's format", file=sys.stderr)
+        say(f"{args.old}: already in the current format", file=sys.stderr)
     replace_bytes(Path(args.new), image)
     say(f"wrote {args.new}")
     return DONE
 
 
 def _is_text(content: bytes) -> bool:
-    """A binary message has bytes that no text has: the keys of its fields, or lengths."""
+    """Whether the content is text; binary messages contain control characters, in keys or lengths."""
     return not any(byte < 32 and byte not in b"\t\n\v\f\r" for byte in content)
 
 
-def todays_net(tree: Message) -> Message:
-    """The net in today's format, inputs as a layer. Raises PrototxtError for what is no net."""
+def current_net(tree: Message) -> Message:
+    """Convert a net to the current format, with inputs as a layer. Raises PrototxtError if it is not a net."""
     if tree.values("lr_policy") or tree.values("base_lr"):
         raise NetlibError(f"{tree.position}: error: this is a solver; add --solver")
     new = upgraded(tree)
@@ -81,25 +81,25 @@ def todays_net(tree: Message) -> Message:
     for spec in net.layer:
         check_options(spec)
     if not net.layer and not net.input:
-        raise PrototxtError(new.position, "no layer in this file; expected a net")
+        raise PrototxtError(new.position, "this file has no layers; expected a net")
     if not net.input:
         return new
     fields = [field for field in new.fields if field.name not in INPUTS]
-    if net.input_shape or net.input_dim:  # weights name inputs without shapes; Caffe drops those
+    if net.input_shape or net.input_dim:  # weights files name inputs without shapes; Caffe drops those
         first = next((i for i, field in enumerate(fields) if field.name == "layer"), len(fields))
         layer = schema.to_tree(input_layer(net))
         fields.insert(first, Field("layer", layer, layer.position))
     return Message(fields, new.position)
 
 
-def todays_solver(tree: Message) -> Message:
-    """The solver with its type as a word. Raises PrototxtError for what is no solver."""
+def current_solver(tree: Message) -> Message:
+    """Convert the solver's type to a name. Raises PrototxtError if it is not a solver."""
     solver = schema.read(tree, SolverParameter, "solver")
     if solver.solver_type is None:
         return tree
     if tree.values("type"):
         raise PrototxtError(
-            schema.position_of(solver, "solver_type"), "both solver_type and type; expected one of them"
+            schema.position_of(solver, "solver_type"), "found both solver_type and type; expected one of them"
         )
     place = schema.position_of(solver, "solver_type")
     new = Field("type", Scalar("string", OLD_TYPES[solver.solver_type], place), place)

@@ -1,5 +1,5 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py dropout
-"""Dropout: while training, set a random part of the values to zero, so that no unit relies on another.
+# Replace each NotImplementedError, then run: python tools/exercise.py dropout
+"""Dropout: set a random part of the values to zero during training, so that units do not co-adapt.
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
@@ -7,8 +7,8 @@ top[0]     y  same shape, may be the same blob
 TRAIN  y = x keep / (1 - p),   dx = dy keep / (1 - p)      keep = 1 with probability 1 - p, else 0
 TEST   y = x,                  dx = dy
 
-Kept for backward: ``factor`` = keep / (1 - p). Scaling in TRAIN keeps the mean, so TEST needs no scale. With
-``scale_train: false``, Fast R-CNN's, it is the other way round: y = x keep in TRAIN, y = x (1 - p) in TEST.
+Kept for backward: ``factor`` = keep / (1 - p). The scale in TRAIN preserves the mean, so TEST needs none. With
+``scale_train: false`` (Fast R-CNN), TEST scales instead: y = x keep in TRAIN, y = x (1 - p) in TEST.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from netlib.proto.schema import numbered
 class DropoutParameter:
     """The ``dropout_param { ... }`` block."""
 
-    dropout_ratio: float = numbered(1, 0.5)  # p, the part that is dropped
-    scale_train: bool = numbered(2, True)  # of Fast R-CNN's Caffe; false: TEST scales
+    dropout_ratio: float = numbered(1, 0.5)  # p, the probability that a value is dropped
+    scale_train: bool = numbered(2, True)  # from Fast R-CNN's fork of Caffe; false: scale in TEST
 
 
 class Dropout(Layer):
@@ -51,10 +51,10 @@ class Dropout(Layer):
         raise NotImplementedError
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        # Write top[0].data: y = x factor, and keep self.factor for backward. If not self.active it is self.in_test,
+        # Write top[0].data: y = x factor, and store self.factor for backward. If not self.active it is self.in_test,
         # else (drawn >= least) * self.in_training, with a new draw each time:
         # drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16), least = round(p 65536), p =
-        # self.param.dropout_ratio. Draw it like that, so that your numbers can be compared.
+        # self.param.dropout_ratio. Draw exactly like this, so that the results can be compared.
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

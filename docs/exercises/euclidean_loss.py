@@ -1,8 +1,8 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py euclidean_loss
-"""EuclideanLoss: half the mean squared distance.
+# Replace each NotImplementedError, then run: python tools/exercise.py euclidean_loss
+"""EuclideanLoss: half the squared distance, averaged over items.
 
 bottom[0]  a  (N, ...)
-bottom[1]  b  same number of values, in total and per item
+bottom[1]  b  same number of items and of values per item
 top[0]     L  scalar
 
 L  = 1 / (2 N) sum of (a - b)²
@@ -22,7 +22,7 @@ from netlib.layer import Layer
 
 
 class EuclideanLoss(Layer):
-    """Sum of squares over 2N."""
+    """Sum of squared differences over 2 N."""
 
     bottoms = (2, 2)
     tops = (1, 1)
@@ -35,10 +35,10 @@ class EuclideanLoss(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         # Write top[0].data, one number: L = 1 / (2 N) sum of (a - b)². N is self.items; a and b have the same number
-        # of values for each item (self.values), but perhaps not the same shape. Keep what backward needs.
+        # of values for each item (self.values), but perhaps not the same shape. Store what backward needs.
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        # For each bottom that propagate_down asks for: da = dL (a - b) / N, db = -dL (a - b) / N, in the shape of
-        # that bottom. dL is top[0].diff.
+        # For each bottom with propagate_down: da = dL (a - b) / N, db = -dL (a - b) / N, in the shape of that bottom.
+        # dL is top[0].diff.
         raise NotImplementedError

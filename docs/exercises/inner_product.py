@@ -1,7 +1,7 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py inner_product
-"""InnerProduct: every output is a weighted sum of all inputs of an item ("fully connected").
+# Replace each NotImplementedError, then run: python tools/exercise.py inner_product
+"""InnerProduct: every output is a weighted sum of all inputs of an item ("fully connected" layer).
 
-bottom[0]  x  (..., I)   axes before ``axis`` count items (M of them), the others are flattened to I inputs
+bottom[0]  x  (..., I)   axes before ``axis`` count the M items, the others are flattened to I inputs
 params[0]  w  (O, I), or (I, O) with ``transpose``
 params[1]  b  (O,)       unless ``bias_term: false``
 top[0]     y  (..., O)
@@ -55,8 +55,8 @@ class InnerProduct(Layer):
             self.bias = self.new_param("bias", (p.num_output,), p.bias_filler)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        # top[0] keeps the axes before self.axis, then comes one of self.param.num_output. (Ours also says what is
-        # wrong if the number of inputs is no longer self.inputs.)
+        # Give top[0] the axes before self.axis, followed by one of size self.param.num_output. (The project's layer
+        # also raises an error if the number of inputs is no longer self.inputs.)
         raise NotImplementedError
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -70,9 +70,9 @@ class InnerProduct(Layer):
         raise NotImplementedError
 
     def rows(self, array: Array) -> Array:
-        """The items as rows, (M, I) or (M, O): a view."""
+        """View of the items as rows, (M, I) or (M, O)."""
         return array.reshape(-1, math.prod(array.shape[self.axis :]))
 
     def output_first(self, w: Array) -> Array:
-        """w or dw as (O, I): a view."""
+        """View of w or dw as (O, I)."""
         return w.T if self.param.transpose else w

@@ -1,33 +1,33 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py joint_transform
-r"""Forward kinematics of a skeleton (the paper's Sec. 3.1 and Appendix), and its gradient by torques.
+# Replace each NotImplementedError, then run: python tools/exercise.py joint_transform
+r"""Forward kinematics of a skeleton (Sec. 3.1 and Appendix of the paper), and its gradient by torques.
 
 From the root outwards, parents before children, each joint j starts from its parent's position p and frame
-F = world_from_parent, a 3 x 3 rotation, and in order
+F = world_from_parent, a 3 x 3 rotation, and applies in order
 
-    translates   p <- p + F e_axis theta          for each ``translate``
-    turns        F <- F R_axis(theta)             for each ``rotate``: F is world_from_joint then
-    moves        X_j = p + F e_axis length        by its ``bone``
+    translations  p <- p + F e_axis theta          for each ``translate``
+    rotations     F <- F R_axis(theta)             for each ``rotate``; the result is world_from_joint
+    its bone      X_j = p + F e_axis length
 
-which is the product of 4 x 4 transforms in the paper's Eq. 4, root to tip. theta is the input plus a constant, so the
-gradient at the input is dL/dtheta.
+This is the product of 4 x 4 transforms in Eq. 4 of the paper, from root to tip. theta is the input plus a constant, so
+the gradient with respect to the input is dL/dtheta.
 
-The gradient needs no derivative of a matrix. A joint at X that turns about the unit axis a through the pivot P moves
-with velocity a x (X - P). With the gradient f_k = dL/dX_k of every joint as a force on it,
+The gradient needs no derivative of a matrix. A joint at X that rotates about the unit axis a through the pivot P moves
+with velocity a x (X - P). If the gradient f_k = dL/dX_k of every joint is treated as a force on it, then
 
-    dL/dtheta = sum_k  f_k . (a x (X_k - P))  =  a . sum_k (X_k - P) x f_k        over the joints k that hang on j
+    dL/dtheta = sum_k  f_k . (a x (X_k - P))  =  a . sum_k (X_k - P) x f_k        over j and its descendants k
 
-is the torque about the axis. So forces and torques are summed from the tips inwards, children before parents, as for a
-robot's arm:
+is the torque about the axis. Forces and torques are therefore summed from the tips inwards, children before parents, as
+in robot dynamics:
 
     force_j   = f_j + sum of force_c                                over the children c of j
-    torque_j  = sum of (torque_c + (X_c - X_j) x force_c)           about X_j
+    torque_j  = sum of (torque_c + (X_c - X_j) x force_c)           about X_j, over the children c of j
 
-    dL/dtheta = a . (torque_j + (X_j - P) x force_j)    of a turn about a through P
-    dL/dtheta = a . force_j                             of a translation along a
+    dL/dtheta = a . (torque_j + (X_j - P) x force_j)    for a rotation about a through P
+    dL/dtheta = a . force_j                             for a translation along a
 
-A bone is a translation, too: a longer one carries its joint, and all joints that hang on it, along its axis a,
+A bone acts like a translation: making it longer moves its joint and all descendants along its axis a,
 
-    dL/dlength = a . force_j                            of joint j's bone
+    dL/dlength = a . force_j                            for joint j's bone
 """
 
 from __future__ import annotations
@@ -42,38 +42,38 @@ from netlib.blob import Array
 
 
 class Pose:
-    """What ``Kinematics.forward`` found for N poses, with K joints and Q free motions."""
+    """Result of ``Kinematics.forward`` for N poses, with K joints and Q free motions."""
 
     def __init__(self, N: int, K: int, Q: int) -> None:
-        self.joints: Array = np.zeros((N, K, 3))  # positions
+        self.joints: Array = np.zeros((N, K, 3))  # joint positions
         self.frames: Array = np.zeros((N, K, 3, 3))  # world_from_joint
         self.axis: Array = np.zeros((N, Q, 3))  # world direction of each free motion
         self.pivot: Array = np.zeros((N, Q, 3))  # a point on each axis
 
 
 class Kinematics:
-    """Where the joints of a skeleton are, and how they move. Computes in float64, answers in ``dtype``."""
+    """Forward kinematics of a skeleton and its gradients. Computes in float64, returns ``dtype``."""
 
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
         self.skeleton, self.dtype = skeleton, np.dtype(dtype)
 
     def forward(self, inputs: Array, bones: Array | None = None) -> Pose:
-        """Pose of each row of ``inputs`` (N, D). ``bones`` (N, K) gives every row its own signed bone lengths."""
-        # Return the Pose of each row of inputs. theta = self.skeleton.theta(inputs) has the DoFs' values, (N, D),
-        # with what is fixed or added. Walk over skeleton.order, parents first. A joint starts at its parent's
-        # pose.joints and pose.frames (a root, whose skeleton.parents is -1: at 0, with the identity). Apply
+        """Compute the pose for each row of ``inputs`` (N, D). ``bones`` (N, K) sets signed bone lengths per row."""
+        # Return the Pose of each row of inputs. theta = self.skeleton.theta(inputs) has the DoF values, (N, D), with
+        # fixed DoFs and initial values applied. Loop over skeleton.order, parents first. A joint starts at its
+        # parent's pose.joints and pose.frames (a root, whose skeleton.parents is -1: at 0, with the identity). Apply
         # skeleton.motions[j] in their order: motion.kind, .axis, .sign, .dof. Then write pose.joints[:, j] and
-        # pose.frames[:, j]; skeleton.bones and .bone_axes have each joint's bone, and bones, if given, other lengths.
-        # Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion is applied: its axis
-        # in the world, with the sign, and the point p where the joint is then. backward needs them.
+        # pose.frames[:, j]; skeleton.bones and .bone_axes describe each joint's bone; bones, if given, replaces the
+        # lengths.Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion is applied:
+        # its axis in world coordinates, with the sign, and the current point p of the joint. backward needs them.
         raise NotImplementedError
 
     def glance(self, inputs: Array, bones: Array | None = None) -> Pose:
-        """``forward`` for who looks at joints, axes and rotations only: not for ``backward``."""
+        """Like ``forward``, but without the data that ``backward`` needs."""
         return self.forward(inputs, bones)
 
     def backward(self, pose: Pose, dX: Array) -> Array:
-        """Gradient (N, D) at the inputs, given the gradient ``dX`` (N, K, 3) at the joints. Fixed DoFs: 0."""
+        """Gradient (N, D) with respect to the inputs, from the gradient ``dX`` (N, K, 3) of the joints; 0 if fixed."""
         sk, X = self.skeleton, pose.joints
         force, torque = np.array(dX, dtype=np.float64), np.zeros(dX.shape)
         dtheta = np.zeros((len(dX), len(sk.initial)))
@@ -81,9 +81,9 @@ class Kinematics:
             for motion in sk.motions[j]:
                 if motion.row >= 0:
                     a, P = pose.axis[:, motion.row], pose.pivot[:, motion.row]
-                    about_P = torque[:, j] + np.cross(X[:, j] - P, force[:, j])
-                    push = force[:, j] if motion.kind == "translate" else about_P
-                    dtheta[:, motion.dof] += (a * push).sum(axis=1)
+                    torque_P = torque[:, j] + np.cross(X[:, j] - P, force[:, j])
+                    generalized_force = force[:, j] if motion.kind == "translate" else torque_P
+                    dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)
             parent = sk.parents[j]
             if parent >= 0:
                 force[:, parent] += force[:, j]
@@ -91,17 +91,17 @@ class Kinematics:
         return dtheta.astype(self.dtype)
 
     def backward_bones(self, pose: Pose, dX: Array) -> Array:
-        """Gradient (N, K) at the signed bone lengths. Joints without a bone: 0."""
+        """Gradient (N, K) with respect to the signed bone lengths; 0 for joints without a bone."""
         force = self.skeleton.carries @ dX.astype(np.float64)
         return np.asarray((self.bone_directions(pose) * force).sum(axis=2), dtype=self.dtype)
 
     def joints(self, inputs: Array, bones: Array | None = None) -> Array:
-        """Joint positions (N, K, 3) of the inputs (N, D), in the unit of the bones."""
+        """Joint positions (N, K, 3) for inputs (N, D), in the unit of the bones."""
         return np.asarray(self.forward(inputs, bones).joints, dtype=self.dtype)
 
     def jacobian(self, pose: Pose, joints: Sequence[int] | None = None) -> Array:
-        """(N, Q, 3 k): how each of the k ``joints`` (all by default), x y z of one after the other, moves with each
-        free motion: a x (X - P) for a turn about the axis a through P, a for a translation along a.
+        """Jacobian (N, Q, 3 k) of the k ``joints`` (default all; x y z of one after the other) with respect to the free
+        motions: a x (X - P) for a rotation about the axis a through P, a for a translation along a.
         """
         sk = self.skeleton
         chosen = list(range(len(sk.parents))) if joints is None else list(joints)
@@ -111,26 +111,26 @@ class Kinematics:
         return np.asarray(J.reshape(*J.shape[:2], 3 * len(chosen)))
 
     def bone_directions(self, pose: Pose) -> Array:
-        """(N, K, 3): how each joint, and all below it, moves as its signed bone grows; 0 for a joint without a bone."""
+        """Direction (N, K, 3) in which each joint and its descendants move as its bone grows; 0 without a bone."""
         sk = self.skeleton
         directions = pose.frames[:, np.arange(len(sk.bone_axes)), :, sk.bone_axes].swapaxes(0, 1)
         return np.asarray(directions * (sk.bone_axes >= 0)[:, None])
 
     def axes(self, pose: Pose) -> tuple[Array, Array]:
-        """Of each free motion, the unit vector of its axis in the world and a point on it, (N, Q, 3) and (N, Q, 3)."""
+        """Unit vector of the axis of each free motion in world coordinates, and a point on it, both (N, Q, 3)."""
         return pose.axis, pose.pivot
 
     def rotation_of(self, pose: Pose, joint: int) -> Array:
-        """world_from_joint of one joint, (N, 3, 3)."""
+        """The rotation world_from_joint of one joint, (N, 3, 3)."""
         return np.asarray(pose.frames[:, joint])
 
 
 def rotation(axis: int, angle: Array | float) -> Array:
-    """Rotations (..., 3, 3) by ``angle`` (...) about a coordinate axis (0, 1, 2 for x, y, z).
+    """Rotation matrices (..., 3, 3) by ``angle`` (...) about a coordinate axis (0, 1, 2 for x, y, z).
 
-    The textbook's matrices: about z, x turns to y, and so on round. Our axes, x right, y up, z away, are left-handed,
-    so the right-hand rule gives the other way.
+    Standard matrices: a rotation about z turns x towards y, and so on cyclically. The axes x right, y up, z away are
+    left-handed, so the direction of rotation follows the left-hand rule.
     """
-    # Return R for every angle: the textbook's matrices. About z, x is turned to y; about x, y to z; about y, z to x.
-    # For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].
+    # Return R for every angle: the standard rotation matrices. About z, x rotates to y; about x, y to z; about y, z
+    # to x. For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].
     raise NotImplementedError

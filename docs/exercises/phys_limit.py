@@ -1,13 +1,13 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py phys_limit
-"""PhysLimit: a loss on joint angles that no hand can take (the paper's Sec. 3.2).
+# Replace each NotImplementedError, then run: python tools/exercise.py phys_limit
+"""PhysLimit: a loss on joint angles outside the range of a hand (Sec. 3.2 of the paper).
 
-bottom[0]  x  (N, D)   inputs of the skeleton's DoFs, as HandModel reads them
+bottom[0]  x  (N, D)   values of the skeleton's DoFs, as for HandModel
 top[0]     L  scalar
 
-v  = max(lower - x, 0) + max(x - upper, 0)    how far beyond its limit; 0 for fixed and unlimited DoFs
-L  = 1 / N sum of v        norm L1, the paper's Eq. 2
+v  = max(lower - x, 0) + max(x - upper, 0)    excess over the limit; 0 for fixed and unlimited DoFs
+L  = 1 / N sum of v        norm L1, Eq. 2 of the paper
      1 / N sum of v²       norm L2, the released system (type "DeepHandModelDofConstraintLoss")
-dx = dL / N · (±1 or ±2v), + above the upper limit, - below the lower one; 0 at a limit itself
+dx = dL / N · (±1 or ±2v), + above the upper limit, - below the lower one; 0 at the limit
 
 Kept for backward: ``beyond`` = max(x - upper, 0) - max(lower - x, 0).
 """
@@ -30,12 +30,12 @@ class PhysLimitParameter:
     """The ``phys_limit_param { ... }`` block."""
 
     norm: Literal["L1", "L2"] = numbered(1, "L1")  # linear hinge, or squared
-    skeleton: str = numbered(2, "")  # a skeleton file; by default the packaged NYU hand
+    skeleton: str = numbered(2, "")  # path of a skeleton file; default is the packaged NYU hand
 
 
 @dataclass(frozen=True)
 class ReleasedPhysLimitParameter(PhysLimitParameter):
-    """The released system's layer takes no options and squares the hinge."""
+    """Options of the released system's layer: the hinge is squared."""
 
     norm: Literal["L1", "L2"] = numbered(1, "L2")
 
@@ -62,7 +62,7 @@ class PhysLimit(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         # Write top[0].data: L, of x as (N, D). setup has made self.lower and self.upper. self.param.norm is L1 or L2.
-        # Keep what backward needs.
+        # Store what backward needs.
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

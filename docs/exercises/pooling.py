@@ -1,19 +1,19 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py pooling
-"""Pooling: the maximum or the mean of a window that slides over each channel.
+# Replace each NotImplementedError, then run: python tools/exercise.py pooling
+"""Pooling: maximum or mean over sliding windows, per channel.
 
 bottom[0]  x     (N, C, H, W)
 top[0]     y     (N, C, Ho, Wo)   Ho = ceil((H + 2 pad - kernel) / stride) + 1, same for Wo
-top[1]     mask  (N, C, Ho, Wo)   optional, of MAX: where in its map a maximum stands, h W + w; -1 if nowhere
+top[1]     mask  (N, C, Ho, Wo)   optional, for MAX: index h W + w of the maximum in its map; -1 if there is none
 
 MAX   y = max of x over the window             dx[winner] += dy
-AVE   y = sum of x over the window / area      dx[each of the window] += dy / area
+AVE   y = sum of x over the window / area      dx[all of the window] += dy / area
 
-Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so a last window may hang over the
-edge, also the only one; with pad > 0, in either direction, a last window that starts beyond the image is dropped. MAX
-takes the first of equal values and never a pad. The area of AVE counts padding, but not what hangs over it. A window
-without any value (stride > kernel) gives -FLT_MAX or NaN. The mask gets no gradient.
+Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so the last window, even if it is the
+only one, may extend beyond the edge; with pad > 0 in any direction, a last window that starts beyond the image is
+dropped. MAX takes the first of equal values and never a pad. The area of AVE includes padding but nothing beyond it. A
+window without values (stride > kernel) gives -FLT_MAX or NaN. The mask has no gradient.
 
-Kept for backward: ``winners``, for each output of MAX the place in its window, row by row.
+Kept for backward: ``winners``, for each output of MAX its index in the window, in row-major order.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ import numpy as np
 from layers.vision.windows import PoolingParameter, SlidingWindow
 from netlib.blob import Array, Blobs
 
-NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum over no values
+NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum of no values
 
 
 class Pooling(SlidingWindow):
-    """Spatial pooling."""
+    """Max and average pooling."""
 
     param_type = PoolingParameter
     bottoms = (1, 1)
@@ -39,7 +39,7 @@ class Pooling(SlidingWindow):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         if p.pool == "STOCHASTIC":
-            raise self.fail("STOCHASTIC pooling: Caffe has none on a CPU; expected MAX or AVE", "pool")
+            raise self.fail("STOCHASTIC pooling is not supported, as in Caffe on a CPU; expected MAX or AVE", "pool")
         if len(top) > 1 and p.pool != "MAX":
             raise self.fail(f"has 2 tops, but only MAX pooling has a mask, not {p.pool}", "pool")
         self._read_pooling()
@@ -53,43 +53,44 @@ class Pooling(SlidingWindow):
             self.whole_kernel = (H, W)
         for y in top:
             y.reshape(N, C, self._outputs(0, H), self._outputs(1, W))
-        # What hangs over in any case is cut off: it would be padding, and there may be much of it.
+        # Clip the kernel to the padded image: with global bounds it would only add padding, possibly a lot.
         kh, kw = (min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad))
         self.kernel = (kh, kw)
 
     def _outputs(self, i: int, size: int) -> int:
         # Return the size of the output in direction i (0 down, 1 across) for an input of this size: round up unless
         # self.param.round_mode is FLOOR; with padding in either direction, any(self.pad), drop a last window that
-        # starts beyond the image. The kernel is self.whole_kernel[i]. (Ours also says if no window is left.)
+        # starts beyond the image. The kernel is self.whole_kernel[i]. (The project's layer also raises an error if no
+        # window is left.)
         raise NotImplementedError
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        # Write top[0].data, and the mask into top[1].data if there is one. self.is_max tells MAX from AVE. Keep what
+        # Write top[0].data, and the mask into top[1].data if there is one. self.is_max is true for MAX. Store what
         # backward needs, as self.winners. padded(), windows(), _index() and area() help.
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        # If propagate_down[0], write every element of bottom[0].diff: what several windows share is summed, what no
-        # window took is 0.
+        # If propagate_down[0], write every element of bottom[0].diff: sum the contributions of windows that share a
+        # pixel; pixels of no window are 0.
         raise NotImplementedError
 
     def _index(self, n: int, W: int) -> Array:
-        """(C, Ho, Wo): where in its map each winner of an image stands."""
+        """(C, Ho, Wo): index of each winner of an image in its map."""
         (_, h, w), (i, j) = np.indices(self.winners[n].shape), np.divmod(self.winners[n], self.kernel[1])
         return (h * self.stride[0] - self.pad[0] + i) * W + w * self.stride[1] - self.pad[1] + j
 
     def windows(self, padded: Array, y_shape: tuple[int, ...]) -> Array:
-        """All windows of an image, (kh kw, C, Ho, Wo): row p holds what stands at place p of every window."""
-        return np.stack([padded[:, rows, across] for rows, across in self.places(y_shape)])
+        """All windows of an image, (kh kw, C, Ho, Wo): row p holds element p of every window."""
+        return np.stack([padded[:, rows, across] for rows, across in self.window_slices(y_shape)])
 
-    def places(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
-        """For each place of a window, row by row, the rows and columns of the padded image where it stands."""
+    def window_slices(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
+        """For each element of a window, in row-major order, its rows and columns of the padded image in all windows."""
         (sh, sw), (Ho, Wo) = self.stride, y_shape[2:]
         for i, j in np.ndindex(self.kernel):
             yield slice(i, i + (Ho - 1) * sh + 1, sh), slice(j, j + (Wo - 1) * sw + 1, sw)
 
     def area(self, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
-        """(Ho, Wo): size of each window, clipped where the padding ends."""
+        """(Ho, Wo): area of each window, clipped at the end of the padding."""
         sizes = []
         for i in range(2):
             start = np.arange(y_shape[2 + i]) * self.stride[i] - self.pad[i]

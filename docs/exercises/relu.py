@@ -1,4 +1,4 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py relu
+# Replace each NotImplementedError, then run: python tools/exercise.py relu
 """ReLU: rectified linear unit; replaces negative values by 0.
 
 bottom[0]  x  any shape
@@ -49,11 +49,11 @@ class ReLU(Layer):
         raise NotImplementedError
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        # Read bottom[0].data, write top[0].data: y = g x. Write into the array that is there, top[0].data[...] = ...,
-        # and do not change bottom[0].data.
+        # Read bottom[0].data, write top[0].data: y = g x. Write into the existing array, top[0].data[...] = ..., and
+        # do not change bottom[0].data.
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         # Read top[0].diff (dy) and bottom[0].data, write every element of bottom[0].diff: dx = g dy. Do it only if
-        # propagate_down[0]: else nobody wants it.
+        # propagate_down[0].
         raise NotImplementedError

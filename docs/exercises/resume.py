@@ -1,8 +1,8 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py resume
-"""Go on from a solver state exactly: what such a state holds, how it is restored, and what is said about it.
+# Replace each NotImplementedError, then run: python tools/exercise.py resume
+"""Exact resume from a solver state: what the state holds, and how it is restored.
 
-A training goes on bit for bit if the solver state has, besides Caffe's iteration and histories, the random numbers and
-data positions of all layers and the losses that are averaged. States that Caffe wrote have none of these.
+For a resume that is exact to the bit, a state holds, in addition to Caffe's iteration and histories, the random
+generators and data positions of all layers and the losses being averaged. States written by Caffe have none of these.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from netlib.updates import steps_taken
 
 log = logging.getLogger("netlib")
 
-# A solver's options that change the course of a training; a resume says which of them are not what they were.
+# Solver options that affect the course of a training; a resume logs which of them have changed.
 COURSE = (
     "type", "base_lr", "lr_policy", "gamma", "power", "stepsize", "stepvalue", "rampup_interval", "rampup_lr",
     "max_iter", "iter_size", "momentum", "momentum2", "rms_decay", "delta", "weight_decay", "regularization_type",
@@ -35,7 +35,7 @@ COURSE = (
 
 
 class Solver(Protocol):
-    """What is asked of a solver here."""
+    """The attributes of a solver that are used here."""
 
     param: SolverParameter
     net: Net
@@ -46,51 +46,51 @@ class Solver(Protocol):
 
 
 def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()) -> SolverState:
-    """What a solver state file will hold beside the weights ``learned_net``. Raises TypeError if a layer's cannot.
+    """Content of the solver state that goes with the weights ``learned_net``.
 
-    others  the layers' states of the ranks from 1 on
+    ``others`` are the layer states of ranks 1 and up. Raises TypeError if the state of a layer cannot be stored.
     """
     # Return the SolverState of the solver: its iteration, steps_taken(solver.param, solver.iter), str(learned_net),
-    # the histories in one list, and extra_state(solver). solver.history has for each parameter the list of its
-    # histories; the file has the first histories of all parameters, then the second ones, as Caffe.
+    # the histories in one list, and extra_state(solver). solver.history holds a list of histories per parameter; the
+    # file holds the first histories of all parameters, then the second ones, as in Caffe.
     raise NotImplementedError
 
 
 def extra_state(solver: Solver, others: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
-    """What Caffe has no place for; ``others`` are the layers' states of the ranks from 1 on."""
-    # Return, as plain values (snapshot.as_plain), what Caffe has no place for: solver (_course), smoothed (the losses
-    # that are averaged), layers (layer_states() of solver.net and of each test net); and ranks, the list of others,
-    # if there are any.
+    """State beyond Caffe's format; ``others`` are the layer states of ranks 1 and up."""
+    # Return, as plain values (snapshot.as_plain), what Caffe's format cannot store: solver (_course), smoothed (the
+    # averaged losses), layers (layer_states() of solver.net and of each test net); and ranks, the list of others, if
+    # there are any.
     raise NotImplementedError
 
 
 def _course(solver: Solver) -> dict[str, Any]:
-    """The options of ``COURSE``, the batch size and the number of ranks."""
+    """Values of the options in ``COURSE``, with the batch size and the number of ranks."""
     first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
     batch = first[0] if first else 0
     return {name: getattr(solver.param, name) for name in COURSE} | {"batch": batch, "ranks": rank_and_count(solver)[1]}
 
 
 def rank_and_count(solver: Solver) -> tuple[int, int]:
-    """Which process of how many this one is; a solver without ``ranks`` trains alone."""
+    """This process's rank and the number of ranks; (0, 1) for a solver without ``ranks``."""
     ranks = getattr(solver, "ranks", None)
     return (0, 1) if ranks is None else (ranks.rank, ranks.count)
 
 
 def restore_state(solver: Solver, path: str | Path) -> None:
-    """Take back a solver state, all of it or nothing. Raises WeightsError."""
-    # Read the state (snapshot.read_state), find its weights (snapshot.pair_of) and take back all of it: the weights,
+    """Restore a solver state completely or not at all. Raises WeightsError."""
+    # Read the state (snapshot.read_state), find its weights (snapshot.pair_of) and restore all of it: the weights,
     # solver.history, solver.iter, solver.smoothed, the states of the layers (_restore_layers, of _states_of_rank).
     # writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then weights_of.write(writes), copies
-    # weights. (Ours also checks the histories first, and says in the log what it does.)
+    # weights. (The project's function also checks the histories first and logs what it does.)
     raise NotImplementedError
 
 
 def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
-    """The states of the layers of all nets, on this rank.
+    """The states of the layers of all nets for this rank.
 
-    Of a training of as many ranks as there are now, those that this rank had. Else the data go on where they were, and
-    random numbers of other ranks than 0 start anew.
+    If the number of ranks is unchanged, each rank gets its own. Otherwise data positions are kept, and the random
+    generators of ranks other than 0 are reset.
     """
     nets: list[dict[str, Any]] = list(state.extra.get("layers", []))
     others, (rank, count) = state.extra.get("ranks", []), rank_and_count(solver)
@@ -103,12 +103,12 @@ def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
 
 
 def moving(net: Net) -> list[Array]:
-    """The parameters that forward changes: running means."""
+    """The parameters that forward updates: moving averages."""
     return [blob.data for layer in net.layers if layer.moving for blob in layer.blobs]
 
 
 def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
-    """A function that puts data positions, random numbers and running means of the nets back to what they are now."""
+    """Return a function that restores the current data positions, random generators and moving averages of the nets."""
     before = [net.layer_states() for net in nets]
     means = [(array, array.copy()) for net in nets for array in moving(net)]
 
@@ -122,25 +122,25 @@ def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
 
 
 def _restore_layers(solver: Solver, path: str | Path, states: list[dict[str, Any]]) -> None:
-    """Take back the states of all layers, or leave all as they are. Raises WeightsError."""
+    """Restore the states of all layers, or of none. Raises WeightsError."""
     nets = [solver.net, *solver.test_nets]
     undo = undo_of(nets)
     try:
         for net, of_layers in zip(nets, states):
             net.restore_layer_states(of_layers)
-    except Exception as error:  # of a user's layer, too
+    except Exception as error:  # a Python layer can raise anything
         undo()
         raise WeightsError(f"{path}: the state of a layer cannot be restored: {reason_of(error)}") from error
 
 
 def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> None:
-    """As many as the solver has, in its shapes. Raises WeightsError."""
+    """Check the number, shapes and values of the histories. Raises WeightsError."""
     count = len(solver.history)
     expected = count * len(solver.history[0]) if solver.history else 0
     if len(state.history) != expected:
         raise WeightsError(
             f"{path}: {len(state.history)} histories, but {solver.param.type} on this net has {expected}; "
-            "is it from another solver type or net?"
+            "it is probably from another solver type or net"
         )
     for i, array in enumerate(state.history):
         param, target = solver.net.learnable[i % count], solver.history[i % count][i // count]
@@ -152,20 +152,20 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
 
 
 def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
-    """What is not as it was when the state was written, and changes the course of the training."""
+    """Describe the changes since the state was written that affect the course of the training."""
     if not _same_data(solver, state):
-        yield "the data files; they are read from the first row"
+        yield "the data files; reading starts at the first row"
     states = state.extra.get("layers", [])
     for i, net in enumerate([solver.net, *solver.test_nets]):
         there = states[i] if i < len(states) else {}
         if new := [layer.name for layer in net.layers if layer.name not in there]:
-            yield f"the layers; there is no state of {new[0]!r} in net {net.name!r}, which begins anew"
+            yield f"the layers; there is no state of {new[0]!r} in net {net.name!r}, which is reset"
             break
     now = snapshot.as_plain(_course(solver))
     if solver.param.lr_policy != "poly":
-        now.pop("max_iter")  # training longer changes nothing on the way
+        now.pop("max_iter")  # affects the rate only with lr_policy poly
     defaults = snapshot.as_plain({name: getattr(SolverParameter, name) for name in COURSE})
-    then = {**defaults, "ranks": 1, **state.extra.get("solver", {})}  # a state may be older than a field
+    then = {**defaults, "ranks": 1, **state.extra.get("solver", {})}  # older states lack some fields
     for name in now:
         if now[name] != then.get(name):
             what = {"batch": "batch size", "ranks": "number of ranks"}.get(name, name)
@@ -173,7 +173,7 @@ def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
 
 
 def _same_data(solver: Solver, state: SolverState) -> bool:
-    """Do all nets read the files that they read when the state was written?"""
+    """Whether all nets read the same files as when the state was written."""
     for net, then in zip([solver.net, *solver.test_nets], state.extra.get("layers", [])):
         for name, now in snapshot.as_plain(net.layer_states()).items():
             if now.get("files") != then.get(name, {}).get("files"):

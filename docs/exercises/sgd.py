@@ -1,8 +1,8 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py sgd
-"""Update rules and learning-rate policies: what turns gradients into new weights.
+# Replace each NotImplementedError, then run: python tools/exercise.py sgd
+"""Update rules and learning-rate policies: how gradients change the weights.
 
-A rule sees one parameter at a time: its value w, gradient g (clipped, averaged, decayed), learning rate r (the
-policy's times the parameter's lr_mult), its history h, and t, the number of this update counted from 1.
+A rule processes one parameter at a time: its value w, gradient g (clipped, averaged, decayed), learning rate r (the
+policy's rate times lr_mult), history h, and t, the number of this update counted from 1.
 
     SGD       h <- m h + r g                                           w <- w - h
     Nesterov  h' = m h + r g                                           w <- w - ((1 + m) h' - m h)
@@ -13,10 +13,10 @@ policy's times the parameter's lr_mult), its history h, and t, the number of thi
     Adam      h <- m h + (1 - m) g,  q <- n q + (1 - n) g²             w <- w - r c h / (sqrt(q) + d)
               c = sqrt(1 - n^t) / (1 - m^t)
 
-m: momentum, n: momentum2, k: rms_decay, d: delta, q: the second history. In SGD the learning rate is inside the
-history, as in Caffe. Sources: Caffe's sgd_solvers.hpp; Kingma and Ba 2015 (Adam); Zeiler 2012 (AdaDelta).
+m: momentum, n: momentum2, k: rms_decay, d: delta, q: the second history. As in Caffe, the history of SGD includes the
+learning rate. Sources: Caffe's sgd_solvers.hpp; Kingma and Ba 2015 (Adam); Zeiler 2012 (AdaDelta).
 
-A rule writes into w and the histories, and leaves g as it is.
+A rule modifies w and the histories in place; it does not change g.
 """
 
 from __future__ import annotations
@@ -33,5 +33,5 @@ Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], No
 
 def _sgd(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
     # Change h, the only array of history, and then w: h <- m h + r g, w <- w - h. m is p.momentum, r is rate. Write
-    # into both arrays (h[...] = ..., w -= ...), and leave g as it is.
+    # into both arrays (h[...] = ..., w -= ...), and leave g unchanged.
     raise NotImplementedError

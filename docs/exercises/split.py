@@ -1,11 +1,11 @@
-# Write what raises NotImplementedError, then: python tools/exercise.py split
-"""Split: hand one blob to several readers. The net inserts it by itself (netlib/splits.py).
+# Replace each NotImplementedError, then run: python tools/exercise.py split
+"""Split: copy a blob for several readers. The net inserts this layer automatically (netlib/splits.py).
 
 bottom[0]  x    any shape
 top[i]     y_i  same shape
 
 y_i = x
-dx  = sum of dy_i          what each reader wants of x, taken together
+dx  = sum of dy_i          the gradients of all readers add up
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from netlib.layer import Layer
 
 
 class Split(Layer):
-    """Copy one blob to several."""
+    """Copies a blob for several readers."""
 
     bottoms = (1, 1)
     tops = (1, None)
@@ -32,6 +32,6 @@ class Split(Layer):
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        # If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It holds old numbers, so the
-        # first of them is written and not added.
+        # If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It contains old values, so
+        # assign the first and add the others.
         raise NotImplementedError

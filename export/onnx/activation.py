@@ -1,4 +1,4 @@
-"""Activations, and gains and biases, as ONNX operators."""
+"""Activations, scales and biases as ONNX operators."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from export.onnx.graph import Graph, Place, Translation
 
 
 def of_each(op: str) -> Translation:
-    """An operator on every value."""
+    """Return the translation to one elementwise operator."""
     return lambda graph, at: [graph.op(op, at.values[0])]
 
 
@@ -51,7 +51,7 @@ def swish(graph: Graph, at: Place) -> list[str]:
 
 
 def clip(graph: Graph, at: Place) -> list[str]:
-    p = at.layer.param  # not Clip, whose result is another where max is less than min
+    p = at.layer.param  # not Clip, whose result differs where max < min
     below = graph.op("Min", at.values[0], graph.constant(float(p.max), "max"))
     return [graph.op("Max", below, graph.constant(float(p.min), "min"))]
 
@@ -76,7 +76,7 @@ def bias(graph: Graph, at: Place) -> list[str]:
 
 
 def _factor_or_term(graph: Graph, at: Place, op: str, what: str) -> str:
-    """x with the layer's parameter, or its second bottom, multiplied or added."""
+    """Multiply or add the layer's parameter, or its second bottom, to x."""
     if len(at.values) == 1:
         wide, axes = graph.constant(at.layer.blobs[0].data, what), len(at.layer.blobs[0].shape)
     else:
@@ -85,5 +85,5 @@ def _factor_or_term(graph: Graph, at: Place, op: str, what: str) -> str:
 
 
 def _first(at: Place, axes: int) -> int:
-    """The axis of x that the first axis of a gain or bias meets."""
+    """Return the axis of x that the first axis of a gain or bias is aligned with."""
     return at.layer.param.axis % len(at.bottom[0]) if axes else 0

@@ -1,4 +1,4 @@
-"""Inner products, numbers of values, and what takes blobs apart and puts them together, as ONNX operators."""
+"""Inner products, reductions, and layers that split, join and reshape blobs, as ONNX operators."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def nothing(graph: Graph, at: Place) -> list[str]:
 def reduction(graph: Graph, at: Place) -> list[str]:
     p, rank, x = at.layer.param, len(at.bottom[0]), at.values[0]
     axes = list(range(p.axis % rank, rank))
-    if p.operation == "SUM":  # the first that got its axes as an input
+    if p.operation == "SUM":  # in opset 17 the only reduction whose axes are an input
         y = graph.op("ReduceSum", x, graph.constant(axes, "axes"), keepdims=0)
     else:
         op = {"ASUM": "ReduceL1", "SUMSQ": "ReduceSumSquare", "MEAN": "ReduceMean"}[p.operation]
@@ -98,7 +98,7 @@ def reduction(graph: Graph, at: Place) -> list[str]:
 
 
 def arg_max(graph: Graph, at: Place) -> list[str]:
-    """Of equal values Caffe takes the last first, TopK the first: it gets them in reverse."""
+    """Reverse the values, since of equal values Caffe selects the last and TopK the first."""
     p, x, shape = at.layer.param, at.values[0], at.bottom[0]
     if p.axis is None:
         x, shape = graph.op("Flatten", x, axis=1), ("N", math.prod(at.sizes(shape[1:])))

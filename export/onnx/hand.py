@@ -1,19 +1,19 @@
-"""HandModel in ONNX: forward kinematics as a few products of 4 x 4 matrices, for all limbs at once.
+"""HandModel in ONNX: forward kinematics as a few products of 4 x 4 matrices, batched over all limbs.
 
-The transform of a motion by theta (layers/hand/kinematics.py) is a sum of four constant matrices:
+The transform of a motion by theta (layers/hand/kinematics.py) combines four constant matrices:
 
     A(theta) = A_1 + A_cos cos theta + A_sin sin theta + A_theta theta
 
-Fixed DoFs and bones are constants as well. Multiplied into the motions behind them, they are gone. What is left is a
-tree of the free motions alone, here called steps:
+Fixed DoFs and bones are also constant and are multiplied into the following motions. The remaining tree contains only
+free motions, called steps:
 
-    world_from_step = world_from_parent @ S(theta)         S = (what is fixed between the two) @ A
-    joint           = world_from_step @ (what is fixed behind the joint's last step) @ (0, 0, 0, 1)
+    world_from_step = world_from_parent @ S(theta)         S = (fixed transform between the two) @ A
+    joint           = world_from_step @ (fixed transform after the joint's last step) @ (0, 0, 0, 1)
 
-Steps of the same depth in this tree are one product. The NYU hand has 26 free motions, at most 10 one behind the other.
+Steps of the same depth in this tree form one product. The NYU hand has 26 free motions, at most 10 in a chain.
 
-If each body has bones of its own (bottom[1]), what is fixed is a constant plus a constant for each bone times its
-length: the bones only move, one after the other.
+If each body has its own bone lengths (bottom[1]), a fixed transform is a constant plus, for each bone, a constant times
+its length, as bones only translate.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from layers.hand.kinematics import rotation
 from layers.hand.skeleton import Motion, Skeleton
 from netlib.blob import Array
 
-PARTS = ("one", "cosine", "sine", "angle")  # what the four matrices of a step are multiplied by
+PARTS = ("one", "cosine", "sine", "angle")  # factors of the four matrices of a step
 
 
 @dataclass(frozen=True)
 class Step:
-    """A free motion, and what is fixed between it and its parent.
+    """A free motion with the fixed transform between it and its parent.
 
-    parent  the step that carries this one
-    depth   steps between this one and the root
-    dof     which moves it
+    parent  index of the parent step
+    depth   number of steps from the root
+    dof     index of its DoF
     parts   (4, 4, 4) the matrices of 1, cos theta, sin theta, theta
     """
 
@@ -49,7 +49,7 @@ class Step:
 
 
 def hand_model(graph: Graph, at: Place) -> list[str]:
-    """The joints of a pose."""
+    """Compute the joints of a pose."""
     layer = at.layer
     assert isinstance(layer, HandModel)
     sk = layer.skeleton
@@ -66,7 +66,9 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     else:
         moved = graph.op("Mul", moved, graph.constant(np.where(sk.fixed, 0.0, 1.0)[dofs], "is_free"))
         initial, bones = _size(graph, at, sk, dofs)
-        units = [steps_of(body, unit) for unit in np.diag((sk.bone_axes >= 0).astype(float))]  # one bone of length 1
+        units = [
+            steps_of(body, unit) for unit in np.diag((sk.bone_axes >= 0).astype(float))
+        ]  # one bone of length 1, the others 0
         by_step = np.array([[long.parts[0] - short.parts[0] for long, short in zip(own, steps)] for own, _, _ in units])
         by_joint = np.array([own - offsets for _, _, own in units])
         one = graph.op("Add", one, _times(graph, bones, by_step, ("N", len(steps), 4, 4)))
@@ -78,14 +80,14 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     slid = graph.op("Add", one, graph.op("Mul", theta, angle))
     transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
     frames = graph.op("Gather", _worlds(graph, steps, transforms), graph.constant(last, "steps"), axis=1)
-    terms = graph.op("Mul", frames, ends_at)  # not MatMul: OpenCV 5.0 gets it wrong
+    terms = graph.op("Mul", frames, ends_at)  # not MatMul, which is wrong in OpenCV 5.0
     ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
     xyz = graph.op("Slice", ends, *(graph.constant([n], what) for n, what in ((0, "start"), (3, "end"), (2, "axis"))))
     return [graph.reshaped(xyz, at.top[0])]
 
 
 def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, str]:
-    """Where the steps begin, (N, steps) or (steps), and the bone lengths (N, K), of bodies of their own sizes."""
+    """Compute the initial values, (N, steps) or (steps), and bone lengths (N, K) of bodies with individual sizes."""
     sizes = math.prod(at.sizes(at.bottom[1][1:]))
     b = at.values[1] if len(at.bottom[1]) == 2 else graph.reshaped(at.values[1], ("N", sizes))
     if sizes > 1:
@@ -95,13 +97,13 @@ def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, 
 
 
 def _times(graph: Graph, bones: str, by_bone: Array, shape: Shape) -> str:
-    """The sum over the bones of their lengths (N, K) times constants (K, ...), in this shape."""
+    """Sum constants (K, ...) over the bones, weighted by their lengths (N, K); returns the given shape."""
     flat = graph.constant(by_bone.reshape(len(by_bone), -1), "by_bone")
     return graph.reshaped(graph.op("MatMul", bones, flat), shape)
 
 
 def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
-    """world_from_step of all steps, (N, steps, 4, 4)."""
+    """Compute world_from_step of all steps, (N, steps, 4, 4)."""
     levels = [[i for i, step in enumerate(steps) if step.depth == d] for d in range(steps[-1].depth + 1)]
     if len(levels) == 1:
         return transforms
@@ -109,18 +111,18 @@ def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
     worlds = own[:1]
     for above, level, step in zip(levels, levels[1:], own[1:]):
         parents = [above.index(steps[i].parent) for i in level]
-        carried = worlds[-1]
+        parent_worlds = worlds[-1]
         if parents != list(range(len(above))):
-            carried = graph.op("Gather", carried, graph.constant(parents, "parents"), axis=1)
-        worlds.append(graph.op("MatMul", carried, step))
+            parent_worlds = graph.op("Gather", parent_worlds, graph.constant(parents, "parents"), axis=1)
+        worlds.append(graph.op("MatMul", parent_worlds, step))
     return graph.op("Concat", *worlds, axis=1)
 
 
 def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
-    """The steps by depth, and of each joint its last step and where it stands in that step's frame, (K, 4), if these
-    are its signed ``bones`` (K,).
+    """Return the steps by depth, the last step of each joint, and the joints' positions in the frames of these steps,
+    (K, 4), for signed ``bones`` (K,).
 
-    The first step does not move: roots, and all that is fixed to them, hang on it.
+    The first step is the identity; roots and everything fixed to them are its children.
     """
     steps = [Step(-1, 0, 0, np.stack([np.eye(4), *np.zeros((3, 4, 4))]))]
     ends: dict[int, tuple[int, Array]] = {-1: (0, np.eye(4))}  # joint -> its last step, step_from_joint
@@ -135,7 +137,7 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
                 steps.append(Step(step, steps[step].depth + 1, motion.dof, fixed @ parts))
                 step, fixed = len(steps) - 1, np.eye(4)
         bone = np.eye(4)
-        bone[sk.bone_axes[j], 3] += bones[j]  # without a bone any axis, plus 0
+        bone[sk.bone_axes[j], 3] += bones[j]  # without a bone: any axis, length 0
         ends[j] = step, fixed @ bone
     order = sorted(range(len(steps)), key=lambda i: steps[i].depth)
     place = {-1: -1, **{i: new for new, i in enumerate(order)}}
@@ -145,7 +147,7 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
 
 
 def _parts(motion: Motion) -> Array:
-    """(4, 4, 4): the matrices of 1, cos theta, sin theta, theta in the transform of a motion."""
+    """Return the matrices (4, 4, 4) of 1, cos theta, sin theta, theta in the transform of a motion."""
     parts = np.zeros((4, 4, 4))
     parts[0, 3, 3] = 1
     if motion.kind == "translate":
@@ -153,7 +155,7 @@ def _parts(motion: Motion) -> Array:
         parts[3, motion.axis, 3] = motion.sign
     else:
         quarter, half = rotation(motion.axis, np.pi / 2), rotation(motion.axis, np.pi)
-        parts[0, :3, :3] += (np.eye(3) + half) / 2  # what stays: the axis
+        parts[0, :3, :3] += (np.eye(3) + half) / 2  # projection onto the axis
         parts[1, :3, :3] = (np.eye(3) - half) / 2
         parts[2, :3, :3] = motion.sign * (quarter - parts[0, :3, :3])
     return np.round(parts)  # entries are -1, 0, 1; rotation() leaves 1e-16

@@ -1,4 +1,4 @@
-"""A trained net as an ONNX file, and how far a runtime's outputs are from the net's own."""
+"""Export of a trained net to ONNX, and comparison of a runtime's outputs with the net's."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from netlib.proto.net_parameter import load_parameter, select_layers
 from netlib.proto.options import layer_types
 from netlib.proto.schema import position_of
 
-Shapes = list[tuple[list[Shape], list[Shape]]]  # of each layer's bottoms and tops
+Shapes = list[tuple[list[Shape], list[Shape]]]  # shapes of each layer's bottoms and tops
 
 
 def load(model: str | Path, weights: str | Path) -> Net:
-    """The net in phase TEST, with all its weights. Raises NetlibError, also for a layer type without a form in ONNX."""
+    """Load a net in phase TEST with its weights. Raises NetlibError, also for a layer type that cannot be exported."""
     for spec in select_layers(load_parameter(model), NetState("TEST")):
-        if spec.type in layer_types() or spec.type == "Python":  # others are for the net to complain of
+        if spec.type in layer_types() or spec.type == "Python":  # Net reports unknown types
             _translation(spec)
-    return trained(model, weights, engine="plain")  # the textbook's layers have the options under their own names
+    return trained(model, weights, engine="plain")  # the plain layers store their options by name
 
 
 def _translation(spec: LayerParameter) -> Translation:
-    """What makes operators of a layer. Raises LayerError for a type without a form in ONNX."""
+    """Return the translation of a layer. Raises LayerError for a type that cannot be exported."""
     if spec.type not in LAYERS:
         raise LayerError(
-            f"{position_of(spec, 'type')}: error: layer {spec.name!r}: type {spec.type!r} has no form in ONNX "
-            "(docs/onnx.md); a deploy net has no layers for data, labels and losses"
+            f"{position_of(spec, 'type')}: error: layer {spec.name!r}: type {spec.type!r} cannot be exported to ONNX "
+            "(docs/onnx.md); expected a deploy net, without layers for data, labels and losses"
         )
     return LAYERS[spec.type]
 
 
 def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None) -> bytes:
-    """The ONNX file of a net in phase TEST, as bytes; the first axis of every input is the batch, N.
+    """Export a net in phase TEST as ONNX and return the bytes; the first axis of every input is the batch, N.
 
-    ``also`` names more blobs to give out, ``cube_mm`` is the edge of the cube that crops of its body show; None: NYU's,
-    if that is a hand. Raises NetlibError.
+    ``also`` names additional output blobs. ``cube_mm`` is the edge length of the crop cube in mm; None: NYU's, for a
+    hand. Raises NetlibError.
     """
     shapes = shapes_of(net)
     graph = Graph(net.blobs)
@@ -72,7 +72,7 @@ def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None)
 
 
 def _outputs(net: Net, also: Sequence[str]) -> list[str]:
-    """The blobs that are given out. Raises NetlibError."""
+    """Return the names of the output blobs. Raises NetlibError."""
     if not net.inputs:
         raise NetlibError(f"{net.source}: no Input layer; expected a deploy net")
     outputs = list(dict.fromkeys([*net.outputs, *also]))
@@ -80,13 +80,13 @@ def _outputs(net: Net, also: Sequence[str]) -> list[str]:
         if name not in net.blobs:
             raise NetlibError(f"net {net.name!r} has no blob {name!r}{did_you_mean(name, net.blobs)}")
         if name in net.inputs:
-            raise NetlibError(f"{net.source}: blob {name!r} is both input and output, which ONNX does not know; "
-                              "let a layer read it, and give its top another name")  # fmt: skip
+            raise NetlibError(f"{net.source}: blob {name!r} is both input and output, which ONNX does not "
+                              "support; expected a layer that reads it, with another top")  # fmt: skip
     return outputs
 
 
 def _about_hand(hand: HandModel, cube_mm: float, gives_pose: bool) -> dict[str, str]:
-    """What a user of a hand's net must know besides names and shapes."""
+    """Return metadata of a hand's net: joint names, units and axes."""
     sk = hand.skeleton
     about = {
         "joint_names": json.dumps(sk.joint_names),
@@ -99,16 +99,16 @@ def _about_hand(hand: HandModel, cube_mm: float, gives_pose: bool) -> dict[str, 
 
 
 def shapes_of(net: Net) -> Shapes:
-    """The shapes of each layer's bottoms and tops for N items, found by shaping the net for 2 and for 3.
+    """Return the shapes of each layer's bottoms and tops for N items, from reshaping the net to 2 and 3 items.
 
-    The net is as it was afterwards. Raises LayerError if it cannot be shaped so.
+    Afterwards the net has its original shapes. Raises LayerError if it cannot be reshaped.
     """
     declared = {name: net.blobs[name].shape for name in net.inputs}
     for name, shape in declared.items():
         if not shape:
             raise LayerError(f"{net.source}: input {name!r} has no shape; expected input_param {{ shape {{ ... }} }}")
     if len({shape[0] for shape in declared.values()}) > 1:
-        raise LayerError(f"{net.source}: inputs of different batches, "
+        raise LayerError(f"{net.source}: inputs with different batch sizes, "
                          f"{', '.join(f'{name} {shape}' for name, shape in declared.items())}; "
                          "expected first axes of the same size")  # fmt: skip
     found = []
@@ -118,7 +118,7 @@ def shapes_of(net: Net) -> Shapes:
         try:
             net.reshape()
         except LayerError as error:
-            raise LayerError(f"{error}; the net must take any number of items, here it had {batch}") from error
+            raise LayerError(f"{error} (with {batch} items); expected a net that accepts any number") from error
         found.append([([b.shape for b in at.bottom], [t.shape for t in at.top]) for at in net.connections])
     for name, shape in declared.items():
         net.blobs[name].reshape(shape)
@@ -128,16 +128,17 @@ def shapes_of(net: Net) -> Shapes:
         both = [[symbolic(a, b) for a, b in zip(*sides)] for sides in zip(two, three)]
         known = [[shape for shape in side if shape is not None] for side in both]
         if known != both:
-            raise at.layer.fail(f"a shape {two[1]} for 2 items, {three[1]} for 3 has no form in ONNX: expected one "
-                                "axis that counts items")  # fmt: skip
+            raise at.layer.fail(f"shape {two[1]} for 2 items, {three[1]} for 3 cannot be exported to ONNX; expected "
+                                "one axis that depends on the number of items")  # fmt: skip
         shapes.append((known[0], known[1]))
     return shapes
 
 
 def differences(image: bytes, net: Net, batches: Sequence[int], also: Sequence[str] = ()) -> dict[str, float]:
-    """Per output, the largest difference between onnxruntime and the net, as a part of the output's largest value.
+    """Return, per output, the largest difference between onnxruntime and the net, relative to the output's largest
+    value.
 
-    The inputs are random, in [-1, 1], of these batch sizes. Raises NetlibError.
+    Inputs are random in [-1, 1], with these batch sizes. Raises NetlibError.
     """
     runtime = package("onnxruntime")
     options = runtime.SessionOptions()
@@ -147,15 +148,17 @@ def differences(image: bytes, net: Net, batches: Sequence[int], also: Sequence[s
     worst = dict.fromkeys(outputs, 0.0)
     for batch in batches:
         inputs: dict[str, Any] = {name: _random(net, name, batch, rng) for name in net.inputs}
-        theirs = session.run(outputs, inputs)
-        ours = net.forward(blobs=outputs, **inputs)
-        for name, y in zip(outputs, theirs):
-            worst[name] = max(worst[name], difference(y, ours[name]))
+        found = session.run(outputs, inputs)
+        expected = net.forward(blobs=outputs, **inputs)
+        for name, y in zip(outputs, found):
+            worst[name] = max(worst[name], difference(y, expected[name]))
     return worst
 
 
 def difference(y: Array, expected: Array) -> float:
-    """The largest difference as a part of the largest finite value expected; infinite if shapes, NaNs or so differ."""
+    """Return the largest difference relative to the largest finite expected value; inf if shapes or non-finite values
+    differ.
+    """
     if y.shape != expected.shape:
         return np.inf
     with np.errstate(invalid="ignore"):
@@ -167,7 +170,7 @@ def difference(y: Array, expected: Array) -> float:
 
 
 def _random(net: Net, name: str, batch: int, rng: np.random.Generator) -> Array:
-    """Values for an input: in [-1, 1], or whole numbers for a layer that counts by them."""
+    """Return random values for an input: in [-1, 1], or integers for a layer that reads indices."""
     shape = (batch, *net.blobs[name].shape[1:])
     names = {name}
     for layer in net.layers:

@@ -1,4 +1,4 @@
-"""Normalizations as ONNX operators, with the numbers of phase TEST."""
+"""Normalizations as ONNX operators, in phase TEST."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from export.onnx.graph import Graph, Place
 def batch_norm(graph: Graph, at: Place) -> list[str]:
     layer: Any = at.layer
     if not layer.uses_sums:
-        raise layer.fail("with use_global_stats: false, each item depends on its batch; expected true, or none",
+        raise layer.fail("use_global_stats: false makes items depend on their batch; expected true or no value",
                          "use_global_stats")  # fmt: skip
     mean, variance, weight = (blob.data for blob in layer.blobs)
     factor = 1 / weight[0] if weight[0] else 0.0

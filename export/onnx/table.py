@@ -1,8 +1,8 @@
-"""One table: layer type → the function that adds its ONNX operators. They stand in rooms as those of layers/ do.
+"""Table of layer types and the functions that add their ONNX operators, in modules named like the folders of layers/.
 
-Such a function gets the graph and the layer at its place, and returns the names of the values that the tops are. A
-layer that changes nothing returns the values of its bottoms. Options and formulas are those of the layer's own file in
-layers/; a comment says where ONNX's operator differs from Caffe's.
+A function takes the graph and the layer's Place and returns the names of the tops' values. A layer without effect
+returns the values of its bottoms. Options and formulas are documented in the layer's file in layers/; comments note
+where ONNX's operators differ from Caffe's.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LAYERS: dict[str, Translation] = {
     "Convolution": vision.convolution,
     "Crop": vision.crop,
     "Deconvolution": vision.deconvolution,
-    "DeepHandModel": hand.hand_model,  # the released system's name
+    "DeepHandModel": hand.hand_model,  # name in the released system
     "Dropout": common.dropout,
     "ELU": activation.elu,
     "Eltwise": common.eltwise,
@@ -32,7 +32,7 @@ LAYERS: dict[str, Translation] = {
     "Flatten": common.shaped_as_top,
     "HandModel": hand.hand_model,
     "InnerProduct": common.inner_product,
-    "Input": common.nothing,  # inputs are the graph's own
+    "Input": common.nothing,  # inputs are part of the graph
     "LRN": normalization.lrn,
     "Log": activation.log,
     "MVN": normalization.mvn,

@@ -1,4 +1,4 @@
-"""Convolutions, windows and crops as ONNX operators."""
+"""Convolutions, poolings and crops as ONNX operators."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def deconvolution(graph: Graph, at: Place) -> list[str]:
 
 
 def _sliding(graph: Graph, at: Place, op: str) -> list[str]:
-    """Conv or ConvTranspose of every bottom, with the same weights."""
+    """Apply Conv or ConvTranspose to every bottom, with the same weights."""
     layer: Any = at.layer
     w = layer.blobs[0].data
-    kernel = list(layer.kernel) or [1]  # a convolution without spatial axes gets one
+    kernel = list(layer.kernel) or [1]  # ONNX needs at least one spatial axis
     options: dict[str, Any] = {"kernel_shape": kernel, "group": layer.param.group}
     if layer.kernel:
         options |= {"strides": list(layer.stride), "dilations": list(layer.dilation), "pads": [*layer.pad, *layer.pad]}
@@ -32,7 +32,7 @@ def _sliding(graph: Graph, at: Place, op: str) -> list[str]:
     tops = []
     for value, x, y in zip(at.values, at.bottom, at.top):
         plain = len(x) == len(kernel) + 2
-        if not plain:  # other axes than (N, C, ...)
+        if not plain:  # axes other than (N, C, ...)
             axis = len(x) - len(layer.kernel) - 1
             value = graph.reshaped(value, ("N", *at.sizes(x[axis:]), *([] if layer.kernel else [1])))
         out = graph.op(op, value, *parameters, **options)
@@ -41,12 +41,12 @@ def _sliding(graph: Graph, at: Place, op: str) -> list[str]:
 
 
 def pooling(graph: Graph, at: Place) -> list[str]:
-    """Windows as Caffe places them: as many as the top has, with pads that make room for just these.
+    """Translate Caffe's pooling: as many windows as the top has, with pads that fit exactly these.
 
-    ONNX's ceil_mode would keep windows that Caffe drops, and its mean does not count as Caffe's. So output sizes are
-    rounded down here, the pads at the end are what the last window needs, and where such a window hangs over the
-    padding, which Caffe does not count, the mean of all its places is corrected by a constant. A last window beyond
-    the image (stride > kernel) has no value, and operators refuse it: it is put there afterwards.
+    ONNX's ceil_mode keeps windows that Caffe drops, and its mean counts elements differently. So output sizes are
+    rounded down, the end pads fit the last window, and where that window extends past Caffe's padding, which Caffe does
+    not count, a constant corrects the mean. A last window beyond the image (stride > kernel) has no value and is
+    rejected by the operators, so it is appended with Pad.
     """
     layer: Any = at.layer
     is_max, x = layer.param.pool == "MAX", at.values[0]
@@ -67,7 +67,7 @@ def pooling(graph: Graph, at: Place) -> list[str]:
 
     if is_max:
         y = graph.ops("MaxPool", len(at.top), x, **options)
-        if len(y) > 1:  # counted through all items and channels
+        if len(y) > 1:  # ONNX's index counts through all items and channels
             place = graph.op("Mod", y[1], graph.constant(math.prod(n for n, *_ in axes), "map"))
             y[1] = completed(graph.floats(place), -1.0)
         return [completed(y[0], float(np.finfo(np.float32).min)), *y[1:]]
@@ -75,7 +75,7 @@ def pooling(graph: Graph, at: Place) -> list[str]:
     starts = [np.arange(o) * s - p for o, (_, _, s, p) in zip(outputs, axes)]
     counted = [np.minimum(start + k, n + p) - start for start, (n, k, _, p) in zip(starts, axes)]
     with np.errstate(divide="ignore"):
-        correction = math.prod(layer.kernel) / np.outer(*counted)  # 0 x infinity is NaN, as Caffe's 0 / 0
+        correction = math.prod(layer.kernel) / np.outer(*counted)  # 0 x infinity is NaN, like Caffe's 0 / 0
     return [mean if (correction == 1).all() else graph.op("Mul", mean, graph.constant(correction, "correction"))]
 
 

@@ -23,7 +23,7 @@ def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
 
 def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
     """Write the net's weights in Caffe's HDF5 format (float32), shuffled and compressed, with the network's errors."""
-    with hdf5.written(path) as file:
+    with hdf5.created(path) as file:
         for layer, blobs in net.params.items():
             for i, blob in enumerate(blobs):
                 values = np.asarray(blob.data, np.float32)

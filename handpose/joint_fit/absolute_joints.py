@@ -66,7 +66,7 @@ def fit_absolute(
 def write_fit(path: Path, found: AbsoluteFit, index: NDArray[np.int_]) -> None:
     """Write angles and residuals to an HDF5 file, whole or not at all; ``index`` (N,) are the numbers of the frames."""
     files.make_folder(path.parent)
-    with hdf5.written(path) as file:
+    with hdf5.created(path) as file:
         file["dof"], file["residual_mm"] = found.inputs, found.residuals_mm
         file["index"], file["center"], file["half_cube"] = index, found.center, found.half_cube
         file.attrs["description"] = DESCRIPTION

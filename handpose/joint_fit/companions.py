@@ -125,7 +125,7 @@ def fit_file(
     rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
     try:
         make_folder(target.parent)
-        with hdf5.written(target) as file:
+        with hdf5.created(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
             file["residual_mm"] = residuals.astype(np.float32)
             file.attrs.update(recipe=recipe, made_from=told.made_from, rest_in=rest)

@@ -113,7 +113,7 @@ def frames(container: Any, stream: Any) -> Iterator[Any]:
     """The decoded frames of a stream. Raises FFmpeg's errors, and ValueError for those that FFmpeg only logs."""
     context = stream.codec_context
     context.thread_count = 1  # its errors are those of this thread, and other cores have other work
-    context.options = {"max_pixels": str(pictures.MOST_PIXELS)}
+    context.options = {"max_pixels": str(pictures.MAX_PIXELS)}
     for packet in packets(container, stream):
         with complaints() as said:
             decoded = packet.decode()

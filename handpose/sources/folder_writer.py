@@ -47,7 +47,7 @@ class FolderWriter:
         files.make_folder(path)
         self._old = Path(os.path.realpath(path)) if old else None
         self._fresh = path
-        with contextlib.ExitStack() as stack, atomic.naming(path):
+        with contextlib.ExitStack() as stack, atomic.error_names(path):
             if self._old:
                 self._fresh = stack.enter_context(atomic.temporary_folder(self._old))
             camera_file.write(self._fresh / camera_file.NAME, Given(camera, unit_mm=unit_mm, rate=rate))
@@ -61,7 +61,7 @@ class FolderWriter:
             raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
         content = cv2.imencode(".png", stored(frame.depth, self._unit, where))[1].tobytes()
         name = f"{micro:012d}us.png"
-        with atomic.naming(self._path / name):
+        with atomic.error_names(self._path / name):
             atomic.replace(self._fresh / name, lambda fresh: fresh.write_bytes(content), sync=False)
         self._last = micro
 
@@ -80,7 +80,7 @@ class FolderWriter:
         with self._stack:
             atomic.sync_directory(self._fresh)
             if self._old and self._last >= 0:
-                with atomic.naming(self._path):
+                with atomic.error_names(self._path):
                     _take_place(self._fresh, self._old)
 
 
@@ -88,7 +88,7 @@ def put_back(path: Path) -> None:
     """Give an old recording its name back, if its writer was killed before the new one had it. Raises DataError."""
     with contextlib.suppress(ValueError):  # of names that no file can have
         path = Path(os.path.realpath(path))
-    for old in atomic.kept(path):
+    for old in atomic.backups(path):
         with contextlib.suppress(OSError), locks.held(old) as locked:
             if locked and not exists(path):
                 old.rename(path)
@@ -99,7 +99,7 @@ def put_back(path: Path) -> None:
 
 def _take_place(fresh: Path, path: Path) -> None:
     """Replace a recording by a folder; files that are not part of it move to the new one. Raises OSError."""
-    old = atomic.beside(path, "old")
+    old = atomic.sibling(path, "old")
     with locks.held(path):  # before it has a name by which others would put it back
         path.rename(old)
         try:
@@ -123,8 +123,8 @@ def _end_what_was_killed(path: Path) -> None:
     """Finish a replacement during which the writer was killed. Raises DataError, OSError."""
     if not exists(path):
         put_back(path)
-    for old in atomic.kept(path):
-        with atomic.naming(path), locks.held(old) as locked:
+    for old in atomic.backups(path):
+        with atomic.error_names(path), locks.held(old) as locked:
             if not locked:
                 continue
             if not exists(path):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from handpose.sources.raw import check_values
 from netlib.errors import DataError, reason_of
-from netlib.files.pictures import MOST_PIXELS
+from netlib.files.pictures import MAX_PIXELS
 
 HEADER = 1 << 14  # bytes in which it ends
 READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -35,7 +35,7 @@ class Header:
 
     def stack(self, where: str) -> tuple[int, int, int]:
         """Number of frames, height and width; one image is a stack, too. Raises DataError for other shapes."""
-        if len(self.shape) not in (2, 3) or 0 in self.shape or math.prod(self.shape[-2:]) > MOST_PIXELS:
+        if len(self.shape) not in (2, 3) or 0 in self.shape or math.prod(self.shape[-2:]) > MAX_PIXELS:
             raise DataError(f"{where}: an array of shape {self.shape}; expected (frames, height, width)")
         check_values(self.dtype, where)
         frames, height, width = (1,) * (3 - len(self.shape)) + self.shape

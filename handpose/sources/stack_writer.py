@@ -32,7 +32,7 @@ class StackWriter:
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None) -> None:
         self._path, self._camera, self._unit, self._rate = path, camera, unit_mm, rate
         self._times: list[float] = []
-        with contextlib.ExitStack() as stack, atomic.naming(path):
+        with contextlib.ExitStack() as stack, atomic.error_names(path):
             files.make_folder(path.parent)
             self._kept = stack.enter_context(stack.enter_context(atomic.temporary(path)).open("w+b"))
             self._stack = stack.pop_all()
@@ -43,7 +43,7 @@ class StackWriter:
         if self._times and frame.time <= self._times[-1]:
             raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
         values = stored(frame.depth, self._unit, where)
-        with atomic.naming(self._path):
+        with atomic.error_names(self._path):
             self._kept.write(values.astype("<u2").tobytes())
         self._times.append(frame.time)
 

@@ -36,7 +36,7 @@ def open_video(path: Path, given: Given) -> Recording:
         dtype = _dtype(stream, str(path))
         own = azure_kinect.given(container, stream, str(path)) if azure else _own(container, stream, path)
         context = stream.codec_context
-        if context.width * context.height > pictures.MOST_PIXELS:
+        if context.width * context.height > pictures.MAX_PIXELS:
             raise DataError(f"{path}: {context.width} x {context.height} pixels; expected those of a depth camera")
         settled = settle(given, own, camera_file.beside(path), (context.height, context.width), dtype, str(path))
         return _Video(path, settled, stream.index, dtype)

@@ -44,7 +44,7 @@ class VideoWriter:
     def __enter__(self) -> VideoWriter:
         if self._path.exists() and not self._path.is_file():
             raise DataError(f"{self._path}: cannot be written: it is not a file")
-        with contextlib.ExitStack() as stack, atomic.naming(self._path):
+        with contextlib.ExitStack() as stack, atomic.error_names(self._path):
             self._fresh = stack.enter_context(atomic.temporary(self._path))
             self._container = self._av.open(str(self._fresh), "w", format="matroska")
             stack.callback(self._container.close)
@@ -73,7 +73,7 @@ class VideoWriter:
         picture = self._av.VideoFrame.from_ndarray(values.astype("<u2"), format="gray16le")
         picture.pts, picture.time_base = tick, TICK
         try:
-            with atomic.naming(self._path):
+            with atomic.error_names(self._path):
                 self._container.mux(self._stream.encode(picture))
         except OSError:
             self._failed = True
@@ -87,7 +87,7 @@ class VideoWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
-        with atomic.naming(self._path), self._stack:
+        with atomic.error_names(self._path), self._stack:
             if self._last is None:
                 return
             failure = None
@@ -99,7 +99,7 @@ class VideoWriter:
                 failure = one
             cut = self._failed or failure is not None
             if not cut or (not (self._whole or self._path.exists()) and _has_a_frame(self._fresh)):
-                atomic.take_place(self._fresh, self._path, sync=not cut)
+                atomic.commit(self._fresh, self._path, sync=not cut)
             if failure is not None and not self._failed:  # otherwise it was reported before
                 raise failure
 

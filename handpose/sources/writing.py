@@ -73,7 +73,7 @@ class RecordingWriter:
         else:
             from handpose.sources.video_writer import VideoWriter
 
-            with atomic.naming(self.path):
+            with atomic.error_names(self.path):
                 files.make_folder(self.path.parent)
             self._writer = self._stack.enter_context(VideoWriter(*arguments, self._whole))
         return self

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import LENGTHS, CapsuleParameter, WedgeParameter, longest, said
+from layers.hand.skeleton_file import LENGTHS, CapsuleParameter, WedgeParameter, format_length, max_length
 from netlib.blob import Array
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.proto import schema
@@ -67,8 +67,9 @@ class Flesh:
         for i, o in enumerate(flesh.offset):
             if (o.joint, o.axes) in [(other.joint, other.axes) for other in flesh.offset[:i]]:
                 raise PrototxtError(schema.position_of(o), f"joint {o.joint!r} has two offsets along {o.axes!r}")
-            if not all(abs(length) <= longest(o) for length in (o.x, o.y, o.z)):
-                found = f"offset {said(o.x)}, {said(o.y)}, {said(o.z)}; expected lengths in {LENGTHS}"
+            if not all(abs(length) <= max_length(o) for length in (o.x, o.y, o.z)):
+                lengths = ", ".join(map(format_length, (o.x, o.y, o.z)))
+                found = f"offset {lengths}; expected lengths in {LENGTHS}"
                 raise PrototxtError(schema.position_of(o), found)
         self.limbs = self.end >= len(skeleton.joint_names)
         of_root = [m.row for own, parent in zip(self.whole.motions, self.whole.parents) if parent < 0 for m in own]
@@ -127,8 +128,8 @@ class Flesh:
 
     @staticmethod
     def _radii(shape: object, given: tuple[float, ...], count: int) -> list[float]:
-        if len(given) not in (1, count) or not all(0 < r <= longest(shape) for r in given):
-            found, expected = f"radius {', '.join(map(said, given))}", {2: "two", 3: "three"}[count]
+        if len(given) not in (1, count) or not all(0 < r <= max_length(shape) for r in given):
+            found, expected = f"radius {', '.join(map(format_length, given))}", {2: "two", 3: "three"}[count]
             raise PrototxtError(schema.position_of(shape), f"{found}; expected one or {expected} > 0, in {LENGTHS}")
         return [*given] * (count if len(given) == 1 else 1)
 

@@ -58,7 +58,7 @@ class BvhWriter:
         self._poses: dict[tuple[int, str], list[_Pose]] = {}  # by id and hand
 
     def __enter__(self) -> BvhWriter:
-        with atomic.naming(self._path), atomic.temporary(self._path):  # fail now if the folder is missing
+        with atomic.error_names(self._path), atomic.temporary(self._path):  # fail now if the folder is missing
             return self
 
     def write(self, frame: TrackedFrame) -> None:

@@ -26,8 +26,8 @@ class GrowingFile:
 
     def __enter__(self) -> GrowingFile:
         with contextlib.ExitStack() as stack:
-            stack.enter_context(atomic.naming(self.path))
-            atomic.refuse_what_is_no_file(self.path)
+            stack.enter_context(atomic.error_names(self.path))
+            atomic.require_regular_file(self.path)
             self._fresh = stack.enter_context(atomic.temporary(self.path))
             self._stream = stack.enter_context(self._fresh.open("wb", buffering=0))
             self._put(self._head)
@@ -36,14 +36,14 @@ class GrowingFile:
 
     def append(self, piece: bytes) -> None:
         """Add a piece."""
-        with atomic.naming(self.path):
+        with atomic.error_names(self.path):
             self._put(piece)
         self._pieces += 1
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
-        with self._stack, atomic.naming(self.path):
+        with self._stack, atomic.error_names(self.path):
             if kind is None or self._pieces:
                 self._finish(self._tail)
 
@@ -63,7 +63,7 @@ class GrowingFile:
         self._write(tail)
         self._stream.truncate(self._end + len(tail))
         self._stream.close()
-        atomic.take_place(self._fresh, self.path)
+        atomic.commit(self._fresh, self.path)
 
     def _write(self, content: bytes) -> None:
         self._stream.seek(self._end)

@@ -111,7 +111,7 @@ class JsonLinesWriter:
     def __enter__(self) -> JsonLinesWriter:
         with contextlib.ExitStack() as stack:
             for path in self.files:
-                stack.enter_context(atomic.naming(path))
+                stack.enter_context(atomic.error_names(path))
                 self._stream = stack.enter_context(path.open("w", encoding="ascii", newline="\n"))
             self._put(self._head)
             self._stack = stack.pop_all()
@@ -121,7 +121,7 @@ class JsonLinesWriter:
         """Add a frame."""
         with contextlib.ExitStack() as stack:
             for path in self.files:
-                stack.enter_context(atomic.naming(path))
+                stack.enter_context(atomic.error_names(path))
             self._put(self._values.values(frame))
 
     def __exit__(

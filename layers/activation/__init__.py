@@ -1,1 +1,1 @@
-"""One value in, one value out: functions of single values."""
+"""Elementwise activation layers."""

@@ -1,4 +1,4 @@
-"""AbsVal: the size of a value, without its sign.
+"""AbsVal: absolute value.
 
 bottom[0]  x  any shape
 top[0]     y  same shape; not the same blob, as in Caffe

@@ -1,8 +1,8 @@
 """Bias: add a learned blob (or a second bottom) that is broadcast over some axes.
 
 bottom[0]  x     any shape
-bottom[1]  b     optional: what is added, instead of a parameter
-params[0]  bias  shape of x's axes ``axis`` to ``axis + num_axes``; by default one per channel; 0 at first
+bottom[1]  b     optional: used instead of the parameter
+params[0]  bias  shape of x's axes ``axis`` to ``axis + num_axes``; default one per channel; initially 0
 top[0]     y     shape of x, may be the same blob
 
 y  = x + b
@@ -24,9 +24,9 @@ from netlib.proto.schema import numbered
 class BiasParameter:
     """The ``bias_param { ... }`` block."""
 
-    axis: int = numbered(1, 1)  # first axis of x that the bias has
-    num_axes: int = numbered(2, 1)  # how many axes it has; -1: all that follow; 0: a single number
-    filler: Filler = numbered(3, Filler())  # initial bias; 0 by default
+    axis: int = numbered(1, 1)  # first axis of the bias in x
+    num_axes: int = numbered(2, 1)  # number of its axes; -1: all from ``axis`` on; 0: a single number
+    filler: Filler = numbered(3, Filler())  # initial bias; default 0
 
 
 class Bias(Layer):
@@ -53,7 +53,7 @@ class Bias(Layer):
         end = axis + len(bias)
         if x[axis:end] != bias:
             raise self.fail(f"bias {bias} does not fit axes {axis} to {end} of bottom {self.spec.bottom[0]!r} {x}")
-        self.wide = bias + (1,) * (len(x) - end)  # with axes of size 1 for what follows
+        self.wide = bias + (1,) * (len(x) - end)  # shape for broadcasting
         self.others = tuple(i for i in range(len(x)) if not axis <= i < end)
         top[0].reshape(x)
 

@@ -1,4 +1,4 @@
-"""BNLL: a ReLU with a smooth bend ("binomial normal log likelihood", also called softplus).
+"""BNLL: a smooth ReLU ("binomial normal log likelihood"), also called softplus.
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
@@ -6,7 +6,7 @@ top[0]     y  same shape, may be the same blob
 y  = log(1 + exp(x))
 dx = dy / (1 + exp(-x))
 
-Kept for backward: ``slope`` = dy/dx, because in place x is gone by then.
+Kept for backward: ``slope`` = dy/dx, because in place y overwrites x.
 """
 
 from __future__ import annotations

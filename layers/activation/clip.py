@@ -1,12 +1,12 @@
-"""Clip: cut off what is below ``min`` or above ``max``.
+"""Clip: limit values to the range from ``min`` to ``max``.
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
 
 y  = max(min, min(x, max))
-dx = dy where min <= x <= max (both included), 0 elsewhere
+dx = dy where min <= x <= max, 0 elsewhere
 
-Kept for backward: ``inside``, where that is, because in place x is gone by then.
+Kept for backward: ``inside``, the mask of this condition, because in place y overwrites x.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class ClipParameter:
 
 
 class Clip(Layer):
-    """Values between two bounds."""
+    """Limits values to a range."""
 
     param_type = ClipParameter
     bottoms = tops = (1, 1)

@@ -1,4 +1,4 @@
-"""ELU: positive values as they are, negative ones bent towards -``alpha`` ("exponential linear unit").
+"""ELU: exponential linear unit; positive values pass, negative values saturate at -``alpha``.
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
@@ -6,7 +6,7 @@ top[0]     y  same shape, may be the same blob
 y  = x  where x > 0, alpha (exp(x) - 1) elsewhere
 dx = dy where x > 0, dy alpha exp(x)    elsewhere
 
-Kept for backward: ``slope`` = dy/dx, because in place x is gone by then.
+Kept for backward: ``slope`` = dy/dx, because in place y overwrites x.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from netlib.proto.schema import numbered
 class ELUParameter:
     """The ``elu_param { ... }`` block."""
 
-    alpha: float = numbered(1, 1.0)  # y far to the left is -alpha
+    alpha: float = numbered(1, 1.0)  # y tends to -alpha for x towards -infinity
 
 
 class ELU(Layer):

@@ -47,7 +47,7 @@ class Exp(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
-        with np.errstate(over="ignore"):  # an infinity that follows is found by the solver
+        with np.errstate(over="ignore"):  # the solver reports infinities
             y = np.exp(self.ln_base * (p.shift + p.scale * bottom[0].data))
             self.slope = self.ln_base * p.scale * y
         top[0].data[...] = y

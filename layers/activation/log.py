@@ -6,7 +6,7 @@ top[0]     y  same shape, may be the same blob
 y  = ln(shift + scale x) / ln(base)        NaN or infinite where shift + scale x is not positive, as in Caffe
 dx = dy scale / (shift + scale x) / ln(base)
 
-Kept for backward: ``slope`` = dy/dx, because in place x is gone by then.
+Kept for backward: ``slope`` = dy/dx, because in place y overwrites x.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Log(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         argument = p.shift + p.scale * bottom[0].data
-        with np.errstate(divide="ignore", invalid="ignore"):  # a NaN that follows is found by the solver
+        with np.errstate(divide="ignore", invalid="ignore"):  # the solver reports NaN
             self.slope = p.scale / self.ln_base / argument
             top[0].data[...] = np.log(argument) / self.ln_base
 

@@ -6,7 +6,7 @@ top[0]     y  same shape, may be the same blob
 y  = (shift + scale x)^power
 dx = dy power scale (shift + scale x)^(power - 1)
 
-Kept for backward: ``slope`` = dy/dx, because in place x is gone by then.
+Kept for backward: ``slope`` = dy/dx, because in place y overwrites x.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Power(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         base, factor = p.shift + p.scale * bottom[0].data, p.power * p.scale
-        with np.errstate(divide="ignore", invalid="ignore"):  # a NaN that follows is found by the solver
+        with np.errstate(divide="ignore", invalid="ignore"):  # the solver reports NaN
             self.slope = factor * base ** (p.power - 1) if factor else np.zeros_like(base)
             top[0].data[...] = base**p.power
 

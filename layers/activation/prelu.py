@@ -1,14 +1,14 @@
-"""PReLU: a ReLU that learns how much of the negative side passes, one slope per channel.
+"""PReLU: a ReLU with a learned slope for negative values, one per channel.
 
 bottom[0]  x      (N, C, ...)
-params[0]  slope  (C,), or one number () with ``channel_shared``; 0.25 at first
+params[0]  slope  (C,), or () with ``channel_shared``; initially 0.25
 top[0]     y      shape of x, may be the same blob
 
 y      = max(x, 0) + slope min(x, 0)
 dx     = dy where x > 0, slope dy elsewhere
 dslope = sum of dy min(x, 0) over the other axes
 
-Kept for backward: ``x``, because in place the bottom is gone by then.
+Kept for backward: ``x``, because in place y overwrites it.
 """
 
 from __future__ import annotations

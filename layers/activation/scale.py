@@ -1,8 +1,8 @@
-"""Scale: multiply by a learned gain (or by a second blob) that is broadcast over some axes, and add a bias.
+"""Scale: multiply by a learned gain (or by a second bottom) that is broadcast over some axes, and add a bias.
 
 bottom[0]  x     any shape
-bottom[1]  gain  optional: the factor, instead of a parameter
-params[0]  gain  shape of x's axes ``axis`` to ``axis + num_axes``; by default one per channel; 1 at first
+bottom[1]  gain  optional: used instead of the parameter
+params[0]  gain  shape of x's axes ``axis`` to ``axis + num_axes``; default one per channel; initially 1
 params[-1] bias  same shape, with ``bias_term: true``
 top[0]     y     shape of x, may be the same blob
 
@@ -10,7 +10,7 @@ y     = gain x + bias
 dx    = gain dy
 dgain = sum of x dy over the other axes,   dbias = sum of dy
 
-Kept for backward: ``x``, because in place the bottom is gone by then.
+Kept for backward: ``x``, because in place y overwrites it.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from netlib.proto.schema import numbered
 class ScaleParameter:
     """The ``scale_param { ... }`` block."""
 
-    axis: int = numbered(1, 1)  # first axis of x that the gain has
-    num_axes: int = numbered(2, 1)  # how many axes it has; -1: all that follow; 0: a single number
-    filler: Filler = numbered(3, Constant(1.0))  # initial gains; the identity by default
+    axis: int = numbered(1, 1)  # first axis of the gain in x
+    num_axes: int = numbered(2, 1)  # number of its axes; -1: all from ``axis`` on; 0: a single number
+    filler: Filler = numbered(3, Constant(1.0))  # initial gain; default 1
     bias_term: bool = numbered(4, False)
     bias_filler: Filler = numbered(5, Filler())
 
@@ -71,7 +71,7 @@ class Scale(Layer):
         top[0].reshape(x)
 
     def _wide(self, array: Array) -> Array:
-        """The gain or bias, with axes of size 1 for what it is broadcast over."""
+        """The gain or bias with trailing axes of size 1 for broadcasting."""
         return array.reshape(array.shape + self.trailing)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

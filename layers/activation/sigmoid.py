@@ -1,4 +1,4 @@
-"""Sigmoid: squash to (0, 1).
+"""Sigmoid: logistic function, with values in (0, 1).
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob

@@ -1,4 +1,4 @@
-"""Swish: a value times its own sigmoid; a ReLU with a smooth dip.
+"""Swish: a value times its sigmoid, similar to a smooth ReLU.
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
@@ -24,11 +24,11 @@ from netlib.proto.schema import numbered
 class SwishParameter:
     """The ``swish_param { ... }`` block."""
 
-    beta: float = numbered(1, 1.0)  # 0: a half of x; large: a ReLU
+    beta: float = numbered(1, 1.0)  # 0 gives x / 2, large values approach ReLU
 
 
 class Swish(Layer):
-    """Self-gated linear unit."""
+    """Sigmoid-weighted linear unit."""
 
     param_type = SwishParameter
     bottoms = tops = (1, 1)

@@ -1,4 +1,4 @@
-"""TanH: squash to (-1, 1).
+"""TanH: hyperbolic tangent, with values in (-1, 1).
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob

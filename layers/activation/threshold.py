@@ -1,9 +1,9 @@
-"""Threshold: 1 above a threshold, else 0. No gradient.
+"""Threshold: 1 above a threshold, else 0. It has no gradient.
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
 
-y = 1 where x > threshold, 0 elsewhere (also at the threshold)
+y = 1 where x > threshold, 0 elsewhere
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class ThresholdParameter:
 
 
 class Threshold(Layer):
-    """Yes or no."""
+    """Binary threshold."""
 
     param_type = ThresholdParameter
     bottoms = tops = (1, 1)
@@ -39,4 +39,4 @@ class Threshold(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down):
-            raise self.fail("has no gradient; set propagate_down: false, or leave it out of training")
+            raise self.fail("has no gradient; set propagate_down: false, or remove it from the training net")

@@ -1,1 +1,1 @@
-"""Layers of every net: products, copies, shapes."""
+"""Layers of general use: products, copies, shapes."""

@@ -1,13 +1,13 @@
-"""ArgMax: where the largest values are.
+"""ArgMax: indices of the largest values.
 
 bottom[0]  x  (N, ...)
-top[0]     y  without ``axis``: (N, 1, k), padded with axes of size 1 to as many as x has: for every item the places of
-              its k = ``top_k`` largest values among all of its values, counted from 0, the largest first;
-              with ``out_max_val``: (N, 2, k): the places, then the values
-              with ``axis``: the shape of x, but k along ``axis``: the places along it, or with ``out_max_val`` the
+top[0]     y  without ``axis``: (N, 1, k), padded with axes of size 1 to the number of axes of x: per item the indices
+              of its k = ``top_k`` largest values among all of its values, from 0, largest first;
+              with ``out_max_val``: (N, 2, k): the indices, then the values
+              with ``axis``: the shape of x, but k along ``axis``: the indices along it, or with ``out_max_val`` the
               values instead
 
-Of equal values the last one comes first, as in Caffe. There is no gradient.
+Ties are in the order of decreasing index, as in Caffe. There is no gradient.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from netlib.proto.schema import UInt, numbered
 class ArgMaxParameter:
     """The ``argmax_param { ... }`` block."""
 
-    out_max_val: bool = numbered(1, False)  # also, or with axis instead, the values
-    top_k: UInt = numbered(2, 1)  # how many places
-    axis: int | None = numbered(3, None)  # along which axis; by default in the whole item
+    out_max_val: bool = numbered(1, False)  # return the values too, or with ``axis`` instead of the indices
+    top_k: UInt = numbered(2, 1)  # number of indices
+    axis: int | None = numbered(3, None)  # axis to search along; by default the whole item
 
 
 class ArgMax(Layer):
-    """Places of the largest values."""
+    """Indices of the largest values."""
 
     param_type = ArgMaxParameter
     param_name = "argmax_param"
@@ -60,7 +60,7 @@ class ArgMax(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         p, x, y = self.param, bottom[0].data, top[0].data
         x = x.reshape(len(x), -1) if p.axis is None else np.moveaxis(x, self.axis, -1)
-        places = np.argsort(x, axis=-1, kind="stable")[..., : -p.top_k - 1 : -1]  # the last of equal ones is now first
+        places = np.argsort(x, axis=-1, kind="stable")[..., : -p.top_k - 1 : -1]  # reversed, so ties are too
         values = np.take_along_axis(x, places, axis=-1)
         if p.axis is not None:
             y[...] = np.moveaxis(values if p.out_max_val else places, -1, self.axis)
@@ -71,4 +71,4 @@ class ArgMax(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down):
-            raise self.fail("has no gradient; set propagate_down: false, or leave it out of training")
+            raise self.fail("has no gradient; set propagate_down: false, or remove it from the training net")

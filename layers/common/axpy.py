@@ -1,4 +1,4 @@
-"""Axpy: a x + y, with one factor per channel; the end of a "squeeze and excitation" block (SENet's Caffe).
+"""Axpy: a x + y with one factor per channel; the last step of a "squeeze and excitation" block (SENet).
 
 bottom[0]  a  (N, C) or (N, C, 1, 1)
 bottom[1]  x  (N, C, H, W)
@@ -16,7 +16,7 @@ from netlib.layer import Layer
 
 
 class Axpy(Layer):
-    """Scale the channels of one blob and add another."""
+    """Scales the channels of one blob and adds another."""
 
     bottoms = (3, 3)
     tops = (1, 1)
@@ -30,7 +30,7 @@ class Axpy(Layer):
         if x != y:
             raise self.fail(f"bottoms {self.spec.bottom[1]!r} {x} and {self.spec.bottom[2]!r} {y} "
                             "must have the same shape")  # fmt: skip
-        self.wide = (*x[:2], *(1,) * (len(x) - 2))  # of a factor per channel
+        self.wide = (*x[:2], *(1,) * (len(x) - 2))  # shape of a for broadcasting
         top[0].reshape(x)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

@@ -1,7 +1,7 @@
-"""BatchReindex: take items of a batch, in any order and as often as wanted.
+"""BatchReindex: select items of a batch, in any order and with repetition.
 
 bottom[0]  x  (N, ...)
-bottom[1]  i  (M,)      which items: numbers from 0 to N - 1; a fraction is cut off
+bottom[1]  i  (M,)      indices from 0 to N - 1; fractions are truncated
 top[0]     y  (M, ...)
 
 y[m]  = x[i[m]]
@@ -17,7 +17,7 @@ from netlib.layer import Layer
 
 
 class BatchReindex(Layer):
-    """Items by their numbers."""
+    """Selects items by index."""
 
     bottoms = (2, 2)
     tops = (1, 1)
@@ -27,7 +27,7 @@ class BatchReindex(Layer):
         x, index = bottom[0].shape, bottom[1].shape
         if not x or len(index) != 1:
             raise self.fail(f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {index} "
-                            "must be items (N, ...) and a list of their numbers (M,)")  # fmt: skip
+                            "must be items (N, ...) and their indices (M,)")  # fmt: skip
         top[0].reshape(*index, *x[1:])
 
     def allow_force_backward(self, bottom_index: int) -> bool:
@@ -37,17 +37,17 @@ class BatchReindex(Layer):
         x, index = bottom[0].data, bottom[1].data
         wrong = index[~((index >= 0) & (index < len(x)))]
         if wrong.size:
-            raise self.fail(f"bottom {self.spec.bottom[1]!r} asks for item {wrong[0]:g}, but {self.spec.bottom[0]!r} "
+            raise self.fail(f"bottom {self.spec.bottom[1]!r} has index {wrong[0]:g}, but {self.spec.bottom[0]!r} "
                             f"{x.shape} has items 0 to {len(x) - 1}")  # fmt: skip
-        top[0].data[...] = x[_numbers(bottom[1])]
+        top[0].data[...] = x[_indices(bottom[1])]
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[1]:
-            raise self.fail(f"the item numbers {self.spec.bottom[1]!r} have no gradient; set propagate_down: false")
+            raise self.fail(f"the indices {self.spec.bottom[1]!r} have no gradient; set propagate_down: false")
         if propagate_down[0]:
             bottom[0].diff[...] = 0
-            np.add.at(bottom[0].diff, _numbers(bottom[1]), top[0].diff)
+            np.add.at(bottom[0].diff, _indices(bottom[1]), top[0].diff)
 
 
-def _numbers(index: Blob) -> Array:
+def _indices(index: Blob) -> Array:
     return index.data.astype(np.intp)

@@ -1,9 +1,9 @@
-"""Concat: join blobs along an axis.
+"""Concat: concatenate blobs along an axis.
 
-bottom[i]  x_i  equal shapes but for ``axis``
-top[0]     y    x_0, x_1, ... one after the other
+bottom[i]  x_i  equal shapes except along ``axis``
+top[0]     y    x_0, x_1, ... in sequence
 
-dx_i = its part of dy
+dx_i = the corresponding part of dy
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class ConcatParameter:
 
 
 class Concat(Layer):
-    """Join blobs."""
+    """Concatenates blobs."""
 
     param_type = ConcatParameter
     bottoms = (1, None)
@@ -35,8 +35,8 @@ class Concat(Layer):
     in_place = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        if self.param.concat_dim is not None and schema.gives(self.param, "axis"):
-            raise self.fail("axis and concat_dim are one thing; give only one of them", "concat_dim")
+        if self.param.concat_dim is not None and schema.is_given(self.param, "axis"):
+            raise self.fail("axis and concat_dim are the same option; expected only one of them", "concat_dim")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, first = self.param, bottom[0].shape
@@ -44,7 +44,7 @@ class Concat(Layer):
         for name, shape in zip(self.spec.bottom, [x.shape for x in bottom]):
             if len(shape) != len(first) or shape[:axis] + shape[axis + 1 :] != first[:axis] + first[axis + 1 :]:
                 raise self.fail(
-                    f"bottom {name!r} {shape} and {self.spec.bottom[0]!r} {first} may differ in axis {axis} only"
+                    f"bottom {name!r} {shape} and {self.spec.bottom[0]!r} {first} may differ only along axis {axis}"
                 )
         sizes = [x.shape[axis] for x in bottom]
         self.ends = np.cumsum(sizes)[:-1]

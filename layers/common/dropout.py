@@ -1,4 +1,4 @@
-"""Dropout: while training, set a random part of the values to zero, so that no unit relies on another.
+"""Dropout: set a random part of the values to zero during training, so that units do not co-adapt.
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
@@ -6,8 +6,8 @@ top[0]     y  same shape, may be the same blob
 TRAIN  y = x keep / (1 - p),   dx = dy keep / (1 - p)      keep = 1 with probability 1 - p, else 0
 TEST   y = x,                  dx = dy
 
-Kept for backward: ``factor`` = keep / (1 - p). Scaling in TRAIN keeps the mean, so TEST needs no scale. With
-``scale_train: false``, Fast R-CNN's, it is the other way round: y = x keep in TRAIN, y = x (1 - p) in TEST.
+Kept for backward: ``factor`` = keep / (1 - p). The scale in TRAIN preserves the mean, so TEST needs none. With
+``scale_train: false`` (Fast R-CNN), TEST scales instead: y = x keep in TRAIN, y = x (1 - p) in TEST.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from netlib.proto.schema import numbered
 class DropoutParameter:
     """The ``dropout_param { ... }`` block."""
 
-    dropout_ratio: float = numbered(1, 0.5)  # p, the part that is dropped
-    scale_train: bool = numbered(2, True)  # of Fast R-CNN's Caffe; false: TEST scales
+    dropout_ratio: float = numbered(1, 0.5)  # p, the probability that a value is dropped
+    scale_train: bool = numbered(2, True)  # from Fast R-CNN's fork of Caffe; false: scale in TEST
 
 
 class Dropout(Layer):
@@ -51,7 +51,7 @@ class Dropout(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         self.factor = self.in_test
         if self.active:
-            drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16)  # p to 1/65536, as older states
+            drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16)  # 16 bits: fast, and p to 1/65536
             least = min(round(self.param.dropout_ratio * (1 << 16)), (1 << 16) - 1)
             self.factor = (drawn >= least) * self.in_training
         top[0].data[...] = bottom[0].data * self.factor

@@ -1,15 +1,15 @@
-"""Eltwise: combine blobs of one shape, value by value.
+"""Eltwise: combine blobs of the same shape elementwise.
 
-bottom[i]  x_i  equal shapes, at least two
+bottom[i]  x_i  at least two, of the same shape
 top[0]     y    same shape
 
-PROD  y = product of x_i               dx_i = dy · product of the others
+PROD  y = product of x_i               dx_i = dy times the product of the others
 SUM   y = sum of coeff_i x_i           dx_i = coeff_i dy
-MAX   y = largest of x_i               dx_i = dy for the largest x_i, else 0
+MAX   y = maximum of x_i               dx_i = dy for the maximum, else 0
 
-Equal values in MAX: as in Caffe, x_1 wins over x_0, and any earlier one over a later one.
-``stable_prod_grad: false`` computes the product of the others as y / x_i, faster, but NaN where x_i is 0.
-Kept for backward: ``winner``, the index of the largest bottom.
+Ties in MAX, as in Caffe: x_1 precedes x_0, otherwise the lower index precedes. ``stable_prod_grad: false`` computes the
+product of the others as y / x_i, which is faster, but NaN where x_i is 0. Kept for backward: ``winner``, the index of
+the maximum.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class EltwiseParameter:
     """The ``eltwise_param { ... }`` block."""
 
     operation: Literal["PROD", "SUM", "MAX"] = numbered(1, "SUM")
-    coeff: tuple[float, ...] = numbered(2, ())  # SUM: one per bottom, 1 by default; accepted and ignored in MAX
+    coeff: tuple[float, ...] = numbered(2, ())  # SUM: one per bottom, default 1; accepted and ignored in MAX
     stable_prod_grad: bool = numbered(3, True)
 
 
@@ -45,7 +45,7 @@ class Eltwise(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         coeff = self.param.coeff
         if coeff and self.param.operation == "PROD":
-            raise self.fail("coeff is for operation SUM only", "coeff")
+            raise self.fail("coeff is only valid with operation SUM", "coeff")
         if coeff and len(coeff) != len(bottom):
             raise self.fail(f"has {len(bottom)} bottoms, but {len(coeff)} coeff", "coeff")
         self.coeff = coeff or (1.0,) * len(bottom)

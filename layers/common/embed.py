@@ -1,9 +1,9 @@
-"""Embed: a table of learned vectors; each input number picks one. As InnerProduct on one-hot vectors, but faster.
+"""Embed: look up learned vectors by index. Equivalent to InnerProduct of one-hot vectors, but faster.
 
-bottom[0]  i  any shape: whole numbers from 0 to K - 1, with K = ``input_dim``
+bottom[0]  i  any shape: integers from 0 to K - 1, with K = ``input_dim``
 params[0]  w  (K, O)
 params[1]  b  (O,)        unless ``bias_term: false``
-top[0]     y  (..., O): the shape of i and one more axis
+top[0]     y  (..., O): the shape of i with one more axis
 
 y[..., :] = w[i[...]] + b
 dw[k]     = sum of dy[..., :] where i[...] = k,    db = sum of dy;     i has no gradient
@@ -25,15 +25,15 @@ from netlib.proto.schema import UInt, numbered
 class EmbedParameter:
     """The ``embed_param { ... }`` block."""
 
-    num_output: UInt = numbered(1)  # O, the size of a vector
-    input_dim: UInt = numbered(2)  # K, the number of vectors: the largest input number plus 1
+    num_output: UInt = numbered(1)  # O, size of a vector
+    input_dim: UInt = numbered(2)  # K, number of vectors: the largest index plus 1
     bias_term: bool = numbered(3, True)
     weight_filler: Filler = numbered(4, Filler())
     bias_filler: Filler = numbered(5, Filler())
 
 
 class Embed(Layer):
-    """Vectors by their numbers."""
+    """Table of learned vectors."""
 
     param_type = EmbedParameter
     bottoms = tops = (1, 1)
@@ -66,7 +66,7 @@ class Embed(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            raise self.fail(f"the numbers {self.spec.bottom[0]!r} have no gradient; set propagate_down: false")
+            raise self.fail(f"the indices {self.spec.bottom[0]!r} have no gradient; set propagate_down: false")
         dy = top[0].diff
         np.add.at(self.weight.diff, bottom[0].data.astype(np.intp), dy)
         if self.param.bias_term:

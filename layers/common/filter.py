@@ -1,13 +1,13 @@
-"""Filter: let some items of a batch through, and drop the others.
+"""Filter: keep selected items of a batch and drop the others.
 
 bottom[i]   x_i  (N, ...)
-bottom[-1]  s    (N,) or (N, 1, ...): the selector; items where it is not 0 pass
-top[i]      y_i  (M, ...), one for each x_i: the M items that pass, in their order; M may be 0
+bottom[-1]  s    (N,) or (N, 1, ...): the selector; items with a non-zero value are kept
+top[i]      y_i  (M, ...), one for each x_i: the M kept items, in order; M may be 0
 
-dx_i = dy_i for items that passed, 0 for the others;     s has no gradient
+dx_i = dy_i for kept items, 0 for the others;     s has no gradient
 
-M is known only in ``forward``, which gives the tops their shape. Before it they have room for all N items, so that the
-layers behind can be set up. Kept for backward: ``passed``, the numbers of the items.
+``forward`` determines M and reshapes the tops. Before that they have room for all N items, so that later layers can be
+set up. Kept for backward: ``passed``, the indices of the kept items.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from netlib.layer import Layer
 
 
 class Filter(Layer):
-    """Items that a selector lets through."""
+    """Keeps items chosen by a selector."""
 
     bottoms = (2, None)
     tops = (1, None)
@@ -35,7 +35,7 @@ class Filter(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         selector, name = bottom[-1].shape, self.spec.bottom[-1]
         if not selector or math.prod(selector[1:]) != 1:
-            raise self.fail(f"the selector {name!r} {selector} must have one value for each item, (N,) or (N, 1, ...)")
+            raise self.fail(f"the selector {name!r} {selector} must have one value per item, (N,) or (N, 1, ...)")
         for i, (x, y) in enumerate(zip(bottom, top)):
             if x.shape[:1] != selector[:1]:
                 raise self.fail(f"bottom {self.spec.bottom[i]!r} {x.shape} and the selector {name!r} {selector} "

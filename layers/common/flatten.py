@@ -1,10 +1,10 @@
-"""Flatten: several axes become one.
+"""Flatten: join several axes into one.
 
 bottom[0]  x  any shape
-top[0]     y  axes ``axis`` to ``end_axis`` (both included) joined, by default all but the first; with the axis before
-              ``axis`` as ``end_axis`` none are joined, and an axis of size 1 is put there
+top[0]     y  axes ``axis`` to ``end_axis`` (inclusive) joined, by default all but the first; if ``end_axis`` is the
+              axis before ``axis``, an axis of size 1 is inserted instead
 
-y = x,  dx = dy, in the other shape
+y = x,  dx = dy, reshaped
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class FlattenParameter:
 
 
 class Flatten(Layer):
-    """Join axes."""
+    """Joins axes."""
 
     param_type = FlattenParameter
     bottoms = tops = (1, 1)

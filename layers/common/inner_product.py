@@ -1,6 +1,6 @@
-"""InnerProduct: every output is a weighted sum of all inputs of an item ("fully connected").
+"""InnerProduct: every output is a weighted sum of all inputs of an item ("fully connected" layer).
 
-bottom[0]  x  (..., I)   axes before ``axis`` count items (M of them), the others are flattened to I inputs
+bottom[0]  x  (..., I)   axes before ``axis`` count the M items, the others are flattened to I inputs
 params[0]  w  (O, I), or (I, O) with ``transpose``
 params[1]  b  (O,)       unless ``bias_term: false``
 top[0]     y  (..., O)
@@ -72,14 +72,14 @@ class InnerProduct(Layer):
         x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.weight.data)
         self.output_first(self.weight.diff)[...] += dy.T @ x
         if self.param.bias_term:
-            self.bias.diff[...] += dy.sum(axis=0, dtype=np.float64)  # float32 loses 3 digits in 200,000 items
+            self.bias.diff[...] += dy.sum(axis=0, dtype=np.float64)  # float32 loses 3 digits over 200,000 items
         if propagate_down[0]:
             self.rows(bottom[0].diff)[...] = dy @ w
 
     def rows(self, array: Array) -> Array:
-        """The items as rows, (M, I) or (M, O): a view."""
+        """View of the items as rows, (M, I) or (M, O)."""
         return array.reshape(-1, math.prod(array.shape[self.axis :]))
 
     def output_first(self, w: Array) -> Array:
-        """w or dw as (O, I): a view."""
+        """View of w or dw as (O, I)."""
         return w.T if self.param.transpose else w

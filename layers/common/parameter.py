@@ -1,6 +1,6 @@
-"""Parameter: a learned blob as a top, for layers that take as a bottom what others keep as their own.
+"""Parameter: a learned blob as a top, for layers that read a parameter as a bottom.
 
-params[0]  w  the shape in ``parameter_param { shape { dim: ... } }``; 0 at first
+params[0]  w  with the shape in ``parameter_param { shape { dim: ... } }``; initially 0
 top[0]     y  same shape
 
 y  = w
@@ -22,7 +22,7 @@ from netlib.proto.schema import numbered
 class ParameterParameter:
     """The ``parameter_param { ... }`` block."""
 
-    shape: BlobShape = numbered(1, BlobShape())  # by default a single number
+    shape: BlobShape = numbered(1, BlobShape())  # default: a single number
 
 
 class Parameter(Layer):

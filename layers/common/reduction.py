@@ -1,14 +1,14 @@
-"""Reduction: one number of all values from an axis on.
+"""Reduction: reduce all axes from ``axis`` on to one number.
 
 bottom[0]  x  any shape
-top[0]     y  the axes of x before ``axis``; with axis 0, the default, a single number
+top[0]     y  the axes of x before ``axis``; with the default, 0, a single number
 
 SUM    y = c sum of x           dx = c dy
 ASUM   y = c sum of |x|         dx = c dy sign(x)      sign(0) = 0
 SUMSQ  y = c sum of x²          dx = 2 c dy x
-MEAN   y = c/n sum of x         dx = c/n dy            n values for each y
+MEAN   y = c/n sum of x         dx = c/n dy            n values per y
 
-with c = ``coeff``. As a loss, give the layer a ``loss_weight``.
+with c = ``coeff``. To use it as a loss, set ``loss_weight``.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class ReductionParameter:
     """The ``reduction_param { ... }`` block."""
 
     operation: OneBased[Literal["SUM", "ASUM", "SUMSQ", "MEAN"]] = numbered(1, "SUM")
-    axis: int = numbered(2, 0)  # the first axis that is reduced; all that follow are, too
-    coeff: float = numbered(3, 1.0)  # c, times the result
+    axis: int = numbered(2, 0)  # first reduced axis; all later ones are reduced too
+    coeff: float = numbered(3, 1.0)  # c, factor of the result
 
 
 class Reduction(Layer):
@@ -46,7 +46,7 @@ class Reduction(Layer):
         if self.param.operation == "MEAN":
             count = math.prod(bottom[0].shape[self.axis :])
             if count == 0:
-                raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no values to take a mean of")
+                raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no values, so no mean exists")
             self.coeff /= self.dtype.type(count)
         top[0].reshape(bottom[0].shape[: self.axis])
 

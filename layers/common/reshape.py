@@ -1,10 +1,10 @@
-"""Reshape: the same values in another shape.
+"""Reshape: change the shape without changing the values.
 
 bottom[0]  x  any shape
-top[0]     y  ``shape { dim: ... }``: 0 copies the bottom's size of that axis, -1 (once) is what is left over
+top[0]     y  ``shape { dim: ... }``: 0 copies the bottom's size of that axis, -1 (once) is inferred
 
-``axis`` and ``num_axes`` limit it to some axes of x; axis -1 appends after the last.
-y = x,  dx = dy, in the other shape
+``axis`` and ``num_axes`` limit the change to some axes of x; axis -1 appends after the last.
+y = x,  dx = dy, reshaped
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class ReshapeParameter:
 
     shape: BlobShape = numbered(1, BlobShape())
     axis: int = numbered(2, 0)  # first axis to replace
-    num_axes: int = numbered(3, -1)  # number of axes to replace; -1: all that follow
+    num_axes: int = numbered(3, -1)  # number of axes to replace; -1: all from ``axis`` on
 
 
 class Reshape(Layer):
-    """Change the shape."""
+    """Changes the shape."""
 
     param_type = ReshapeParameter
     bottoms = tops = (1, 1)
@@ -43,11 +43,11 @@ class Reshape(Layer):
             raise self.fail(f"axis {p.axis}, num_axes {p.num_axes} do not fit a bottom of shape {x.shape}", "axis")
         dims = list(p.shape.dim)
         if dims.count(-1) > 1 or min(dims, default=0) < -1:
-            raise self.fail(f"shape {dims} may have one -1, and nothing below", "shape")
+            raise self.fail(f"shape {dims} may contain one -1 and no smaller number", "shape")
         for i, dim in enumerate(dims):
             if dim == 0:
                 if first + i >= axes:
-                    raise self.fail(f"shape {dims}: 0 at place {i}, but the bottom has shape {x.shape}", "shape")
+                    raise self.fail(f"shape {dims}: 0 at index {i}, but the bottom has shape {x.shape}", "shape")
                 dims[i] = x.shape[first + i]
         shape = [*x.shape[:first], *dims, *x.shape[last:]]
         if -1 in shape:

@@ -1,4 +1,4 @@
-"""Silence: read blobs that nobody needs, so that they do not count as outputs of the net.
+"""Silence: read unused blobs, so that they are not outputs of the net.
 
 bottom[i]  x_i  any shape
 
@@ -12,7 +12,7 @@ from netlib.layer import Layer
 
 
 class Silence(Layer):
-    """Reads, and does nothing."""
+    """Reads blobs and does nothing."""
 
     bottoms = (1, None)
     tops = (0, 0)

@@ -1,9 +1,9 @@
-"""Slice: cut a blob along an axis.
+"""Slice: split a blob along an axis.
 
 bottom[0]  x    any shape
-top[i]     y_i  the parts between the ``slice_point``s, of which the last may be empty; without them, equal parts
+top[i]     y_i  the parts between the ``slice_point``s, of which the last may be empty; by default equal parts
 
-dx = the dy_i one after the other
+dx = the dy_i in sequence
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class SliceParameter:
 
 
 class Slice(Layer):
-    """Cut a blob into several."""
+    """Splits a blob into several."""
 
     param_type = SliceParameter
     bottoms = (1, 1)
@@ -36,15 +36,15 @@ class Slice(Layer):
     in_place = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        if self.param.slice_dim is not None and schema.gives(self.param, "axis"):
-            raise self.fail("axis and slice_dim are one thing; give only one of them", "slice_dim")
+        if self.param.slice_dim is not None and schema.is_given(self.param, "axis"):
+            raise self.fail("axis and slice_dim are the same option; expected only one of them", "slice_dim")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, x = self.param, bottom[0]
         axis = self.axis = self.canonical_axis(p.axis if p.slice_dim is None else p.slice_dim, x)
         size, part = x.shape[axis], x.shape[axis] // len(top)
         if not p.slice_point and size % len(top):
-            raise self.fail(f"axis {axis} of {x.shape} cannot be cut into {len(top)} equal parts")
+            raise self.fail(f"axis {axis} of {x.shape} cannot be split into {len(top)} equal parts")
         self.points = list(p.slice_point) or [part * i for i in range(1, len(top))]
         ends = [0, *self.points, size]
         parts = np.diff(ends)

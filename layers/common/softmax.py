@@ -1,4 +1,4 @@
-"""Softmax: scores → probabilities along an axis.
+"""Softmax: convert scores to probabilities along an axis.
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
@@ -28,7 +28,7 @@ class SoftmaxParameter:
 
 
 class Softmax(Layer):
-    """Probabilities."""
+    """Softmax function."""
 
     param_type = SoftmaxParameter
     bottoms = tops = (1, 1)

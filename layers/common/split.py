@@ -1,10 +1,10 @@
-"""Split: hand one blob to several readers. The net inserts it by itself (netlib/splits.py).
+"""Split: copy a blob for several readers. The net inserts this layer automatically (netlib/splits.py).
 
 bottom[0]  x    any shape
 top[i]     y_i  same shape
 
 y_i = x
-dx  = sum of dy_i          what each reader wants of x, taken together
+dx  = sum of dy_i          the gradients of all readers add up
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from netlib.layer import Layer
 
 
 class Split(Layer):
-    """Copy one blob to several."""
+    """Copies a blob for several readers."""
 
     bottoms = (1, 1)
     tops = (1, None)

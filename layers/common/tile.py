@@ -1,9 +1,9 @@
 """Tile: repeat a blob along an axis.
 
 bottom[0]  x  (..., S, ...)        S values along ``axis``
-top[0]     y  (..., tiles S, ...)  x, x, ... one after the other
+top[0]     y  (..., tiles S, ...)  x repeated
 
-dx = sum of the parts of dy
+dx = sum of the repeated parts of dy
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from netlib.proto.schema import numbered
 class TileParameter:
     """The ``tile_param { ... }`` block."""
 
-    tiles: int = numbered(2)  # how often
+    tiles: int = numbered(2)  # number of copies
     axis: int = numbered(1, 1)
 
 
 class Tile(Layer):
-    """Copies one after the other."""
+    """Repeats a blob."""
 
     param_type = TileParameter
     bottoms = tops = (1, 1)
@@ -51,6 +51,6 @@ class Tile(Layer):
             bottom[0].diff[...] = top[0].diff.reshape(self._apart(bottom)).sum(axis=self.axis)
 
     def _apart(self, bottom: Blobs) -> tuple[int, ...]:
-        """The top's shape, with an axis of its own for the tiles."""
+        """Shape of the top with a separate axis for the tiles."""
         shape = bottom[0].shape
         return (*shape[: self.axis], self.param.tiles, *shape[self.axis :])

@@ -1,1 +1,1 @@
-"""Where a net's numbers come from."""
+"""Layers that read and write data."""

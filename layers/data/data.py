@@ -1,11 +1,11 @@
-"""Data: batches of images from a database (LMDB), as Caffe's convert_imageset makes them.
+"""Data: batches of images from an LMDB database, as written by Caffe's convert_imageset.
 
 top[0]  data   (batch_size, C, H, W)  images, transformed (transform.py)
 top[1]  label  (batch_size,)          if there is a second top
 
-An entry is a Datum (datum.py): bytes, floats, or an encoded picture, which OpenCV decodes. Entries are read in the
-order of their keys, and after the last it starts over. A batch has the size of its first image; the others must have
-the same, unless they are cropped.
+An entry is a Datum (datum.py): bytes, floats, or an encoded image, which OpenCV decodes. Entries are read in the order
+of their keys, starting over after the last. The first image of a batch determines its size; the others must have the
+same, unless they are cropped.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from netlib.proto.schema import UInt, numbered
 class DataParameter:
     """The ``data_param { ... }`` block."""
 
-    source: str = numbered(1)  # the folder of the database
+    source: str = numbered(1)  # folder of the database
     batch_size: UInt = numbered(4)
-    backend: Literal["LEVELDB", "LMDB"] = numbered(8, "LEVELDB")  # Caffe's default; only LMDB can be read here
+    backend: Literal["LEVELDB", "LMDB"] = numbered(8, "LEVELDB")  # Caffe's default; only LMDB is supported
     prefetch: UInt = numbered(10, 4)  # batches read ahead; accepted, ignored
     cache: bool = numbered(10001, False)  # keep all in memory (NVIDIA's Caffe); accepted, ignored
-    rand_skip: UInt = numbered(7, 0)  # this and those below: ignored, as in Caffe; see transform_param
+    rand_skip: UInt = numbered(7, 0)  # this and the following are ignored, as in Caffe; see transform_param
     force_encoded_color: bool = numbered(9, False)
     scale: float = numbered(2, 1.0)
     mean_file: str | None = numbered(3, None)
@@ -45,7 +45,7 @@ class Data(Reader):
     """Reads a database.
 
     entries  number of images in it
-    key      of the entry that the next batch begins with
+    key      key of the first entry of the next batch
     notes    lines for the log
     """
 
@@ -60,7 +60,7 @@ class Data(Reader):
             raise self.fail("batch_size must be at least 1", "batch_size")
         self.batch_size = self.batch_of(p.batch_size)
         if p.backend == "LEVELDB":
-            raise self.fail("backend LEVELDB, Caffe's default, cannot be read; convert the database to LMDB (with "
+            raise self.fail("backend LEVELDB, Caffe's default, is not supported; convert the database to LMDB (with "
                             "convert_imageset, from its images) and set backend: LMDB", "backend")  # fmt: skip
         self.transformer = Transformer(self)
         self.path = find(p.source, self.source)
@@ -77,7 +77,7 @@ class Data(Reader):
             top[1].reshape(self.batch_size)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Nothing below can change the shape; only the images can, in forward."""
+        """The shape depends only on the images; forward sets it."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         if self.cursor.key != self.key and not self.cursor.set_key(self.key):
@@ -95,7 +95,7 @@ class Data(Reader):
         self.key = self.cursor.key
 
     def _entry(self) -> tuple[Array, int, str]:
-        """The image and the label where the cursor stands, and what to call them in messages."""
+        """Image and label of the current entry, and its description for messages."""
         what = f"{self.path}: entry {self.cursor.key.decode(errors='backslashreplace')!r}"
         return *decode_datum(self.cursor.value(), self.transformer.color, what), what
 
@@ -106,11 +106,11 @@ class Data(Reader):
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
-        if state.get("database") == self._identity():  # in another database there is no such place to go on
+        if state.get("database") == self._identity():  # otherwise the position is meaningless
             self.key = bytes.fromhex(state["key"])
 
     def reads(self) -> Any:
-        """The database, and the entry that is read next."""
+        """Identity of the database and its next entry."""
         return [*self._identity(), self.key.hex(), zlib.crc32(self.cursor.value())]
 
     def _identity(self) -> list[Any]:

@@ -14,9 +14,9 @@ from netlib.proto.messages import Datum
 
 
 def decode_datum(data: bytes, color: bool | None, what: str) -> tuple[Array, int]:
-    """The values (C, H, W) and the label of a Datum: bytes, floats or an encoded picture. Raises DataError.
+    """Decode values (C, H, W) and label of a Datum: bytes, floats or an encoded image. Raises DataError.
 
-    ``color`` is how to decode a picture: True in colour, False in grey, None as it is.
+    ``color`` selects how images are decoded: True in colour, False in grey, None unchanged.
     """
     try:
         datum = schema.read(wire.decode(data, Datum, what), Datum)
@@ -28,5 +28,5 @@ def decode_datum(data: bytes, color: bool | None, what: str) -> tuple[Array, int
     values = np.frombuffer(datum.data, np.uint8) if datum.data else datum.float_data
     count = 0 if values is None else len(values)
     if values is None or min(shape) < 1 or count != math.prod(shape):
-        raise DataError(f"{what}: a Datum of channels, height, width {shape} with {count} values")
+        raise DataError(f"{what}: a Datum with channels, height, width {shape} has {count} values")
     return values.reshape(shape), datum.label

@@ -1,7 +1,7 @@
-"""DummyData: constant or random values, for trying out a net without data.
+"""DummyData: constant or random values, for testing a net without data.
 
 top[i]  shape and values from ``dummy_data_param { shape { ... } data_filler { ... } }``, one for each top or one
-        for all; constants are written once, random values anew for every batch
+        for all; constants are written once, random values for every batch
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from netlib.proto.schema import UInt, numbered
 class DummyDataParameter:
     """The ``dummy_data_param { ... }`` block."""
 
-    data_filler: tuple[Filler, ...] = numbered(1, ())  # constant 0 by default
+    data_filler: tuple[Filler, ...] = numbered(1, ())  # default: constant 0
     shape: tuple[BlobShape, ...] = numbered(6, ())
-    num: tuple[UInt, ...] = numbered(2, ())  # older than shape: four sizes, each once or once per top
+    num: tuple[UInt, ...] = numbered(2, ())  # older form of shape: four sizes, each once or once per top
     channels: tuple[UInt, ...] = numbered(3, ())
     height: tuple[UInt, ...] = numbered(4, ())
     width: tuple[UInt, ...] = numbered(5, ())
 
 
 class DummyData(Layer):
-    """Made-up data."""
+    """Generated data."""
 
     param_type = DummyDataParameter
     bottoms = (0, 0)
@@ -57,7 +57,7 @@ class DummyData(Layer):
             fill(blob.data, self.fillers[i], self.rng)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Shaped once and for all."""
+        """Shapes are set once, in setup."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         for blob, filler in zip(top, self.fillers):

@@ -1,12 +1,12 @@
 """HDF5Data: batches from HDF5 files.
 
-top[i]  the rows of the data set of the same name, (batch_size, ...), converted to the net's type
+top[i]  rows of the data set with the name of the top, (batch_size, ...), converted to the net's dtype
 
-``source`` is a list, one file per line. Rows are read in order, a batch runs on across the end of a file, and after
-the last file it starts over. With ``shuffle``, every pass takes the files, and the rows of each file, in a new order.
+``source`` is a list, one file per line. Rows are read in order; batches continue across files and start over after the
+last one. With ``shuffle``, every pass visits the files, and the rows of each file, in a new order.
 
-The order is a pure function of a *cursor* (pass, file, row) and the layer's seed. So a cursor is all that a snapshot
-needs to go on with the very next row.
+The order is a pure function of a *cursor* (pass, file, row) and the layer's seed, so the cursor is all that a snapshot
+needs to continue with the next row.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from netlib.errors import DataError
 from netlib.files.hdf5 import File, read_list
 from netlib.proto.schema import UInt, numbered
 
-Cursor = tuple[int, int, int]  # pass over the files, place in the order of files, place in the order of rows
+Cursor = tuple[int, int, int]  # number of the pass, index in the order of files, index in the order of rows
 
 
 @dataclass(frozen=True)
 class HDF5DataParameter:
     """The ``hdf5_data_param { ... }`` block."""
 
-    source: str = numbered(1)  # the list of files
+    source: str = numbered(1)  # path of the list of files
     batch_size: UInt = numbered(2)
     shuffle: bool = numbered(3, False)
 
@@ -39,8 +39,8 @@ class HDF5Data(Reader):
     """Reads batches.
 
     files   the open files
-    rows    in all of them
-    cursor  where the next batch begins
+    rows    total number of rows
+    cursor  start of the next batch
     notes   lines for the log
     """
 
@@ -78,7 +78,7 @@ class HDF5Data(Reader):
         self.cursor = self.read(self.cursor, [blob.data for blob in top])
 
     def read(self, cursor: Cursor, batch: list[Array]) -> Cursor:
-        """Fill ``batch`` with the rows from ``cursor`` on, of several ranks with its share; returns the cursor after
+        """Fill ``batch`` with the rows from ``cursor`` on, or with this rank's shard of them; returns the cursor after
         them."""
         done, size = 0, len(batch[0]) * self.share.count
         while done < size:
@@ -97,7 +97,7 @@ class HDF5Data(Reader):
         return cursor
 
     def order(self, count: int, turn: int, stream: int) -> Array:
-        """In which order a pass takes the files (stream 0), or the rows of its n-th file (stream n)."""
+        """Order in which a pass visits the files (stream 0), or the rows of its n-th file (stream n)."""
         if not self.param.shuffle or count == 1:
             return np.arange(count)
         return np.random.default_rng([self.seed, turn, stream]).permutation(count)
@@ -108,17 +108,17 @@ class HDF5Data(Reader):
         return {"seed": self.seed, "cursor": list(self.cursor), "files": self._identity()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        if "seed" not in state:  # of a layer of another type
+        if "seed" not in state:  # state of a layer of another type
             return
         self.seed = int(state["seed"])
-        if state.get("files") == self._identity():  # with other data there is no such place to go on
+        if state.get("files") == self._identity():  # otherwise the position is meaningless
             turn, place, row = map(int, state["cursor"])
             self.cursor = (turn, place, row)
             if turn < 0 or not 0 <= row < self.files[self.order(len(self.files), turn, 0)[place]].rows or place < 0:
                 raise ValueError(f"there is no row at {state['cursor']}")
 
     def reads(self) -> Any:
-        """The files, and the last row of each."""
+        """Identity of the files, with a checksum of the last row of each."""
         last = [b"".join(x[file.rows - 1].tobytes() for x in file.datasets) for file in self.files]
         return [[*identity, zlib.crc32(row)] for identity, row in zip(self._identity(), last)]
 
@@ -126,15 +126,15 @@ class HDF5Data(Reader):
         return [[file.path.name, file.rows, file.made_from] for file in self.files]
 
     def use_batch_size(self, size: int) -> None:
-        """Read ``size`` rows at a time from now on; the net must be reshaped after it."""
+        """Read ``size`` rows at a time from now on. The net must be reshaped afterwards."""
         self.batch_size = size
 
     def rewind(self) -> None:
-        """Go on from the first row."""
+        """Continue with the first row."""
         self.cursor = (0, 0, 0)
 
     def row(self, number: int) -> list[Array]:
-        """One row of every data set, counted over all files in the order of the list."""
+        """One row of every data set, numbered over all files in the order of the list."""
         for file in self.files:
             if number < file.rows:
                 file.check()

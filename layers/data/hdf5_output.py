@@ -1,11 +1,11 @@
-"""HDF5Output: write two blobs to an HDF5 file.
+"""HDF5Output: write two bottoms to an HDF5 file.
 
-bottom[0]  (N, ...)  becomes the data set "data"
-bottom[1]  (N, ...)  becomes the data set "label"
+bottom[0]  (N, ...)  written to the data set "data"
+bottom[1]  (N, ...)  written to the data set "label"
 
-Both are written with four axes, as Caffe does: axes of size 1 are appended. A file holds one batch, that of the first
-forward; a second forward is a mistake, as in Caffe. The file is there when it is whole, and not before. A file that a
-data layer of the process reads is refused.
+Both are written with four axes, as in Caffe: axes of size 1 are appended. A file holds one batch, that of the first
+forward; a second forward is an error, as in Caffe. The file is written atomically. A file that a data layer of this
+process reads is rejected.
 
 dx_i = 0
 """
@@ -29,11 +29,11 @@ NAMES = ("data", "label")
 class HDF5OutputParameter:
     """The ``hdf5_output_param { ... }`` block."""
 
-    file_name: str = numbered(1)  # from the working directory
+    file_name: str = numbered(1)  # relative to the working directory
 
 
 class HDF5Output(Layer):
-    """Writes a batch."""
+    """Writes a batch to a file."""
 
     param_type = HDF5OutputParameter
     param_name = "hdf5_output_param"
@@ -44,9 +44,9 @@ class HDF5Output(Layer):
         self.path = Path(self.param.file_name)
         self.written = False
         if not self.path.name or self.path.is_dir():
-            raise self.fail(f"file_name {self.param.file_name!r} is not the name of a file", "file_name")
+            raise self.fail(f"file_name {self.param.file_name!r} is not a file name", "file_name")
         if not self.path.parent.is_dir():
-            raise self.fail(f"file_name {self.param.file_name!r}: there is no folder {self.path.parent}", "file_name")
+            raise self.fail(f"file_name {self.param.file_name!r}: {self.path.parent} is not a folder", "file_name")
         if files.is_in_use(self.path):
             raise self.fail(f"file_name {self.param.file_name!r} is read by a net; write to another file", "file_name")
 
@@ -60,11 +60,10 @@ class HDF5Output(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         if self.written:
-            raise self.fail(f"{self.path} holds the batch of the first forward; HDF5Output writes no second one, "
-                            "as in Caffe: run one iteration, with a batch of all items", "file_name")  # fmt: skip
-
+            raise self.fail(f"{self.path} holds the batch of the first forward; as in Caffe, it writes only one: "
+                            "run one iteration, with a batch of all items", "file_name")  # fmt: skip
         try:
-            with hdf5.written(self.path) as file:
+            with hdf5.created(self.path) as file:
                 for name, x in zip(NAMES, bottom):
                     file[name] = x.data.reshape(x.num, x.channels, x.height, x.width)
         except OSError as error:

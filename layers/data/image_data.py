@@ -1,15 +1,15 @@
-"""ImageData: batches of picture files.
+"""ImageData: batches of image files.
 
-top[0]  data   (batch_size, C, H, W)  pictures, transformed (transform.py): blue, green, red, or grey if not is_color
+top[0]  data   (batch_size, C, H, W)  images, transformed (transform.py), in BGR order, or grey if not is_color
 top[1]  label  (batch_size,)
 
-``source`` is a list, one ``path label`` per line; the path is all before the last space, and follows ``root_folder``
-without a slash between. Pictures are resized to ``new_height`` x ``new_width`` where these are given. A batch has the
-size of its first picture; the others must have the same, unless they are resized or cropped.
+``source`` is a list with one ``path label`` per line. The path is everything before the last space; ``root_folder`` is
+prepended to it without a slash. Images are resized to ``new_height`` x ``new_width`` if given. The first image of a
+batch determines its size; the others must have the same, unless they are resized or cropped.
 
-Pictures are read in the order of the list, and after the last it starts over. With ``shuffle`` every pass takes them in
-a new order, which is a pure function of the layer's seed and the number of the pass: a *cursor* (pass, place) is all
-that a snapshot needs to go on with the very next picture.
+Images are read in the order of the list, starting over after the last. With ``shuffle``, every pass has a new order, a
+pure function of the layer's seed and the number of the pass, so a *cursor* (pass, index) is all that a snapshot needs
+to continue with the next image.
 """
 
 from __future__ import annotations
@@ -31,32 +31,32 @@ from netlib.errors import DataError
 from netlib.files.paths import find
 from netlib.proto.schema import UInt, numbered
 
-Cursor = tuple[int, int]  # pass over the list, place in the order of the pass
+Cursor = tuple[int, int]  # number of the pass, index in its order
 
 
 @dataclass(frozen=True)
 class ImageDataParameter:
     """The ``image_data_param { ... }`` block."""
 
-    source: str = numbered(1)  # the list of pictures
+    source: str = numbered(1)  # path of the list of images
     batch_size: UInt = numbered(4, 1)
-    rand_skip: UInt = numbered(7, 0)  # begin after a random number of pictures, less than this
+    rand_skip: UInt = numbered(7, 0)  # skip a random number of images, less than this, at the start
     shuffle: bool = numbered(8, False)
-    new_height: UInt = numbered(9, 0)  # resize to this; 0: do not resize
+    new_height: UInt = numbered(9, 0)  # 0: do not resize
     new_width: UInt = numbered(10, 0)
     is_color: bool = numbered(11, True)
-    root_folder: str = numbered(12, "")  # written before every path of the list
-    scale: float = numbered(2, 1.0)  # this and those below: ignored, see transform_param
+    root_folder: str = numbered(12, "")  # prepended to every path in the list
+    scale: float = numbered(2, 1.0)  # this and the following are ignored; see transform_param
     mean_file: str | None = numbered(3, None)
     crop_size: UInt = numbered(5, 0)
     mirror: bool = numbered(6, False)
 
 
 class ImageData(Reader):
-    """Reads pictures.
+    """Reads image files.
 
-    items   (path, label) of every picture, as the list has them
-    cursor  where the next batch begins
+    items   (path, label) of every image, in the order of the list
+    cursor  start of the next batch
     notes   lines for the log
     """
 
@@ -89,7 +89,7 @@ class ImageData(Reader):
         top[1].reshape(self.batch_size)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Nothing below can change the shape; only the pictures can, in forward."""
+        """The shape depends only on the images; forward sets it."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         turn, place = self.cursor
@@ -108,14 +108,14 @@ class ImageData(Reader):
         self.cursor = (turn, place)
 
     def _read(self, path: str) -> Array:
-        """A picture (C, H, W)."""
+        """Read and resize an image, (C, H, W)."""
         p = self.param
         named_in = self.source if p.root_folder else str(self.list)
         image = read_image(find(p.root_folder + path, named_in), p.is_color)
         return planes(resize_image(image, p.new_height, p.new_width) if p.new_height else image)
 
     def _order(self, turn: int) -> Array:
-        """In which order a pass takes the pictures."""
+        """Order in which a pass visits the images."""
         if not self.param.shuffle:
             return np.arange(len(self.items))
         return np.random.default_rng([self.seed, turn]).permutation(len(self.items))
@@ -127,17 +127,17 @@ class ImageData(Reader):
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
-        if "seed" not in state:  # of a layer of another type
+        if "seed" not in state:  # state of a layer of another type
             return
         self.seed = int(state["seed"])
-        if state.get("list") == self._identity():  # in another list there is no such place to go on
+        if state.get("list") == self._identity():  # otherwise the position is meaningless
             turn, place = map(int, state["cursor"])
             self.cursor = (turn, place)
             if turn < 0 or not 0 <= place < len(self.items):
                 raise ValueError(f"there is no image at {state['cursor']}")
 
     def reads(self) -> Any:
-        """The list."""
+        """Identity of the list."""
         return self._identity()
 
     def _identity(self) -> list[Any]:
@@ -145,7 +145,7 @@ class ImageData(Reader):
 
 
 def read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
-    """The paths and labels of a list, and a checksum of it. Raises DataError."""
+    """Read the paths and labels of a list, and its checksum. Raises DataError."""
     text = files.read_text(path, "the list of images")
     items = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -154,7 +154,7 @@ def read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
         name, space, label = line.rpartition(" ")
         if not space:
             name, label = line, ""
-        label = label.strip() or "0"  # Caffe's label of a line that has none
+        label = label.strip() or "0"  # Caffe's default label
         if not re.fullmatch(r"[+-]?\d{1,10}", label):
             raise DataError(f"{path}:{number}: the label {label!r} is not a whole number; expected 'path label'")
         if not -(2**31) <= int(label) < 2**31:

@@ -1,4 +1,4 @@
-"""Picture files, as Caffe reads them with OpenCV: bytes (H, W, C), colours in the order blue, green, red."""
+"""Decoding of image files with OpenCV, as in Caffe: bytes (H, W, C) in BGR order."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from netlib.files import pictures
 
 
 def read_image(path: Path, color: bool) -> Array:
-    """A picture in colour (C = 3) or in grey (C = 1). Raises DataError."""
+    """Read an image in colour (C = 3) or in grey (C = 1). Raises DataError."""
     content = files.read_bytes(path, "the image")
     return decode_image(content, color, str(path))
 
 
 def decode_image(content: bytes, color: bool | None, what: str) -> Array:
-    """The picture in the bytes of a file; ``color`` None: with as many channels as it has. Raises DataError."""
+    """Decode an image file; ``color`` None keeps the number of channels. Raises DataError."""
     flag = {True: cv2.IMREAD_COLOR, False: cv2.IMREAD_GRAYSCALE, None: cv2.IMREAD_UNCHANGED}[color]
     image = pictures.decode(content, flag, what)
     if image.dtype != np.uint8:
-        raise DataError(f"{what}: an image of {image.dtype}, expected 8 bits for each value")
+        raise DataError(f"{what}: image of type {image.dtype}, expected 8 bits per value")
     return image.reshape(*image.shape[:2], -1)
 
 
 def resize_image(image: Array, height: int, width: int) -> Array:
-    """The picture in another size, by linear interpolation; OpenCV drops a single channel, here it stays.
+    """Resize an image (H, W, C) by linear interpolation; a single channel is kept as an axis.
 
-    Raises DataError for more pixels than a picture may have that is read.
+    Raises DataError if the result exceeds the limit for images.
     """
-    if height * width > pictures.MOST_PIXELS:
-        raise DataError(f"pictures resized to {width} x {height} pixels; expected at most {pictures.MOST_PIXELS}")
+    if height * width > pictures.MAX_PIXELS:
+        raise DataError(f"images resized to {width} x {height} pixels; expected at most {pictures.MAX_PIXELS}")
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR).reshape(height, width, -1)
 
 
 def planes(image: Array) -> Array:
-    """(H, W, C) as a blob has it, (C, H, W): a view."""
+    """View of (H, W, C) as (C, H, W), the layout of blobs."""
     return image.transpose(2, 0, 1)

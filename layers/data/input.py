@@ -1,4 +1,4 @@
-"""Input: a blob that the caller fills.
+"""Input: a blob that the caller writes.
 
 top[i]  shape from ``input_param { shape { dim: ... } }``, one for each top or one for all
 """
@@ -21,7 +21,7 @@ class InputParameter:
 
 
 class Input(Layer):
-    """The way into a net."""
+    """Input of a net."""
 
     param_type = InputParameter
     bottoms = (0, 0)
@@ -40,7 +40,7 @@ class Input(Layer):
                 blob.reshape(shapes[i if len(shapes) > 1 else 0].dim)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """The caller decides the shape."""
+        """The caller sets the shape."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """The caller writes the data."""

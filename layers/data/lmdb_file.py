@@ -1,25 +1,25 @@
-"""LMDB: the file of a database, read page by page. Nothing in it is believed: what is damaged is a DataError.
+"""LMDB: a reader of database files, page by page. The file is not trusted; damage raises DataError.
 
-The file is a row of pages of one size. Numbers are little endian, as 64-bit machines write them; with their bytes:
+The file is a sequence of pages of one size. Numbers are little endian, as on 64-bit machines; sizes in bytes:
 
-    page      its own number 8 | - 2 | kind 2 | lower 2 | upper 2 | offset of each node 2, up to lower |
-              nothing | the nodes, from upper to the end of the page
-    meta      pages 0 and 1, from byte 16 on: magic 4 | version 4 | - 16 | the tree of free pages 48 |
-              the tree of entries 48 | number of the last page 8 | number of the transaction 8
-              A transaction writes its pages anew, and then one of these two: the one with the higher number counts.
-    tree      in the first tree the size of a page 4 | flags 2 | depth 2 | branch, leaf, overflow pages 8 each |
+    page      page number 8 | - 2 | kind 2 | lower 2 | upper 2 | offset of each node 2, up to lower |
+              unused | the nodes, from upper to the end of the page
+    meta      pages 0 and 1, from byte 16 on: magic 4 | version 4 | - 16 | tree of free pages 48 |
+              tree of entries 48 | number of the last page 8 | transaction number 8
+              A transaction writes new pages and then one of these two; the one with the higher number is current.
+    tree      (in the first tree) page size 4 | flags 2 | depth 2 | branch, leaf, overflow pages 8 each |
               entries 8 | number of the root page 8
-    branch    each node: number of a page, low 4 and high 2 | length of the key 2 | key
-              Below it are the keys from this one up to the next node's. The first node's own key means nothing.
-    leaf      each node: length of the value 4 | flags 2 | length of the key 2 | key | value
-              With flag 1, in place of the value: number of the page where it begins 8
-    overflow  own number 8 | - 2 | kind 2 | how many pages in a row 4 | value
+    branch    per node: page number, low 4 and high 2 | length of the key 2 | key
+              Keys from this one up to that of the next node are below it. The key of the first node is ignored.
+    leaf      per node: length of the value 4 | flags 2 | length of the key 2 | key | value
+              With flag 1, instead of the value: number of the page where it starts 8
+    overflow  page number 8 | - 2 | kind 2 | number of consecutive pages 4 | value
 
-Offsets are in the order of the keys, and even. Every leaf is as deep as the tree's depth says. A page must have its own
-number, be of the kind that belongs at its depth, and hold keys from between those that lead to it alone: so no page can
-come up twice, and every walk through the database ends.
+Offsets are sorted by key, and even. All leaves are at the depth of the tree. A page must contain its own number, be of
+the kind that its depth requires, and hold only keys between those that lead to it. Therefore no page can be visited
+twice, and every walk through the database ends.
 
-The file is read, not mapped into memory: one that is cut while it is in use is an error, not the end of the process.
+The file is read, not memory-mapped, so a file truncated while in use causes an error instead of a crash.
 Reference: LMDB 0.9, mdb.c.
 """
 
@@ -37,24 +37,24 @@ from netlib.files import Source
 HEADER, OVERFLOW_HEADER = struct.Struct("<QHHHH"), struct.Struct("<QHHI")
 META, TREE = struct.Struct("<4sI16x48s48sQQ"), struct.Struct("<IHHQQQQQ")
 NODE, NUMBER = struct.Struct("<IHH"), struct.Struct("<Q")
-BRANCH, LEAF, OVERFLOW, META_PAGE, KIND = 1, 2, 4, 8, 0x6F  # other bits of a kind mean nothing in a file
-ELSEWHERE = 1  # flag of a leaf's node
+BRANCH, LEAF, OVERFLOW, META_PAGE, KIND = 1, 2, 4, 8, 0x6F  # KIND masks bits without a meaning in files
+ELSEWHERE = 1  # flag of a node in a leaf: the value has pages of its own
 MAGIC, VERSION, NO_PAGE = b"\xde\xc0\xef\xbe", 1, (1 << 64) - 1
-PAGE_SIZES = [1 << n for n in range(9, 16)]  # LMDB's largest has 32768 bytes
-DEEPEST = 32  # tree that LMDB reads
+PAGE_SIZES = [1 << n for n in range(9, 16)]  # up to LMDB's maximum, 32768 bytes
+MAX_DEPTH = 32  # limit of LMDB
 
 
 @dataclass(frozen=True)
 class Meta:
-    """What a meta page says of the tree of entries."""
+    """Content of a meta page about the tree of entries."""
 
     page_size: int
     flags: int
     depth: int
-    pages: int  # in use
+    pages: int  # number of pages in use
     entries: int
     root: int
-    last: int  # page
+    last: int  # number of the last page
     transaction: int
 
 
@@ -62,10 +62,10 @@ class Meta:
 class Page:
     """A branch or a leaf.
 
-    keys    of its nodes, in order; of a branch the first is where the page itself begins
-    end     the key before which the page ends, if it does
-    below   of a branch: numbers of pages
-    values  of a leaf: the bytes, or on which page they begin and how many they are
+    keys    keys of its nodes, in order; the first of a branch is the start of the page's range
+    end     end of the page's range, exclusive; None if unbounded
+    below   for a branch: page numbers
+    values  for a leaf: the bytes, or the page where they start and their number
     """
 
     keys: list[bytes]
@@ -75,31 +75,31 @@ class Page:
 
 
 class Database:
-    """An open database, for any number of cursors. What it reads raises DataError.
+    """An open database for any number of cursors. Reading can raise DataError.
 
-    path  its file
-    meta  the meta page that counts
+    path  path of the file
+    meta  the current meta page
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path / "data.mdb" if _is_folder(path) else path
         self._source = Source(self.path, "the database")
         self.meta = self._newest()
-        needed = self.meta.pages * self.meta.page_size  # a whole file may lack pages that were never used
+        needed = self.meta.pages * self.meta.page_size  # pages that were never used may be missing
         if self._source.size < needed:
             raise DataError(f"{self.path}: truncated: it has {self._source.size} bytes, expected at least {needed}")
 
     @property
     def entries(self) -> int:
-        """How many there are."""
+        """Number of entries."""
         return self.meta.entries
 
     def check(self) -> None:
-        """Raise DataError if the file has been changed since it was opened."""
+        """Raise DataError if the file was changed since it was opened."""
         self._source.check()
 
     def damaged(self, number: int, what: str) -> DataError:
-        """The error to be raised for what is wrong in a page, unless the file has been changed while in use."""
+        """Return the error for a damaged page. Raises DataError if the file was changed while in use."""
         self.check()
         return DataError(f"{self.path}: page {number}: {what}; the database is damaged")
 
@@ -114,14 +114,14 @@ class Database:
         second = self._meta_page(1, first.page_size)
         older, newest = sorted((first, second), key=lambda meta: meta.transaction)
         step, own = newest.transaction - older.transaction, (first, second)[newest.transaction % 2]
-        follows = newest.transaction == 0 or (step == 1 and newest is own)  # 0 and 0: nothing has been written yet
+        follows = newest.transaction == 0 or (step == 1 and newest is own)  # both 0: nothing was written yet
         if not follows or newest.page_size != older.page_size or newest.last < older.last:
-            raise self.damaged(1, f"transaction {second.transaction} does not go with {first.transaction} in page 0")
+            raise self.damaged(1, f"transaction {second.transaction} does not match {first.transaction} in page 0")
         if newest.flags:
             raise DataError(f"{self.path}: a database with flags {newest.flags:#x}, expected none, as Caffe writes it: "
-                            "one value for each key, keys in the order of their bytes")  # fmt: skip
+                            "one value per key, keys in byte order")  # fmt: skip
         empty = {newest.depth == 0, newest.entries == 0, newest.root == NO_PAGE}
-        if len(empty) > 1 or newest.depth > DEEPEST:
+        if len(empty) > 1 or newest.depth > MAX_DEPTH:
             found = f"{newest.entries} entries at depth {newest.depth}, from page {newest.root} on"
             raise self.damaged(newest.transaction % 2, found)
         return newest
@@ -144,7 +144,7 @@ class Database:
         return Meta(page_size, flags, depth, 2 + sum(pages), count, root, last, transaction)
 
     def page(self, number: int, level: int, begin: bytes, end: bytes | None) -> Page:
-        """A page, so many levels above the leaves, of keys from ``begin`` up to ``end``."""
+        """Read a page at a level above the leaves, with keys from ``begin`` up to ``end``."""
         raw = self._read(number, 1, 0, self.meta.page_size)
         own, _, kind, lower, upper = HEADER.unpack_from(raw)
         name, expected = ("branch", BRANCH) if level else ("leaf", LEAF)
@@ -158,29 +158,29 @@ class Database:
         nodes = [NODE.unpack_from(raw, at) for at in offsets]
         rests = [0 if level else NUMBER.size if flags & ELSEWHERE else size for size, flags, _ in nodes]
         stops = [at + NODE.size + length + rest for at, (_, _, length), rest in zip(offsets, nodes, rests)]
-        # From upper to the page's end there is nothing but nodes, each padded to an even length, in any order.
+        # From upper to the end of the page there are only nodes, each padded to an even length, in any order.
         spans = sorted((at, stop + stop % 2) for at, stop in zip(offsets, stops))
         borders = [upper, *(border for span in spans for border in span), len(raw)]
         gaps = [after - before for before, after in zip(borders[::2], borders[1::2])]
-        if min(gaps) < 0 or (any(gaps) and not level):  # an early LMDB left some in branches
+        if min(gaps) < 0 or (any(gaps) and not level):  # early versions of LMDB left gaps in branches
             raise self.damaged(number, "its nodes overlap, or leave gaps")
         keys = [raw[at + NODE.size : stop - rest] for at, stop, rest in zip(offsets, stops, rests)]
         if level:
             keys[0] = begin
         if keys[0] < begin or any(a >= b for a, b in pairwise(keys)) or (end is not None and keys[-1] >= end):
-            raise self.damaged(number, "its keys are not in order, or belong to another page")
+            raise self.damaged(number, "its keys are out of order, or belong to another page")
         if level:
             return Page(keys, end, [low | high << 32 for low, high, _ in nodes], [])
         for key, (_, flags, _) in zip(keys, nodes):
             if flags & ~ELSEWHERE:
                 what = f"{key!r} is not an entry but a database within this one (flags {flags:#x})"
-                raise DataError(f"{self.path}: page {number}: {what}, which Caffe never writes, or damaged")
+                raise DataError(f"{self.path}: page {number}: {what}, which Caffe never writes, or the file is damaged")
         values = [(*NUMBER.unpack(raw[stop - rest : stop]), size) if flags else raw[stop - rest : stop]
                   for stop, rest, (size, flags, _) in zip(stops, rests, nodes)]  # fmt: skip
         return Page(keys, end, [], values)
 
     def value(self, number: int, size: int) -> bytes:
-        """A value that has pages of its own, from this one on."""
+        """Read a value stored in overflow pages from this one on."""
         pages = (HEADER.size - 1 + size) // self.meta.page_size + 1
         own, _, kind, there = OVERFLOW_HEADER.unpack(self._read(number, pages, 0, HEADER.size))
         if own != number or kind & KIND != OVERFLOW or there < pages:
@@ -188,7 +188,7 @@ class Database:
         return self._read(number, pages, HEADER.size, size)
 
     def _read(self, number: int, pages: int, begin: int, size: int) -> bytes:
-        """From so many pages in a row, ``size`` bytes from ``begin`` on."""
+        """Read ``size`` bytes from ``begin`` on in a number of consecutive pages."""
         meta = self.meta
         if not 2 <= number <= meta.last + 1 - pages:
             raise self.damaged(number, f"expected {pages} of pages 2 to {meta.last}")
@@ -198,21 +198,21 @@ class Database:
 
 
 class Cursor:
-    """A place in a database: on an entry, or nowhere before the first move. What it reads raises DataError."""
+    """A position in a database; undefined before the first move. Reading can raise DataError."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._path: list[tuple[Page, int]] = []  # from the root down to a leaf, and which node of each
-        self._number: int | None = None  # of this entry, if all from the first to it have been read
+        self._path: list[tuple[Page, int]] = []  # pages from the root to a leaf, with the index of a node in each
+        self._number: int | None = None  # number of this entry, if all before it were visited
 
     @property
     def key(self) -> bytes:
-        """Of the entry."""
+        """Key of the current entry."""
         page, index = self._path[-1]
         return page.keys[index]
 
     def value(self) -> bytes:
-        """Of the entry. Raises DataError, also if the file has been changed since it was opened."""
+        """Value of the current entry. Raises DataError, also if the file was changed since it was opened."""
         page, index = self._path[-1]
         value = page.values[index]
         value = value if isinstance(value, bytes) else self._database.value(*value)
@@ -220,12 +220,12 @@ class Cursor:
         return value
 
     def first(self) -> bool:
-        """Go to the first entry; False if there is none."""
+        """Move to the first entry; returns False if there is none."""
         self._path, self._number = self._down([], b""), 1
         return bool(self._path)
 
     def next(self) -> bool:
-        """Go to the next entry; False, and nothing moves, after the last one."""
+        """Move to the next entry; returns False, without moving, after the last."""
         path = list(self._path)
         while path:
             page, index = path.pop()
@@ -239,7 +239,7 @@ class Cursor:
         return False
 
     def set_key(self, key: bytes) -> bool:
-        """Go to the entry of this key; False, and nothing moves, if there is none."""
+        """Move to the entry with this key; returns False, without moving, if there is none."""
         path = self._down([], key)
         if not path or path[-1][0].keys[path[-1][1]] != key:
             return False
@@ -247,7 +247,7 @@ class Cursor:
         return True
 
     def _down(self, path: list[tuple[Page, int]], key: bytes) -> list[tuple[Page, int]]:
-        """The path down to a leaf, each time to the last node whose key is at most this one, or to the first."""
+        """Extend a path down to a leaf, in each page through the last node with a key up to ``key``, or the first."""
         meta = self._database.meta
         number, begin, end = meta.root, b"", None
         while len(path) < meta.depth:
@@ -263,5 +263,5 @@ class Cursor:
 def _is_folder(path: Path) -> bool:
     try:
         return path.is_dir()
-    except OSError:  # opening it says why
+    except OSError:  # the error is reported when the path is opened
         return False

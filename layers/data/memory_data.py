@@ -1,11 +1,11 @@
-"""MemoryData: batches of arrays that the caller has in memory.
+"""MemoryData: batches from arrays in memory.
 
 top[0]  data   (batch_size, channels, height, width)
 top[1]  label  (batch_size, 1, 1, 1)
 
-``set_input_arrays`` hands over as many items as the caller likes, a multiple of ``batch_size``. Every forward takes the
-next batch of them, and after the last it starts over. The arrays are not transformed, as in Caffe, and not copied: what
-the caller changes in them shows in the next batch.
+``set_input_arrays`` sets the arrays; the number of items must be a multiple of ``batch_size``. Every forward takes the
+next batch, starting over after the last. As in Caffe, the arrays are not transformed. They are not copied, so changes
+show in the next batch.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class MemoryDataParameter:
 
 
 class MemoryData(Layer):
-    """The caller's arrays, batch by batch.
+    """Reads batches from arrays.
 
-    items     number of items that were handed over
-    position  of the first item of the next batch
+    items     number of items in the arrays
+    position  index of the first item of the next batch
     notes     lines for the log
     """
 
@@ -56,23 +56,23 @@ class MemoryData(Layer):
             self.notes = ["warning: MemoryData does not transform arrays; transform_param is ignored, as in Caffe"]
 
     def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
-        """Take batches from these arrays from now on: (N, C, H, W), and (N,) or (N, 1, 1, 1). Raises LayerError."""
+        """Set the arrays to read: data (N, C, H, W), labels (N,) or (N, 1, 1, 1). Raises LayerError."""
         p, x, t = self.param, np.asarray(data), np.asarray(labels)
         for what, array, shape in (("data", x, (p.channels, p.height, p.width)), ("labels", t, (1, 1, 1))):
             if array.dtype.kind not in "fiub":
-                raise self.fail(f"the {what} must be numbers, given an array of {array.dtype}")
+                raise self.fail(f"the {what} must be numbers, found an array of {array.dtype}")
             if array.shape[1:] != shape and not (what == "labels" and array.ndim == 1):
                 expected = ", ".join(map(str, ("N", *shape)))
-                raise self.fail(f"the {what} have the shape {array.shape}, expected ({expected})")
+                raise self.fail(f"the {what} have shape {array.shape}, expected ({expected})")
         if len(x) != len(t):
-            raise self.fail(f"given {len(x)} items of data, but {len(t)} labels")
+            raise self.fail(f"found {len(x)} items of data, but {len(t)} labels")
         if len(x) == 0 or len(x) % p.batch_size:
-            raise self.fail(f"given {len(x)} items, expected a multiple of batch_size {p.batch_size}")
+            raise self.fail(f"found {len(x)} items, expected a multiple of batch_size {p.batch_size}")
         self.arrays, self.items = (x, t.reshape(-1, 1, 1, 1)), len(x)
         self.reset()
 
     def reset(self) -> None:
-        """Go on from the first item."""
+        """Continue with the first item."""
         self.position = 0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
@@ -82,7 +82,7 @@ class MemoryData(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         if self.arrays is None:
-            raise self.fail("has no data yet; call its set_input_arrays(data, labels) before forward")
+            raise self.fail("has no data; call set_input_arrays(data, labels) before forward")
         batch = slice(self.position, self.position + self.param.batch_size)
         for blob, array in zip(top, self.arrays):
             blob.data[...] = array[batch]
@@ -93,7 +93,7 @@ class MemoryData(Layer):
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
-        if state.get("items") == self.items:  # of as many items: the caller has handed over the same arrays again
+        if state.get("items") == self.items:  # assume that the caller set the same arrays again
             self.position = int(state["position"])
             if not 0 <= self.position < max(self.items, 1):
                 raise ValueError(f"there is no item {self.position}")

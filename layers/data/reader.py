@@ -1,4 +1,4 @@
-"""What layers that read rows of files share: which rows are theirs, and what tells their data from others."""
+"""Base class of layers that read rows of files: sharding, and the identity of the data."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from netlib.layer import Layer
 
 
 class Reader(Layer):
-    """Base of layers that read rows of files.
+    """Base class of layers that read rows of files.
 
-    share  which rows of a step are read here, where several processes train together
+    share  the shard that this process reads in distributed training
     """
 
     share: Share = EVERY_ROW
 
     def batch_of(self, size: int) -> int:
-        """How many rows to read of a ``batch_size``: its own, where several ranks divide it. Raises LayerError."""
+        """Number of rows to read for a ``batch_size``: this rank's part if ranks divide it. Raises LayerError."""
         try:
             return self.share.batch(size)
         except ValueError as error:
             raise self.fail(str(error), "batch_size") from None
 
     def reads(self) -> Any:
-        """What tells the data from others, as plain numbers, strings, lists."""
+        """Identity of the data, as JSON values."""
         raise NotImplementedError

@@ -1,12 +1,12 @@
-"""What every layer that reads images does to them: ``transform_param { ... }``.
+"""Preprocessing shared by all layers that read images: ``transform_param { ... }``.
 
 An image x is (C, H, W), bytes or floats. The result is
 
     y = scale (x - mean)
 
-then cut to ``crop_size`` x ``crop_size``, then mirrored left to right by chance. The mean is an image of the size of x,
-so that each value has its own, or one number for each channel, or one for all. In phase TRAIN the crop is at a random
-place, in TEST in the middle (rounded to the top and left); images are mirrored in both phases, as in Caffe.
+then cropped to ``crop_size`` x ``crop_size`` and mirrored left to right at random. The mean is an image of the size of
+x, or one number per channel, or one for all. The crop is random in phase TRAIN, central in TEST (rounded to the top and
+left); images are mirrored in both phases, as in Caffe.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from netlib.proto.schema import UInt, numbered
 class TransformationParameter:
     """The ``transform_param { ... }`` block."""
 
-    scale: float = numbered(1, 1.0)  # a factor, after the mean is subtracted
-    mirror: bool = numbered(2, False)  # half of the images, by chance
+    scale: float = numbered(1, 1.0)  # factor applied after the mean is subtracted
+    mirror: bool = numbered(2, False)  # mirror half of the images, at random
     crop_size: UInt = numbered(3, 0)  # height and width of the result; 0: no crop
-    mean_file: str | None = numbered(4, None)  # a .binaryproto: (1, C, H, W)
-    mean_value: tuple[float, ...] = numbered(5, ())  # instead: one for each channel, or one for all
-    force_color: bool = numbered(6, False)  # decode pictures in databases with three channels
-    force_gray: bool = numbered(7, False)  # ... with one
+    mean_file: str | None = numbered(4, None)  # .binaryproto file with (1, C, H, W)
+    mean_value: tuple[float, ...] = numbered(5, ())  # alternative: one per channel, or one for all
+    force_color: bool = numbered(6, False)  # decode images in databases with three channels
+    force_gray: bool = numbered(7, False)  # decode images in databases with one channel
 
 
 class Transformer:
-    """Transforms the images of one layer; randomness comes from the layer's rng.
+    """Transforms the images of one layer, with the layer's random generator.
 
     param  the options
     """
@@ -51,7 +51,7 @@ class Transformer:
             raise self.fail("force_color and force_gray cannot both be set", "force_gray")
 
     def _read_mean(self) -> Array:
-        """(C, H, W), (C, 1, 1) or (1, 1, 1)."""
+        """Read the mean: (C, H, W), (C, 1, 1) or (1, 1, 1)."""
         p, dtype = self.param, self.layer.dtype
         if p.mean_file is None:
             return np.array(p.mean_value or (0,), dtype).reshape(-1, 1, 1)
@@ -59,31 +59,31 @@ class Transformer:
             raise self.fail("mean_file and mean_value cannot both be given", "mean_value")
         mean = read_blob(find(p.mean_file, self.layer.source))
         if mean.ndim != 4 or len(mean) < 1:
-            raise self.fail(f"mean_file {p.mean_file!r} has the shape {mean.shape}, expected (1, C, H, W)", "mean_file")
+            raise self.fail(f"mean_file {p.mean_file!r} has shape {mean.shape}, expected (1, C, H, W)", "mean_file")
         return mean[0].astype(dtype)
 
     def fail(self, message: str, field: str) -> LayerError:
-        """An error with the place of a field of transform_param."""
+        """Return an error with the position of a field of transform_param."""
         return LayerError(f"{schema.position_of(self.param, field)}: error: layer {self.layer.name!r}: {message}")
 
     @property
     def color(self) -> bool | None:
-        """How to decode pictures in databases: in colour, in grey, or (None) as they are."""
+        """How to decode images in databases: True in colour, False in grey, None unchanged."""
         return True if self.param.force_color else False if self.param.force_gray else None
 
     def shape(self, image: Array, what: str) -> tuple[int, int, int]:
-        """The shape of the result for such an image; ``what`` it is called in messages. Raises LayerError."""
+        """Shape of the result for an image; ``what`` names it in messages. Raises LayerError."""
         (C, H, W), size = image.shape, self.param.crop_size
         if min(H, W) < size:
-            raise self.fail(f"{what}: an image (C, H, W) {image.shape} is smaller than crop_size {size}", "crop_size")
+            raise self.fail(f"{what}: the image (C, H, W) {image.shape} is smaller than crop_size {size}", "crop_size")
         return (C, size, size) if size else (C, H, W)
 
     def transform(self, image: Array, y: Array, what: str) -> None:
-        """Write the result for an image. Raises LayerError if it does not have the shape of ``y``."""
+        """Write the transformed image to ``y``. Raises LayerError if the shapes differ."""
         p, train, rng = self.param, self.layer.phase == TRAIN, self.layer.rng
         C, H, W = self.shape(image, what)
         if y.shape != (C, H, W):
-            raise self.fail(f"{what}: an image (C, H, W) {image.shape} gives {(C, H, W)}, but the first of its batch "
+            raise self.fail(f"{what}: the image (C, H, W) {image.shape} gives {(C, H, W)}, the first of its batch "
                             f"{y.shape}; expected the same number of channels, and without crop_size the same size",
                             "crop_size")  # fmt: skip
         self._check_mean(image, what)
@@ -92,24 +92,24 @@ class Transformer:
         if p.crop_size and train:
             top, left = int(rng.integers(image.shape[1] - H + 1)), int(rng.integers(image.shape[2] - W + 1))
         crop = np.s_[:, top : top + H, left : left + W]
-        mean = np.broadcast_to(self.mean, image.shape)[crop]  # the mean of the place that a pixel has before the crop
+        mean = np.broadcast_to(self.mean, image.shape)[crop]  # the mean at the position before cropping
         result = (image[crop].astype(y.dtype) - mean) * y.dtype.type(p.scale)
         y[...] = result[:, :, ::-1] if mirror else result
 
     def _check_mean(self, image: Array, what: str) -> None:
         p = self.param
         if p.mean_file is not None and self.mean.shape != image.shape:
-            raise self.fail(f"{what}: an image (C, H, W) {image.shape}, but mean_file {p.mean_file!r} has "
-                            f"{self.mean.shape}; expected the same before any crop", "mean_file")  # fmt: skip
+            raise self.fail(f"{what}: the image (C, H, W) is {image.shape}, mean_file {p.mean_file!r} "
+                            f"{self.mean.shape}; expected equal shapes before cropping", "mean_file")  # fmt: skip
         if len(p.mean_value) not in (0, 1, len(image)):
-            raise self.fail(f"{what}: an image of {len(image)} channels, but {len(p.mean_value)} mean_value; expected "
-                            "one for all, or one for each", "mean_value")  # fmt: skip
+            raise self.fail(f"{what}: {len(image)} channels, but {len(p.mean_value)} mean_value; expected "
+                            "one for all, or one per channel", "mean_value")  # fmt: skip
 
 
 def misplaced(layer: Layer, *names: str) -> list[str]:
-    """Lines for the log: options that Caffe once read in a layer's own block, and now only in transform_param."""
+    """Warnings about options in a layer's own block that Caffe now reads only from transform_param."""
     return [
         f"warning: {name} is ignored here, as in Caffe; write it in transform_param"
         for name in names
-        if schema.gives(layer.param, name)
+        if schema.is_given(layer.param, name)
     ]

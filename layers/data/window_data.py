@@ -1,26 +1,26 @@
-"""WindowData: batches of windows cut out of images, to train a detector (R-CNN).
+"""WindowData: batches of windows cropped from images, for training a detector (R-CNN).
 
-top[0]  data   (batch_size, 3, S, S)  windows, stretched to S = ``crop_size`` of transform_param; blue, green, red
-top[1]  label  (batch_size,)          the class of the object, 0 for background
+top[0]  data   (batch_size, 3, S, S)  windows, warped to S = ``crop_size`` of transform_param; BGR order
+top[1]  label  (batch_size,)          class of the object, 0 for background
 
-``source`` lists the windows, in words and numbers with blanks or line ends between:
+``source`` lists the windows, as words and numbers separated by whitespace:
 
-    # 0                         number of the image, from 0 on
-    path                        follows ``root_folder`` without a slash between
+    # 0                         number of the image, from 0
+    path                        ``root_folder`` is prepended without a slash
     channels height width       channels must be 3
-    count                       number of windows, for each of them:
-    class overlap x1 y1 x2 y2   overlap with the true box of an object; corners in pixels, both included
+    count                       number of windows, and for each of them:
+    class overlap x1 y1 x2 y2   overlap with the true box of an object; corners in pixels, inclusive
 
-A window whose overlap is at least ``fg_threshold`` is foreground; one whose overlap is less than ``bg_threshold`` is
-background, whatever its class; others are left out. A batch is a random choice, ``fg_fraction`` of it foreground: first
-the background, then the foreground.
+A window whose overlap is at least ``fg_threshold`` is foreground; one whose overlap is below ``bg_threshold`` is
+background, whatever its class; others are not used. A batch is a random choice with a fraction ``fg_fraction`` of
+foreground: first the background, then the foreground.
 
-With ``context_pad`` p, a border that is p wide after stretching is cut out around the window; ``crop_mode: "square"``
-makes the window a square first. What then lies outside the image stays 0. Elsewhere
+With ``context_pad`` p, each window includes a border of its surroundings that is p wide after warping;
+``crop_mode: "square"`` first extends the window to a square. Parts outside the image are 0. Elsewhere
 
     y = scale (x - mean)
 
-where ``scale`` is that of this block (not transform_param's, as in Caffe), and a mean image is cut to its middle.
+where ``scale`` is that of this block (not of transform_param, as in Caffe), and a mean image is cropped to its centre.
 """
 
 from __future__ import annotations
@@ -50,23 +50,23 @@ T = TypeVar("T", int, float)
 class WindowDataParameter:
     """The ``window_data_param { ... }`` block."""
 
-    source: str = numbered(1)  # the list of windows
+    source: str = numbered(1)  # path of the list of windows
     batch_size: UInt = numbered(4)
     scale: float = numbered(2, 1.0)
-    fg_threshold: float = numbered(7, 0.5)  # least overlap of a foreground window
-    bg_threshold: float = numbered(8, 0.5)  # background windows have less
-    fg_fraction: float = numbered(9, 0.25)  # part of a batch that is foreground
+    fg_threshold: float = numbered(7, 0.5)  # minimum overlap of foreground windows
+    bg_threshold: float = numbered(8, 0.5)  # maximum overlap of background windows, exclusive
+    fg_fraction: float = numbered(9, 0.25)  # fraction of foreground in a batch
     context_pad: UInt = numbered(10, 0)  # border around a window, in pixels of the result
-    crop_mode: str = numbered(11, "warp")  # or square: the smallest square around a window
+    crop_mode: str = numbered(11, "warp")  # or "square": the smallest square around a window
     cache_images: bool = numbered(12, False)  # keep the files in memory; accepted, ignored
-    root_folder: str = numbered(13, "")  # written before every path of the list
-    mean_file: str | None = numbered(3, None)  # this and those below: ignored, see transform_param
+    root_folder: str = numbered(13, "")  # prepended to every path in the list
+    mean_file: str | None = numbered(3, None)  # this and the following are ignored; see transform_param
     crop_size: UInt = numbered(5, 0)
     mirror: bool = numbered(6, False)
 
 
 class Window(NamedTuple):
-    """A part of an image, both corners included."""
+    """A window of an image, corners inclusive."""
 
     path: str
     label: int
@@ -103,7 +103,7 @@ class WindowData(Reader):
         if self.size == 0:
             raise self.fail("needs transform_param { crop_size: ... }, the size of its windows")
         if 2 * p.context_pad >= self.size:
-            raise self.fail(f"context_pad {p.context_pad} on both sides leaves nothing of crop_size {self.size}",
+            raise self.fail(f"context_pad {p.context_pad} on both sides exceeds crop_size {self.size}",
                             "context_pad")  # fmt: skip
         self.mean = self._mean()
         self.list = find(p.source, self.source)
@@ -114,7 +114,7 @@ class WindowData(Reader):
         for window in self.foreground:
             if window.label < 1:
                 raise DataError(f"{self.list}: a foreground window of {window.path} has class {window.label}; "
-                                "expected 1 or more, for 0 is the background")  # fmt: skip
+                                "expected 1 or more, as 0 is the background")  # fmt: skip
         if not self.foreground or not self.background:
             raise DataError(f"{self.list}: {len(self.foreground)} foreground and {len(self.background)} background "
                             "windows; expected some of both")  # fmt: skip
@@ -122,12 +122,12 @@ class WindowData(Reader):
         self.notes += misplaced(self, "mean_file", "crop_size", "mirror")
 
     def _mean(self) -> Array:
-        """(3, S, S): the middle of the mean image, or numbers."""
+        """Mean (3, S, S): the centre of the mean image, or the given numbers."""
         S, mean, p = self.size, self.transformer.mean, self.transformer.param
         if p.mean_file is not None:
-            first = (mean.shape[2] - S) // 2  # of rows and columns, both from the width, as in Caffe
+            first = (mean.shape[2] - S) // 2  # row and column offsets both come from the width, as in Caffe
             if mean.shape[0] != 3 or first < 0 or first + S > min(mean.shape[1:]):
-                raise self.transformer.fail(f"mean_file {p.mean_file!r} has {mean.shape}, which has no middle "
+                raise self.transformer.fail(f"mean_file {p.mean_file!r} has shape {mean.shape}, too small for a crop "
                                             f"of {(3, S, S)}", "mean_file")  # fmt: skip
             return mean[:, first : first + S, first : first + S]
         if len(mean) not in (1, 3):
@@ -150,7 +150,7 @@ class WindowData(Reader):
             labels[i] = window.label
 
     def reads(self) -> Any:
-        """The windows."""
+        """Identity of the windows."""
         return [
             len(self.foreground),
             len(self.background),
@@ -158,10 +158,10 @@ class WindowData(Reader):
         ]
 
     def _cut(self, window: Window, mirrored: bool, y: Array) -> None:
-        """Write one window, stretched, into its place (3, S, S)."""
+        """Write one warped window to ``y`` (3, S, S)."""
         p, S = self.param, self.size
         if window.x2 < window.x1 or window.y2 < window.y1:
-            raise DataError(f"{self.list}: window {window[2:]} of {window.path} ends before it begins; "
+            raise DataError(f"{self.list}: window {window[2:]} of {window.path} ends before it starts; "
                             "expected x1 y1 x2 y2")  # fmt: skip
         image = read_image(find(p.root_folder + window.path, self.source if p.root_folder else str(self.list)), True)
         rows, columns = (window.y1, window.y2), (window.x1, window.x2)
@@ -173,24 +173,24 @@ class WindowData(Reader):
             rows, (at_row, _), height = self._widened(rows[0], sizes[0], wanted[0], image.shape[0])
             columns, outside, width = self._widened(columns[0], sizes[1], wanted[1], image.shape[1])
             at_column = outside[1] if mirrored else outside[0]
-            height, width = min(height, S - at_row), min(width, S - at_column)  # rounding may give a pixel too many
+            height, width = min(height, S - at_row), min(width, S - at_column)  # rounding can exceed it by a pixel
         if not (0 <= rows[0] <= rows[1] < image.shape[0] and 0 <= columns[0] <= columns[1] < image.shape[1]):
-            raise DataError(f"{self.list}: window {window[2:]} does not lie in {window.path}, which has "
+            raise DataError(f"{self.list}: window {window[2:]} is outside {window.path}, which has "
                             f"{image.shape[1]} columns and {image.shape[0]} rows")  # fmt: skip
         if height < 1 or width < 1:
-            raise DataError(f"{self.list}: of window {window[2:]} of {window.path} less than a pixel is in the image")
+            raise DataError(f"{self.list}: window {window[2:]} of {window.path} has less than a pixel inside the image")
         part = resize_image(image[rows[0] : rows[1] + 1, columns[0] : columns[1] + 1], height, width)
         x = planes(part[:, ::-1] if mirrored else part).astype(y.dtype)
         place = np.s_[:, at_row : at_row + height, at_column : at_column + width]
         y[place] = (x - self.mean[place]) * y.dtype.type(p.scale)
 
     def _widened(self, first: int, size: int, wanted: int, length: int) -> tuple[tuple[int, int], tuple[int, int], int]:
-        """Along one axis, a window grown to the wanted size around its centre, with its border, in an image.
+        """Extend a window along one axis to the wanted size around its centre, with its border, in an image.
 
-        Returns its first and last pixel in the image, the parts of S before and after them that lie outside, and the
-        part of S that is left for them.
+        Returns its first and last pixel inside the image, the parts of S before and after it that are outside, and the
+        rest of S.
         """
-        real: Any = self.dtype.type  # Caffe rounds results of the net's own type
+        real: Any = self.dtype.type  # Caffe rounds in the net's dtype
         S = real(self.size)
         half = real(wanted / 2) * (S / real(self.size - 2 * self.param.context_pad))
         centre = real(first) + real(size / 2)
@@ -203,12 +203,12 @@ class WindowData(Reader):
 
 
 def _round(number: Any) -> int:
-    """To the nearest whole number, halves away from 0, as C rounds."""
+    """Round to the nearest integer, halves away from 0, as in C."""
     return int(math.copysign(math.floor(abs(float(number)) + 0.5), number))
 
 
 def _read_windows(path: Path) -> list[tuple[Window, float]]:
-    """The windows of a list, with their overlaps. Raises DataError."""
+    """Read the windows of a list, with their overlaps. Raises DataError."""
     words = iter(files.read_text(path, "the list of windows").split())
     found: list[tuple[Window, float]] = []
     channels, images = 0, 0
@@ -218,7 +218,7 @@ def _read_windows(path: Path) -> list[tuple[Window, float]]:
         what = f"{path}: image {images}"
         number = _next(words, int, f"{what}: its number")
         if number != images:
-            raise DataError(f"{what}: has the number {number}; expected images to be numbered from 0 on")
+            raise DataError(f"{what}: has number {number}; expected images numbered from 0")
         image = next(words, "")
         channels, _, _, count = (
             _next(words, int, f"{what}: {field}") for field in ("channels", "height", "width", "the number of windows")
@@ -237,10 +237,10 @@ def _read_windows(path: Path) -> list[tuple[Window, float]]:
 
 
 def _next(words: Iterator[str], kind: type[T], what: str) -> T:
-    """The next word as a number. Raises DataError."""
+    """Convert the next word to a number. Raises DataError."""
     word = next(words, None)
     try:
         return kind(word)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         end = "the list ends" if word is None else f"found {word!r}"
-        raise DataError(f"{what}: {end}, expected {'a whole number' if kind is int else 'a number'}") from None
+        raise DataError(f"{what}: {end}, expected {'an integer' if kind is int else 'a number'}") from None

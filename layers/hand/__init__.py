@@ -1,1 +1,1 @@
-"""Articulated bodies, as the hand: augmentation, forward kinematics, physical limits."""
+"""Articulated bodies such as hands: augmentation, forward kinematics, physical limits."""

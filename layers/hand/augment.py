@@ -1,22 +1,22 @@
-"""HandAugment: while training, turn, resize and move each depth crop, and its joints with it.
+"""HandAugment: rotate, scale and shift depth crops and their joints at random during training.
 
 bottom[0]  depth  (N, 1, S, S)  crops in [-1, 1], background 1
-bottom[1]  joint  (N, 3 K)      x y z each, in half-cubes from the crop centre; x right, y UP, z away
+bottom[1]  joint  (N, 3 K)      x y z of each joint, in half-cubes from the crop centre; x right, y up, z away
 top[0], top[1]    same shapes, may be the same blobs
 
-TRAIN, for every item with its own random angle a (counter-clockwise), factor s, shift (u right, v down) and step d:
+TRAIN, with a random angle a (counter-clockwise), factor s, shift (u right, v down) and step d per item:
 
-    a pixel at (c, r) from the middle goes to   s (c cos a + r sin a, r cos a - c sin a) + (u, v)
-    its depth z becomes                         s z + d             cut to [-1, 1]; background stays background
-    a joint (x, y, z) goes to                   s (x cos a - y sin a, x sin a + y cos a, z) + (u', -v', d)
+    a pixel at (c, r) from the centre moves to  s (c cos a + r sin a, r cos a - c sin a) + (u, v)
+    its depth z becomes                         s z + d             clipped to [-1, 1]; background is unchanged
+    a joint (x, y, z) moves to                  s (x cos a - y sin a, x sin a + y cos a, z) + (u', -v', d)
 
-with u' = u / (S/2), v' = v / (S/2), for S/2 pixels are one half-cube; joints are cut to [-1, 1], as the data's are.
-The factor is a hand that much larger in all three directions, which is the same as a smaller cube around it.
-Pixels are picked, not averaged: a mean of two depths at an edge would be a point in thin air. Where the crop has
-none, its border is repeated, so that an arm goes on. The view is taken as parallel; over the depth of a hand,
-perspective makes up to a fifth of the shift, below a pixel.
+with u' = u / (S/2), v' = v / (S/2), because a half-cube has S/2 pixels. Joints are clipped to [-1, 1], as in the data.
+The factor scales the hand in all three directions, which is equivalent to a smaller cube around it. Pixels are sampled
+by nearest neighbour, because averaging depths across an edge gives points in free space. Beyond the crop its border is
+repeated, so that an arm continues. The projection is treated as orthographic; over the depth of a hand, perspective
+would change the shift by up to a fifth, less than a pixel.
 
-TEST  the tops are the bottoms. There is no gradient: the layer belongs right behind the data.
+TEST  the tops are copies of the bottoms. There is no gradient: place the layer directly after the data layer.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ from netlib.blob import Array, Blobs
 from netlib.layer import TRAIN, Layer
 from netlib.proto.schema import numbered
 
-# px from S/2 to the pixel that shows a crop's centre. The window's corner and the picked pixel are both rounded down:
-# .765 of a column and .909 of a row on the mean of NYU's crops. A quarter of a pixel more or less is below the noise.
+# Offset in px from S/2 to the pixel of a crop's centre. The crop's corner and the sampled pixel are both rounded down;
+# measured .765 of a column and .909 of a row on the mean of NYU's crops. An error of 0.25 px is below the noise.
 _MIDDLE = 0.75
 
 
 @dataclass(frozen=True)
 class HandAugmentParameter:
-    """The ``hand_augment_param { ... }`` block: largest changes, each drawn uniformly between minus and plus."""
+    """The ``hand_augment_param { ... }`` block: maximum changes, each drawn uniformly from both directions."""
 
     rotation: float = numbered(1, 0.0)  # degrees
-    scale: float = numbered(2, 0.0)  # factor 1 - scale to 1 + scale
-    shift: float = numbered(3, 0.0)  # px of the crop, sideways and up or down
-    depth: float = numbered(4, 0.0)  # half-cubes: 9 mm are 0.06 in the 300 mm cube
+    scale: float = numbered(2, 0.0)  # factors from 1 - scale to 1 + scale
+    shift: float = numbered(3, 0.0)  # px of the crop, horizontally and vertically
+    depth: float = numbered(4, 0.0)  # half-cubes: 9 mm is 0.06 in the 300 mm cube
 
 
 class HandAugment(Layer):
-    """Random changes of crops and joints that make another true example of each."""
+    """Random transformations of crops and joints that give valid new examples."""
 
     param_type = HandAugmentParameter
     bottoms = tops = (2, 2)
@@ -81,28 +81,28 @@ class HandAugment(Layer):
             [[np.deg2rad(p.rotation)], [p.scale], [p.shift], [p.shift], [p.depth]]
         )
         s += 1
-        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]).transpose(2, 0, 1)  # of columns and rows
+        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]).transpose(2, 0, 1)  # of (column, row)
         move = np.stack([u, v], axis=1)
         self.move_joints(bottom[1].data, top[1].data, turn, s, move / (S / 2), d)
         self.move_crops(bottom[0].data[:, 0], top[0].data[:, 0], _source_of(turn, s, move, S), s, d)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down):
-            raise self.fail("has no gradient; it belongs right behind the data")
+            raise self.fail("has no gradient; place it directly after the data layer")
 
     def allow_force_backward(self, bottom_index: int) -> bool:
         return False
 
     def move_joints(self, x: Array, y: Array, turn: Array, s: Array, move: Array, d: Array) -> None:
-        """Joints (n, 3 K) to y."""
+        """Write the transformed joints (n, 3 K) to y."""
         joints = x.reshape(len(s), -1, 3).astype(np.float64)
-        plane = joints[..., :2] * (1, -1) @ turn.transpose(0, 2, 1)  # as columns and rows
+        plane = joints[..., :2] * (1, -1) @ turn.transpose(0, 2, 1)  # in (column, row)
         moved = np.concatenate([plane * (1, -1), joints[..., 2:]], axis=2) * s[:, None, None]
         moved += np.stack([move[:, 0], -move[:, 1], d], axis=1)[:, None]
         y[...] = np.clip(moved, -1, 1).reshape(y.shape)
 
     def move_crops(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
-        """Crops (n, S, S) to y: pixels from where ``source`` (n, 2, 3) says, depths times s (n,) plus d (n,)."""
+        """Write the transformed crops (n, S, S) to y: sampled by the maps ``source`` (n, 2, 3), depths s z + d."""
         S, how = x.shape[-1], cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
         old = x.copy()
         if self.warps:
@@ -113,7 +113,7 @@ class HandAugment(Layer):
 
 
 def _source_of(turn: Array, s: Array, move: Array, S: int) -> Array:
-    """For each item the matrix (2, 3) that says of a new pixel (column, row, 1) which old one it shows."""
+    """Matrix (2, 3) per item that maps a new pixel (column, row, 1) to the old pixel that it shows."""
     back = turn.transpose(0, 2, 1) / s[:, None, None]
     middle = np.full(2, S / 2 + _MIDDLE)
     offset = middle - np.einsum("nij,nj->ni", back, middle + move)

@@ -1,4 +1,4 @@
-"""The kinematics of a skeleton in the engine in use, for whoever computes with bodies outside a net."""
+"""The kinematics of a skeleton in the current engine, for computations outside a net."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from netlib.engine.plain import Engine
 
 
 def kinematics_of(skeleton: Skeleton, dtype: DTypeLike = np.float64) -> Kinematics:
-    """The kinematics of a skeleton; of the same skeleton the same object."""
+    """Return the kinematics of a skeleton; cached, so equal arguments give the same object."""
     return _made(engine.get(), skeleton, np.dtype(dtype))
 
 

@@ -1,12 +1,12 @@
-"""HandModel: joint angles → joint positions, so that every prediction is a possible hand (the paper's Sec. 3.2).
+"""HandModel: joint angles → joint positions, so that every prediction is a valid hand (Sec. 3.2 of the paper).
 
-bottom[0]  x  (N, D)      inputs of the skeleton's DoFs: radians, and half-cubes for lengths (the hand: D = 47)
-top[0]     y  (N, 3 K)    joints, x y z each, in half-cubes from the crop centre; x right, y up, z away (K = 31)
+bottom[0]  x  (N, D)      values of the skeleton's DoFs: radians, or half-cubes for lengths (the hand: D = 47)
+top[0]     y  (N, 3 K)    x y z of each joint, in half-cubes from the crop centre; x right, y up, z away (K = 31)
 
-y  = forward kinematics of x                 kinematics.py has the mathematics of both directions
-dx = its transposed Jacobian times dy        0 for fixed DoFs
+y  = forward kinematics of x                 derived in kinematics.py
+dx = transposed Jacobian times dy            0 for fixed DoFs
 
-A second bottom, how large each body is, makes it a SizedHandModel (sized_hand_model.py).
+With a second bottom, the size of each body, the layer is a SizedHandModel (sized_hand_model.py).
 
 Kept for backward: ``pose``, the joints and the axes of all motions.
 """
@@ -26,13 +26,13 @@ from netlib.proto.schema import numbered
 class HandModelParameter:
     """The ``hand_model_param { ... }`` block."""
 
-    skeleton: str = numbered(1, "")  # a skeleton file; by default the packaged NYU hand
+    skeleton: str = numbered(1, "")  # path of a skeleton file; default is the packaged NYU hand
 
 
 class HandModel(Layer):
     """Forward kinematics of a skeleton."""
 
-    kinematics_type: type[Kinematics] = Kinematics  # fast/ replaces it
+    kinematics_type: type[Kinematics] = Kinematics  # replaced in fast/
     param_type = HandModelParameter
     param_name = "hand_model_param"
     bottoms, tops = (1, 2), (1, 1)
@@ -43,7 +43,7 @@ class HandModel(Layer):
         self.kinematics = self.kinematics_type(self._moving_body(), self.dtype)
 
     def _moving_body(self) -> Skeleton:
-        """The skeleton whose DoFs move."""
+        """The skeleton with the DoFs that can move."""
         return self.skeleton
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
@@ -58,7 +58,7 @@ class HandModel(Layer):
         top[0].data[...] = self.pose.joints.reshape(top[0].shape)
 
     def _body(self, bottom: Blobs) -> tuple[Array, ...]:
-        """What the kinematics is given: inputs (N, D) and, if they are not the skeleton's, bone lengths (N, K)."""
+        """Arguments of the kinematics: inputs (N, D) and, if they differ from the skeleton's, bone lengths (N, K)."""
         return (bottom[0].data.reshape(-1, len(self.skeleton.dof_names)),)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

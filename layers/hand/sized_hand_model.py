@@ -1,17 +1,17 @@
-"""SizedHandModel: a HandModel whose second bottom says how large each body is.
+"""SizedHandModel: a HandModel with a second bottom that gives the size of each body.
 
-bottom[0]  x  (N, D)      inputs of the skeleton's DoFs, as in hand_model.py
-bottom[1]  b              how large each body is. By its shape
+bottom[0]  x  (N, D)      values of the skeleton's DoFs, as in hand_model.py
+bottom[1]  b              size of each body; its shape selects one of
               (N, 1)      a factor of all bones and of the initial values of translations, as in ``Skeleton.scaled``
-              (N, K)      signed bone lengths (K > 1), in half-cubes; that of a joint without a bone is ignored
+              (N, K)      signed bone lengths (K > 1) in half-cubes; ignored for joints without a bone
 top[0]     y  (N, 3 K)    joints, as in hand_model.py
 
 With lengths b_k, bone k along the axis a_k:
 
-db_k = a_k . sum of dy_j                     over joint k and all joints j that hang on it
+db_k = a_k . sum of dy_j                     over joint k and its descendants j
 
-With a factor b, bone k is b bone_k, and a DoF that drives a translation starts at b initial_d. It is as if its input
-were x_d + (b - 1) initial_d, and also a fixed one has such an input and a gradient dx_d at it:
+With a factor b, the length of bone k is b bone_k, and a DoF of a translation starts at b initial_d. This is equivalent
+to the input x_d + (b - 1) initial_d, where fixed DoFs have an input and a gradient dx_d too:
 
 db = sum over k of bone_k db_k + sum over d of initial_d dx_d
 """
@@ -33,8 +33,8 @@ class SizedHandModel(HandModel):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         super().setup(bottom, top)
         body = self._moving_body()
-        self.starts = body.initial * body.slides  # (D,) what a factor multiplies besides bones
-        self.still = np.flatnonzero(self.skeleton.fixed & body.slides)  # which only a factor moves
+        self.starts = body.initial * body.slides  # (D,) initial translations, which a factor scales
+        self.still = np.flatnonzero(self.skeleton.fixed & body.slides)  # fixed, so moved only by the factor
 
     def _moving_body(self) -> Skeleton:
         return self.skeleton.with_free_slides()

@@ -1,15 +1,15 @@
-"""Skeleton: an articulated body as a table, read from a prototxt file (skeleton_file.py).
+"""Skeleton: an articulated body, read from a prototxt file (skeleton_file.py).
 
-``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Its degrees of freedom (DoF)
-have the value
+``prototxt/hand/nyu.prototxt`` is the hand of the paper; another body is another file. The value of a degree of freedom
+(DoF) is
 
     theta[d] = input[d] + initial[d]        (a fixed DoF: theta[d] = initial[d])
 
-Each joint starts from its parent's position and frame, and in order
-    translates along a local axis by theta,  for each ``translate``
-    turns about a local axis by theta,       for each ``rotate``: z turns x to y
-    moves along a local axis,                by its ``bone``
-(kinematics.py says how, and what its gradient is).
+Each joint starts from its parent's position and frame, and applies in order
+    translations along local axes by theta,  for each ``translate``
+    rotations about local axes by theta,     for each ``rotate``; about z, x turns towards y
+    a translation along a local axis,        for its ``bone``
+The equations and the gradient are in kinematics.py.
 """
 
 from __future__ import annotations
@@ -23,7 +23,15 @@ from typing import Literal
 
 import numpy as np
 
-from layers.hand.skeleton_file import LARGEST, LENGTHS, Axis, DofParameter, SkeletonParameter, longest, said
+from layers.hand.skeleton_file import (
+    LENGTHS,
+    MAX_VALUE,
+    Axis,
+    DofParameter,
+    SkeletonParameter,
+    format_length,
+    max_length,
+)
 from netlib.blob import Array
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
 from netlib.files.paths import ROOT, find
@@ -34,26 +42,26 @@ NYU_HAND = ROOT / "prototxt" / "hand" / "nyu.prototxt"
 
 @dataclass(frozen=True)
 class Motion:
-    """What one DoF does at one joint."""
+    """The effect of one DoF on one joint."""
 
     kind: Literal["translate", "rotate"]
-    axis: int  # the local axis, 0 1 2 for x y z
-    sign: float  # -1: along or about the negative axis
+    axis: int  # local axis: 0, 1, 2 for x, y, z
+    sign: float  # -1 for the negative axis
     dof: int
-    row: int  # among the free motions, which are the rows of a Jacobian; -1 if the DoF is fixed
+    row: int  # index among the free motions, the rows of a Jacobian; -1 if the DoF is fixed
 
 
 class Skeleton:
-    """The table of an articulated body, with K joints and D DoFs, of which Q motions are free.
+    """The data of an articulated body with K joints, D DoFs, and Q free motions.
 
-    dof_names, joint_names   names in file order
+    dof_names, joint_names   names in the order of the file
     initial, lower, upper    (D,) float64: offset of the input, limits of the input
     fixed                    (D,) bool: DoFs that ignore their input
     parents                  (K,) index of the parent joint, -1 for a root
     order                    (K,) the joints, parents first
-    motions                  per joint its motions in the order in which they are applied
+    motions                  per joint, its motions in the order of application
     bones                    (K,) signed bone lengths along each joint's bone axis
-    bone_axes                (K,) that axis: 0, 1, 2 for x, y, z; -1 without a bone
+    bone_axes                (K,) axis of the bone: 0, 1, 2 for x, y, z; -1 without a bone
     driven                   (Q,) the DoF of each free motion; a DoF may drive several
     turns                    (Q,) bool: the free motion is a rotation, not a translation
     slides                   (D,) bool: the DoF drives a translation
@@ -62,7 +70,7 @@ class Skeleton:
     def __init__(self, param: SkeletonParameter) -> None:
         self.param, self.name = param, param.name
         if not param.joint:
-            raise PrototxtError(schema.position_of(param), "no joint in this file; expected a skeleton")
+            raise PrototxtError(schema.position_of(param), "this file has no joints; expected a skeleton")
         self.dof_names = _unique([(d.name, d) for d in param.dof], "DoF")
         self.joint_names = _unique([(j.name, j) for j in param.joint], "joint")
         self.initial = np.array([d.initial for d in param.dof])
@@ -86,7 +94,7 @@ class Skeleton:
 
     @functools.cached_property
     def carries(self) -> Array:
-        """(K, K) bool: is the second joint the first one, or does it hang on it?"""
+        """(K, K) bool: whether the second joint is the first or one of its descendants."""
         carries = np.eye(len(self.parents), dtype=bool)
         for j in self.order:
             if self.parents[j] >= 0:
@@ -95,15 +103,15 @@ class Skeleton:
 
     @functools.cached_property
     def moves(self) -> Array:
-        """(Q, K) bool: does the free motion move the joint?"""
+        """(Q, K) bool: whether the free motion moves the joint."""
         return np.asarray(self.carries[self._moved].reshape(len(self._moved), len(self.parents)))
 
     def theta(self, inputs: Array) -> Array:
-        """DoF values (N, D) of the inputs (N, D), float64."""
+        """Values of the DoFs, (N, D) float64, for inputs (N, D)."""
         return np.asarray(np.where(self.fixed, 0.0, inputs) + self.initial, dtype=np.float64)
 
     def with_numbers(self, dofs: Sequence[DofParameter], bones: Array) -> Skeleton:
-        """The same body with other DoFs and signed bone lengths (K,)."""
+        """Return the body with other DoFs and signed bone lengths (K,)."""
         joints = list(self.param.joint)
         for i, joint in enumerate(joints):
             if joint.bone:
@@ -112,7 +120,7 @@ class Skeleton:
         return Skeleton(replace(self.param, dof=tuple(dofs), joint=tuple(joints)))
 
     def scaled(self, scale: float) -> Skeleton:
-        """The same body ``scale`` times as large: bones, initial values of translations, flesh."""
+        """Return the body scaled by a factor: bones, initial translations and surface."""
         dofs = [
             replace(d, initial=d.initial * scale) if slides else d for d, slides in zip(self.param.dof, self.slides)
         ]
@@ -120,41 +128,42 @@ class Skeleton:
         return Skeleton(replace(longer, flesh=longer.flesh and longer.flesh.scaled(scale)))
 
     def with_free_slides(self) -> Skeleton:
-        """The same body, in which every DoF that drives a translation is free."""
+        """Return the body with every DoF of a translation free."""
         dofs = [replace(d, fixed=d.fixed and not slides) for d, slides in zip(self.param.dof, self.slides)]
         return Skeleton(replace(self.param, dof=tuple(dofs)))
 
     def with_flesh(self) -> Skeleton:
-        """The body with the joints and DoFs that only its flesh has, after its own."""
+        """Return the body with the additional joints and DoFs of its surface appended."""
         flesh = self.param.flesh
         if flesh is None:
-            raise NetlibError(f"skeleton {self.name!r} has no flesh {{ ... }}; expected capsules about its bones")
+            raise NetlibError(f"skeleton {self.name!r} has no flesh {{ ... }}; expected capsules around its bones")
         return Skeleton(replace(self.param, dof=self.param.dof + flesh.dof, joint=self.param.joint + flesh.joint))
 
     def _check_numbers(self) -> None:
         for joint in self.param.joint:
-            if joint.bone and not abs(joint.bone.length) <= longest(joint.bone):
-                found = f"a bone of length {said(joint.bone.length)}; expected {LENGTHS}"
+            if joint.bone and not abs(joint.bone.length) <= max_length(joint.bone):
+                found = f"a bone of length {format_length(joint.bone.length)}; expected {LENGTHS}"
                 raise PrototxtError(schema.position_of(joint.bone), found)
         for d in self.param.dof:
-            if not abs(d.initial) <= LARGEST:
+            if not abs(d.initial) <= MAX_VALUE:
                 raise PrototxtError(schema.position_of(d), f"{d.initial} is not a length or an angle")
             if d.lower > d.upper:
                 raise PrototxtError(
                     schema.position_of(d), f"DoF {d.name!r}: lower limit {d.lower:g} is above {d.upper:g}"
                 )
-            lowest, highest = (-LARGEST if d.lower == -np.inf else d.lower), (LARGEST if d.upper == np.inf else d.upper)
-            if not (abs(lowest) <= LARGEST and abs(highest) <= LARGEST):
-                where = schema.position_of(d, "upper" if abs(lowest) <= LARGEST else "lower")
+            lowest = -MAX_VALUE if d.lower == -np.inf else d.lower
+            highest = MAX_VALUE if d.upper == np.inf else d.upper
+            if not (abs(lowest) <= MAX_VALUE and abs(highest) <= MAX_VALUE):
+                where = schema.position_of(d, "upper" if abs(lowest) <= MAX_VALUE else "lower")
                 raise PrototxtError(where, f"DoF {d.name!r}: limits {d.lower:g} and {d.upper:g}; expected numbers")
             if not d.deviation > 0:
                 raise PrototxtError(schema.position_of(d, "deviation"), f"deviation {d.deviation:g}; expected > 0")
 
     def _depths(self) -> dict[int, int]:
-        """How many joints there are from each up to its root. Raises PrototxtError if there is no root."""
+        """Number of joints from each joint up to its root. Raises PrototxtError if there is no root."""
         depth = {-1: 0}
         for joint in range(len(self.parents)):
-            way: dict[int, None] = {}  # up from the joint, as far as depths are not known
+            way: dict[int, None] = {}  # ancestors of the joint whose depths are not known yet
             at = joint
             while at not in depth:
                 if at in way:
@@ -184,7 +193,7 @@ class Skeleton:
 
 
 def _index(name: str | None, known: Mapping[str, int], owner: object, field: str) -> int:
-    """Index of a name; -1 for none."""
+    """Index of a name; -1 for None."""
     if name is None:
         return -1
     if name not in known:
@@ -207,16 +216,16 @@ def _signed(axis: Axis) -> tuple[int, float]:
 
 
 def load(path: str | Path = NYU_HAND) -> Skeleton:
-    """The skeleton of a file; by default the NYU hand. Raises PrototxtError, NetlibError."""
+    """Load a skeleton file; default is the NYU hand. Raises PrototxtError, NetlibError."""
     return _load(Path(path), Path(os.path.realpath(path)))
 
 
 @functools.lru_cache(maxsize=16)
 def _load(path: Path, whole_path: Path) -> Skeleton:
-    """``load``; the whole path tells apart files of the same relative name."""
+    """Cached ``load``; the real path distinguishes files with the same relative name."""
     return Skeleton(schema.read(prototxt.parse_file(path), SkeletonParameter, f"skeleton {path}"))
 
 
 def load_for(name: str, source: str | None) -> Skeleton:
-    """The skeleton that the prototxt ``source`` names; the NYU hand if it names none."""
+    """Load the skeleton named in the prototxt ``source``; default is the NYU hand."""
     return load(find(name, source) if name else NYU_HAND)

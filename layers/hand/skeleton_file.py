@@ -1,15 +1,15 @@
-"""The skeleton file: an articulated body as text, its messages, and how one is written.
+"""The skeleton file: messages that describe an articulated body, and a writer for them.
 
-``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Lengths are in half-cubes,
-angles in radians. skeleton.py says what ``dof`` and ``joint`` mean.
+``prototxt/hand/nyu.prototxt`` is the hand of the paper; another body is another file. Lengths are in half-cubes, angles
+in radians. ``dof`` and ``joint`` are explained in skeleton.py.
 
-``flesh`` is the body around the bones: convex hulls of two spheres about joints (capsules) or of three (wedges). It is
-unused where only joints are computed.
+``flesh`` is the surface around the bones: convex hulls of two spheres at joints (capsules) or of three (wedges). It is
+not used where only joints are computed.
 
-    dof, joint  what the flesh has beside the skeleton: joints that nobody predicts and the camera sees (an arm)
-    offset      how far beside a joint the spheres about it are
-    capsule     round cones with a sphere at either end: limbs
-    wedge       three spheres and what is between them: what is flat
+    dof, joint  additional ones of the surface, which are not predicted but visible to the camera (an arm)
+    offset      displacement of spheres from their joint
+    capsule     round cones with a sphere at either end, for limbs
+    wedge       convex hulls of three spheres, for flat parts
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from netlib.proto.prototxt import Position, Scalar
 from netlib.proto.schema import Double
 
 Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
-LARGEST = 1e9  # length or angle: its square is a float32
-LONGEST = 10.0  # half-cubes, of a part of a body, which is in its cube
-LENGTHS = f"half-cubes, at most {LONGEST:g} (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
-DECIMALS = 6  # of the numbers in a file, as in the packaged hand
+MAX_VALUE = 1e9  # of a length or angle: its square fits in float32
+MAX_LENGTH = 10.0  # half-cubes, of a part of a body, which must fit in its cube
+LENGTHS = f"half-cubes, at most {MAX_LENGTH:g} (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
+DECIMALS = 6  # of numbers in a file, as in the packaged hand
 
 
 @dataclass(frozen=True)
 class DofParameter:
-    """The ``dof { ... }`` of a skeleton file."""
+    """The ``dof`` block of a skeleton file."""
 
     name: str
     initial: Double = 0.0  # added to the input
     lower: Double = -np.inf  # limits of the input
     upper: Double = np.inf
     fixed: bool = False  # keeps the initial value, ignores the input
-    deviation: Double = np.inf  # of the inputs that occur, about 0; inf: not known
+    deviation: Double = np.inf  # standard deviation of the inputs about 0; inf: unknown
 
 
 @dataclass(frozen=True)
 class MotionParameter:
-    """The ``rotate { ... }`` or ``translate { ... }`` of a joint: a DoF about or along a local axis."""
+    """The ``rotate`` or ``translate`` block of a joint: a DoF about or along a local axis."""
 
     axis: Axis
     dof: str
@@ -53,7 +53,7 @@ class MotionParameter:
 
 @dataclass(frozen=True)
 class BoneParameter:
-    """The ``bone { ... }`` of a joint."""
+    """The ``bone`` block of a joint."""
 
     axis: Axis
     length: Double
@@ -61,7 +61,7 @@ class BoneParameter:
 
 @dataclass(frozen=True)
 class JointParameter:
-    """The ``joint { ... }`` of a skeleton file."""
+    """The ``joint`` block of a skeleton file."""
 
     name: str
     parent: str | None = None  # none: starts at the origin
@@ -72,7 +72,7 @@ class JointParameter:
 
 @dataclass(frozen=True)
 class OffsetParameter:
-    """An ``offset { ... }``: capsules end so far from the joint, along the axes that turn with another joint."""
+    """An ``offset`` block: displacement of capsule ends from a joint, in the frame of another joint."""
 
     joint: str
     axes: str
@@ -83,26 +83,26 @@ class OffsetParameter:
 
 @dataclass(frozen=True)
 class CapsuleParameter:
-    """A ``capsule { ... }``: a round cone between two joints."""
+    """A ``capsule`` block: a round cone between two joints."""
 
     from_: str
     to: str
-    radius: tuple[Double, ...]  # at ``from`` and at ``to``; or one for both
-    part: str = ""  # capsules of different parts do not run through each other; "": may be in anything
+    radius: tuple[Double, ...]  # at ``from`` and at ``to``, or one for both
+    part: str = ""  # capsules of different parts may not intersect; "": no restriction
 
 
 @dataclass(frozen=True)
 class WedgeParameter:
-    """A ``wedge { ... }``: the convex hull of the spheres about three joints."""
+    """A ``wedge`` block: the convex hull of spheres at three joints."""
 
     joint: tuple[str, ...]
-    radius: tuple[Double, ...]  # at each; or one for all
-    part: str = ""  # as a capsule's
+    radius: tuple[Double, ...]  # at each joint, or one for all
+    part: str = ""  # as for capsules
 
 
 @dataclass(frozen=True)
 class FleshParameter:
-    """The ``flesh { ... }`` of a skeleton file."""
+    """The ``flesh`` block of a skeleton file."""
 
     dof: tuple[DofParameter, ...] = ()
     joint: tuple[JointParameter, ...] = ()
@@ -111,7 +111,7 @@ class FleshParameter:
     wedge: tuple[WedgeParameter, ...] = ()
 
     def scaled(self, scale: float) -> FleshParameter:
-        """The same flesh about a body ``scale`` times as large."""
+        """Return the surface of the body scaled by a factor."""
 
         def longer(joint: JointParameter) -> JointParameter:
             return replace(joint, bone=joint.bone and replace(joint.bone, length=joint.bone.length * scale))
@@ -127,7 +127,7 @@ class FleshParameter:
 
 @dataclass(frozen=True)
 class SkeletonParameter:
-    """A whole skeleton file."""
+    """A skeleton file."""
 
     name: str = ""
     dof: tuple[DofParameter, ...] = ()
@@ -135,18 +135,18 @@ class SkeletonParameter:
     flesh: FleshParameter | None = None
 
 
-def longest(part: object) -> float:
-    """The bound of the lengths of a part of a body: in a file they are half-cubes, computed ones may be mm."""
-    return LARGEST if schema.tree_of(part) is None else LONGEST
+def max_length(part: object) -> float:
+    """Limit of the lengths of a part of a body: half-cubes if read from a file; computed ones may be mm."""
+    return MAX_VALUE if schema.tree_of(part) is None else MAX_LENGTH
 
 
-def said(length: float) -> str:
-    """A length with all its digits, as the page of the hand says it."""
+def format_length(length: float) -> str:
+    """Format a length with all its digits, as on the page of the hand."""
     return repr(float(length)).removesuffix(".0")
 
 
 def text_of(param: SkeletonParameter, name: str, comment: str) -> str:
-    """A file like the packaged ones, of this name and with a comment at the top; numbers have ``DECIMALS``."""
+    """Text of a skeleton file with this name and a comment at the top; numbers have ``DECIMALS`` digits."""
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     lines += [f"name: {_quoted(name)}", ""]
     lines += _dof_lines(param.dof)

@@ -1,1 +1,1 @@
-"""What is minimised, and what is only measured."""
+"""Loss layers, and layers that measure accuracy."""

@@ -1,9 +1,9 @@
-"""Accuracy: the share of the items whose label is among the best ``top_k`` scores. No gradient.
+"""Accuracy: fraction of items whose label is among the ``top_k`` highest scores. It has no gradient.
 
-bottom[0]  x       (..., classes, ...)  scores; the classes stand on ``axis``
-bottom[1]  labels  as many as the shape without that axis has places; whole numbers
+bottom[0]  x       (..., classes, ...)  scores; the classes are on ``axis``
+bottom[1]  labels  integers, one per position of x without that axis
 top[0]     a       scalar
-top[1]     a_c     (classes,) optional: the accuracy of each class; 0 for a class without items
+top[1]     a_c     (classes,) optional: the accuracy per class; 0 for a class without items
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class AccuracyParameter:
 
     top_k: UInt = numbered(1, 1)
     axis: int = numbered(2, 1)
-    ignore_label: int | None = numbered(3, None)  # items with this label do not count
+    ignore_label: int | None = numbered(3, None)  # items with this label are ignored
 
 
 class Accuracy(Layer):
-    """How often the label wins."""
+    """Top-k accuracy."""
 
     param_type = AccuracyParameter
     bottoms = (2, 2)
@@ -63,4 +63,4 @@ class Accuracy(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down):
-            raise self.fail("has no gradient; set propagate_down: false, or leave it out of training")
+            raise self.fail("has no gradient; set propagate_down: false, or remove it from the training net")

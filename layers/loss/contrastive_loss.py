@@ -1,8 +1,8 @@
-"""ContrastiveLoss: pairs that belong together shall be near, all others at least a margin apart (siamese nets).
+"""ContrastiveLoss: pull similar pairs together, push others at least a margin apart (siamese nets).
 
 bottom[0]  a        (N, C), or with more axes of size 1
 bottom[1]  b        (N, C)
-bottom[2]  similar  (N,): does pair n belong together? 0 (also 0.5: the fraction is cut) is no, anything else yes
+bottom[2]  similar  (N,): is pair n similar? 0 (also 0.5, as fractions are truncated) means no, other values yes
 top[0]     L        scalar
 
 d = |a - b|, one distance per pair
@@ -12,9 +12,9 @@ L = 1 / (2 N) sum of  d²                 similar
 da = dL / N g (a - b)
 db = -da                                 no gradient for ``similar``
 g  = 1                                   similar
-     -(margin - d) / (d + 1e-4)          not similar, d < margin; Caffe's 1e-4 spares a division by 0
+     -(margin - d) / (d + 1e-4)          not similar, d < margin; the 1e-4 (Caffe) avoids a division by 0
      -1                                  not similar, d² < margin, ``legacy_version``
-     0                                   not similar, far enough
+     0                                   not similar, beyond the margin
 
 Kept for backward: ``difference`` = a - b and ``pull`` = g.
 """
@@ -35,12 +35,12 @@ from netlib.proto.schema import numbered
 class ContrastiveLossParameter:
     """The ``contrastive_loss_param { ... }`` block."""
 
-    margin: float = numbered(1, 1.0)  # how far apart the others shall be
-    legacy_version: bool = numbered(2, False)  # compare d² with the margin, as the first version did
+    margin: float = numbered(1, 1.0)  # minimum distance of pairs that are not similar
+    legacy_version: bool = numbered(2, False)  # compare d² with the margin, as in Caffe's first version
 
 
 class ContrastiveLoss(Layer):
-    """Squared distance of pairs, or what it lacks."""
+    """Squared distance of similar pairs, squared deficit to the margin of others."""
 
     param_type = ContrastiveLossParameter
     bottoms = (3, 3)
@@ -53,8 +53,8 @@ class ContrastiveLoss(Layer):
         N = self.shape[0]
         for blob, name, values in zip(bottom, self.spec.bottom, (bottom[0].channels, bottom[1].channels, 1)):
             if blob.shape[:1] != (N,) or blob.count != N * values:
-                wanted = "(N, C), two axes" if blob is not bottom[2] else f"({N},), one value per pair"
-                raise self.fail(f"bottom {name!r} has shape {blob.shape}, expected {wanted}")
+                expected = "(N, C), two axes" if blob is not bottom[2] else f"({N},), one value per pair"
+                raise self.fail(f"bottom {name!r} has shape {blob.shape}, expected {expected}")
         top[0].reshape(())
 
     def allow_force_backward(self, bottom_index: int) -> bool:
@@ -66,13 +66,13 @@ class ContrastiveLoss(Layer):
         self.difference = a - b
         squared, margin = (self.difference**2).sum(axis=1), self.param.margin
         if self.param.legacy_version:
-            lacking = np.maximum(margin - squared, 0)
-            cost, push = lacking, np.ones_like(squared)
+            deficit = np.maximum(margin - squared, 0)
+            cost, push = deficit, np.ones_like(squared)
         else:
             d = np.sqrt(squared)
-            lacking = np.maximum(margin - d, 0)
-            cost, push = lacking**2, lacking / (d + 1e-4)
-        self.pull = np.where(similar, 1, -push * (lacking > 0))
+            deficit = np.maximum(margin - d, 0)
+            cost, push = deficit**2, deficit / (d + 1e-4)
+        self.pull = np.where(similar, 1, -push * (deficit > 0))
         top[0].data[...] = np.where(similar, squared, cost).sum() / (2 * len(a))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

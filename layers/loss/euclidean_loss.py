@@ -1,7 +1,7 @@
-"""EuclideanLoss: half the mean squared distance.
+"""EuclideanLoss: half the squared distance, averaged over items.
 
 bottom[0]  a  (N, ...)
-bottom[1]  b  same number of values, in total and per item
+bottom[1]  b  same number of items and of values per item
 top[0]     L  scalar
 
 L  = 1 / (2 N) sum of (a - b)²
@@ -19,7 +19,7 @@ from netlib.layer import Layer
 
 
 class EuclideanLoss(Layer):
-    """Sum of squares over 2N."""
+    """Sum of squared differences over 2 N."""
 
     bottoms = (2, 2)
     tops = (1, 1)

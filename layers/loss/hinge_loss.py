@@ -1,7 +1,7 @@
-"""HingeLoss: one against all others, each with a margin of 1 (a linear support vector machine).
+"""HingeLoss: one class against all others, each with a margin of 1 (linear support vector machine).
 
 bottom[0]  x       (N, ...)  scores; all axes after the first are K classes
-bottom[1]  labels  (N,)      whole numbers from 0 to K - 1
+bottom[1]  labels  (N,)      integers from 0 to K - 1
 top[0]     L       scalar
 
 m  = max(0, 1 + s x)         s = -1 for the class of the label, 1 for all others
@@ -33,7 +33,7 @@ class HingeLossParameter:
 
 
 class HingeLoss(Layer):
-    """Sum of what is lacking to the margins."""
+    """Sum of deficits to the margins."""
 
     param_type = HingeLossParameter
     bottoms = (2, 2)

@@ -1,8 +1,8 @@
-"""InfogainLoss: cross-entropy of a softmax, where a matrix says what each class is worth when another one is right.
+"""InfogainLoss: softmax cross-entropy weighted by a matrix over pairs of classes.
 
-bottom[0]  x       (..., classes, ...)  scores; the K classes stand on ``axis``
-bottom[1]  labels  same shape without that axis; whole numbers
-bottom[2]  H       K * K values, row = label; optional: else from the file ``source``
+bottom[0]  x       (..., classes, ...)  scores; the K classes are on ``axis``
+bottom[1]  labels  same shape without that axis; integers
+bottom[2]  H       K * K values, row = label; optional, default from the file ``source``
 top[0]     L       scalar
 top[1]     p       optional: the probabilities
 
@@ -11,7 +11,7 @@ L  = - 1 / M sum over labels and k of  H[label, k] log max(p[k], 1e-20)
 dx = dL / M (p[k] sum of H[label] - H[label, k])          0 where the label is ``ignore_label``
 
 M as in SoftmaxWithLoss (``loss_param { normalization }``). With the identity for H this is SoftmaxWithLoss.
-Kept for backward: ``p``, and ``rows``, for each label its row of H.
+Kept for backward: ``p``, and ``rows``, the row of H for each label.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from netlib.proto.schema import numbered
 class InfogainLossParameter:
     """The ``infogain_loss_param { ... }`` block."""
 
-    source: str | None = numbered(1, None)  # a .binaryproto with H
-    axis: int = numbered(2, 1)  # of the classes
+    source: str | None = numbered(1, None)  # .binaryproto file with H
+    axis: int = numbered(2, 1)  # axis of the classes
 
 
 class InfogainLoss(Layer):
-    """Softmax and a logistic loss that is weighted by pairs of classes."""
+    """Softmax and a logistic loss weighted by pairs of classes."""
 
     param_type = InfogainLossParameter
     bottoms = (2, 3)
@@ -51,7 +51,7 @@ class InfogainLoss(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.loss_param: LossParameter = self.read_block("loss_param", LossParameter)
         if self.loss_param.normalize is not None:
-            raise self.fail("normalize is not known to InfogainLoss; say normalization: VALID or BATCH_SIZE")
+            raise self.fail("InfogainLoss does not support normalize; expected normalization: VALID or BATCH_SIZE")
         if len(bottom) < 3 and self.param.source is None:
             raise self.fail("needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }")
         self.from_file = read_blob(find(self.param.source, self.source)) if len(bottom) < 3 else None
@@ -69,7 +69,7 @@ class InfogainLoss(Layer):
             top[1].reshape(x.shape)
 
     def _matrix(self, bottom: Blobs) -> tuple[str, Array]:
-        """H, and where it comes from."""
+        """The source of H, and H."""
         if self.from_file is not None:
             return str(self.param.source), self.from_file
         return self.spec.bottom[2], bottom[2].data
@@ -81,9 +81,9 @@ class InfogainLoss(Layer):
         labels, counts = labels_of.read(self, bottom, self.classes, self.loss_param.ignore_label)
         H = self._matrix(bottom)[1].reshape(self.classes, self.classes)
         self.p = scipy.special.softmax(np.moveaxis(bottom[0].data, self.axis, -1), axis=-1)
-        self.rows = (H[labels] * counts[:, None]).reshape(self.p.shape)  # 0 for a label that is ignored
+        self.rows = (H[labels] * counts[:, None]).reshape(self.p.shape)  # 0 for ignored labels
         self.divisor = labels_of.divisor(self.loss_param.normalization, counts, self.items)
-        top[0].data[...] = -(self.rows * np.log(np.maximum(self.p, labels_of.LEAST))).sum() / self.divisor
+        top[0].data[...] = -(self.rows * np.log(np.maximum(self.p, labels_of.MIN_PROBABILITY))).sum() / self.divisor
         if len(top) > 1:
             top[1].data[...] = np.moveaxis(self.p, -1, self.axis)
 

@@ -1,9 +1,9 @@
 """MultinomialLogisticLoss: cross-entropy of given probabilities against labels.
 
-Where a softmax makes the probabilities, SoftmaxWithLoss is more exact.
+For probabilities from a softmax, SoftmaxWithLoss is more accurate.
 
 bottom[0]  p       (N, ...)  probabilities; all axes after the first are K classes
-bottom[1]  labels  (N,)      whole numbers from 0 to K - 1
+bottom[1]  labels  (N,)      integers from 0 to K - 1
 top[0]     L       scalar
 
 L  = - 1 / N sum of log max(p[label], 1e-20)
@@ -20,7 +20,7 @@ from netlib.layer import Layer
 
 
 class MultinomialLogisticLoss(Layer):
-    """Negative logarithm of the label's probability."""
+    """Negative log-likelihood of the labels."""
 
     bottoms = (2, 2)
     tops = (1, 1)
@@ -35,9 +35,9 @@ class MultinomialLogisticLoss(Layer):
         return bottom_index == 0
 
     def _chosen(self, bottom: Blobs) -> tuple[tuple[Array, Array], Array]:
-        """Where the labels' probabilities stand, and they."""
+        """Index of the labels' probabilities, and their values."""
         at = np.arange(self.shape[0]), labels_of.read(self, bottom, self.shape[1])[0]
-        return at, np.maximum(bottom[0].data.reshape(self.shape)[at], labels_of.LEAST)
+        return at, np.maximum(bottom[0].data.reshape(self.shape)[at], labels_of.MIN_PROBABILITY)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         _, p = self._chosen(bottom)

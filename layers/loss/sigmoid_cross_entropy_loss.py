@@ -1,18 +1,18 @@
-"""SigmoidCrossEntropyLoss: cross-entropy of many yes-or-no answers, each with a sigmoid of its own.
+"""SigmoidCrossEntropyLoss: cross-entropy of independent binary targets, each with its own sigmoid.
 
 bottom[0]  x       (N, ...)  scores
-bottom[1]  target  same number of items and of values: probabilities from 0 to 1
+bottom[1]  target  same number of items and of values per item: probabilities from 0 to 1
 top[0]     L       scalar
 
 p  = 1 / (1 + exp(-x))
 L  = - 1 / M sum of  target log p + (1 - target) log(1 - p)
-   =   1 / M sum of  max(x, 0) - target x + log(1 + exp(-|x|))     the same without overflow
+   =   1 / M sum of  max(x, 0) - target x + log(1 + exp(-|x|))     the same, without overflow
 dx = dL / M (p - target)          0 where the target is ``ignore_label``
 
 M (``loss_param { normalization }``): BATCH_SIZE (the default here, unlike in other losses) items, FULL all values,
-VALID values that are not ignored, NONE 1. As in Caffe a target is cut to a whole number before it is compared with
-``ignore_label``: ``ignore_label: 0`` ignores 0.5 too.
-Kept for backward: ``counts``, which targets are not ignored.
+VALID values that are not ignored, NONE 1. As in Caffe, targets are truncated to integers before they are compared with
+``ignore_label``: ``ignore_label: 0`` ignores 0.5 too. Kept for backward: ``counts``, the mask of the targets that are
+not ignored.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from netlib.proto.messages import LossParameter
 
 
 class SigmoidCrossEntropyLoss(Layer):
-    """Sigmoid and logistic loss in one, which is more exact than one after the other."""
+    """Sigmoid and logistic loss combined, which is more accurate than separate layers."""
 
     param_type = LossParameter
     param_name = "loss_param"

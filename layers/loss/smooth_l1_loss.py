@@ -1,19 +1,19 @@
-"""SmoothL1Loss: the distance of each coordinate, squared only where it is small (Faster R-CNN's layer).
+"""SmoothL1Loss: absolute differences, squared near zero (Faster R-CNN).
 
 bottom[0]  a        (N, ...)
-bottom[1]  b        same number of values, in total and per item
-bottom[2]  inside   as many values as a; optional, together with:
+bottom[1]  b        same number of items and of values per item
+bottom[2]  inside   as many values as a; optional, only together with:
 bottom[3]  outside  as many values as a
 top[0]     L        scalar
 
 d  = inside (a - b)
 L  = 1 / N sum of outside f(d)        f(d) = σ² d² / 2 where |d| < 1 / σ², else |d| - 1 / (2 σ²)
-da =  dL / N inside outside f'(d)     f'(d) = σ² d cut to [-1, 1]
+da =  dL / N inside outside f'(d)     f'(d) = σ² d clipped to [-1, 1]
 db = -da                              no gradient for the weights
 
-EuclideanLoss pulls in proportion to the error, so a joint that cannot be known (a hidden one) settles at the mean of
-its possible places. Here every error pulls equally, so it settles at their median. With joints in half-cubes, σ = 10
-squares the last 1.5 mm.
+The gradient of EuclideanLoss is proportional to the error, so a joint that cannot be determined, such as a hidden one,
+converges to the mean of its possible positions. Here the gradient has constant size, so it converges to their median.
+With joints in half-cubes, σ = 10 is quadratic in the last 1.5 mm.
 
 Kept for backward: ``slope`` = f'(d).
 """
@@ -34,7 +34,7 @@ from netlib.proto.schema import numbered
 class SmoothL1LossParameter:
     """The ``smooth_l1_loss_param { ... }`` block."""
 
-    sigma: float = numbered(1, 1.0)  # σ: the square reaches up to 1 / σ²
+    sigma: float = numbered(1, 1.0)  # σ: quadratic up to 1 / σ²
 
 
 class SmoothL1Loss(Layer):
@@ -54,11 +54,11 @@ class SmoothL1Loss(Layer):
         with np.errstate(over="ignore"):
             self.sigma2 = self.dtype.type(self.param.sigma) ** 2
         if not (self.param.sigma > 0 and 0 < self.sigma2 < np.inf):
-            raise self.fail(f"sigma {self.param.sigma:g} must be above 0, and its square a {self.dtype}", "sigma")
+            raise self.fail(f"sigma {self.param.sigma:g} must be above 0, with a finite square", "sigma")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         shape = items_and_values(self, bottom)
-        if self.slope.shape != shape:  # else backward may still need it
+        if self.slope.shape != shape:  # otherwise backward may still need it
             self.slope = np.empty(shape, self.dtype)
         top[0].reshape(())
 
@@ -68,7 +68,7 @@ class SmoothL1Loss(Layer):
         if weights:
             d *= weights[0]
         np.clip(self.sigma2 * d, -1, 1, out=self.slope)
-        f = self.slope * (d - self.slope / (2 * self.sigma2))  # both parts of f in one
+        f = self.slope * (d - self.slope / (2 * self.sigma2))  # covers both cases of f
         if weights:
             f *= weights[1]
         top[0].data[...] = f.sum() / len(f)

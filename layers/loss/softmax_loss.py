@@ -1,7 +1,7 @@
-"""SoftmaxWithLoss: cross-entropy of a softmax against labels.
+"""SoftmaxWithLoss: softmax cross-entropy against labels.
 
-bottom[0]  x       (..., classes, ...)  scores; the classes stand on ``axis``
-bottom[1]  labels  same shape without that axis; whole numbers
+bottom[0]  x       (..., classes, ...)  scores; the classes are on ``axis``
+bottom[1]  labels  same shape without that axis; integers
 top[0]     L       scalar
 top[1]     p       optional: the probabilities
 
@@ -9,9 +9,8 @@ p  = softmax of x
 L  = - 1 / M sum of log p[label]
 dx = dL / M (p - [class = label])          0 where the label is ``ignore_label``
 
-M (``loss_param { normalization }``): VALID (the default) labels that are not ignored, FULL all labels, BATCH_SIZE items
-(the axes before ``axis``), NONE 1.
-Kept for backward: ``p``.
+M (``loss_param { normalization }``): VALID (default) labels that are not ignored, FULL all labels, BATCH_SIZE items
+(the axes before ``axis``), NONE 1. Kept for backward: ``p``.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class SoftmaxParameter:
 
 
 class SoftmaxWithLoss(Layer):
-    """Softmax and multinomial logistic loss in one, which is more exact than one after the other."""
+    """Softmax and multinomial logistic loss combined, which is more accurate than separate layers."""
 
     param_type = SoftmaxParameter
     param_name = "softmax_param"
@@ -65,7 +64,7 @@ class SoftmaxWithLoss(Layer):
         return bottom_index == 0
 
     def _labels(self, bottom: Blobs) -> tuple[Array, Array]:
-        """Labels, and which of them count, both with the class axis."""
+        """Labels and the mask of those that count, both with a class axis of size 1."""
         found = labels_of.read(self, bottom, bottom[0].shape[self.axis], self.loss_param.ignore_label)
         labels, counts = (np.expand_dims(each.reshape(self.places), self.axis) for each in found)
         return labels, counts
@@ -74,7 +73,7 @@ class SoftmaxWithLoss(Layer):
         self.p = scipy.special.softmax(bottom[0].data, axis=self.axis)
         labels, counts = self._labels(bottom)
         chosen = np.take_along_axis(self.p, labels, self.axis)
-        tiny = np.finfo(np.float32).tiny  # as Caffe: the logarithm never sees a zero
+        tiny = np.finfo(np.float32).tiny  # as in Caffe, avoids the logarithm of zero
         total = -(np.log(np.maximum(chosen, tiny)) * counts).sum()
         top[0].data[...] = total / labels_of.divisor(self.normalization, counts, self.items)
         if len(top) > 1:

@@ -1,1 +1,1 @@
-"""Layers that bring values to a common scale."""
+"""Layers that normalize values."""

@@ -1,25 +1,25 @@
-"""BatchNorm: subtract the mean of each channel, divide by its standard deviation.
+"""BatchNorm: normalize each channel by its mean and standard deviation.
 
 bottom[0]  x         (N, C, ...)
-params[0]  mean      (C,)  sums of what the batches had, older ones fading; not learned
-params[1]  variance  (C,)  the same of the variances
-params[2]  weight    (1,)  of all batches in these sums
+params[0]  mean      (C,)  decaying sum of the batches' means; not learned
+params[1]  variance  (C,)  decaying sum of the batches' variances; not learned
+params[2]  weight    (1,)  decaying number of batches in these sums
 top[0]     y         shape of x, may be the same blob
 
 y = (x - m) / s       s = sqrt(v + eps), for each channel
 
-In training m and v are the batch's own, over all axes but the channels' (M values), and the sums take them up, with
-fraction a (``moving_average_fraction``):
+In training, m and v are those of the batch, over all axes but the channels (M values), and they are added to the sums
+with the fraction a (``moving_average_fraction``):
 
     mean <- a mean + m        variance <- a variance + v M / (M - 1)        weight <- a weight + 1
 
     dx = (dy - mean of dy - y * mean of (y dy)) / s
 
-With ``use_global_stats``, which is the default in TEST, m = mean / weight and v = variance / weight (0 if weight is 0);
-the sums stay as they are, and dx = dy / s.
+With ``use_global_stats``, the default in TEST, m = mean / weight and v = variance / weight (0 if weight is 0); the sums
+are not changed, and dx = dy / s.
 
-The solver must leave the three parameters alone: their lr_mult is 0, and a ``param`` that says otherwise is a mistake.
-A gain and a bias to learn are Scale's. Kept for backward: ``y``, because the next layer may run in place, and ``s``.
+The three parameters are not trained: their lr_mult is 0, and a ``param`` with another value is an error. Learned gain
+and bias are in the layer Scale. Kept for backward: ``y``, because the next layer may run in place, and ``s``.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ from netlib.proto.schema import numbered
 class BatchNormParameter:
     """The ``batch_norm_param { ... }`` block."""
 
-    use_global_stats: bool | None = numbered(1, None)  # normalise by the sums; by default in TEST only
-    moving_average_fraction: float = numbered(2, 0.999)  # what stays of the sums when a batch is added
-    eps: float = numbered(3, 1e-5)  # added to the variance, against a division by zero
+    use_global_stats: bool | None = numbered(1, None)  # normalize by the sums; by default only in TEST
+    moving_average_fraction: float = numbered(2, 0.999)  # decay of the sums per batch
+    eps: float = numbered(3, 1e-5)  # added to the variance to avoid a division by zero
 
 
 class BatchNorm(Layer):
-    """Batch normalisation."""
+    """Batch normalization."""
 
     param_type = BatchNormParameter
     bottoms = tops = (1, 1)
@@ -73,9 +73,9 @@ class BatchNorm(Layer):
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, its statistics are of "
                             f"{channels} channels: expected (N, {channels}, ...)")  # fmt: skip
         if bottom[0].count == 0 and not self.uses_sums:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {shape} has no values to take a mean of")
-        self.others = (0, *range(2, len(shape)))  # all axes but the channels'
-        self.wide = (channels, *(1,) * (len(shape) - 2))  # of a number per channel
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} {shape} has no values, so no mean exists")
+        self.others = (0, *range(2, len(shape)))  # all axes but the channels
+        self.wide = (channels, *(1,) * (len(shape) - 2))  # shape for broadcasting
         top[0].reshape(shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -88,7 +88,7 @@ class BatchNorm(Layer):
         else:
             m = self._mean(x)
             centred = x - self._per_channel(m)
-            centred -= self._per_channel(self._mean(centred))  # what rounding m to the precision of x left
+            centred -= self._per_channel(self._mean(centred))  # removes the rounding error of m
             v = self._mean(np.square(centred))
             self._add_to_sums(m, v, x.size // len(m))
         self.s = self._per_channel(np.sqrt(v + self.param.eps))
@@ -96,12 +96,12 @@ class BatchNorm(Layer):
         top[0].data[...] = self.y
 
     def _mean(self, x: Array) -> Array:
-        """Mean of each channel, (C,). Rows are summed in pairs, and the rows' sums in float64: a float32 sum of many
-        items would lose three digits."""
+        """Mean of each channel, (C,). NumPy sums each row pairwise; the row sums are added in float64, because float32
+        would lose three digits over many items."""
         return x.sum(axis=self.others[1:]).sum(axis=0, dtype=np.float64) / (x.size // x.shape[1])
 
     def _per_channel(self, values: Array) -> Array:
-        """One value per channel, (C,), in a shape that broadcasts over x and in its precision."""
+        """Reshape one value per channel, (C,), to broadcast over x, in its dtype."""
         return values.astype(self.dtype).reshape(self.wide)
 
     def _add_to_sums(self, m: Array, v: Array, values: int) -> None:

@@ -1,4 +1,4 @@
-"""LRN: divide every value by a power of its neighbours' mean square ("local response normalisation").
+"""LRN: divide each value by a power of the mean square of its neighbours ("local response normalization").
 
 bottom[0]  x  (N, C, H, W)
 top[0]     y  same shape
@@ -7,10 +7,9 @@ top[0]     y  same shape
 
     dx = dy s^-beta - 2 alpha beta x * mean over the n neighbours of (dy x s^(-beta - 1))
 
-The neighbours of a value, itself in the middle, are ``local_size`` channels at the same place (ACROSS_CHANNELS), or the
-square of ``local_size`` x ``local_size`` places around it in its own channel (WITHIN_CHANNEL; there k is always 1).
-Neighbours beyond the edge count as zeros: n is the same everywhere.
-Kept for backward: ``s``.
+The neighbourhood is centred on the value: ``local_size`` channels at the same position (ACROSS_CHANNELS), or a square
+of ``local_size`` x ``local_size`` positions in the same channel (WITHIN_CHANNEL, where k is always 1). Neighbours
+beyond the edge count as zeros, so n is constant. Kept for backward: ``s``.
 """
 
 from __future__ import annotations
@@ -30,16 +29,16 @@ from netlib.proto.schema import Engine, UInt, numbered
 class LRNParameter:
     """The ``lrn_param { ... }`` block."""
 
-    local_size: UInt = numbered(1, 5)  # neighbours along an axis; odd
+    local_size: UInt = numbered(1, 5)  # neighbours along an axis, odd
     alpha: float = numbered(2, 1.0)
     beta: float = numbered(3, 0.75)
     norm_region: Literal["ACROSS_CHANNELS", "WITHIN_CHANNEL"] = numbered(4, "ACROSS_CHANNELS")
-    k: float = numbered(5, 1.0)  # of ACROSS_CHANNELS
-    engine: Engine = numbered(6, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+    k: float = numbered(5, 1.0)  # for ACROSS_CHANNELS only
+    engine: Engine = numbered(6, "DEFAULT")  # accepted, ignored
 
 
 class LRN(Layer):
-    """Local response normalisation."""
+    """Local response normalization."""
 
     param_type = LRNParameter
     bottoms = tops = (1, 1)
@@ -48,7 +47,7 @@ class LRN(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         if p.local_size % 2 == 0:
-            raise self.fail(f"local_size {p.local_size} is even; expected an odd number, a middle and two sides",
+            raise self.fail(f"local_size {p.local_size} is even; expected an odd number",
                             "local_size")  # fmt: skip
         across = p.norm_region == "ACROSS_CHANNELS"
         self.axes = (1,) if across else (2, 3)
@@ -71,10 +70,10 @@ class LRN(Layer):
             bottom[0].diff[...] = dy * s**-p.beta - from_neighbours
 
     def _mean(self, values: Array) -> Array:
-        """Of every value's neighbours."""
+        """Mean over the neighbourhood of each value."""
         size = self.param.local_size
         for axis in self.axes:
-            side = min(size // 2, max(values.shape[axis] - 1, 0))  # farther away there are only zeros
+            side = min(size // 2, max(values.shape[axis] - 1, 0))  # beyond the edge there are only zeros
             padding = [(side, side) if i == axis else (0, 0) for i in range(4)]
             values = sliding_window_view(np.pad(values, padding), 2 * side + 1, axis).sum(axis=-1) / size
         return values

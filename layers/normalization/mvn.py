@@ -1,4 +1,4 @@
-"""MVN: subtract each map's mean, divide by its standard deviation ("mean-variance normalisation").
+"""MVN: normalize each map by its mean and standard deviation ("mean-variance normalization").
 
 bottom[0]  x  (N, C, H, W), or fewer axes
 top[0]     y  (N, C, H, W), may be the same blob
@@ -9,9 +9,9 @@ dx = (dy - mean of dy - y * mean of (y dy)) / s
 The mean m and the variance v are those of each map (H, W), or, with ``across_channels``, of each item (C, H, W).
 Without ``normalize_variance``, y = x - m and dx = dy - mean of dy.
 
-As in Caffe, a top always has four axes, and dx is that for eps = 0: eps stands outside the root, to keep a flat map
-from a division by zero, and is meant to be tiny.
-Kept for backward: ``y``, because the next layer may run in place, and ``s``.
+As in Caffe, the top always has four axes, and dx is exact only for eps = 0: eps is added outside the root, only to
+avoid a division by zero in a constant map. Kept for backward: ``y``, because the next layer may run in place, and
+``s``.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from netlib.proto.schema import numbered
 class MVNParameter:
     """The ``mvn_param { ... }`` block."""
 
-    normalize_variance: bool = numbered(1, True)  # else the mean only
-    across_channels: bool = numbered(2, False)  # one mean and variance per item, not per map
+    normalize_variance: bool = numbered(1, True)  # false: subtract the mean only
+    across_channels: bool = numbered(2, False)  # one mean and variance per item instead of per map
     eps: float = numbered(3, 1e-9)
 
 
 class MVN(Layer):
-    """Mean-variance normalisation."""
+    """Mean-variance normalization."""
 
     param_type = MVNParameter
     bottoms = tops = (1, 1)
@@ -46,7 +46,7 @@ class MVN(Layer):
             allowed = "at most 4 axes, in place 4"
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x.shape}, expected {allowed}")
         if not x.count:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {x.shape} is empty, and has no mean")
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} {x.shape} is empty, so no mean exists")
         top[0].reshape(x.num, x.channels, x.height, x.width)
         self.axes = (1, 2, 3) if self.param.across_channels else (2, 3)
 

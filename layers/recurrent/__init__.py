@@ -1,1 +1,1 @@
-"""Layers that walk through time."""
+"""Recurrent layers."""

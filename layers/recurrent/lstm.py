@@ -1,20 +1,20 @@
-"""LSTM: remembers over many steps, in a cell that is only added to, and forgets what a gate lets go.
+"""LSTM: long short-term memory, a recurrent layer with an additive cell state and gates.
 
-bottoms    x (T, N, ...), cont (T, N), static (N, ...) optional; with ``expose_hidden``, last, h and c before (1, N, D)
+bottoms    x (T, N, ...), cont (T, N), static (N, ...) optional; with ``expose_hidden``, then initial h and c (1, N, D)
 params     w_x (4 D, I), b (4 D,), w_s (4 D, S) only with static, w_h (4 D, D)
-top[0]     h  (T, N, D)       with ``expose_hidden``, h and c after the last step follow, (1, N, D)
+top[0]     h  (T, N, D)       with ``expose_hidden``, followed by h and c after the last step, (1, N, D)
 
-z is what x and static contribute, for all steps at once (recurrent.py, with all that the layer shares with RNN), and
-r = cont[t] h[t - 1]. Every step t is an LSTMUnit (lstm_unit.py: the gates, their order and their gradients),
+z is the contribution of x and static, computed for all steps at once (recurrent.py, which has what the layer shares
+with RNN), and r = cont[t] h[t - 1]. Each step t is an LSTMUnit (lstm_unit.py: the gates, their order and gradients),
 
     c[t], h[t] = unit(c[t - 1], z[t] + w_h r, cont[t])
 
-and backwards, from the last step to the first, with dh and dc what the step after and the top want of h[t] and c[t],
-dz[t] and dc[t - 1] are the gradients of that unit, and
+and backwards, from the last step to the first: with dh and dc the gradients of h[t] and c[t] from the next step and the
+top, dz[t] and dc[t - 1] are the gradients of that unit, and
 
     dw_h += dz[t]ᵀ r        dh[t - 1] = cont[t] dz[t] w_h
 
-Kept for backward: ``gate``, ``r`` and ``c`` of every step; c[0] is that before the first one.
+Kept for backward: ``gate``, ``r`` and ``c`` of every step; c[0] is the initial cell state.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from netlib.blob import Blobs
 class LSTM(Recurrent):
     """Long short-term memory."""
 
-    remembers = 2  # h and c
+    state_count = 2  # h and c
     gates = 4
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

@@ -1,8 +1,8 @@
-"""LSTMUnit: one step of an LSTM, without its weights.
+"""LSTMUnit: one step of an LSTM without its weights.
 
-bottom[0]  c_before  (1, N, D)     the cells of N streams before the step
-bottom[1]  x         (1, N, 4 D)   what goes into three gates and a proposal, D numbers each, in the order i, f, o, g
-bottom[2]  cont      (1, N)        1: this step continues the stream; 0: a new sequence begins, nothing is remembered
+bottom[0]  c_before  (1, N, D)     cell states of N streams before the step
+bottom[1]  x         (1, N, 4 D)   inputs of three gates and the candidate, D numbers each, in the order i, f, o, g
+bottom[2]  cont      (1, N)        1: the step continues the stream; 0: a new sequence starts from a zero state
 top[0]     c         (1, N, D)
 top[1]     h         (1, N, D)
 
@@ -10,12 +10,12 @@ top[1]     h         (1, N, D)
 
     c = f c_before + i g        h = o tanh(c)
 
-and backwards, with dc and dh what the tops want of c and h,
+and backwards, with dc and dh the gradients of the tops,
 
     dc += dh o (1 - tanh²(c))
     dx = (dc g i (1 - i),  dc c_before f (1 - f),  dh tanh(c) o (1 - o),  dc i (1 - g²))        dc_before = dc f
 
-As in Caffe, the gradient of f is right for a cont of 0 or 1 only, and cont has none.
+As in Caffe, the gradient of f is correct only for cont 0 or 1, and cont has no gradient.
 
 Kept for backward: ``gate``, (i, f, o, g).
 """
@@ -30,7 +30,7 @@ from netlib.layer import Layer
 
 
 class LSTMUnit(Layer):
-    """The gates and the cell of an LSTM."""
+    """Gates and cell of an LSTM."""
 
     bottoms = (3, 3)
     reads_top = True
@@ -40,11 +40,11 @@ class LSTMUnit(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         shape, names = bottom[0].shape, self.spec.bottom
         if len(shape) != 3 or shape[0] != 1:
-            raise self.fail(f"bottom {names[0]!r} has shape {shape}, expected (1, N, D): one step of N streams")
+            raise self.fail(f"bottom {names[0]!r} has shape {shape}, expected (1, N, D), one step of N streams")
         N, D = shape[1:]
         for blob, name, wanted in zip(bottom[1:], names[1:], [(1, N, 4 * D), (1, N)]):
             if blob.shape != wanted:
-                raise self.fail(f"bottom {name!r} has shape {blob.shape}, expected {wanted} beside "
+                raise self.fail(f"bottom {name!r} has shape {blob.shape}, expected {wanted} to match "
                                 f"{names[0]!r} {shape}")  # fmt: skip
         for y in top:
             y.reshape(shape)
@@ -55,7 +55,7 @@ class LSTMUnit(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[2]:
-            raise self.fail(f"bottom {self.spec.bottom[2]!r} says where sequences begin; it cannot have a gradient")
+            raise self.fail(f"bottom {self.spec.bottom[2]!r} (cont) has no gradient; set propagate_down: false")
         dc, dh = top[0].diff[0], top[1].diff[0]
         dc_before, dx = step_backward(dc, dh, bottom[0].data[0], top[0].data[0], self.gate)
         if propagate_down[0]:
@@ -68,7 +68,7 @@ class LSTMUnit(Layer):
 
 
 def step(c_before: Array, x: Array, cont: Array) -> tuple[Array, Array, Array]:
-    """c, h (N, D) and the gates i, f, o, g (4, N, D) from c_before (N, D), x (N, 4 D) and cont (N, 1)."""
+    """Compute c, h (N, D) and the gates i, f, o, g (4, N, D) from c_before (N, D), x (N, 4 D) and cont (N, 1)."""
     i, f, o, g = np.split(x, 4, axis=1)
     i, f, o, g = scipy.special.expit(i), cont * scipy.special.expit(f), scipy.special.expit(o), np.tanh(g)
     c = f * c_before + i * g
@@ -76,7 +76,7 @@ def step(c_before: Array, x: Array, cont: Array) -> tuple[Array, Array, Array]:
 
 
 def step_backward(dc: Array, dh: Array, c_before: Array, c: Array, gate: Array) -> tuple[Array, Array]:
-    """dc_before (N, D) and dx (N, 4 D) from dc and dh (N, D), and what ``step`` took and gave."""
+    """Compute dc_before (N, D) and dx (N, 4 D) from dc and dh (N, D) and the inputs and results of ``step``."""
     (i, f, o, g), tanh_c = gate, np.tanh(c)
     dc = dc + dh * o * (1 - tanh_c**2)
     dx = (dc * g * i * (1 - i), dc * c_before * f * (1 - f), dh * tanh_c * o * (1 - o), dc * i * (1 - g**2))

@@ -1,8 +1,8 @@
-"""Recurrent: what LSTM and RNN have in common: their options, their bottoms, and the state they carry through time.
+"""Recurrent: base class of LSTM and RNN with their options, bottoms, and the state carried from step to step.
 
 bottom[0]   x       (T, N, ...)  T time steps of N independent streams; the other axes are flattened to I features
-bottom[1]   cont    (T, N)       1: this step continues the stream; 0: a new sequence begins, the state before is zero
-bottom[2]   static  (N, ...)     optional: S features that are the same at all steps
+bottom[1]   cont    (T, N)       1: the step continues the stream; 0: a new sequence starts from a zero state
+bottom[2]   static  (N, ...)     optional: S features that are constant over time
 bottom[-k:] states  (1, N, D)    with ``expose_hidden``: the k states before the first step
 params[0]   w_x     (G, I)
 params[1]   b       (G,)
@@ -11,14 +11,14 @@ params[...] w_h     (G, D)
 top[0]      h       (T, N, D)    D = num_output
 top[-k:]    states  (1, N, D)    with ``expose_hidden``: the k states after the last step
 
-z[t] = w_x x[t] + b + w_s static        (T, N, G): what a step gets, without what it remembers by w_h
+z[t] = w_x x[t] + b + w_s static        (T, N, G): the input of a step without the recurrent part
 
-Without ``expose_hidden`` the first step of a batch goes on with the states that the last forward left, zeros at first;
-they are part of the layer's state, so that a training resumes exactly. As in Caffe, with fewer streams than before the
-first ones go on, with more all begin at zero.
+Without ``expose_hidden``, the first step of a batch continues from the states of the last forward, initially zeros.
+They are part of the layer's state, so an exact resume is possible. As in Caffe, if the number of streams decreases, the
+first ones continue; if it increases, all start from zero.
 
-As in Caffe, too, no gradient passes from one batch into the one before: exposed states get zeros, and the diffs of
-exposed tops are not looked at. cont has no gradient. The number of time steps is that of the first batch.
+As in Caffe, no gradient flows from one batch to the previous one: the diffs of exposed states are zeros, and those of
+exposed tops are ignored. cont has no gradient. The number of time steps is fixed by the first batch.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ class RecurrentParameter:
     num_output: UInt = numbered(1, 0)  # D
     weight_filler: Filler = numbered(2, Filler())
     bias_filler: Filler = numbered(3, Filler())
-    debug_info: bool = numbered(4, False)  # of the net that Caffe builds inside; accepted, ignored
-    expose_hidden: bool = numbered(5, False)  # the states come from bottoms and go to tops
+    debug_info: bool = numbered(4, False)  # for the net that Caffe builds inside; accepted, ignored
+    expose_hidden: bool = numbered(5, False)  # read initial states from bottoms and write final states to tops
 
 
 class Recurrent(Layer):
-    """A layer with a state, which walks through time.
+    """Base class of layers with a state over time.
 
-    states  what the last forward left, (N, D) each
+    states  states after the last forward, (N, D) each
     """
 
     param_type = RecurrentParameter
@@ -58,11 +58,11 @@ class Recurrent(Layer):
     bottoms = (2, None)
     tops = (1, None)
     in_place = False
-    remembers: ClassVar[int]  # k: how many states
+    state_count: ClassVar[int]  # k, number of states
     gates: ClassVar[int]  # G / D
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        D, exposed = self.param.num_output, self.remembers if self.param.expose_hidden else 0
+        D, exposed = self.param.num_output, self.state_count if self.param.expose_hidden else 0
         if D == 0:
             raise self.fail("num_output must be at least 1", "num_output")
         if len(bottom) - exposed not in (2, 3) or len(top) != 1 + exposed:
@@ -81,20 +81,20 @@ class Recurrent(Layer):
         self.w_h = self.new_param("w_h", (rows, D), self.param.weight_filler)
 
     def _inputs(self, bottom: Blobs) -> list[tuple[Blob, int]]:
-        """x, and static if there is one; each with the number of its axes that are not features."""
+        """x, and static if present, each with the number of its axes that are not features."""
         return [(bottom[0], 2)] + ([(bottom[2], 1)] if self.has_static else [])
 
     def _check_axes(self, bottom: Blobs) -> None:
-        """T and N must agree. Raises LayerError."""
+        """Check that T and N of all bottoms agree. Raises LayerError."""
         x, names = bottom[0].shape, self.spec.bottom
         if len(x) < 3 or x[0] != self.steps or self.steps == 0:
             raise self.fail(f"bottom {names[0]!r} has shape {x}, expected ({self.steps or 'T'}, N, ...)")
         T, N = x[:2]
         if bottom[1].shape != (T, N):
-            raise self.fail(f"bottom {names[1]!r} has shape {bottom[1].shape}, expected ({T}, {N}): steps and streams "
+            raise self.fail(f"bottom {names[1]!r} has shape {bottom[1].shape}, expected ({T}, {N}) as steps, streams "
                             f"of {names[0]!r} {x}")  # fmt: skip
         if self.has_static and (len(bottom[2].shape) < 2 or bottom[2].shape[0] != N):
-            raise self.fail(f"bottom {names[2]!r} has shape {bottom[2].shape}, expected ({N}, ...): streams "
+            raise self.fail(f"bottom {names[2]!r} has shape {bottom[2].shape}, expected ({N}, ...), the streams "
                             f"of {names[0]!r} {x}")  # fmt: skip
         for i in range(3 if self.has_static else 2, len(bottom)):
             if bottom[i].shape != (1, N, self.param.num_output):
@@ -125,15 +125,15 @@ class Recurrent(Layer):
     # ------------------------------------------------------------------------------------------ for LSTM and RNN
 
     def _z(self, bottom: Blobs) -> Array:
-        """z."""
+        """Compute z for all steps."""
         T, N = bottom[1].shape
         z = bottom[0].data.reshape(T, N, -1) @ self.w_x.data.T + self.b.data
         return z + bottom[2].data.reshape(N, -1) @ self.w_s.data.T if self.has_static else z
 
     def _backward_z(self, dz: Array, propagate_down: list[bool], bottom: Blobs) -> None:
-        """From dz to the parameters and to all bottoms."""
+        """Backpropagate dz to the parameters and all bottoms."""
         if propagate_down[1]:
-            raise self.fail(f"bottom {self.spec.bottom[1]!r} says where sequences begin; it cannot have a gradient")
+            raise self.fail(f"bottom {self.spec.bottom[1]!r} (cont) has no gradient; set propagate_down: false")
         (T, N, G), x = dz.shape, bottom[0]
         flat = dz.reshape(T * N, G)
         self.w_x.diff[...] += flat.T @ x.data.reshape(T * N, -1)
@@ -150,16 +150,16 @@ class Recurrent(Layer):
                 bottom[i].diff[...] = 0
 
     def _first_states(self, bottom: Blobs) -> list[Array]:
-        """The states before the first step, (N, D) each."""
+        """States before the first step, (N, D) each."""
         if self.param.expose_hidden:
-            return [blob.data[0] for blob in bottom[-self.remembers :]]
+            return [blob.data[0] for blob in bottom[-self.state_count :]]
         N = bottom[0].shape[1]
         if not self.states or len(self.states[0]) < N:
-            return [np.zeros((N, self.param.num_output), self.dtype)] * self.remembers
+            return [np.zeros((N, self.param.num_output), self.dtype)] * self.state_count
         return [state[:N] for state in self.states]
 
     def _keep_states(self, states: Sequence[Array], top: Blobs) -> None:
-        """Those after the last step."""
+        """Store the states after the last step."""
         if self.param.expose_hidden:
             for blob, state in zip(top[1:], states):
                 blob.data[0] = state

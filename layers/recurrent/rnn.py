@@ -1,20 +1,20 @@
-"""RNN: the plain recurrent layer, whose state is a function of the input and of the state before.
+"""RNN: a simple recurrent layer, whose state depends on the input and the previous state.
 
-bottoms    x (T, N, ...), cont (T, N), static (N, ...) optional; with ``expose_hidden``, last, h before (1, N, D)
+bottoms    x (T, N, ...), cont (T, N), static (N, ...) optional; with ``expose_hidden``, then initial h (1, N, D)
 params     w_x (D, I), b (D,), w_s (D, S) only with static, w_h (D, D), w_o (D, D), b_o (D,)
-top[0]     o  (T, N, D)       with ``expose_hidden``, h after the last step follows, (1, N, D)
+top[0]     o  (T, N, D)       with ``expose_hidden``, followed by h after the last step, (1, N, D)
 
-z is what x and static contribute, for all steps at once (recurrent.py, with all that the layer shares with LSTM), and
-r = cont[t] h[t - 1]. Every step t computes
+z is the contribution of x and static, computed for all steps at once (recurrent.py, which has what the layer shares
+with LSTM), and r = cont[t] h[t - 1]. Each step t computes
 
     h[t] = tanh(z[t] + w_h r)        o[t] = tanh(w_o h[t] + b_o)
 
-and backwards, from the last step to the first, with dh what the step after wants of h[t]:
+and backwards, from the last step to the first, with dh the gradient of h[t] from the next step:
 
     da = do[t] (1 - o[t]²)        dw_o += daᵀ h[t]        db_o += da        dh += da w_o
     dz[t] = dh (1 - h[t]²)        dw_h += dz[t]ᵀ r        dh[t - 1] = cont[t] dz[t] w_h
 
-Kept for backward: ``h`` and ``r`` of every step, and ``o``.
+Kept for backward: ``h``, ``r`` and ``o`` of every step.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from netlib.blob import Array, Blobs
 
 
 class RNN(Recurrent):
-    """Plain recurrent layer."""
+    """Simple recurrent layer."""
 
-    remembers = 1  # h
+    state_count = 1  # h
     gates = 1
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
@@ -65,5 +65,5 @@ class RNN(Recurrent):
 
 
 def flat(array: Array) -> Array:
-    """(T, N, D) as (T N, D): a view."""
+    """View of (T, N, D) as (T N, D)."""
     return array.reshape(-1, array.shape[2])

@@ -1,1 +1,1 @@
-"""Layers that know rows and columns of an image."""
+"""Layers for images."""

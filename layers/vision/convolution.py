@@ -1,26 +1,26 @@
-r"""Convolution: a small kernel slides over the image and takes a weighted sum everywhere.
+r"""Convolution: weighted sums of the windows of an image, with one small kernel for all positions.
 
 bottom[i]  x  (N, C, H, W)
 params[0]  w  (O, C / group, kh, kw)
 params[1]  b  (O,)            unless ``bias_term: false``
 top[i]     y  (N, O, Ho, Wo)  Ho = floor((H + 2 pad - dilation (kh - 1) - 1) / stride) + 1, same for Wo
 
-What follows ``axis``, the channels, is spatial: H and W of an image, or any other number of axes, each with its own
-kernel size. What stands before ``axis`` counts items.
+The axes after ``axis``, the channels, are spatial: H and W of an image, or any other number of axes, each with its own
+kernel size. The axes before ``axis`` count items.
 
 y[n, o, h, w]  = b[o] + sum over c, i, j of  w[o, c, i, j] x[n, c, h stride + i dilation - pad, w stride + ...]
 dw[o, c, i, j] = sum over n, h, w of  dy[n, o, h, w] x[n, c, h stride + i dilation - pad, w stride + ...]
-dx             = every dy[n, o, h, w] w[o, c, i, j], added where its x came from
+dx             = every dy[n, o, h, w] w[o, c, i, j], added at the position of its x
 db[o]          = sum over n, h, w of dy
 
-``group`` splits inputs and outputs into that many parts; each part of the outputs sees one part of the inputs.
+``group`` splits inputs and outputs into that many parts; each part of the outputs depends on one part of the inputs.
 
-Im2col: the patch of x that one output sees becomes a column. With K = C / group * kh * kw and L = Ho Wo, an image is
+Im2col copies the patch of x under each output into a column. With K = C / group * kh * kw and L = Ho Wo, an image needs
 three matrix products per group:
 
     y = w (O / group, K) @ columns (K, L)          dw += dy @ columnsᵀ          dcolumns = wᵀ @ dy
 
-and dx adds every column of dcolumns back to where its patch came from (col2im).
+and dx adds every column of dcolumns at the position of its patch (col2im).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from netlib.blob import Array, Blob, Blobs
 
 
 class Convolution(SlidingWindow):
-    """Convolution (cross-correlation, as everywhere in deep learning)."""
+    """Convolution (cross-correlation, as is usual in deep learning)."""
 
     param_type = ConvolutionParameter
     bottoms: ClassVar[tuple[int, int | None]] = (1, None)
@@ -45,7 +45,7 @@ class Convolution(SlidingWindow):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom) != len(top):
-            raise self.fail(f"has {len(bottom)} bottoms and {len(top)} tops, expected as many of both")
+            raise self.fail(f"has {len(bottom)} bottoms and {len(top)} tops, expected equal numbers of them")
         self._read_convolution(bottom[0])
         p = self.param
         self.weight = self.new_param("weight", self._weight_shape(), p.weight_filler)
@@ -53,7 +53,7 @@ class Convolution(SlidingWindow):
             self.bias = self.new_param("bias", (p.num_output,), p.bias_filler)
 
     def _weight_shape(self) -> tuple[int, ...]:
-        """Of w: outputs first."""
+        """Shape of w, outputs first."""
         return (self.param.num_output, self.channels // self.param.group, *self.kernel)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
@@ -62,9 +62,9 @@ class Convolution(SlidingWindow):
             y.reshape(*x.shape[: self.axis], self.param.num_output, *self._outputs(i, x))
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
-        """Ho, Wo. Raises LayerError if the kernel fits nowhere."""
-        sizes = zip(x.shape[self.axis + 1 :], self.pad, self._reach(), self.stride)
-        return self._fitting([(n + 2 * pad - reach) // stride + 1 for n, pad, reach, stride in sizes], i, x)
+        """Ho and Wo. Raises LayerError if the kernel does not fit."""
+        sizes = zip(x.shape[self.axis + 1 :], self.pad, self._extent(), self.stride)
+        return self._fitting([(n + 2 * pad - extent) // stride + 1 for n, pad, extent, stride in sizes], i, x)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         w = self.by_group(self.weight.data)
@@ -86,31 +86,31 @@ class Convolution(SlidingWindow):
                     self.images(x.diff)[n] = self.col2im(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)
 
     def images(self, array: Array) -> Array:
-        """(N, C, H, W) of an array that may have more axes in front: a view."""
+        """View of an array as (N, C, H, W); it may have more axes in front."""
         return array.reshape(-1, *array.shape[self.axis :])
 
     def by_group(self, rows: Array) -> Array:
-        """w, an image or columns as (group, rows of the group, ...), the other axes flattened: a view."""
+        """View of w, an image or columns as (group, rows of the group, ...), with the other axes flattened."""
         return rows.reshape(self.param.group, len(rows) // self.param.group, -1)
 
     def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
-        """(C, H, W) → columns (K group, L): row (c, i, j) is what kernel element (i, j) of channel c meets."""
+        """(C, H, W) → columns (K group, L): row (c, i, j) holds the values under element (i, j) of channel c."""
         padded = np.pad(image, [(0, 0), *((p, p) for p in self.pad)])
-        met = np.stack([padded[part] for part in self.places(y_shape)], axis=1)  # (C, kh kw, Ho, Wo)
-        return met.reshape(-1, math.prod(y_shape[1:]))
+        patches = np.stack([padded[part] for part in self.window_slices(y_shape)], axis=1)  # (C, kh kw, Ho, Wo)
+        return patches.reshape(-1, math.prod(y_shape[1:]))
 
     def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
-        """The adjoint of ``im2col``, columns → (C, H, W): what several columns share is summed."""
+        """Adjoint of ``im2col``, columns → (C, H, W): sums overlapping values."""
         C, *sizes = x_shape
         padded = np.zeros((C, *(n + 2 * p for n, p in zip(sizes, self.pad))), columns.dtype)
-        met = columns.reshape(C, -1, *y_shape[1:])
-        for element, part in enumerate(self.places(y_shape)):
-            padded[part] += met[:, element]
+        patches = columns.reshape(C, -1, *y_shape[1:])
+        for element, part in enumerate(self.window_slices(y_shape)):
+            padded[part] += patches[:, element]
         inside = (slice(None), *(slice(p, p + n) for n, p in zip(sizes, self.pad)))
         return padded[inside]
 
-    def places(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
-        """For each kernel element, row by row, the part of the padded image that it meets: all channels, rows, ..."""
+    def window_slices(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
+        """For each kernel element, in row-major order, the part of the padded image under it in all windows."""
         for element in np.ndindex(self.kernel):
             steps = zip(element, self.dilation, self.stride, y_shape[1:])
             yield slice(None), *(slice(i * d, i * d + (n - 1) * s + 1, s) for i, d, s, n in steps)

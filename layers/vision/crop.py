@@ -1,10 +1,10 @@
-"""Crop: cut a blob to the size of another.
+"""Crop: crop a blob to the size of another.
 
 bottom[0]  x     any shape
-bottom[1]  size  as many axes; only its shape is read
+bottom[1]  size  same number of axes; only its shape is read
 top[0]     y     the axes of x before ``axis``, then those of size
 
-y  = x from ``offset`` on, along ``axis`` and the axes after it; 0 unless given, one number for all of them or one each
+y  = x from ``offset`` on, along ``axis`` and all later axes; one number for all of them or one each, default 0
 dx = dy where y came from, 0 elsewhere        the gradient of size is 0
 """
 
@@ -21,12 +21,12 @@ from netlib.proto.schema import UInt, numbered
 class CropParameter:
     """The ``crop_param { ... }`` block."""
 
-    axis: int = numbered(1, 2)  # the first that is cut; by default those of an image's rows and columns
-    offset: tuple[UInt, ...] = numbered(2, ())  # where y begins in x
+    axis: int = numbered(1, 2)  # first axis to crop; by default rows and columns of images are
+    offset: tuple[UInt, ...] = numbered(2, ())  # start of y in x
 
 
 class Crop(Layer):
-    """Cut to another blob's size."""
+    """Crops to the size of another blob."""
 
     param_type = CropParameter
     bottoms = (2, 2)
@@ -38,11 +38,11 @@ class Crop(Layer):
         axis, offsets = self.canonical_axis(self.param.axis, bottom[0]), self.param.offset or (0,)
         cut = len(x) - axis
         if len(offsets) not in (1, cut):
-            raise self.fail(f"{len(offsets)} values of offset for the {cut} axes from axis {axis} on of {x}", "offset")
+            raise self.fail(f"{len(offsets)} values of offset for {cut} axes from axis {axis} of {x} on", "offset")
         starts = offsets if len(offsets) == cut else offsets * cut
         ends = [start + n for start, n in zip(starts, size[axis:])]
         if len(size) < len(x) or any(end > n for end, n in zip(ends, x[axis:])):
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {x} does not hold {self.spec.bottom[1]!r} {size} "
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} {x} does not contain {self.spec.bottom[1]!r} {size} "
                             f"at offset {starts}, from axis {axis} on", "offset")  # fmt: skip
         self.part = (*[slice(None)] * axis, *map(slice, starts, ends))
         top[0].reshape(*x[:axis], *size[axis : len(x)])

@@ -1,19 +1,19 @@
-r"""Deconvolution: a convolution run backwards, which makes a larger image of a small one ("transposed convolution").
+r"""Deconvolution: a transposed convolution, which upsamples an image.
 
 bottom[i]  x  (N, C, H, W)
 params[0]  w  (C, O / group, kh, kw)
 params[1]  b  (O,)            unless ``bias_term: false``
 top[i]     y  (N, O, Ho, Wo)  Ho = stride (H - 1) + dilation (kh - 1) + 1 - 2 pad, same for Wo
 
-Every value of x lays a kernel on y, weighted by itself; where kernels overlap they add up:
+Every value of x adds a kernel, scaled by itself, to y:
 
-y              = b[o], and every x[n, c, h, w] w[c, o, i, j], added at n, o, h stride + i dilation - pad, w stride + ...
+y              = b[o] + every x[n, c, h, w] w[c, o, i, j], added at n, o, h stride + i dilation - pad, w stride + ...
 dx[n, c, h, w] = sum over o, i, j of  w[c, o, i, j] dy[n, o, h stride + i dilation - pad, w stride + ...]
 dw[c, o, i, j] = sum over n, h, w of  x[n, c, h, w] dy[n, o, h stride + i dilation - pad, w stride + ...]
 db[o]          = sum over n, h, w of dy
 
-So x and y have changed places: w is that of a Convolution from y to x, whose backward is the forward here, and whose
-forward is the backward. Options, spatial axes, im2col and col2im are Convolution's (convolution.py).
+Compared with a Convolution from y to x with the same w, forward and backward are exchanged. Options, spatial axes,
+im2col and col2im are those of Convolution (convolution.py).
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class Deconvolution(Convolution):
     param_name = "convolution_param"
 
     def _weight_shape(self) -> tuple[int, ...]:
-        """Of w: inputs first."""
+        """Shape of w, inputs first."""
         return (self.channels, self.param.num_output // self.param.group, *self.kernel)
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
-        """Ho, Wo. Raises LayerError if nothing is left between the pads."""
-        sizes = zip(x.shape[self.axis + 1 :], self.stride, self._reach(), self.pad)
-        out = [stride * (n - 1) + reach - 2 * pad for n, stride, reach, pad in sizes]
+        """Ho and Wo. Raises LayerError if the padding leaves no output."""
+        sizes = zip(x.shape[self.axis + 1 :], self.stride, self._extent(), self.pad)
+        out = [stride * (n - 1) + extent - 2 * pad for n, stride, extent, pad in sizes]
         if min(out, default=1) < 1:
             raise self.fail(f"pad {self.pad} leaves no output of bottom {self.spec.bottom[i]!r} {x.shape}", "pad")
         return out

@@ -1,13 +1,13 @@
-r"""Im2col: the patches that a convolution would see, one column each.
+r"""Im2col: the patches under the windows of a convolution, one column each.
 
 bottom[0]  x  (N, C, H, W)
-top[0]     y  (N, C kh kw, Ho, Wo)   Ho and Wo as those of a Convolution
+top[0]     y  (N, C kh kw, Ho, Wo)   Ho and Wo as for Convolution
 
 y[n, (c, i, j), h, w] = x[n, c, h stride + i dilation - pad, w stride + ...], 0 in the padding
-dx                    = every dy, added where its x came from
+dx                    = every dy, added at the position of its x
 
-A convolution is then a product with a matrix (convolution.py). The options of its windows are Convolution's; those of
-its weights are accepted and ignored.
+With it, a convolution becomes a matrix product (convolution.py). Options of the windows are those of Convolution;
+options of weights are accepted and ignored.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from netlib.blob import Blobs
 
 
 class Im2col(Convolution):
-    """Patches as columns."""
+    """Patches in columns."""
 
     param_name = "convolution_param"
     bottoms = tops = (1, 1)

@@ -1,18 +1,18 @@
-"""Pooling: the maximum or the mean of a window that slides over each channel.
+"""Pooling: maximum or mean over sliding windows, per channel.
 
 bottom[0]  x     (N, C, H, W)
 top[0]     y     (N, C, Ho, Wo)   Ho = ceil((H + 2 pad - kernel) / stride) + 1, same for Wo
-top[1]     mask  (N, C, Ho, Wo)   optional, of MAX: where in its map a maximum stands, h W + w; -1 if nowhere
+top[1]     mask  (N, C, Ho, Wo)   optional, for MAX: index h W + w of the maximum in its map; -1 if there is none
 
 MAX   y = max of x over the window             dx[winner] += dy
-AVE   y = sum of x over the window / area      dx[each of the window] += dy / area
+AVE   y = sum of x over the window / area      dx[all of the window] += dy / area
 
-Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so a last window may hang over the
-edge, also the only one; with pad > 0, in either direction, a last window that starts beyond the image is dropped. MAX
-takes the first of equal values and never a pad. The area of AVE counts padding, but not what hangs over it. A window
-without any value (stride > kernel) gives -FLT_MAX or NaN. The mask gets no gradient.
+Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so the last window, even if it is the
+only one, may extend beyond the edge; with pad > 0 in any direction, a last window that starts beyond the image is
+dropped. MAX takes the first of equal values and never a pad. The area of AVE includes padding but nothing beyond it. A
+window without values (stride > kernel) gives -FLT_MAX or NaN. The mask has no gradient.
 
-Kept for backward: ``winners``, for each output of MAX the place in its window, row by row.
+Kept for backward: ``winners``, for each output of MAX its index in the window, in row-major order.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ import numpy as np
 from layers.vision.windows import PoolingParameter, SlidingWindow
 from netlib.blob import Array, Blobs
 
-NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum over no values
+NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum of no values
 
 
 class Pooling(SlidingWindow):
-    """Spatial pooling."""
+    """Max and average pooling."""
 
     param_type = PoolingParameter
     bottoms = (1, 1)
@@ -38,7 +38,7 @@ class Pooling(SlidingWindow):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         if p.pool == "STOCHASTIC":
-            raise self.fail("STOCHASTIC pooling: Caffe has none on a CPU; expected MAX or AVE", "pool")
+            raise self.fail("STOCHASTIC pooling is not supported, as in Caffe on a CPU; expected MAX or AVE", "pool")
         if len(top) > 1 and p.pool != "MAX":
             raise self.fail(f"has 2 tops, but only MAX pooling has a mask, not {p.pool}", "pool")
         self._read_pooling()
@@ -52,12 +52,12 @@ class Pooling(SlidingWindow):
             self.whole_kernel = (H, W)
         for y in top:
             y.reshape(N, C, self._outputs(0, H), self._outputs(1, W))
-        # What hangs over in any case is cut off: it would be padding, and there may be much of it.
+        # Clip the kernel to the padded image: with global bounds it would only add padding, possibly a lot.
         kh, kw = (min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad))
         self.kernel = (kh, kw)
 
     def _outputs(self, i: int, size: int) -> int:
-        extent = size + 2 * self.pad[i] - self.whole_kernel[i]  # negative if the only window hangs over
+        extent = size + 2 * self.pad[i] - self.whole_kernel[i]  # negative if the only window exceeds the image
         count = (-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]) + 1
         if any(self.pad) and (count - 1) * self.stride[i] >= size + self.pad[i]:
             count -= 1
@@ -91,27 +91,27 @@ class Pooling(SlidingWindow):
             else:
                 with np.errstate(invalid="ignore", divide="ignore"):
                     share = dy[n] / self.area(dx.shape, dy.shape)
-                for rows, across in self.places(dy.shape):
+                for rows, across in self.window_slices(dy.shape):
                     padded[:, rows, across] += share
             dx[n] = padded[:, top_pad : top_pad + H, left_pad : left_pad + W]
 
     def _index(self, n: int, W: int) -> Array:
-        """(C, Ho, Wo): where in its map each winner of an image stands."""
+        """(C, Ho, Wo): index of each winner of an image in its map."""
         (_, h, w), (i, j) = np.indices(self.winners[n].shape), np.divmod(self.winners[n], self.kernel[1])
         return (h * self.stride[0] - self.pad[0] + i) * W + w * self.stride[1] - self.pad[1] + j
 
     def windows(self, padded: Array, y_shape: tuple[int, ...]) -> Array:
-        """All windows of an image, (kh kw, C, Ho, Wo): row p holds what stands at place p of every window."""
-        return np.stack([padded[:, rows, across] for rows, across in self.places(y_shape)])
+        """All windows of an image, (kh kw, C, Ho, Wo): row p holds element p of every window."""
+        return np.stack([padded[:, rows, across] for rows, across in self.window_slices(y_shape)])
 
-    def places(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
-        """For each place of a window, row by row, the rows and columns of the padded image where it stands."""
+    def window_slices(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
+        """For each element of a window, in row-major order, its rows and columns of the padded image in all windows."""
         (sh, sw), (Ho, Wo) = self.stride, y_shape[2:]
         for i, j in np.ndindex(self.kernel):
             yield slice(i, i + (Ho - 1) * sh + 1, sh), slice(j, j + (Wo - 1) * sw + 1, sw)
 
     def area(self, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
-        """(Ho, Wo): size of each window, clipped where the padding ends."""
+        """(Ho, Wo): area of each window, clipped at the end of the padding."""
         sizes = []
         for i in range(2):
             start = np.arange(y_shape[2 + i]) * self.stride[i] - self.pad[i]

@@ -1,18 +1,18 @@
-"""ROIPooling: the maxima of a grid laid on each region of interest, as in Fast R-CNN's Caffe.
+"""ROIPooling: max pooling over a grid in each region of interest (Fast R-CNN).
 
 bottom[0]  x     (N, C, H, W)
-bottom[1]  rois  (R, 5)           number of the item, x1, y1, x2, y2: corners in the image, both inside the region
+bottom[1]  rois  (R, 5)           item, x1, y1, x2, y2: corners in the image, both inside the region
 top[0]     y     (R, C, Ph, Pw)   Ph = pooled_h, Pw = pooled_w
 
 y[r, c, i, j] = max of x[n, c] over bin (i, j) of region r        dx[the first of the equal winners] += dy
 
-The corners are multiplied by ``spatial_scale`` (the map's size over the image's) and rounded, halves away from zero.
-The region then has y2 - y1 + 1 rows, at least one. Bin i of Ph goes from row floor(i rows / Ph) of the region to before
-ceil((i + 1) rows / Ph), so bins may overlap; what of them lies outside of the map does not count. A bin of nothing is 0
-and has no gradient. The gradient of rois is 0.
+The corners are multiplied by ``spatial_scale`` (map size / image size) and rounded, halves away from zero. The region
+then has y2 - y1 + 1 rows, at least one. Bin i of Ph covers rows floor(i rows / Ph) up to but not including
+ceil((i + 1) rows / Ph) of the region, so bins may overlap; they are clipped to the map. An empty bin is 0 and has no
+gradient. The gradient of rois is 0.
 
-Kept for backward: ``winners``, for each output the place of its maximum in the map, h W + w; -1 for nothing.
-The block has the number 8266711 in that Caffe's LayerParameter.
+Kept for backward: ``winners``, index h W + w of each maximum in the map; -1 if the bin is empty. The block has number
+8266711 in Fast R-CNN's LayerParameter.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class ROIPoolingParameter:
 
     pooled_h: UInt = numbered(1, 0)  # rows of the grid
     pooled_w: UInt = numbered(2, 0)  # columns of the grid
-    spatial_scale: float = numbered(3, 1.0)  # places of the map per pixel of the image
+    spatial_scale: float = numbered(3, 1.0)  # positions of the map per pixel of the image
 
 
 class ROIPooling(Layer):
-    """Max pooling of regions."""
+    """Max pooling of regions of interest."""
 
     param_type = ROIPoolingParameter
     bottoms = (2, 2)
@@ -80,18 +80,18 @@ class ROIPooling(Layer):
             np.add.at(maps, (self.items[r], c, self.winners[r, c, i, j]), top[0].diff[r, c, i, j])
 
     def _regions(self, bottom: Blobs) -> tuple[Array, Array]:
-        """The item of each region, and its corners in the map. Raises LayerError for a region that is none."""
+        """Item and corners in the map of each region. Raises LayerError if a region is invalid."""
         rois, N = bottom[1].data.reshape(-1, 5), bottom[0].shape[0]
         for r in np.flatnonzero(~np.isfinite(rois).all(axis=1) | (rois[:, 0] < 0) | (rois[:, 0] >= N))[:1]:
             numbers = ", ".join(f"{value:g}" for value in rois[r])
             raise self.fail(f"row {r} of {self.spec.bottom[1]!r} is ({numbers}); "
-                            f"expected an item from 0 to {N - 1}, and four finite corners")  # fmt: skip
+                            f"expected an item from 0 to {N - 1} and four finite coordinates")  # fmt: skip
         scaled = (rois[:, 1:] * self.dtype.type(self.param.spatial_scale)).astype(np.float64)
         return rois[:, 0].astype(int), (np.sign(scaled) * np.floor(np.abs(scaled) + 0.5)).astype(int)
 
     def _bins(self, first: int, last: int, bins: int, size: int) -> list[tuple[int, int]]:
-        """Along one axis, where the bins of a region begin and end, cut to the map."""
-        length = self.dtype.type(max(last - first + 1, 1)) / self.dtype.type(bins)  # rounded as Caffe's
+        """Start and end of a region's bins along one axis, clipped to the map."""
+        length = self.dtype.type(max(last - first + 1, 1)) / self.dtype.type(bins)  # rounding as in Caffe
         number = np.arange(bins + 1, dtype=self.dtype)
         begins, ends = np.floor(number[:-1] * length).astype(int), np.ceil(number[1:] * length).astype(int)
         return list(zip(np.clip(begins + first, 0, size).tolist(), np.clip(ends + first, 0, size).tolist()))

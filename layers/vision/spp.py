@@ -1,17 +1,17 @@
-"""SPP: pool a map of any size to the same number of values ("spatial pyramid pooling").
+"""SPP: pool a map of any size to a fixed number of values ("spatial pyramid pooling").
 
 bottom[0]  x  (N, C, H, W)
-top[0]     y  (N, C + 4 C + 16 C + ...)   one term per level; (N, C, 1, 1) if there is one level only
+top[0]     y  (N, C + 4 C + 16 C + ...)   one term per level; (N, C, 1, 1) for a single level
 
-Level l lays 2^l x 2^l windows on the map, side by side, and takes of each
+Level l tiles the map with 2^l x 2^l windows, and takes over each
 
 MAX   y = max of x over the window             dx[the first of the equal winners] += dy
-AVE   y = sum of x over the window / area      dx[each of the window] += dy / area
+AVE   y = sum of x over the window / area      dx[all of the window] += dy / area
 
-Its values, (N, C, 2^l, 2^l) flattened to (N, C 4^l), stand one level after the other.
+The levels, each (N, C, 2^l, 2^l) flattened to (N, C 4^l), are concatenated.
 
-Caffe's rules: a window has k = ceil(H / 2^l) rows, columns alike. If all together have more rows than the map, the
-first begins half the difference above it, rounded up; that must be less than k. The area of AVE is the whole window's.
+Caffe's rules: a window has k = ceil(H / 2^l) rows, and columns likewise. If together they have more rows than the map,
+the first starts half the excess, rounded up, above it; this must be less than k. The area of AVE is the full window.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from layers.vision.windows import SlidingWindow
 from netlib.blob import Array, Blobs
 from netlib.proto.schema import Engine, UInt, numbered
 
-Bin = tuple[Array, Array, int]  # the part of x or dx in a window (N, C, h, w), its y or dy (N, C), its area
+Bin = tuple[Array, Array, int]  # part of x or dx in a window (N, C, h, w), its y or dy (N, C), its area
 
 
 @dataclass(frozen=True)
 class SPPParameter:
     """The ``spp_param { ... }`` block."""
 
-    pyramid_height: UInt = numbered(1, 0)  # levels
+    pyramid_height: UInt = numbered(1, 0)  # number of levels
     pool: Literal["MAX", "AVE", "STOCHASTIC"] = numbered(2, "MAX")
-    engine: Engine = numbered(6, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+    engine: Engine = numbered(6, "DEFAULT")  # accepted, ignored
 
 
 class SPP(SlidingWindow):
@@ -49,7 +49,7 @@ class SPP(SlidingWindow):
         if self.param.pyramid_height == 0:
             raise self.fail("pyramid_height must be at least 1", "pyramid_height")
         if self.param.pool == "STOCHASTIC":
-            raise self.fail("STOCHASTIC pooling: Caffe has none on a CPU; expected MAX or AVE", "pool")
+            raise self.fail("STOCHASTIC pooling is not supported, as in Caffe on a CPU; expected MAX or AVE", "pool")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_map(bottom[0])
@@ -59,12 +59,12 @@ class SPP(SlidingWindow):
         top[0].reshape((N, C, 1, 1) if len(levels) == 1 else (N, C * sum(4**level for level in levels)))
 
     def _windows(self, size: int, bins: int) -> list[tuple[int, slice]]:
-        """Along one axis: the length of every window, and what of it lies on the map."""
+        """Along one axis: the length of every window, and the part of it on the map."""
         k, pad = self._tiling(size, bins)
         return [(k, slice(max(i * k - pad, 0), min((i + 1) * k - pad, size))) for i in range(bins)]
 
     def _bins(self, x: Array, y: Array) -> Iterator[Bin]:
-        """The windows of all levels."""
+        """Iterate over the windows of all levels."""
         N, C = x.shape[:2]
         begin = 0
         for rows, columns in self.windows:
@@ -92,7 +92,7 @@ class SPP(SlidingWindow):
 
 
 def first_maximum(x: Array) -> Array:
-    """1 at the first of the largest values of each map (N, C, h, w), 0 elsewhere."""
+    """Mask with 1 at the first maximum of each map (N, C, h, w)."""
     flat = x.reshape(*x.shape[:2], -1)
     winners = flat.argmax(axis=2)[:, :, None] == np.arange(flat.shape[2])
     return winners.reshape(x.shape)

@@ -1,7 +1,8 @@
-"""The geometry of windows that slide over spatial axes: kernel, stride, pad, dilation, how many windows, every mistake.
+"""Geometry of sliding windows over spatial axes: kernel, stride, pad, dilation, number of windows, and their errors.
 
-The base of Convolution, Deconvolution, Im2col, Pooling and SPP. Along an axis of n values, padded by p on both sides,
-windows of k elements that are d apart reach d (k - 1) + 1 far, and floor((n + 2 p - reach) / stride) + 1 of them fit.
+Base class of Convolution, Deconvolution, Im2col, Pooling and SPP. Along an axis of n values with padding p on both
+sides, a window of k elements with dilation d has extent d (k - 1) + 1, and floor((n + 2 p - extent) / stride) + 1
+windows fit.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class ConvolutionParameter:
     kernel_size: tuple[UInt, ...] = numbered(4, ())
     stride: tuple[UInt, ...] = numbered(6, ())
     dilation: tuple[UInt, ...] = numbered(18, ())
-    pad_h: UInt | None = numbered(9, None)  # those with _h and _w: of two spatial axes
+    pad_h: UInt | None = numbered(9, None)  # options with _h and _w are for two spatial axes
     pad_w: UInt | None = numbered(10, None)
     kernel_h: UInt | None = numbered(11, None)
     kernel_w: UInt | None = numbered(12, None)
@@ -37,8 +38,8 @@ class ConvolutionParameter:
     group: UInt = numbered(5, 1)
     weight_filler: Filler = numbered(7, Filler())
     bias_filler: Filler = numbered(8, Filler())
-    engine: Engine = numbered(15, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
-    axis: int = numbered(16, 1)  # of the channels
+    engine: Engine = numbered(15, "DEFAULT")  # accepted, ignored
+    axis: int = numbered(16, 1)  # axis of the channels
     force_nd_im2col: bool = numbered(17, False)  # accepted, ignored
 
 
@@ -56,16 +57,16 @@ class PoolingParameter:
     stride: UInt = numbered(3, 1)
     stride_h: UInt | None = numbered(7, None)
     stride_w: UInt | None = numbered(8, None)
-    global_pooling: bool = numbered(12, False)  # one window, the whole map
+    global_pooling: bool = numbered(12, False)  # one window that covers the map
     round_mode: Literal["CEIL", "FLOOR"] = numbered(13, "CEIL")
-    engine: Engine = numbered(11, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+    engine: Engine = numbered(11, "DEFAULT")  # accepted, ignored
 
 
 class SlidingWindow(Layer):
-    """Base of layers with a sliding window.
+    """Base class of layers with sliding windows.
 
-    kernel, stride, pad, dilation  a number for each spatial axis
-    axis                           that of the channels; the spatial axes follow it
+    kernel, stride, pad, dilation  one number per spatial axis
+    axis                           axis of the channels; the spatial axes follow it
     """
 
     kernel: tuple[int, ...]
@@ -77,7 +78,7 @@ class SlidingWindow(Layer):
     # ------------------------------------------------------------------------------------------ convolution_param
 
     def _read_windows(self, bottom: Blob) -> None:
-        """Read ``axis``, the number of channels, and the geometry from a ``convolution_param``. Raises LayerError."""
+        """Read axis, number of channels and geometry from a ``convolution_param``. Raises LayerError."""
         p = self.param
         self.axis = self.canonical_axis(p.axis, bottom)
         self.channels, *sizes = bottom.shape[self.axis :]
@@ -93,20 +94,20 @@ class SlidingWindow(Layer):
     def _each(
         self, name: str, given: tuple[int, ...], h_w: tuple[int | None, int | None], default: int, axes: int
     ) -> tuple[int, ...]:
-        """An option for each of the spatial axes: it is given for all together, for each, or not at all."""
+        """Expand an option to one number per spatial axis. It can be given once, per axis, or not at all."""
         option = "kernel_size" if name == "kernel" else name
         if h_w != (None, None):
             if given:
                 raise self.fail(f"give either {option}, or {name}_h and {name}_w", option)
             if axes != 2:
-                raise self.fail(f"{name}_h and {name}_w are for 2 spatial axes, not {axes}; give {option}")
+                raise self.fail(f"{name}_h and {name}_w are for 2 spatial axes, found {axes}; expected {option}")
             given = tuple(default if value is None else value for value in h_w)
         if len(given) > 1 and len(given) != axes:
             raise self.fail(f"{len(given)} values of {option} for {axes} spatial axes", option)
         return given if len(given) > 1 else (given or (default,)) * axes
 
     def _read_convolution(self, bottom: Blob) -> None:
-        """The same, and the numbers of channels, outputs and groups. Raises LayerError."""
+        """Read the geometry, and check the numbers of channels, outputs and groups. Raises LayerError."""
         self._read_windows(bottom)
         p, channels = self.param, self.channels
         if min(p.num_output, p.group) < 1:
@@ -117,7 +118,7 @@ class SlidingWindow(Layer):
             raise self.fail(f"group {p.group} must divide {channels} channels and num_output {p.num_output}", "group")
 
     def _check_axes(self, i: int, x: Blob, weight: Sequence[int] | None = None) -> None:
-        """As many spatial axes as at setup, and as many channels as the weights have. Raises LayerError."""
+        """Check the number of spatial axes and of channels against those at setup. Raises LayerError."""
         if len(x.shape) != self.axis + 1 + len(self.kernel):
             raise self.fail(f"bottom {self.spec.bottom[i]!r} has shape {x.shape}, "
                             f"expected {len(self.kernel)} spatial axes after axis {self.axis}")  # fmt: skip
@@ -125,22 +126,22 @@ class SlidingWindow(Layer):
             raise self.fail(f"bottom {self.spec.bottom[i]!r} has {x.shape[self.axis]} channels {x.shape}, "
                             f"its weights {weight} expect {self.channels}")  # fmt: skip
 
-    def _reach(self) -> tuple[int, ...]:
-        """How far the kernel reaches, from its first to its last element."""
+    def _extent(self) -> tuple[int, ...]:
+        """Size of the dilated kernel."""
         return tuple(d * (k - 1) + 1 for d, k in zip(self.dilation, self.kernel))
 
     def _fitting(self, counts: list[int], i: int, x: Blob) -> list[int]:
-        """Numbers of windows along the spatial axes, if there is one of each. Raises LayerError."""
+        """Return the numbers of windows along the spatial axes. Raises LayerError if one is below 1."""
         if min(counts, default=1) < 1:
             raise self.fail(
-                f"kernel {self._reach()} is larger than the padded bottom {self.spec.bottom[i]!r} {x.shape}"
+                f"kernel {self._extent()} is larger than the padded bottom {self.spec.bottom[i]!r} {x.shape}"
             )
         return counts
 
     # ------------------------------------------------------------------------------------------ pooling_param
 
     def _read_pooling(self) -> None:
-        """Read the geometry from a ``pooling_param``; its own kernel is (0, 0) in global pooling. Raises LayerError."""
+        """Read the geometry from a ``pooling_param``; the kernel is (0, 0) for global pooling. Raises LayerError."""
         p, block = self.param, self.spec.blocks.get("pooling_param")
         for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
             if block and block.values(both) and (block.values(f"{each}_h") or block.values(f"{each}_w")):
@@ -148,7 +149,7 @@ class SlidingWindow(Layer):
             if block and bool(block.values(f"{each}_h")) != bool(block.values(f"{each}_w")):
                 raise self.fail(f"needs {both}, or {each}_h and {each}_w", both)
         if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
-            raise self.fail("global_pooling takes no kernel size", "global_pooling")
+            raise self.fail("global_pooling does not allow a kernel size", "global_pooling")
         self.pad = (_or(p.pad_h, p.pad), _or(p.pad_w, p.pad))
         self.stride = (_or(p.stride_h, p.stride), _or(p.stride_w, p.stride))
         self.kernel = (_or(p.kernel_h, p.kernel_size or 0), _or(p.kernel_w, p.kernel_size or 0))
@@ -162,28 +163,28 @@ class SlidingWindow(Layer):
             raise self.fail(f"pad {self.pad} must be smaller than the kernel {self.kernel}", "pad")
 
     def _check_map(self, x: Blob) -> None:
-        """Raise LayerError unless the bottom is a map of four axes with values."""
+        """Raise LayerError unless the bottom is a non-empty map with four axes."""
         if len(x.shape) != 4 or 0 in x.shape[2:]:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x.shape}, expected (N, C, H, W)")
 
     def _check_count(self, count: int, kernel: int, size: int, pad: int) -> int:
-        """The number of windows along an axis, if there is one. Raises LayerError."""
+        """Return the number of windows along an axis. Raises LayerError if it is below 1."""
         if count < 1:
             raise self.fail(f"kernel {kernel} is larger than the padded bottom ({size} + 2 * {pad})")
         return count
 
     def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
-        """x (C, H, W) with its padding, and with room for the windows that hang over."""
+        """Pad x (C, H, W), including the parts of windows that extend beyond the padding."""
         after = [
             max((outputs - 1) * s + k - n - p, p)
             for outputs, s, k, n, p in zip(y_shape[2:], self.stride, self.kernel, x.shape[1:], self.pad)
         ]
         return np.pad(x, [(0, 0), *zip(self.pad, after)], constant_values=value)
 
-    # ------------------------------------------------------------------------------------------ windows side by side
+    # ------------------------------------------------------------------------------------------ tiles
 
     def _tiling(self, size: int, count: int) -> tuple[int, int]:
-        """The length of each of ``count`` windows that cover an axis, and the padding before the first."""
+        """Length of each of ``count`` windows that tile an axis, and the padding before the first."""
         k = -(-size // count)
         pad = (k * count - size + 1) // 2
         if pad >= k:

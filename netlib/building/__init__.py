@@ -1,1 +1,1 @@
-"""A layer from its text: the class of its type, its options, a user's own Python layers."""
+"""Building a layer from its text: finding its class, reading its options, importing Python layers."""

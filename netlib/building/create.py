@@ -1,4 +1,4 @@
-"""Make a layer from its ``layer { ... }``: find the class, check the option blocks."""
+"""Create a layer from its ``layer { ... }``: find the class and check the option blocks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from netlib.proto.schema import Phase
 
 
 def check_options(spec: LayerParameter) -> None:
-    """Read the options blocks of a layer as the types that have them do. Raises PrototxtError at a mistake."""
+    """Validate all option blocks of a layer against the types that define them. Raises PrototxtError."""
     _check_blocks(spec)
     blocks = option_blocks()
     for name, tree in spec.blocks.items():
@@ -32,9 +32,9 @@ def create(
     dtype: DTypeLike,
     twin: Callable[[type[Layer]], type[Layer]] = lambda cls: cls,
 ) -> Layer:
-    """The layer that ``spec`` describes. Raises PrototxtError or LayerError.
+    """Create the layer that ``spec`` describes. Raises PrototxtError or LayerError.
 
-    ``twin`` may choose another class that computes the same (netlib/engine/choice.py).
+    ``twin`` maps the class to an equivalent one of the engine (netlib/engine/choice.py).
     """
     types = layer_types()
     where = schema.position_of(spec, "type")
@@ -53,7 +53,7 @@ def create(
 
 
 def _check_blocks(spec: LayerParameter, own: str = "") -> None:
-    """An options block must belong to some layer type; Caffe, too, ignores those of other types than its ``own``."""
+    """Reject option blocks that no layer type defines. As in Caffe, those of other types than ``own`` are ignored."""
     if set(spec.blocks) <= {own}:
         return
     known = {block_name(cls, name) for name, cls in layer_types().items()} | set(option_blocks())

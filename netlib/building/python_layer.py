@@ -1,11 +1,11 @@
-"""Layers of type Python: the user's own classes, found as pycaffe finds them. They are code; all else in a net is data.
+"""Layers of type Python: classes of the user, found as pycaffe finds them. Only these layers execute code of a net.
 
-A module is looked for in the working directory and on PYTHONPATH. Public nets like to call theirs ``layers`` or
-``tools``, which are packages here as well. Such a module is looked for among the user's own files first: it is loaded
-under another name, and a package of that name adds its folder to ours. What the module imports as ``caffe`` is
-netlib.caffe, unless a Caffe is installed.
+Modules are searched for in the working directory and on PYTHONPATH. Many public nets name theirs ``layers`` or
+``tools``, which are packages of this project too. For such names the user's own files are searched first: a module is
+loaded under another name, and the folder of a package is added to ours. In these modules ``import caffe`` returns
+netlib.caffe unless Caffe is installed.
 
-No module runs that cannot have the class: its text is read first.
+A module is executed only if its source may define the class.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from netlib.layer import Layer
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, PythonParameter
 
-OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2's, which old layers use
-# A module that uses one of these may have names that its text does not show.
+OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2 names in old layers
+# A module that uses one of these may define names that do not appear in its source.
 DYNAMIC = {"__dict__", "__getattr__", "__import__", "eval", "exec", "globals", "locals", "modules", "setattr", "vars"}
 
-_are_allowed = True  # in this process
+_are_allowed = True
 
 
 def _nothing() -> None:
-    """The default of ``before_import``."""
+    """Default of ``before_import``."""
 
 
-before_import: Callable[[], None] = _nothing  # called before a module of the user is imported; netlib sets it
+before_import: Callable[[], None] = _nothing  # called before a user's module is imported; netlib sets it
 
 
 @contextlib.contextmanager
 def allowed(are: bool) -> Iterator[None]:
-    """Within it, if not ``are``, no net of this process may have layers of type Python."""
+    """Context manager: unless ``are`` is true, nets of this process may not have layers of type Python."""
     global _are_allowed
     before, _are_allowed = _are_allowed, _are_allowed and are
     try:
@@ -53,20 +53,20 @@ def allowed(are: bool) -> Iterator[None]:
 
 
 def check_allowed(specs: Iterable[LayerParameter], are: bool) -> None:
-    """Raise PrototxtError if one of the layers is of type Python, and they are not allowed, here or in the process."""
+    """Raise PrototxtError if a layer is of type Python and ``are`` or the process does not allow it."""
     if are and _are_allowed:
         return
     for spec in specs:
         if spec.type == "Python":
             raise PrototxtError(
                 schema.position_of(spec, "type"),
-                f"layer {spec.name!r} is of type 'Python', which runs code of whoever wrote the net, and that is not "
-                "allowed here; if you trust it, leave out --no-python-layers or python_layers=False",
+                f"layer {spec.name!r} is of type 'Python', which executes code of the net's author; this is not "
+                "allowed here. If you trust the author, omit --no-python-layers or python_layers=False",
             )
 
 
 def find_class(spec: LayerParameter) -> type[Layer]:
-    """The class that a layer of type Python names. Raises PrototxtError."""
+    """Return the class that a layer of type Python names. Raises PrototxtError."""
     block = spec.blocks.get("python_param")
     if block is None:
         raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} of type 'Python' needs a python_param")
@@ -95,9 +95,10 @@ def find_class(spec: LayerParameter) -> type[Layer]:
 
 
 def _import(name: str, wanted: str) -> tuple[ModuleType | None, str]:
-    """The module ``name`` and its file; where a package here has this name, too, the user's own if it has ``wanted``.
+    """Import the module ``name`` and return it with its file. If a package here has the same name, the user's own
+    module is preferred if it defines ``wanted``.
 
-    There is no module if the file cannot have the class ``wanted``: then nothing of it has run.
+    Returns None instead of a module, without executing it, if the file cannot define ``wanted``.
     """
     before_import()
     top, _, inner = name.partition(".")
@@ -121,12 +122,12 @@ def _is_ours(top: str) -> bool:
 
 
 def _folders() -> list[Path]:
-    """Where the user's modules may lie: sys.path without our own root."""
+    """Folders to search for the user's modules: sys.path without the project's root."""
     return [folder for folder in map(Path, dict.fromkeys(sys.path)) if folder.resolve() not in (ROOT, BASE)]
 
 
 def _add_folders(package: ModuleType) -> None:
-    """Let one of our packages also find the modules of the user's package of the same name."""
+    """Let a package of this project also find the modules of the user's package of the same name."""
     for folder in _folders():
         inner = str((folder / package.__name__).resolve())
         if Path(inner).is_dir() and inner not in package.__path__:
@@ -134,7 +135,7 @@ def _add_folders(package: ModuleType) -> None:
 
 
 def _own_file(name: str) -> Path | None:
-    """The user's own ``name.py`` or ``name/__init__.py`` beside our package of that name."""
+    """The user's own ``name.py`` or ``name/__init__.py``, if it exists besides this project's package of that name."""
     inner = Path(*name.split("."))
     for folder in _folders():
         for path in (folder / f"{inner}.py", folder / inner / "__init__.py"):
@@ -143,13 +144,13 @@ def _own_file(name: str) -> Path | None:
     return None
 
 
-# ---------------------------------------------------------------------------------------------- before anything runs
+# ---------------------------------------------------------------------------------------------- before execution
 
 
 def _file_of(name: str) -> Path | None:
-    """The text that importing a module would run; None if that cannot be told. Raises ModuleNotFoundError."""
+    """Source file that an import would execute; None if unknown. Raises ModuleNotFoundError."""
     file: Path | None = None
-    places: list[str] | None = None  # the folders of the package; at first those of sys.path
+    places: list[str] | None = None  # search path: the package's folders, at first sys.path
     parts = name.split(".")
     for known in (".".join(parts[: i + 1]) for i in range(len(parts) if all(parts) else 0)):
         if known in sys.modules:
@@ -157,11 +158,11 @@ def _file_of(name: str) -> Path | None:
             continue
         try:
             spec = _spec_of(known, places)
-        except KeyError:  # Python's own: a folder without __init__.py, in a package that is not imported
+        except KeyError:  # raised by importlib for a namespace package whose parent is not imported
             return None
         if spec is None:
             if file is not None and {"path", "__path__", *DYNAMIC} & _names(file)[1]:
-                return None  # the package may say where its modules are, once it runs
+                return None  # the package may set its search path when it runs
             raise ModuleNotFoundError(f"No module named {known!r}", name=known)
         file = Path(spec.origin) if spec.origin is not None and spec.origin.endswith(".py") else None
         places = list(spec.submodule_search_locations or [])
@@ -169,7 +170,7 @@ def _file_of(name: str) -> Path | None:
 
 
 def _spec_of(name: str, places: list[str] | None) -> ModuleSpec | None:
-    """How Python would load a module; nothing is imported."""
+    """Find the spec of a module without importing it."""
     for finder in sys.meta_path:
         spec: ModuleSpec | None = finder.find_spec(name, places) if hasattr(finder, "find_spec") else None
         if spec is not None:
@@ -178,15 +179,15 @@ def _spec_of(name: str, places: list[str] | None) -> ModuleSpec | None:
 
 
 def _may_have(file: Path, name: str) -> bool:
-    """Can the module in a file have this name? Not if no statement binds it, and none could hide that it does."""
+    """Whether the module may define the name: a statement binds it, or the module defines names dynamically."""
     bound, used = _names(file)
     return bool({name, "*"} & bound or DYNAMIC & used)
 
 
 def _names(file: Path) -> tuple[set[str], set[str]]:
-    """The names that statements of a module bind, and all that they use. ``import *`` binds "*"."""
+    """Names that the statements of a module bind, and all names that it uses. ``import *`` binds "*"."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Python says them when the module runs
+        warnings.simplefilter("ignore")  # they are shown when the module runs
         tree = ast.parse(decode_source(file.read_bytes()), str(file))
     bound, used = set(), set()
     for node in ast.walk(tree):

@@ -1,7 +1,7 @@
-"""pycaffe's whole interface: ``import netlib.caffe as caffe``, or ``netlib.install_as_caffe()`` and ``import caffe``.
+"""pycaffe's interface: ``import netlib.caffe as caffe``, or ``netlib.install_as_caffe()`` and ``import caffe``.
 
-Net, Layer and the solvers are netlib's own, with what else pycaffe's have; NetSpec, io, Classifier, Detector, draw and
-caffe_pb2 stand beside. Everything runs on the CPU; what only a GPU could do is accepted with one note.
+Net, Layer and the solvers are those of netlib with pycaffe's additional methods. NetSpec, io, Classifier, Detector,
+draw and caffe_pb2 are modules of this package. Everything runs on the CPU; requests for a GPU only log a warning.
 """
 
 from netlib import Layer, layer_type_list, set_mode_cpu, set_mode_gpu, set_random_seed
@@ -35,7 +35,7 @@ from netlib.caffe.pycaffe import (
     get_solver,
 )
 
-__version__ = "1.0.0"  # of the interface
+__version__ = "1.0.0"  # version of Caffe whose interface this is
 __all__ = [
     "NCCL",
     "TEST",

@@ -1,4 +1,4 @@
-"""caffe.Classifier: a net that says what images show."""
+"""caffe.Classifier: a net that classifies images."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def transformer_of(
     raw_scale: float | None,
     channel_swap: Sequence[int] | None,
 ) -> io.Transformer:
-    """The preprocessing of images (H, W, K) for a net's first input. Raises NetlibError."""
+    """Create the preprocessing of images (H, W, K) for a net's first input. Raises NetlibError."""
     if not net.inputs:
-        raise NetlibError(f"net {net.name!r} has no input to put images into; expected one for deployment, with Input")
+        raise NetlibError(f"net {net.name!r} has no input for images; expected a deployment net with an Input layer")
     name = net.inputs[0]
     transformer = io.Transformer({name: net.blobs[name].data.shape})
     transformer.set_transpose(name, (2, 0, 1))
@@ -40,11 +40,11 @@ def transformer_of(
 
 
 class Classifier(Net):
-    """A net of phase TEST with preprocessing for its first input.
+    """A net in phase TEST with preprocessing for its first input.
 
-    image_dims                                   height and width that images are scaled to before crops of the
-                                                 input's size are cut out of them; by default that size
-    mean, input_scale, raw_scale, channel_swap   as Transformer takes them
+    image_dims                                   height and width to which images are scaled before they are cropped to
+                                                 the input's size; by default that size
+    mean, input_scale, raw_scale, channel_swap   as for Transformer
     """
 
     def __init__(
@@ -68,14 +68,14 @@ class Classifier(Net):
             )
 
     def predict(self, inputs: Sequence[Array], oversample: bool = True) -> NDArray[np.float32]:
-        """The first output of the net for each image (H, W, K); (N, ...).
+        """Predict the net's first output for each image (H, W, K); returns (N, ...).
 
-        With ``oversample``, the mean over corners, centre and their mirrors, (N, C); else of the centre alone. Raises
-        ShapeError.
+        With ``oversample``, returns the mean over crops of corners, centre and their mirror images, (N, C); otherwise
+        the centre crop is used. Raises ShapeError.
         """
         if not len(inputs) or len({np.shape(image)[2:] for image in inputs}) > 1:
             raise io.ShapeError(
-                f"predict takes images (H, W, K) of one K, found {[np.shape(image) for image in inputs]}"
+                f"predict takes images (H, W, K) with the same K, found {[np.shape(image) for image in inputs]}"
             )
         images = np.stack([io.resize_image(image, self.image_dims) for image in inputs])
         crops = io.oversample(images, self.crop_dims) if oversample else _centre(images, self.crop_dims)
@@ -88,6 +88,6 @@ class Classifier(Net):
 
 
 def _centre(images: Array, dims: io.Size) -> Array:
-    """The middle of images (N, H, W, K)."""
+    """Crop the centre of images (N, H, W, K)."""
     y, x = (images.shape[1] - dims[0]) // 2, (images.shape[2] - dims[1]) // 2
     return images[:, y : y + dims[0], x : x + dims[1]]

@@ -1,8 +1,8 @@
-"""caffe.coord_map: where a point of one top lies in another, through the layers between them.
+"""caffe.coord_map: coordinate maps between tops, through the layers that connect them.
 
-A map is (axis, a, b): a point at x lies at a * x + b, from ``axis`` on, the axis before the first spatial one. ``a``
-and ``b`` are arrays with one number per spatial axis, or one number for all. (None, 1, 0) changes nothing and has no
-axis. ``crop`` is what this is for: it cuts an upsampled top so that it lies exactly on another.
+A map is (axis, a, b): a point x maps to a * x + b. It applies to the axes after ``axis``, the one before the first
+spatial axis. ``a`` and ``b`` are arrays with one number per spatial axis, or one number for all. (None, 1, 0) is the
+identity. The purpose is ``crop``, which aligns an upsampled top with another one.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ _LEGACY = {f"{what}_{side}" for what in ("pad", "kernel", "stride") for side in 
 
 
 class UndefinedMapException(NetlibError):  # noqa: N818  pycaffe's name
-    """A layer whose points do not lie anywhere in its bottoms."""
+    """A layer without a coordinate map."""
 
 
 class AxisMismatchException(NetlibError):  # noqa: N818  pycaffe's name
-    """Two maps from different axes on."""
+    """Two maps that apply to different axes."""
 
 
 class UnconnectedError(NetlibError):
-    """Two tops without a common ancestor that their points can be followed to."""
+    """Two tops without a common ancestor connected by coordinate maps."""
 
 
 class CropError(NetlibError, AssertionError):
-    """Maps that no Crop layer can make equal, or options that cannot be followed."""
+    """Maps that a Crop layer cannot align, or options without a coordinate map."""
 
 
 def conv_params(fn: Function) -> tuple[int, Array, Array, Array]:
-    """Axis, stride, kernel size with its dilation, pad of a convolution, pooling or im2col. Raises CropError."""
+    """Axis, stride, dilated kernel size and pad of a convolution, pooling or im2col. Raises CropError."""
     block = "pooling_param" if fn.type_name == "Pooling" else "convolution_param"
     params = fn.params.get(block, fn.params)
     if legacy := _LEGACY & (set(params) | set(fn.params)):
@@ -58,7 +58,7 @@ def conv_params(fn: Function) -> tuple[int, Array, Array, Array]:
 
 
 def crop_params(fn: Function) -> tuple[int, Array]:
-    """Axis and offset of a Crop layer."""
+    """Return axis and offset of a Crop layer."""
     params = fn.params.get("crop_param", fn.params)
     return params.get("axis", 2), np.array(params.get("offset", 0), ndmin=1)
 
@@ -80,7 +80,7 @@ def coord_map(fn: Function) -> Map:
 
 
 def compose(base_map: Map, next_map: Map) -> Map:
-    """x -> base(next(x)). Raises AxisMismatchException."""
+    """Compose maps: x -> base(next(x)). Raises AxisMismatchException."""
     axis1, a1, b1 = base_map
     axis2, a2, b2 = next_map
     if axis1 is not None and axis2 is not None and axis1 != axis2:
@@ -89,15 +89,15 @@ def compose(base_map: Map, next_map: Map) -> Map:
 
 
 def inverse(coord_map: Map) -> Map:
-    """The map back."""
+    """Invert a map."""
     axis, a, b = coord_map
     return axis, 1 / a, -b / a
 
 
 def coord_map_from_to(top_from: Top, top_to: Top) -> Map:
-    """The map from the points of ``top_from`` to those of ``top_to``, by way of a layer that both come from.
+    """The map from points of ``top_from`` to points of ``top_to`` through a common ancestor.
 
-    All ways to it are taken for equal. Raises UnconnectedError if there is none, AxisMismatchException, CropError.
+    All paths are assumed to be equivalent. Raises UnconnectedError if there is none, AxisMismatchException, CropError.
     """
     above_from, above_to = _ancestors(top_from), _ancestors(top_to)
     for top, to_map in above_to.items():
@@ -107,12 +107,12 @@ def coord_map_from_to(top_from: Top, top_to: Top) -> Map:
 
 
 def _ancestors(top: Top) -> dict[Top, Map]:
-    """The tops that a top is computed from, as far as its points can be followed, nearest first; the maps to it."""
+    """Ancestors of a top as far as coordinate maps exist, nearest first, with the maps to the top."""
     maps = {top: IDENTITY}
     waiting = deque([top])
     while waiting:
         at = waiting.popleft()
-        bottoms = at.fn.inputs[:1] if at.fn.type_name == "Crop" else at.fn.inputs  # Crop's other one is only a size
+        bottoms = at.fn.inputs[:1] if at.fn.type_name == "Crop" else at.fn.inputs  # the second only gives a size
         try:
             step = coord_map(at.fn) if bottoms else IDENTITY
         except UndefinedMapException:
@@ -125,16 +125,16 @@ def _ancestors(top: Top) -> dict[Top, Map]:
 
 
 def crop(top_from: Top, top_to: Top) -> Any:
-    """A Crop layer that cuts ``top_from`` to where ``top_to`` lies.
+    """Create a Crop layer that aligns ``top_from`` with ``top_to``.
 
-    Raises CropError if the two have different scales or the offset is negative or not whole, and what
-    ``coord_map_from_to`` raises.
+    Raises CropError if the scales differ or the offset is negative or fractional, and the errors of
+    ``coord_map_from_to``.
     """
     axis, a, b = coord_map_from_to(top_from, top_to)
     if not np.all(a == 1):
         raise CropError(f"scale mismatch on crop (a = {a}): strides and kernels must undo each other")
     if not np.all(b <= 0):
-        raise CropError(f"cannot crop negative offset (b = {b}): the top to be cropped does not reach as far")
+        raise CropError(f"cannot crop negative offset (b = {b}): the top to be cropped is too small")
     if not np.all(np.round(b) == b):
         raise CropError(f"cannot crop noninteger offset (b = {b})")
     offset = [int(-x) for x in np.ravel(b)]

@@ -1,4 +1,4 @@
-"""caffe.Detector: a net that says what windows of images show."""
+"""caffe.Detector: a net that classifies windows of images."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from netlib.layer import TEST
 
 
 class Detector(Net):
-    """A net of phase TEST that is run on windows, each warped to the size of its first input.
+    """A net in phase TEST that is run on windows of images, each warped to the size of its first input.
 
-    mean, input_scale, raw_scale, channel_swap   as Transformer takes them
-    context_pad                                  so many pixels at each border of the input show what lies around the
-                                                 window; beyond the image is the mean. None or 0: the window alone
+    mean, input_scale, raw_scale, channel_swap   as for Transformer
+    context_pad                                  width in pixels of a border of the input that shows the surroundings of
+                                                 the window, filled with the mean beyond the image; None or 0: no border
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Detector(Net):
         self.configure_crop(context_pad)
 
     def detect_windows(self, images_windows: Iterable[tuple[str, Iterable[Sequence[int]]]]) -> list[dict[str, Any]]:
-        """What each window shows: dicts of "window", "prediction" (the first output of the net) and "filename".
+        """Classify windows; returns dicts of "window", "prediction" (first output of the net) and "filename".
 
         ``images_windows`` are pairs of an image file and its windows, each (ymin, xmin, ymax, xmax) in pixels. Raises
         DataError, ShapeError.
@@ -60,17 +60,17 @@ class Detector(Net):
         return found
 
     def detect_selective_search(self, image_fnames: Iterable[str]) -> NoReturn:
-        """Not here: pycaffe has a program in MATLAB propose the windows. Raises NetlibError."""
+        """Not supported, because pycaffe uses MATLAB for it. Raises NetlibError."""
         raise NetlibError(
-            "detect_selective_search needs MATLAB and selective_search_ijcv_with_python, which are not here; "
-            "give windows of your own to detect_windows"
+            "detect_selective_search needs MATLAB and selective_search_ijcv_with_python, which are not supported; "
+            "pass your own windows to detect_windows"
         )
 
     def crop(self, im: Array, window: Sequence[int]) -> Array:
-        """A window (ymin, xmin, ymax, xmax) of an image (H, W, K), with its surroundings if ``context_pad`` is set.
+        """Crop a window (ymin, xmin, ymax, xmax) of an image (H, W, K), and surroundings if ``context_pad`` is set.
 
-        Without, it has the window's own size; with them, that of the net's input. Raises ShapeError if nothing of it
-        lies in the image.
+        The result has the window's size, or with ``context_pad`` the size of the net's input. Raises ShapeError if the
+        window is outside the image.
         """
         try:
             box = np.array([int(x) for x in window])
@@ -85,24 +85,24 @@ class Detector(Net):
         part = im[inside[0] : inside[2], inside[1] : inside[3]]
         if not part.size:
             raise ShapeError(
-                f"the window {plain(window)} (ymin, xmin, ymax, xmax) has nothing of an image of "
+                f"the window {plain(window)} (ymin, xmin, ymax, xmax) is outside an image of "
                 f"{im.shape[0]} x {im.shape[1]} pixels"
             )
         if not self.context_pad:
             return part
-        scale = size / (box[2:] - box[:2] + 1)  # of the box, which fills the input
-        y, x = np.round(np.maximum(0, -box[:2]) * scale).astype(int)  # where the image begins there
+        scale = size / (box[2:] - box[:2] + 1)  # from image to input
+        y, x = np.round(np.maximum(0, -box[:2]) * scale).astype(int)  # start of the image in the input
         h, w = np.round((inside[2:] - inside[:2] + 1) * scale).astype(int)
-        h, w = min(h, size - y), min(w, size - x)  # both were rounded
+        h, w = min(h, size - y), min(w, size - x)  # rounding can exceed the input by one
         crop = np.ones(self.crop_dims, np.float32) * self.crop_mean
         if h > 0 and w > 0:
             crop[y : y + h, x : x + w] = resize_image(part, (h, w))
         return crop
 
     def configure_crop(self, context_pad: int | None) -> None:
-        """Set ``context_pad``, and what it needs: the size of crops, and the mean as an image would have it.
+        """Set ``context_pad`` and what depends on it: the crop size, and the mean in the layout of an image.
 
-        Raises ShapeError if the net's input cannot have such a border.
+        Raises ShapeError if the border does not fit the net's input.
         """
         name = self.inputs[0]
         shape = self.blobs[name].data.shape[1:]
@@ -127,7 +127,7 @@ class Detector(Net):
 
 
 def _around(window: Array, scale: float) -> Array:
-    """A window scaled about its middle, in whole pixels; as Caffe counts, its last row and column belong to it."""
+    """Scale a window about its centre, in whole pixels; as in Caffe, its last row and column are included."""
     half = (window[2:] - window[:2] + 1) / 2
     middle = window[:2] + half
     return np.round([*(middle - scale * half), *(middle + scale * half)]).astype(int)

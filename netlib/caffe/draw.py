@@ -1,6 +1,6 @@
-"""caffe.draw: a net as a picture of its graph, by the package pydot and Graphviz's program dot.
+"""caffe.draw: images of a net's graph, drawn by the package pydot and the Graphviz program dot.
 
-Both are asked for when something is drawn, and only then.
+Both are required only when a net is drawn.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
 
 LAYER_STYLE_DEFAULT = {"shape": "record", "fillcolor": "#6495ED", "style": "filled"}
-NEURON_LAYER_STYLE = {"shape": "record", "fillcolor": "#90EE90", "style": "filled"}  # of layers in place
+NEURON_LAYER_STYLE = {"shape": "record", "fillcolor": "#90EE90", "style": "filled"}  # layers in place
 BLOB_STYLE = {"shape": "octagon", "fillcolor": "#E0E0E0", "style": "filled"}
 COLORS = {"Convolution": "#FF5050", "Deconvolution": "#FF5050", "Pooling": "#FF9900", "InnerProduct": "#CC33FF"}
-NOTHING = '""'  # a label without text
-_WORDS = ("node", "edge", "graph", "digraph", "subgraph", "strict")  # of Graphviz's language
+NOTHING = '""'  # an empty label
+_WORDS = ("node", "edge", "graph", "digraph", "subgraph", "strict")  # Graphviz's keywords
 
 
 class RuleError(NetlibError, ValueError):
-    """A layer of which it cannot be said whether it is to be drawn, or how."""
+    """A layer whose rules or options do not determine how to draw it."""
 
 
 def get_pooling_types_dict() -> dict[int, str]:
-    """Kinds of pooling by their numbers."""
+    """Pooling methods: number -> name."""
     kinds = caffe_pb2.LayerParameter().pooling_param.PoolMethod
     return {number: name for name, number in kinds.items()}
 
 
 def get_edge_label(layer: Any) -> str:
-    """What stands beside the arrows out of a layer: batch size or number of outputs, if it has one."""
+    """Label of the arrows out of a layer: batch size or number of outputs, if any."""
     if layer.type == "Data":
         return f"Batch {layer.data_param.batch_size}"
     if layer.type in ("Convolution", "Deconvolution"):
@@ -46,7 +46,7 @@ def get_edge_label(layer: Any) -> str:
 
 
 def get_layer_lr_mult(layer: Any) -> tuple[float, float]:
-    """The lr_mult of weights and biases, 1 where none is given. Raises RuleError for layers without weights."""
+    """The lr_mult of weights and biases, default 1. Raises RuleError for layers without weights."""
     if layer.type not in ("Convolution", "Deconvolution", "InnerProduct"):
         raise RuleError(f"{layer.type} layers do not have a learning rate multiplier")
     given = [param.lr_mult for param in layer.param]
@@ -57,9 +57,9 @@ def get_layer_lr_mult(layer: Any) -> tuple[float, float]:
 
 
 def get_layer_label(layer: Any, rankdir: str, display_lrm: bool = False) -> str:
-    """The text in a layer's box, in quotes: name, type, kernel; with ``display_lrm`` its learning rates.
+    """Label of a layer's box, in quotes: name, type, kernel, and with ``display_lrm`` its learning rate multipliers.
 
-    A graph from top to bottom ("TB", "BT") has room for one long line, others get short ones.
+    Vertical graphs ("TB", "BT") have room for one long line; in others the label has several lines.
     """
     separator = " " if rankdir in ("TB", "BT") else r"\n"
     kind = layer.type
@@ -84,17 +84,17 @@ def _kernel(size: int, stride: int, pad: int) -> list[str]:
 
 
 def choose_color_by_layertype(layertype: str) -> str:
-    """The colour of a layer's box."""
+    """Fill colour of a layer's box."""
     return COLORS.get(layertype, LAYER_STYLE_DEFAULT["fillcolor"])
 
 
 def get_pydot_graph(
     caffe_net: Any, rankdir: str, label_edges: bool = True, phase: int | None = None, display_lrm: bool = False
 ) -> Any:
-    """The pydot graph of a NetParameter: layers as boxes, blobs as octagons.
+    """Build the pydot graph of a NetParameter: layers as boxes, blobs as octagons.
 
-    ``rankdir`` is its direction, "LR", "TB" or "BT". ``label_edges``: sizes beside the arrows. ``phase``: only the
-    layers of caffe.TRAIN or caffe.TEST. Raises NetlibError without pydot, RuleError.
+    ``rankdir`` is its direction, "LR", "TB" or "BT". ``label_edges`` adds sizes to the arrows. ``phase`` limits it to
+    the layers of caffe.TRAIN or caffe.TEST. Raises NetlibError if pydot is missing, RuleError.
     """
     try:
         pydot = importlib.import_module("pydot")
@@ -124,7 +124,7 @@ def get_pydot_graph(
 
 
 def _is_in(layer: Any, phase: int) -> bool:
-    """Is a layer in this phase? What its rules say of levels and stages does not count."""
+    """Whether a layer is in this phase; rules about levels and stages are ignored."""
     if len(layer.include) and len(layer.exclude):
         raise RuleError(f"layer {layer.name!r} has both include and exclude specified.")
     if len(layer.include):
@@ -133,21 +133,21 @@ def _is_in(layer: Any, phase: int) -> bool:
 
 
 def _quoted(name: str) -> str:
-    """A name as Graphviz reads it: in quotes, unless it is a plain word."""
+    """Quote a name for Graphviz unless it is a plain word."""
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) and name.lower() not in _WORDS:
         return name
     return f'"{_escaped(name)}"'
 
 
 def _escaped(name: str) -> str:
-    """A name as it stands between quotes."""
+    """Escape a name for use between quotes."""
     return name.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def draw_net(
     caffe_net: Any, rankdir: str, ext: str = "png", phase: int | None = None, display_lrm: bool = False
 ) -> bytes:
-    """The picture of a NetParameter in a format of Graphviz's: png, svg, pdf ...; raw is Graphviz's own language.
+    """Draw a NetParameter in a format of Graphviz: png, svg, pdf ...; "raw" returns Graphviz's own language.
 
     Raises NetlibError, also if pydot or Graphviz is missing.
     """
@@ -159,7 +159,7 @@ def draw_net(
     if program is None:
         raise NetlibError(
             "Graphviz's program dot is missing: install Graphviz (apt install graphviz, brew install graphviz); "
-            "the format raw needs none"
+            "the format raw does not need it"
         )
     done = subprocess.run([program, f"-T{ext}"], input=text, capture_output=True, check=False)
     if done.returncode:
@@ -171,12 +171,12 @@ def draw_net(
 def draw_net_to_file(
     caffe_net: Any, filename: str | Path, rankdir: str = "LR", phase: int | None = None, display_lrm: bool = False
 ) -> None:
-    """Write the picture of a NetParameter; the ending of the name is its format. Raises NetlibError."""
+    """Write the image of a NetParameter in the format of the file's suffix. Raises NetlibError."""
     ext = Path(filename).suffix.removeprefix(".")
     if not ext:
-        raise NetlibError(f"{filename}: the ending of the name is the picture's format; expected .png, .svg, .pdf ...")
+        raise NetlibError(f"{filename}: no suffix; expected one that names the format: .png, .svg, .pdf ...")
     picture = draw_net(caffe_net, rankdir, ext, phase, display_lrm)
     try:
         atomic.replace(Path(filename), lambda file: file.write_bytes(picture))
     except (OSError, ValueError) as error:
-        raise NetlibError(f"{filename}: cannot write the picture: {reason_of(error)}") from error
+        raise NetlibError(f"{filename}: cannot write the image: {reason_of(error)}") from error

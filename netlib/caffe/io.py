@@ -1,7 +1,7 @@
-"""caffe.io: arrays as Caffe's messages and back, and images as a net wants them.
+"""caffe.io: conversion of arrays to and from Caffe's messages, and preprocessing of images.
 
-Transformer, load_image, resize_image and oversample give pycaffe's numbers. It had scikit-image for them; here SciPy
-computes the same.
+Transformer, load_image, resize_image and oversample compute the same values as pycaffe's, with SciPy instead of
+scikit-image.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ GRAY = (0.2125, 0.7154, 0.0721)  # scikit-image's weights of red, green, blue
 
 
 class ShapeError(DataError, ValueError):
-    """An array whose shape does not fit; also a ValueError, which scripts for pycaffe catch."""
+    """An array of the wrong shape; also a ValueError, which scripts written for pycaffe catch."""
 
 
 def plain(numbers: Sequence[float] | Array) -> tuple[float, ...]:
-    """Numbers as a message shows them, NumPy's like others: ``(2, 3)``."""
+    """Convert numbers, also NumPy's, for messages: ``(2, 3)``."""
     return tuple(np.asarray(numbers).tolist())
 
 
@@ -38,7 +38,7 @@ def plain(numbers: Sequence[float] | Array) -> tuple[float, ...]:
 
 
 def blobproto_to_array(blob: Any, return_diff: bool = False) -> NDArray[np.float64]:
-    """The values of a BlobProto, or its gradients, in its shape. Raises ShapeError if they do not fill the shape."""
+    """Convert a BlobProto, or its gradients, to an array. Raises ShapeError if values do not match the shape."""
     single, double = (blob.diff, blob.double_diff) if return_diff else (blob.data, blob.double_data)
     values = np.array(double if len(double) else single, np.float64)
     legacy = ("num", "channels", "height", "width")
@@ -50,7 +50,7 @@ def blobproto_to_array(blob: Any, return_diff: bool = False) -> NDArray[np.float
 
 
 def array_to_blobproto(arr: Array, diff: Array | None = None) -> Any:
-    """A BlobProto of an array, and of gradients of the same shape if they are given."""
+    """Convert an array, and optionally gradients of the same shape, to a BlobProto."""
     blob = caffe_pb2.BlobProto()
     blob.shape.dim.extend(arr.shape)
     blob.data.extend(arr.astype(float).ravel())
@@ -60,21 +60,21 @@ def array_to_blobproto(arr: Array, diff: Array | None = None) -> Any:
 
 
 def arraylist_to_blobprotovector_str(arraylist: Iterable[Array]) -> bytes:
-    """The bytes of a BlobProtoVector of arrays."""
+    """Encode arrays as the bytes of a BlobProtoVector."""
     vector = caffe_pb2.BlobProtoVector()
     vector.blobs.extend([array_to_blobproto(array) for array in arraylist])
     return vector.SerializeToString()
 
 
 def blobprotovector_str_to_arraylist(str: bytes) -> list[NDArray[np.float64]]:
-    """The arrays in the bytes of a BlobProtoVector. Raises WireError or ShapeError."""
+    """Decode the arrays in the bytes of a BlobProtoVector. Raises WireError or ShapeError."""
     vector = caffe_pb2.BlobProtoVector()
     vector.ParseFromString(str)
     return [blobproto_to_array(blob) for blob in vector.blobs]
 
 
 def array_to_datum(arr: Array, label: int | None = None) -> Any:
-    """A Datum of an array (C, H, W): uint8 as bytes, anything else as floats. Raises ShapeError."""
+    """Convert an array (C, H, W) to a Datum: uint8 as bytes, other types as floats. Raises ShapeError."""
     if arr.ndim != 3:
         raise ShapeError(f"Incorrect array shape: a Datum takes (channels, height, width), found {arr.shape}")
     datum = caffe_pb2.Datum()
@@ -89,9 +89,9 @@ def array_to_datum(arr: Array, label: int | None = None) -> Any:
 
 
 def datum_to_array(datum: Any) -> Array:
-    """The array (C, H, W) of a Datum, uint8 or float64; its label is ``datum.label``. Raises ShapeError."""
+    """Convert a Datum to an array (C, H, W) of uint8 or float64; its label is ``datum.label``. Raises ShapeError."""
     if datum.encoded:
-        raise ShapeError("a Datum holds an encoded picture, not values; decode its data, for example with OpenCV")
+        raise ShapeError("the Datum holds an encoded image; decode its data, for example with OpenCV")
     values: Array = np.array(datum.float_data, np.float64)
     if len(datum.data):
         values = np.frombuffer(datum.data, np.uint8).copy()
@@ -102,17 +102,17 @@ def _shaped(values: Array, shape: tuple[int, ...], what: str) -> Array:
     try:
         return values.reshape(shape)
     except ValueError:
-        raise ShapeError(f"{what} has the shape {shape}, but {values.size} values") from None
+        raise ShapeError(f"{what} has shape {shape}, but {values.size} values") from None
 
 
 # ---------------------------------------------------------------------------------------------- preprocessing
 
 
 class Transformer:
-    """Makes inputs of a net from images, and images from inputs.
+    """Converts images to inputs of a net, and inputs to images.
 
-    ``inputs`` gives the shape of each input blob by its name: ``{"data": net.blobs["data"].data.shape}``. What is not
-    set is left out.
+    ``inputs`` maps each input blob to its shape: ``{"data": net.blobs["data"].data.shape}``. Steps that are not set are
+    skipped.
     """
 
     def __init__(self, inputs: Mapping[str, Sequence[int]]) -> None:
@@ -124,14 +124,14 @@ class Transformer:
         self.input_scale: dict[str, float] = {}
 
     def preprocess(self, in_: str, data: Array) -> NDArray[np.float32]:
-        """An image (H, W, K) as the input blob ``in_`` takes it: (K, H', W') if a transpose is set.
+        """Convert an image (H, W, K) for the input blob ``in_``: to (K, H', W') if a transpose is set.
 
-        In this order: float32; the input's height and width; transpose; channel swap; raw scale; mean; input scale.
-        The image itself is not changed. Raises NetlibError.
+        Order: float32; resize to the input; transpose; channel swap; raw scale; mean; input scale. The image itself is
+        not changed. Raises NetlibError.
         """
         shape = self._shape(in_)
         if len(shape) != 4:
-            raise ShapeError(f"preprocess makes inputs (N, K, H, W), but {in_!r} has the shape {tuple(shape)}")
+            raise ShapeError(f"preprocess needs an input (N, K, H, W), but {in_!r} has shape {tuple(shape)}")
         height, width = shape[2:]
         image = np.asarray(data).astype(np.float32)
         if image.shape[:2] != (height, width):
@@ -149,7 +149,7 @@ class Transformer:
         return image
 
     def deprocess(self, in_: str, data: Array) -> Array:
-        """The image of an input, without axes of length 1: all that ``preprocess`` does, except resizing, undone."""
+        """Invert ``preprocess``, except for resizing; axes of length 1 are removed."""
         self._shape(in_)
         image = data.copy()
         if image.ndim == 4 and len(image) == 1:
@@ -169,7 +169,7 @@ class Transformer:
         return image.squeeze()
 
     def set_transpose(self, in_: str, order: Sequence[int]) -> None:
-        """The order of the axes: (2, 0, 1) makes (H, W, K) to (K, H, W)."""
+        """Set the order of the axes: (2, 0, 1) converts (H, W, K) to (K, H, W)."""
         axes = len(self._shape(in_)) - 1
         if sorted(order) != list(range(axes)):
             raise ShapeError(
@@ -179,7 +179,7 @@ class Transformer:
         self.transpose[in_] = order
 
     def set_channel_swap(self, in_: str, order: Sequence[int]) -> None:
-        """The order of the channels, which are the first axis after the transpose: (2, 1, 0) makes RGB to BGR."""
+        """Set the order of the channels, the first axis after the transpose: (2, 1, 0) converts RGB to BGR."""
         channels = self._shape(in_)[1]
         if len(order) != channels or not set(order) <= set(range(channels)):
             raise ShapeError(
@@ -189,12 +189,12 @@ class Transformer:
         self.channel_swap[in_] = order
 
     def set_raw_scale(self, in_: str, scale: float) -> None:
-        """What an image is multiplied by before the mean is subtracted: 255 if [0, 1] shall become [0, 255]."""
+        """Set the factor applied before the mean is subtracted: 255 converts [0, 1] to [0, 255]."""
         self._shape(in_)
         self.raw_scale[in_] = scale
 
     def set_mean(self, in_: str, mean: Array) -> None:
-        """What is subtracted: one number per channel (K,), or an image (H, W) or (K, H, W), resized if need be."""
+        """Set the mean to subtract: one number per channel (K,), or an image (H, W) or (K, H, W), resized to fit."""
         _, channels, *size = self._shape(in_)
         mean = np.asarray(mean)
         mean = mean if mean.dtype.kind == "f" else mean.astype(np.float64)
@@ -213,12 +213,12 @@ class Transformer:
         self.mean[in_] = mean
 
     def set_input_scale(self, in_: str, scale: float) -> None:
-        """What an input is multiplied by after all else."""
+        """Set the factor applied last."""
         self._shape(in_)
         self.input_scale[in_] = scale
 
     def _shape(self, in_: str) -> Sequence[int]:
-        """The shape of an input. Raises NetlibError if there is none of this name."""
+        """Shape of an input. Raises NetlibError if it does not exist."""
         if in_ not in self.inputs:
             known = ", ".join(map(repr, self.inputs)) or "none"
             raise NetlibError(f"{in_!r} is not one of the net inputs: {known}{did_you_mean(str(in_), self.inputs)}")
@@ -230,7 +230,7 @@ def _subtract(image: Array, mean: Array, in_: str) -> None:
         image -= mean
     except ValueError:
         raise ShapeError(
-            f"the mean of {in_!r} has the shape {mean.shape}, the array {image.shape}; is a transpose missing?"
+            f"the mean of {in_!r} has shape {mean.shape}, the array {image.shape}; set a transpose if it is missing"
         ) from None
 
 
@@ -238,20 +238,20 @@ def _subtract(image: Array, mean: Array, in_: str) -> None:
 
 
 def load_image(filename: str | Path, color: bool = True) -> NDArray[np.float32]:
-    """An image file as (H, W, 3), red first, or gray as (H, W, 1); [0, 1]. Alpha is dropped.
+    """Read an image file as (H, W, 3), red first, or gray as (H, W, 1). Alpha is dropped.
 
-    8 and 16 bits are scaled to [0, 1], floats are left as they are. Raises DataError.
+    8 and 16 bits are scaled to [0, 1]; floats are not scaled. Raises DataError.
     """
     raw = files.read_bytes(filename, "the image")
     pixels = pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(filename))
     if pixels.dtype.kind not in "uf":
-        raise DataError(f"{filename}: an image of {pixels.dtype}; expected 8 or 16 bits without sign, or floats")
+        raise DataError(f"{filename}: image of type {pixels.dtype}; expected 8 or 16 bits unsigned, or floats")
     if pixels.ndim == 3 and pixels.shape[2] not in (3, 4):
-        raise DataError(f"{filename}: an image of {pixels.shape[2]} channels; expected gray or colour, alpha or none")
+        raise DataError(f"{filename}: image with {pixels.shape[2]} channels; expected gray or colour, alpha optional")
     image = pixels.astype(np.float64)
     if pixels.dtype.kind == "u":
         image /= 2 ** (8 * pixels.itemsize) - 1
-    image = image[:, :, None] if image.ndim == 2 else image[:, :, 2::-1]  # OpenCV has blue first
+    image = image[:, :, None] if image.ndim == 2 else image[:, :, 2::-1]  # OpenCV stores BGR
     if color:
         image = np.broadcast_to(image, (*image.shape[:2], 3))
     elif image.shape[2] == 3:
@@ -260,11 +260,11 @@ def load_image(filename: str | Path, color: bool = True) -> NDArray[np.float32]:
 
 
 def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np.float32]:
-    """An image (H, W, K) in another height and width, interpolated by splines of an order (1: bilinear).
+    """Resize an image (H, W, K) by spline interpolation of the given order (1: bilinear).
 
-    With 1 or 3 channels, pixels are areas, and outside them is the least value of the image: borders fade a little.
-    With other numbers of channels the middles of the corner pixels stay where they are. Neither averages, so a much
-    smaller image shows single pixels of the larger one. Raises ShapeError.
+    With 1 or 3 channels, pixels are areas, and the outside has the minimum value of the image, so borders darken
+    slightly. With other numbers of channels, the centres of the corner pixels stay fixed. Neither mode averages when
+    downsampling. Raises ShapeError.
     """
     im = np.asarray(im)
     height, width = (int(n) for n in new_dims) if len(new_dims) == 2 else (0, 0)
@@ -286,22 +286,22 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
 
 
 def oversample(images: Sequence[Array] | Array, crop_dims: Size) -> NDArray[np.float32]:
-    """Ten crops of every image (H, W, K): four corners, the centre, and the same mirrored; (10 N, h, w, K).
+    """Ten crops of every image (H, W, K): four corners, the centre, and their mirror images; (10 N, h, w, K).
 
-    All images must have the size of the first. Raises ShapeError.
+    All images must have the same size. Raises ShapeError.
     """
     if not len(images):
         raise ShapeError("oversample takes at least one image, found none")
     height, width = (int(n) for n in crop_dims)
     shape = np.shape(images[0])
     if len(shape) != 3 or not (0 < height <= shape[0] and 0 < width <= shape[1]):
-        raise ShapeError(f"oversample cannot cut ({height}, {width}) out of an image of shape {shape}")
+        raise ShapeError(f"oversample cannot crop ({height}, {width}) from an image of shape {shape}")
     bottom, right = shape[0] - height, shape[1] - width
     corners = [(0, 0), (0, right), (bottom, 0), (bottom, right), (bottom // 2, right // 2)]
     crops = np.empty((len(images), 2, len(corners), height, width, shape[2]), np.float32)
     for n, image in enumerate(images):
         if np.shape(image) != shape:
-            raise ShapeError(f"oversample takes images of one shape, found {shape} and {np.shape(image)}")
+            raise ShapeError(f"oversample takes images of the same shape, found {shape} and {np.shape(image)}")
         for i, (y, x) in enumerate(corners):
             crops[n, 0, i] = image[y : y + height, x : x + width]
         crops[n, 1] = crops[n, 0, :, :, ::-1]

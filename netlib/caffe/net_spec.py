@@ -8,9 +8,9 @@
     n.pool = L.Pooling(n.conv, kernel_size=2, stride=2, pool=P.Pooling.MAX)
     text = str(n.to_proto())
 
-``L.Type(bottoms, options)`` is a layer and gives its tops; nothing is computed. ``ntop`` says how many there are (1),
-``in_place`` that they are the bottoms. Other options go into the block of the type (``convolution_param``), or into
-the layer itself if its block has none of that name. A list is a repeated field, a dict a message.
+``L.Type(bottoms, options)`` defines a layer and returns its tops; nothing is computed. ``ntop`` is the number of tops
+(1); with ``in_place`` the tops are the bottoms. Other options are fields of the type's block (``convolution_param``)
+or, if the block lacks them, of the layer itself. A list is a repeated field, a dict is a message.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from netlib.proto.options import block_name, layer_types
 
 
 class SpecError(NetlibError):
-    """A net that cannot be specified so."""
+    """An invalid net specification."""
 
 
 class NotATopError(SpecError, TypeError):
-    """What a layer shall read, or a NetSpec holds, is no output of a layer."""
+    """An input of a layer, or a value in a NetSpec, that is not the output of a layer."""
 
 
 class UnknownNameError(SpecError, AttributeError, KeyError):
-    """An option, constant or top that is not there."""
+    """An unknown option, constant or top."""
 
-    __str__ = Exception.__str__  # a KeyError would quote the message
+    __str__ = Exception.__str__  # KeyError would show the repr of the message
 
 
 class OptionValueError(SpecError, TypeError, ValueError):
-    """A value that its option cannot have."""
+    """A value that is invalid for its option."""
 
 
 # ---------------------------------------------------------------------------------------------- a layer and its tops
@@ -52,14 +52,14 @@ class Top:
         self.fn, self.n = fn, n
 
     def to_proto(self) -> Any:
-        """The NetParameter of all layers that this output needs."""
+        """Build the NetParameter of all layers that this output depends on."""
         return to_proto(self)
 
 
 class Function:
-    """A layer: its type, the tops that it reads, its options. Raises NotATopError if an input is something else.
+    """A layer: its type, its input tops and its options. Raises NotATopError if an input is not a Top.
 
-    ``params`` are the options as they were given, without ``ntop`` and ``in_place``; ``tops`` are its outputs.
+    ``params`` are the given options without ``ntop`` and ``in_place``; ``tops`` are its outputs.
     """
 
     def __init__(self, type_name: str, inputs: Iterable[Top], params: dict[str, Any]) -> None:
@@ -78,19 +78,19 @@ Names = dict[Any, str]  # top, or layer without tops -> its name
 
 
 def to_proto(*tops: Top | Function) -> Any:
-    """The NetParameter of all layers that these tops need; names are made from the types: Convolution1, Convolution2.
+    """Build the NetParameter of all layers that these tops depend on, named by type: Convolution1, Convolution2.
 
-    Raises SpecError for options that a layer does not have.
+    Raises SpecError for options that a layer type does not have.
     """
     return _net(tops, {})
 
 
 def _net(tops: Iterable[Top | Function], names: Names) -> Any:
-    """A net of these tops, each layer after those that it reads. ``names`` takes the names that are made."""
+    """Build a net, each layer after those that it reads. ``names`` is extended by generated names."""
     made: Made = {}
     counts: Counter[str] = Counter()
     for top in tops:
-        waiting = [top.fn if isinstance(top, Top) else top]  # a list, for deep nets outgrow Python's stack
+        waiting = [top.fn if isinstance(top, Top) else top]  # not recursive: deep nets exceed the recursion limit
         while waiting:
             unmade = [bottom.fn for bottom in waiting[-1].inputs if bottom.fn not in made]
             if unmade:
@@ -105,7 +105,7 @@ def _net(tops: Iterable[Top | Function], names: Names) -> Any:
 
 
 def _layer(fn: Function, made: Made, names: Names, counts: Counter[str]) -> Any:
-    """The LayerParameter of a layer whose bottoms are made."""
+    """The LayerParameter of a layer whose input layers are in ``made``."""
     named = fn.tops[:1] if fn.in_place else fn.tops
     for unnamed in [one for one in named or [fn] if one not in names]:
         counts[fn.type_name] += 1
@@ -124,7 +124,7 @@ def _layer(fn: Function, made: Made, names: Names, counts: Counter[str]) -> Any:
 
 
 def _holder(layer: Any, option: str) -> Any:
-    """The message that an option of a layer belongs to: the block of the layer's type, or the layer itself."""
+    """The message that an option of a layer belongs to: the block of the layer's type, or the layer."""
     fields = layer.DESCRIPTOR.fields_by_name
     if option.endswith("param"):
         return layer
@@ -144,7 +144,7 @@ def _holder(layer: Any, option: str) -> Any:
 
 
 def _blocks_of(type_name: str) -> list[str]:
-    """The blocks that a layer type of this project reads."""
+    """The blocks that a layer type reads."""
     cls = layer_types().get(type_name)
     if cls is None:
         return []
@@ -154,7 +154,7 @@ def _blocks_of(type_name: str) -> list[str]:
 def assign_proto(proto: Any, name: str, val: Any) -> None:
     """Set a field of a message from a Python value: a list for a repeated field, a dict for a message.
 
-    A single value for a repeated field stands for a list of one. Raises SpecError.
+    A single value for a repeated field is treated as a list of one. Raises SpecError.
     """
     fields = proto.DESCRIPTOR.fields_by_name
     if name not in fields:
@@ -190,7 +190,7 @@ def _checked(proto: Any, name: str, put: Callable[[Any], object], value: Any) ->
 
 
 def param_name_dict() -> dict[str, str]:
-    """Layer types with the names of their blocks, without the endings: ``{"InnerProduct": "inner_product", ...}``."""
+    """Layer types with the names of their blocks, without the suffix: ``{"InnerProduct": "inner_product", ...}``."""
     return {
         field.message_type.name.removesuffix("Parameter"): name.removesuffix("_param")
         for name, field in caffe_pb2.LayerParameter.DESCRIPTOR.fields_by_name.items()
@@ -200,11 +200,11 @@ def param_name_dict() -> dict[str, str]:
 
 _param_names = param_name_dict()
 
-# ---------------------------------------------------------------------------------------------- what scripts use
+# ---------------------------------------------------------------------------------------------- public classes
 
 
 class NetSpec:
-    """A net whose tops have names: those of the attributes, or items, that they are assigned to."""
+    """A net whose tops are named by the attributes, or items, that they are assigned to."""
 
     tops: dict[str, Any]
 
@@ -227,18 +227,18 @@ class NetSpec:
         return self.__getattr__(item)
 
     def to_proto(self) -> Any:
-        """The NetParameter of all layers that the tops need. Raises SpecError."""
+        """Build the NetParameter of all layers that the tops depend on. Raises SpecError."""
         for name, top in self.tops.items():
             if not isinstance(top, (Top, Function)):
                 raise NotATopError(
                     f"{name!r} of the net is not a Top (type is {type(top)}); "
-                    "a layer of several tops gives one for each name: n.data, n.label = L.HDF5Data(..., ntop=2)"
+                    "unpack a layer with several tops: n.data, n.label = L.HDF5Data(..., ntop=2)"
                 )
         return _net(self.tops.values(), {top: name for name, top in self.tops.items()})
 
 
 class Layers:
-    """``layers.Type(*bottoms, **options)``: a layer of any type. Gives its top, or tops, or the layer if ntop is 0."""
+    """``layers.Type(*bottoms, **options)`` defines a layer. Returns its top or tops, or the layer if ntop is 0."""
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name.startswith("__"):
@@ -252,7 +252,7 @@ class Layers:
 
 
 class Parameters:
-    """``params.Pooling.MAX``: the constants of the options of a layer type."""
+    """``params.Pooling.MAX``: the enum constants in the options of a layer type."""
 
     def __getattr__(self, name: str) -> _Constants:
         if name.startswith("__"):

@@ -1,4 +1,4 @@
-"""What pycaffe says to and asks of the process: device, log, time, number of solvers."""
+"""pycaffe's functions about the process: device, log, timer, number of solvers."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from netlib.system.once import once
 from netlib.training import glog
 
 _log = logging.getLogger("netlib")
-_LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's 0 to 3
-_ADVICE = "several solvers are processes of mpiexec here, each with get_solver(..., ranks=...): docs/distributed.md"
+_LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's levels 0 to 3
+_ADVICE = "run several solvers as processes of mpiexec, each with get_solver(..., ranks=...): docs/distributed.md"
 
 
 class Timer:
@@ -23,11 +23,11 @@ class Timer:
         self._begin = self._seconds = 0.0
 
     def start(self) -> None:
-        """Begin."""
+        """Start measuring."""
         self._begin = time.perf_counter()
 
     def stop(self) -> None:
-        """End."""
+        """Stop measuring."""
         self._seconds = time.perf_counter() - self._begin
 
     @property
@@ -37,14 +37,14 @@ class Timer:
 
 
 def set_device(number: int) -> None:
-    """Accepted; there are no devices here."""
+    """Warn once that there is only the CPU."""
     once(f"set_device({number}): accepted, but this runs on the CPU")
 
 
 def init_log(level: int | None = None, stderr: bool = True) -> None:
-    """Send the log of nets and solvers to the standard error, from glog's level 0 (information) to 3 (fatal) on.
+    """Log to standard error, from glog's level 0 (information) to 3 (fatal), in glog's format.
 
-    Lines are glog's, as Caffe's log parsers read them. Without it, only warnings are seen.
+    Without it, only warnings are shown.
     """
     _log.setLevel(_LEVELS[min(max(level or 0, 0), len(_LEVELS) - 1)])
     if stderr and not _log.handlers:
@@ -54,56 +54,56 @@ def init_log(level: int | None = None, stderr: bool = True) -> None:
 
 
 def log(text: str) -> None:
-    """Lines in the log."""
+    """Log each line of a text."""
     for line in text.split("\n"):
         _log.info("%s", line)
 
 
-# Solvers that train together are processes (netlib/distributed/mpi.py), which mpiexec starts all at once.
+# Solvers that train together are separate processes (netlib/distributed/mpi.py), started by mpiexec.
 
 
 def solver_count() -> int:
-    """Number of solvers that train together."""
+    """Return the number of solvers that train together."""
     return latest[0].count
 
 
 def set_solver_count(count: int) -> None:
-    """Accepted if it is so. Raises NotImplementedError."""
+    """Do nothing if the number is the current one. Raises NotImplementedError otherwise."""
     if count != solver_count():
         raise NotImplementedError(f"set_solver_count({count}): {_ADVICE}")
 
 
 def solver_rank() -> int:
-    """Number of this solver among those that train together."""
+    """Return the rank of this solver among those that train together."""
     return latest[0].rank
 
 
 def set_solver_rank(rank: int) -> None:
-    """Accepted if it is so. Raises NotImplementedError."""
+    """Do nothing if the rank is the current one. Raises NotImplementedError otherwise."""
     if rank != solver_rank():
         raise NotImplementedError(f"set_solver_rank({rank}): {_ADVICE}")
 
 
 def set_multiprocess(on: bool) -> None:
-    """Accepted: every process has its own random numbers, seeded by ``set_random_seed``."""
+    """Do nothing: every process has its own random numbers, seeded by ``set_random_seed``."""
 
 
 def has_nccl() -> bool:
-    """NCCL joins GPUs; there are none here."""
+    """Return False: NCCL connects GPUs, which are not supported."""
     return False
 
 
 class NCCL:
-    """NCCL joins GPUs. Raises NotImplementedError."""
+    """Not supported. Raises NotImplementedError."""
 
     def __init__(self, solver: Any, uid: str) -> None:
         raise NotImplementedError(
-            "NCCL joins GPUs, and this runs on the CPU; several processes train together over MPI: docs/distributed.md"
+            "NCCL needs GPUs, but netlib runs on the CPU; use MPI to train with several processes: docs/distributed.md"
         )
 
     @staticmethod
     def new_uid() -> str:
-        """Raises NotImplementedError."""
+        """Not supported. Raises NotImplementedError."""
         raise NotImplementedError(
-            "NCCL joins GPUs, and this runs on the CPU; several processes train together over MPI: docs/distributed.md"
+            "NCCL needs GPUs, but netlib runs on the CPU; use MPI to train with several processes: docs/distributed.md"
         )

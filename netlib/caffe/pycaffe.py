@@ -1,4 +1,4 @@
-"""Net and the solvers with everything that pycaffe's have."""
+"""Net and solvers with pycaffe's complete interface."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from netlib import net as core
 from netlib.blob import Array, Blob
 from netlib.distributed.solver import DistributedSolver
-from netlib.engine.plain import Executor, Passed
+from netlib.engine.plain import BackwardHook, Executor
 from netlib.errors import LayerError
 from netlib.proto import schema
 from netlib.proto.messages import SolverParameter
@@ -25,14 +25,14 @@ from netlib.training import solver_parameter
 from netlib.updates import learning_rate
 
 log = logging.getLogger("netlib")
-Hook = Callable[[int], Any]  # is given the number of the layer
+Hook = Callable[[int], Any]  # called with the number of the layer
 
 
 class Net(core.Net):
     """A net: ``Net(network_file, phase, level=0, stages=None, weights=None)``.
 
-    Also pycaffe's older ``Net(network_file, weights, phase)``. ``forward`` and ``backward`` are more lenient than
-    pycaffe's: not all inputs must be given, and another batch size reshapes the net.
+    The older form ``Net(network_file, weights, phase)`` is accepted too. ``forward`` and ``backward`` are more lenient
+    than pycaffe's: inputs can be omitted, and a different batch size reshapes the net.
     """
 
     def __init__(self, network_file: Any, *args: Any, **options: Any) -> None:
@@ -43,7 +43,7 @@ class Net(core.Net):
         super().__init__(network_file, **dict(zip(names, args)), **options)
         self._hooks: dict[str, list[Hook]] = {}
 
-    # ------------------------------------------------------------------------------------------ what there is
+    # ------------------------------------------------------------------------------------------ names and weights
 
     @property
     def _layer_names(self) -> list[str]:
@@ -69,7 +69,7 @@ class Net(core.Net):
 
     @property
     def blob_loss_weights(self) -> OrderedDict[str, float]:
-        """Blob name -> its weight in the loss."""
+        """Blob name -> its loss weight."""
         weights = {id(blob): weight for blob, weight, _ in self.losses}
         return OrderedDict((name, weights.get(id(blob), 0.0)) for name, blob in self.blobs.items())
 
@@ -80,7 +80,7 @@ class Net(core.Net):
         self._add_hook("before_forward", hook)
 
     def after_forward(self, hook: Hook) -> None:
-        """Call ``hook(number of the layer)`` after each layer ran forwards."""
+        """Call ``hook(number of the layer)`` after each layer has run forwards."""
         self._add_hook("after_forward", hook)
 
     def before_backward(self, hook: Hook) -> None:
@@ -88,7 +88,7 @@ class Net(core.Net):
         self._add_hook("before_backward", hook)
 
     def after_backward(self, hook: Hook) -> None:
-        """Call ``hook(number of the layer)`` after each layer ran backwards."""
+        """Call ``hook(number of the layer)`` after each layer has run backwards."""
         self._add_hook("after_backward", hook)
 
     def _add_hook(self, when: str, hook: Hook) -> None:
@@ -97,19 +97,19 @@ class Net(core.Net):
         self._hooks.setdefault(when, []).append(hook)
 
     def _forward(self, start: int, end: int) -> float:
-        """Run the layers numbered ``start`` to ``end``, both included; returns their loss."""
+        """Run the layers numbered ``start`` to ``end``, inclusive, and return their loss."""
         self.executor.forward(start, end + 1)
         return self.loss(slice(start, end + 1))
 
     def _backward(self, start: int, end: int) -> None:
-        """Run the layers numbered ``start`` down to ``end``, both included, backwards."""
+        """Run the layers numbered ``start`` down to ``end``, inclusive, backwards."""
         self._seed_losses()
         self.executor.backward(end, start + 1)
 
     def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Any) -> dict[str, Array]:
-        """Run any number of items, batch by batch; returns outputs, and ``blobs``, for all of them.
+        """Run any number of items, batch by batch; returns outputs and ``blobs`` for all of them.
 
-        Of a loss there is one for each batch.
+        Losses have one value per batch.
         """
         names = list(blobs or [])
         found: dict[str, list[Array]] = {name: [] for name in [*self.outputs, *names]}
@@ -140,7 +140,7 @@ class Net(core.Net):
         return _cut(data, arrays), _cut(diff, arrays)
 
     def _batch(self, arrays: Mapping[str, Array]) -> Iterator[dict[str, Any]]:
-        """Parts of the arrays, as long as the net's batch; the last one is filled up with zeros."""
+        """Split arrays into batches of the net's size; the last one is padded with zeros."""
         if not arrays:
             return
         size = next(iter(self.blobs.values())).shape[0]
@@ -152,20 +152,20 @@ class Net(core.Net):
             }
 
     def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
-        """Give the MemoryData layer, which must be the first, its images and labels. Raises LayerError."""
-        give: Any = getattr(self.layers[0], "set_input_arrays", None) if self.layers else None
-        if give is None:
-            raise LayerError("set_input_arrays is for nets whose first layer is a MemoryData layer")
-        give(data, labels)
+        """Set the images and labels of the MemoryData layer, which must be the first. Raises LayerError."""
+        setter: Any = getattr(self.layers[0], "set_input_arrays", None) if self.layers else None
+        if setter is None:
+            raise LayerError("set_input_arrays needs a net whose first layer is a MemoryData layer")
+        setter(data, labels)
 
     # ------------------------------------------------------------------------------------------ weights
 
     def share_with(self, other: core.Net) -> None:
-        """Use the parameters of another net, by layer name."""
+        """Share the parameters of another net, by layer name."""
         self.share_params(other)
 
     def save_hdf5(self, filename: str | Path) -> None:
-        """Write the weights as HDF5, whatever the file is called."""
+        """Write the weights as HDF5, regardless of the file's name."""
         write_weights(weights_of.image(self, f"{filename}.h5"), filename)
 
     def load_hdf5(self, filename: str | Path) -> None:
@@ -174,13 +174,13 @@ class Net(core.Net):
 
 
 def _cut(found: Mapping[str, list[Array]], given: Mapping[str, Array]) -> dict[str, Array]:
-    """The items that were given, without those that filled the last batch."""
+    """Remove the padding of the last batch."""
     count = len(next(iter(given.values()))) if given else None
     return {name: np.asarray(items[:count]) for name, items in found.items()}
 
 
 class _HookedExecutor(Executor):
-    """Runs layer by layer and calls hooks in between."""
+    """Runs layer by layer and calls hooks before and after each."""
 
     def __init__(self, inner: Executor, hooks: Mapping[str, list[Hook]]) -> None:
         self._inner, self._hooks = inner, hooks
@@ -207,10 +207,10 @@ class _HookedExecutor(Executor):
             self._inner.forward(number, number + 1)
             self._call("after_forward", number)
 
-    def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
+    def backward(self, first: int = 0, last: int | None = None, on_done: BackwardHook | None = None) -> None:
         for number in reversed(range(first, len(self._inner.connections) if last is None else last)):
             self._call("before_backward", number)
-            self._inner.backward(number, number + 1, passed)
+            self._inner.backward(number, number + 1, on_done)
             self._call("after_backward", number)
 
 
@@ -224,7 +224,7 @@ READ_ONCE = (
 
 
 class Options:
-    """The options of a solver, which may be changed while it trains: ``solver.param.base_lr = 0.01``."""
+    """The options of a solver, which can be changed during training: ``solver.param.base_lr = 0.01``."""
 
     def __init__(self, solver: Solver) -> None:
         object.__setattr__(self, "_solver", solver)
@@ -246,10 +246,10 @@ class Options:
 
 
 class Solver(DistributedSolver):
-    """A solver: ``SGDSolver(solver_file)``, or ``get_solver(solver_file)`` for the type that the file says."""
+    """A solver: ``SGDSolver(solver_file)``, or ``get_solver(solver_file)`` for the type given in the file."""
 
     net_class = Net
-    update_rule: str | None = None  # of a class for one rule; the file's ``type`` is then ignored, as in pycaffe
+    update_rule: str | None = None  # rule of a subclass, which overrides the file's ``type``, as in pycaffe
 
     def __init__(self, solver_file: str | Path, **options: Any) -> None:
         changes = {} if self.update_rule is None else {"type": self.update_rule, "solver_type": None}
@@ -258,7 +258,7 @@ class Solver(DistributedSolver):
 
     @property
     def param(self) -> Any:
-        """The options; changeable."""
+        """The options, which can be changed."""
         return Options(self)
 
     @param.setter
@@ -271,11 +271,11 @@ class Solver(DistributedSolver):
         return learning_rate(self._param, self.iter)
 
     def add_callback(self, on_start: Callable[[], Any], on_gradients_ready: Callable[[], Any]) -> None:
-        """Call the first before each iteration, the second when its gradients are there and not yet used."""
+        """Call the first function before each iteration, the second when its gradients are ready."""
         self.callbacks.append((on_start, on_gradients_ready))
 
     def share_weights(self, net: core.Net) -> None:
-        """Let a net use this solver's weights."""
+        """Make a net share this solver's weights."""
         net.share_params(self.net)
 
 
@@ -320,6 +320,6 @@ _CLASSES = {cls.update_rule: cls for cls in (SGDSolver, NesterovSolver, AdaGradS
 
 
 def get_solver(solver_file: str | Path, **options: Any) -> Solver:
-    """The solver of a prototxt file, of the class that its ``type`` names. Raises NetlibError."""
+    """Create the solver of a prototxt file, in the class of its ``type``. Raises NetlibError."""
     kind = solver_parameter.type_of(solver_parameter.read(solver_file))
     return _CLASSES.get(kind, Solver)(solver_file, **options)

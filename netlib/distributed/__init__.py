@@ -1,1 +1,1 @@
-"""Training with several processes: which rows each reads, means of gradients, agreement, over MPI."""
+"""Data-parallel training with several processes over MPI: sharding, averaged gradients, agreement."""

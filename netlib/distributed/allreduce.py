@@ -1,14 +1,12 @@
-"""Means over the ranks of MPI, in the order of the ranks, so that a training repeats itself bit for bit.
+"""Means over MPI ranks, summed in the order of the ranks, so that a training is reproducible to the bit.
 
-Arrays lie in one flat buffer, in N pieces. In a first round rank r is sent piece r by every rank; it adds them up,
-first rank to last, and divides by N; in a second round it sends the mean to all. That is 2 (N - 1) / N times the bytes
-of the arrays out of and into every rank, as in the best algorithms for sums (Thakur, Rabenseifner and Gropp 2005,
-Sec. 4).
+Arrays are packed into one flat buffer of N shards. In the first round every rank sends shard r to rank r, which sums
+them from first rank to last and divides by N; in the second round it sends the mean to all. Each rank sends and
+receives 2 (N - 1) / N times the bytes of the arrays, which is optimal (Thakur, Rabenseifner and Gropp 2005, Sec. 4).
 
-Gradients come in parts, those of the last layers first, and are on their way while the layers before them still run
-backwards (``Averaging``). The network works meanwhile, but most MPI libraries move data only when they are called, so
-between layers somebody must look. A thread that looks all the time was tried, and was slower than not to overlap: it
-takes the interpreter, and the processor, from the layers.
+Gradients come in buckets, those of the last layers first, and are sent while earlier layers still run backwards
+(``Averaging``). Most MPI libraries move data only inside their calls, so the backward pass polls between layers. A
+polling thread was slower than no overlap: it competes with the layers for the interpreter and the processor.
 """
 
 from __future__ import annotations
@@ -22,24 +20,24 @@ import numpy as np
 from netlib.blob import Array, Blob
 from netlib.system import memory
 
-LOOK_S = 2e-4  # with less, little is moved between two layers; with more, slow networks hold up the layers
+POLL_S = 2e-4  # shorter moves little data between two layers; longer delays the layers on slow networks
 Requests = list[Any]  # of MPI
-ROUNDS = 2  # of a mean
+ROUNDS = 2  # per mean
 
 
 class Wait(Protocol):
-    """Waits until requests are done, or for so many s; are they done?"""
+    """Waits for requests to complete, at most ``seconds`` if given. Returns whether all are complete."""
 
     def __call__(self, requests: Requests, seconds: float | None = None) -> bool: ...  # noqa: D102
 
 
 class Buffers:
-    """Memory for arrays of these shapes, of N ranks.
+    """Buffers for the mean of arrays of these shapes over N ranks.
 
-    flat    all arrays, one after the other, and then nothing, in N pieces
-    places  where each array lies in it
-    pieces  one piece of every rank
-    mean    of these
+    flat    all arrays in sequence, padded to N shards
+    places  the view of each array in ``flat``
+    pieces  this rank's shard from every rank
+    mean    mean of ``pieces``
     """
 
     def __init__(self, arrays: Sequence[Array], count: int) -> None:
@@ -52,26 +50,26 @@ class Buffers:
 
 
 class Means:
-    """Takes means over the ranks of a communicator."""
+    """Computes means over the ranks of a communicator."""
 
     def __init__(self, comm: Any, wait: Wait) -> None:
         self.comm, self.wait = comm, wait
         self._buffers: dict[Any, Buffers] = {}
 
     def average(self, arrays: Sequence[Array]) -> None:
-        """Replace arrays, of one dtype, by their means."""
+        """Replace arrays of one dtype by their means."""
         for requests in self.rounds(arrays) if arrays else ():
             self.wait(requests)
 
     def buffers(self, arrays: Sequence[Array]) -> Buffers:
-        """Memory for such arrays. Raises OutOfMemoryError."""
+        """Buffers for such arrays, allocated at the first call. Raises OutOfMemoryError."""
         key = (arrays[0].dtype, *(array.shape for array in arrays))
         if key not in self._buffers:
             self._buffers[key] = Buffers(arrays, self.comm.Get_size())
         return self._buffers[key]
 
     def rounds(self, arrays: Sequence[Array]) -> Iterator[Requests]:
-        """Replace arrays by their means; yields the requests of each round, and goes on when they are done."""
+        """Replace arrays by their means. Yields the requests of each round; the caller resumes when they are done."""
         own = self.buffers(arrays)
         for place, array in zip(own.places, arrays):
             place[...] = array
@@ -86,26 +84,26 @@ class Means:
 
 
 class Averaging:
-    """Means of parts of gradients, which are taken one after the other while the later parts are still computed."""
+    """Averages buckets of gradients one after the other while later ones are still computed."""
 
     def __init__(self, means: Means, parts: Sequence[Sequence[Blob]]) -> None:
         self._wait = means.wait
         self._rounds = (requests for blobs in parts for requests in means.rounds([blob.diff for blob in blobs]))
         self._requests: Requests = []
-        self._begun = self._complete = 0  # rounds
+        self._begun = self._complete = 0  # in rounds
 
-    def look(self, complete: int | None = None) -> None:
-        """Let MPI move data, for a moment, and begin what can be begun.
+    def poll(self, complete: int | None = None) -> None:
+        """Let MPI move data briefly and start the next round if its bucket is complete.
 
-        complete  so many parts will not change any more; None: as many as before
+        complete  number of buckets that will not change any more; None: as in the last call
         """
         if complete is not None:
             self._complete = ROUNDS * complete
-        while self._wait(self._requests, LOOK_S) and self._begun < self._complete:
+        while self._wait(self._requests, POLL_S) and self._begun < self._complete:
             self._requests = next(self._rounds)
             self._begun += 1
 
     def finish(self) -> None:
-        """All parts are complete; returns when all are means."""
+        """Finish all buckets, which must be complete."""
         for requests in itertools.chain([self._requests], self._rounds):
             self._wait(requests)

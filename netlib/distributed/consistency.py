@@ -1,4 +1,4 @@
-"""What ranks that train together compare: what must be the same for their means to mean anything."""
+"""Consistency checks between ranks: what must be equal on all of them for a mean to be valid."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from netlib.params import Param
 from netlib.proto import schema
 from netlib.proto.messages import SolverParameter
 
-COMPARED_EVERY = 100  # iterations: parameters
+COMPARED_EVERY = 100  # iterations between comparisons of the parameters
 
 
 class Solver(Protocol):
-    """What is asked of a solver here."""
+    """The attributes of a solver that are used here."""
 
     param: SolverParameter
     net: Net
@@ -32,7 +32,7 @@ class Solver(Protocol):
 
 
 def facts_of(solver: Solver) -> dict[str, Any]:
-    """Name -> what must be the same on all ranks before their first step."""
+    """Return the values, by name, that must be equal on all ranks before their first step."""
     return {
         "solver prototxt": _crc(repr(solver.param)),
         "net prototxt": _crc(str(schema.to_tree(solver.net.param))),
@@ -44,31 +44,31 @@ def facts_of(solver: Solver) -> dict[str, Any]:
 
 
 def checksum(solver: Solver) -> int | None:
-    """Of all parameters, in the iterations in which they are compared."""
+    """Checksum of all parameters in iterations in which they are compared, else None."""
     if solver.ranks.count == 1 or solver.iter % COMPARED_EVERY:
         return None
     return _crc_of(solver.net.learnable)
 
 
 def mean_outputs(net: Net, ranks: Ranks) -> Mapping[str, Array]:
-    """The outputs of the net, at rank 0 their means over the ranks."""
+    """Outputs of the net; at rank 0, their means over the ranks."""
     own = {name: net.blobs[name].data for name in net.outputs}
     others = ranks.gather({name: y.tolist() for name, y in own.items()} if ranks.count > 1 else {})
     means = {}
     for name, y in own.items():
         all_ranks = [y, *(np.asarray(other[name]) for other in others)]
-        alike = all(other.shape == y.shape for other in all_ranks)  # of layers that leave rows out, they are not
+        alike = all(other.shape == y.shape for other in all_ranks)  # false after layers that drop rows, such as Filter
         means[name] = np.mean(all_ranks, axis=0) if others and alike else y
     return means
 
 
 def _reads(layer: Layer) -> Any:
-    """Of a layer that reads files: what tells its data from others."""
+    """Identity of the data that a layer reads from files; None for other layers."""
     return layer.reads() if hasattr(layer, "reads") else None
 
 
 def _crc_of(params: Sequence[Param]) -> int:
-    """All bits of parameters."""
+    """Checksum of the values of parameters."""
     return functools.reduce(lambda crc, param: zlib.crc32(param.blob.data.data, crc), params, 0)
 
 

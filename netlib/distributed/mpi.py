@@ -1,16 +1,16 @@
-"""Ranks over MPI (mpi4py): how gradients are summed, how ranks agree, and how all end when one does.
+"""Ranks over MPI (mpi4py): averaging gradients, agreement, and joint termination.
 
     mpiexec -n 4 python -m mpi4py tools/train.py SOLVER
 
-**Means** of the gradients are taken in the order of the ranks (allreduce.py). On several machines they begin while
+**Means** of the gradients are computed in the order of the ranks (allreduce.py). On several machines this starts while
 layers still run backwards.
 
-**Agreement**: then every rank tells rank 0 five numbers (the loss, what it was asked for, whether it failed, a
-checksum, whether averages are under way), and rank 0 tells all of them to all. So a signal that reaches the ranks in
-different steps stops all after the same one, and an error of one rank is the error of all.
+**Agreement**: every rank then sends rank 0 five numbers (loss, request, failure flag, checksum, whether averages are in
+progress), and rank 0 sends the table to all. A signal that reaches the ranks in different steps therefore stops all of
+them after the same step, and an error of one rank is raised on all.
 
-**Waiting** is limited: a rank that nobody hears of ends the others, too. Nothing here blocks: whoever waits looks again
-and again, at the clock, and whether rank 0 is busy (``alive``) or calls the roll: who does not answer is named.
+**Timeouts**: if a rank stops responding, the others end too. No call blocks: a waiting rank polls its requests, the
+clock, heartbeats of rank 0 (``alive``), and roll calls, in which rank 0 finds out which rank does not respond.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from netlib.blob import Array
 from netlib.distributed.allreduce import Averaging, Means, Requests
 from netlib.distributed.gradients import Gradients
 from netlib.distributed.ranks import Ranks
-from netlib.engine.plain import Passed
+from netlib.engine.plain import BackwardHook
 from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError, reason_of
 
 REQUESTS = (None, "snapshot", "stop")
@@ -37,22 +37,22 @@ STOP = REQUESTS.index("stop")
 ERRORS: dict[str, type[NetlibError]] = {
     cls.__name__: cls for cls in (NetlibError, DataError, DivergenceError, WeightsError)
 }
-LOSS, ASKED, FAILED, CHECKSUM, UNDER_WAY = range(5)  # the five numbers
+LOSS, ASKED, FAILED, CHECKSUM, UNDER_WAY = range(5)  # columns of the table
 NO_CHECKSUM = -1.0
-TO_ROOT, TO_ALL, ALIVE, HERE = range(1, 5)  # tags
-ROLL_CALL = -1.0  # in the place of seconds
-START_S = 120.0  # that ranks wait for each other at first
-LEAST_S, STEPS = 10.0, 20.0  # later: so long, or so many of the longest steps so far
+TO_ROOT, TO_ALL, ALIVE, HERE = range(1, 5)  # message tags
+ROLL_CALL = -1.0  # sent instead of a number of seconds
+START_S = 120.0  # timeout before the first step
+MIN_S, STEPS = 10.0, 20.0  # later timeout: MIN_S, or STEPS times the longest step so far, if that is more
 ALIVE_EVERY_S = 1.0
 ABORT_S = 3
-SPIN, NAP_S = 2000, 1e-4  # looks without a pause, and the pause between later ones: cores may be shared
+SPIN, NAP_S = 2000, 1e-4  # polls without a pause, then the pause between polls, as ranks may share cores
 
 
 class MPIRanks(Ranks):
     """The ranks of a communicator of mpi4py.
 
-    divide    the prototxt's batch is that of all ranks together
-    patience  how many s to wait for a rank in a step; by default by the length of the steps
+    divide    split the prototxt's batch among the ranks instead of using it on each
+    patience  timeout in s for a rank in a step; by default derived from the duration of the steps
     """
 
     def __init__(self, comm: Any, divide: bool = False, patience: float | None = None) -> None:
@@ -61,41 +61,41 @@ class MPIRanks(Ranks):
         self._mpi, self._comm = MPI, comm.Dup()
         self.rank, self.count, self.divide = comm.Get_rank(), comm.Get_size(), divide
         on_this_machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
-        self.beside = on_this_machine.Get_size()
+        self.on_machine = on_this_machine.Get_size()
         on_this_machine.Free()
         self.patience = patience
-        self._longest: float | None = None  # of the steps so far
-        self._since: float | None = None  # when the last step was agreed on, and nothing has been done since
+        self._longest: float | None = None  # duration of the longest step so far
+        self._since: float | None = None  # time of the last agreement; None if other work followed
         self._asked = 0
-        self._agreed: NetlibError | None = None  # an error that all ranks know of
-        self._told = 0.0  # when the others were last told that rank 0 is alive
-        self._telling: list[Any] = []
+        self._agreed: NetlibError | None = None  # an error that all ranks raise
+        self._last_heartbeat = 0.0
+        self._heartbeats: list[Any] = []
         self._means = Means(comm.Dup(), self._wait)
-        self._gradients: Gradients | None = None  # of the steps
+        self._gradients: Gradients | None = None
         self._under_way: Averaging | None = None
 
     # ------------------------------------------------------------------------------------------ agreement
 
     def introduce(self, facts: Mapping[str, Any]) -> None:
-        """All tell all their facts."""
+        """Compare the facts of all ranks."""
         self._exchange(0.0, None, None)
         everyone: list[dict[str, Any]] = self._exchange_values(dict(facts))
         for rank, other in enumerate(everyone):
             for name, value in everyone[0].items():
                 if other.get(name) != value:
-                    theirs, ours = map(_short, _different(other.get(name), value))
-                    raise self._known(
-                        f"rank {rank} has another {name} than rank 0: {theirs}, not {ours}; expected the same on all"
+                    theirs, own = map(_short, _different(other.get(name), value))
+                    raise self._record(
+                        f"rank {rank} has another {name} than rank 0: {theirs}, not {own}; expected the same on all"
                     )
 
     def of_root(self, number: int) -> int:
-        """All tell all theirs."""
+        """Exchange all numbers and return that of rank 0."""
         self._exchange(0.0, None, None)
         return int(self._exchange_values(number)[0])
 
-    def agree(self, loss: float, asked: str | None, checksum: int | None) -> float:
-        """One round of the five numbers."""
-        table = self._exchange(loss, asked, checksum)
+    def agree(self, loss: float, request: str | None, checksum: int | None) -> float:
+        """Exchange the five numbers once."""
+        table = self._exchange(loss, request, checksum)
         now = time.monotonic()
         if self._since is not None:
             self._longest = max(self._longest or 0.0, now - self._since)
@@ -104,14 +104,14 @@ class MPIRanks(Ranks):
         different = np.flatnonzero(table[:, CHECKSUM] != table[0, CHECKSUM])
         if len(different):
             self._settle(table)
-            raise self._known(
-                f"the parameters of rank {different[0]} are not those of rank 0 any more: its memory or its processor "
-                "computes something else, or a callback changed them; the last snapshot is untouched"
+            raise self._record(
+                f"the parameters of rank {different[0]} differ from those of rank 0: faulty memory, a different "
+                "processor, or a callback that changed them; the last snapshot is untouched"
             )
         return float(table[:, LOSS].mean())
 
     def fail(self, error: Exception) -> Exception:
-        """In the place of what the others are waiting for."""
+        """Report the failure instead of the message that the others wait for."""
         if error is not self._agreed:
             try:
                 self._exchange(0.0, None, None, failed=error)
@@ -119,37 +119,39 @@ class MPIRanks(Ranks):
                 return agreed
         return error
 
-    def _known(self, message: str, kind: type[NetlibError] = NetlibError) -> NetlibError:
-        """An error that every rank raises."""
+    def _record(self, message: str, kind: type[NetlibError] = NetlibError) -> NetlibError:
+        """Remember and return an error that every rank raises."""
         self._agreed = kind(message)
         return self._agreed
 
     def asked(self, own: str | None) -> str | None:
-        """As the last round said."""
+        """The request that the last exchange agreed on."""
         return REQUESTS[self._asked]
 
     def from_root(self, own: str | None) -> str | None:
-        """One round of the five numbers."""
-        self._since = None  # what rank 0 did is no step
+        """Exchange the five numbers and return the request of rank 0."""
+        self._since = None  # the work of rank 0 before this does not count as a step
         return REQUESTS[int(self._exchange(0.0, own, None)[0, ASKED])]
 
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """All tell all, and rank 0 keeps it."""
+        """Exchange all values; rank 0 keeps those of the others."""
         self._exchange(0.0, None, None)
         everyone: list[dict[str, Any]] = self._exchange_values(dict(value))
         return everyone[1:] if self.rank == 0 else []
 
     def alive(self, seconds: float = 0.0) -> None:
-        """A message to the others, now and then."""
+        """Send a heartbeat to the other ranks, at most once every ALIVE_EVERY_S."""
         now = time.monotonic()
-        if self.rank == 0 and (seconds or now - self._told > ALIVE_EVERY_S):
-            self._told = now
-            self._telling = [request for request in self._telling if not request.Test()]  # they keep their messages
-            self._telling += [self._comm.Isend(np.array([seconds]), r, ALIVE) for r in range(1, self.count)]
+        if self.rank == 0 and (seconds or now - self._last_heartbeat > ALIVE_EVERY_S):
+            self._last_heartbeat = now
+            self._heartbeats = [request for request in self._heartbeats if not request.Test()]  # keeps buffers alive
+            self._heartbeats += [self._comm.Isend(np.array([seconds]), r, ALIVE) for r in range(1, self.count)]
 
-    def _exchange(self, loss: float, asked: str | None, checksum: int | None, failed: Exception | None = None) -> Array:
-        """The five numbers of all ranks (N, 5). Raises, on every rank, what a rank has failed with."""
-        own = np.array([loss, REQUESTS.index(asked), failed is not None,
+    def _exchange(
+        self, loss: float, request: str | None, checksum: int | None, failed: Exception | None = None
+    ) -> Array:
+        """Exchange the five numbers of all ranks; returns (N, 5). If a rank failed, raises its error on every rank."""
+        own = np.array([loss, REQUESTS.index(request), failed is not None,
                         NO_CHECKSUM if checksum is None else checksum, self._under_way is not None])  # fmt: skip
         table = np.zeros((self.count, len(own)))
         table[self.rank] = own
@@ -165,11 +167,11 @@ class MPIRanks(Ranks):
             kind, text = everyone[first]
             where = "" if all(other == everyone[0] for other in everyone) else f"rank {first}: "
             self._settle(table)
-            raise self._known(where + text, ERRORS.get(kind, NetlibError))
+            raise self._record(where + text, ERRORS.get(kind, NetlibError))
         return table
 
     def _exchange_values(self, own: Any) -> list[Any]:
-        """What every rank has to say, as JSON."""
+        """Exchange values of all ranks as JSON."""
         text = json.dumps(own).encode()
         sizes = np.zeros(self.count, dtype=np.int64)
         self._wait([self._comm.Iallgather(np.array([len(text)], dtype=np.int64), sizes)])
@@ -182,26 +184,28 @@ class MPIRanks(Ranks):
     # ------------------------------------------------------------------------------------------ means
 
     def average(self, arrays: Sequence[Array]) -> None:
-        """In the order of the ranks."""
+        """Replace arrays by their means, summed in the order of the ranks."""
         self._means.average(arrays)
 
     def begin_steps(self, gradients: Gradients) -> None:
-        """What passed since the last step is no step."""
+        """Allocate the buffers; the time since the last step does not count as a step."""
         self._gradients, self._since = gradients, None
         for blobs in gradients.parts:
             self._means.buffers([blob.diff for blob in blobs])
 
-    def begin_gradients(self) -> Passed | None:
-        """Those of the last layers are averaged while the first ones still run backwards, where ranks are on several
-        machines; on one, the processors would move the bytes, and they have enough to do."""
-        if self.beside == self.count:
+    def begin_gradients(self) -> BackwardHook | None:
+        """Return the hook that averages gradients while earlier layers run backwards, if ranks are on several machines.
+
+        On one machine the processors would move the bytes, and they are busy with the layers.
+        """
+        if self.on_machine == self.count:
             return None
         gradients = self._of_steps
         under_way = self._under_way = Averaging(self._means, gradients.parts)
-        return lambda layer: under_way.look(None if layer is None else gradients.complete(layer))
+        return lambda layer: under_way.poll(None if layer is None else gradients.complete(layer))
 
     def finish_gradients(self) -> None:
-        """In the order of the ranks."""
+        """Average the gradients in the order of the ranks, or finish doing so."""
         (self._under_way or Averaging(self._means, self._of_steps.parts)).finish()
         self._under_way = None
 
@@ -211,31 +215,31 @@ class MPIRanks(Ranks):
         return self._gradients
 
     def _settle(self, table: Array) -> None:
-        """What some ranks have begun to average, before all of them heard of an error, cannot be taken back."""
+        """Finish averages that some ranks began before all of them received an error, as they cannot be cancelled."""
         if table[:, UNDER_WAY].any():
             self.finish_gradients()
 
     # ------------------------------------------------------------------------------------------ waiting
 
     def _wait(self, requests: Requests, seconds: float | None = None) -> bool:
-        """Until all are done, or for so long; ends all ranks if they take too long. Are they done?"""
+        """Wait for requests, at most ``seconds``; end all ranks on a timeout. Returns whether all are complete."""
         try:
-            return self._look(requests) if seconds is None else self._look_for(requests, seconds)
-        except self._mpi.Exception as error:  # a library may notice that one is gone
+            return self._poll(requests) if seconds is None else self._poll_for(requests, seconds)
+        except self._mpi.Exception as error:  # some MPI libraries detect that a rank is gone
             self._give_up("another rank", f"({reason_of(error)})")
             raise
 
-    def _look_for(self, requests: Requests, seconds: float) -> bool:
+    def _poll_for(self, requests: Requests, seconds: float) -> bool:
         until = time.monotonic() + seconds
         while not (done := bool(self._mpi.Request.Testall(requests))) and time.monotonic() < until:
             pass
         return done
 
-    def _look(self, requests: Requests) -> bool:
-        begun, looks, limit = time.monotonic(), 0, self._limit
+    def _poll(self, requests: Requests) -> bool:
+        begun, polls, limit = time.monotonic(), 0, self._limit
         while not self._mpi.Request.Testall(requests):
-            looks += 1
-            if looks < SPIN:
+            polls += 1
+            if polls < SPIN:
                 continue
             time.sleep(NAP_S)
             if self.rank and self._comm.Iprobe(0, ALIVE):
@@ -248,12 +252,12 @@ class MPIRanks(Ranks):
             waited = time.monotonic() - begun
             if self.rank == 0 and waited > limit:
                 self._give_up(self._silent(limit / 10), f"for {waited:.0f} s")
-            if self.rank and waited > limit * (1.25 + 0.05 * min(self.rank, 10)):  # rank 0 would have spoken first
+            if self.rank and waited > limit * (1.25 + 0.05 * min(self.rank, 10)):  # rank 0 reports first
                 self._give_up("rank 0", f"for {waited:.0f} s")
         return True
 
     def _silent(self, seconds: float) -> str:
-        """Which ranks are not even waiting; rank 0 asks all."""
+        """Ranks that do not answer a roll call of rank 0."""
         self.alive(ROLL_CALL)
         until = time.monotonic() + min(seconds, 1.0)
         silent = list(range(1, self.count))
@@ -266,11 +270,12 @@ class MPIRanks(Ranks):
     def _limit(self) -> float:
         if self._longest is None:
             return max(START_S, self.patience or 0.0)
-        return max(LEAST_S, STEPS * self._longest) if self.patience is None else self.patience
+        return max(MIN_S, STEPS * self._longest) if self.patience is None else self.patience
 
     def _give_up(self, who: str, why: str) -> None:
-        print(f"no sign of {who} {why}; all ranks end, the last snapshot is untouched", file=sys.stderr, flush=True)
-        with open(os.devnull, "w") as nowhere:  # MPI may wait for a network that is cut: this ends the process then
+        message = f"no response from {who} {why}; all ranks end, the last snapshot is untouched"
+        print(message, file=sys.stderr, flush=True)
+        with open(os.devnull, "w") as nowhere:  # Abort may hang on a broken network; this then ends the process
             faulthandler.dump_traceback_later(ABORT_S, exit=True, file=nowhere)
             self._comm.Abort(1)
 
@@ -280,13 +285,13 @@ def _text_of(error: Exception | None) -> str:
 
 
 def _different(a: Any, b: Any) -> tuple[Any, Any]:
-    """Of two lists of lists, those that differ."""
+    """Reduce two lists of lists to the items that differ."""
     if not (isinstance(a, list) and isinstance(b, list) and len(a) == len(b) and isinstance(a[0], list)):
         return a, b
     pairs = [(x, y) for x, y in zip(a, b) if x != y]
     return [x for x, _ in pairs], [y for _, y in pairs]
 
 
-def _short(value: Any, most: int = 120) -> str:
+def _short(value: Any, max_length: int = 120) -> str:
     text = json.dumps(value)
-    return text if len(text) <= most else text[: most - 3] + "..."
+    return text if len(text) <= max_length else text[: max_length - 3] + "..."

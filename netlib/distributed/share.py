@@ -1,4 +1,4 @@
-"""Which rows of a training's data a net reads, where several processes train together (ranks.py)."""
+"""Sharding: which rows of the data each process of a distributed training reads (ranks.py)."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from netlib.layer import Layer
 
 @dataclass(frozen=True)
 class Share:
-    """Which rows of a training's data a net reads.
+    """The shard of the data that one rank reads.
 
-    rank, count  those of row k with k mod count = rank
-    divide       the prototxt's batch is that of all ranks together, not of each
+    rank, count  the rank reads rows k with k mod count = rank
+    divide       split the prototxt's batch among the ranks instead of using it on each
     """
 
     rank: int = 0
@@ -24,20 +24,22 @@ class Share:
     divide: bool = False
 
     def batch(self, size: int) -> int:
-        """How many rows a rank reads of a prototxt's batch. Raises ValueError if they cannot be divided."""
+        """Number of rows that a rank reads of a prototxt's batch. Raises ValueError if it cannot be divided."""
         if not self.divide:
             return size
         if size % self.count:
-            raise ValueError(f"a batch of {size} cannot be divided among {self.count} ranks; expected a multiple")
+            raise ValueError(
+                f"a batch of {size} cannot be divided among {self.count} ranks; expected a multiple of {self.count}"
+            )
         return size // self.count
 
     def places(self, size: int) -> Iterator[int | None]:
-        """Of every row of a step: its place in this rank's batch of ``size``; None if it is another rank's."""
+        """For every row of a step, its index in this rank's batch of ``size``, or None if another rank reads it."""
         return (k // self.count if k % self.count == self.rank else None for k in range(size * self.count))
 
     def rows(self, done: int, take: int) -> tuple[slice, slice]:
-        """Of ``take`` rows in a row, which follow ``done`` rows of a step: those of this rank, and their places in its
-        batch."""
+        """Of ``take`` consecutive rows that follow ``done`` rows of a step: the rows of this rank, and their indices
+        in its batch."""
         first = (self.rank - done) % self.count
         place = (done + first) // self.count
         return slice(first, take, self.count), slice(place, place + len(range(first, take, self.count)))
@@ -47,20 +49,20 @@ EVERY_ROW = Share()
 
 
 class RankOfLayers(LayerHook):
-    """Makes the layers of a net those of one rank: which rows they read, and which random numbers they draw.
+    """Sets up the layers of a net for one rank: the rows that they read and their random numbers.
 
-    Parameters and the order of the data are those of rank 0; what else is random is not.
+    Parameters and the order of the data are the same on all ranks; other random numbers differ.
     """
 
     def __init__(self, share: Share) -> None:
         self.share = share
 
     def before_setup(self, layer: Layer) -> None:
-        """Tell a layer that reads data which rows are its own."""
+        """Set the shard of layers that read data."""
         if hasattr(layer, "share"):
             layer.share = self.share
 
     def after_setup(self, layer: Layer, seed: np.random.SeedSequence) -> None:
-        """Give the layers of other ranks than 0 random numbers of their own."""
+        """Give layers their own random numbers on ranks other than 0."""
         if self.share.rank:
             layer.rng.bit_generator.state = np.random.SFC64(seed.spawn(self.share.rank)[-1]).state

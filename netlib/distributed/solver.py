@@ -1,4 +1,4 @@
-"""A solver whose training several processes share: it averages gradients and agrees on losses, requests and errors."""
+"""A solver for data-parallel training: averages gradients, and agrees on losses, requests and errors."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from netlib.solver import Solver
 from netlib.training import solver_parameter
 from netlib.training.resume import moving, state_of
 
-SNAPSHOT_S = 120.0  # that other ranks wait for one to be written
+SNAPSHOT_S = 120.0  # timeout of the other ranks while one writes a snapshot
 
 
 class DistributedSolver(InterruptibleSolver):
-    """A solver of one rank. All ranks call the same methods; rank 0 alone tests, logs and writes snapshots.
+    """The solver of one rank. All ranks call the same methods; rank 0 alone tests, logs and writes snapshots.
 
-    ranks  who trains together (ranks.py)
+    ranks  the ranks that train together (ranks.py)
     """
 
     def __init__(self, param: SolverParameter, source: str = "<solver>", ranks: Ranks = ALONE, **options: Any) -> None:
         self.ranks = ranks
         latest[:] = [ranks]
         self._introduced = False
-        self._others: Sequence[Mapping[str, Any]] = ()  # states of the layers of ranks from 1 on, at rank 0
-        self._request_of_root: str | None = None  # after a test
+        self._others: Sequence[Mapping[str, Any]] = ()  # at rank 0: layer states of the other ranks
+        self._request_of_root: str | None = None  # request to rank 0 during the last tests
         super().__init__(param, source, **options)
         self._gradients = Gradients(self.net.layers, self.net.learnable)
 
@@ -52,19 +52,19 @@ class DistributedSolver(InterruptibleSolver):
     # ------------------------------------------------------------------------------------------ training
 
     def solve(self, resume: str | Path | None = None) -> bool:
-        """Train until max_iter; False if a request stopped it early. Takes the last snapshot and test."""
+        """Train until max_iter, then take the last snapshot and test. Returns False if a request stopped it early."""
         with self.ranks.together():
             return super().solve(resume) if self.ranks.rank == 0 else Solver.solve(self, resume)
 
     def step(self, iterations: int) -> bool:
-        """Make some updates; False if a request stopped it early."""
+        """Make some updates. Returns False if a request stopped it early."""
         self._introduce()
         with self.ranks.together():
             self.ranks.begin_steps(self._gradients)
         return super().step(iterations)
 
     def _introduce(self) -> None:
-        """Ranks that train together must be about to compute the same, each on its own rows. Raises NetlibError."""
+        """Check once that the ranks are about to run the same training. Raises NetlibError."""
         if not self._introduced and self.ranks.count > 1:
             with self.ranks.together():
                 facts = consistency.facts_of(self)
@@ -102,17 +102,17 @@ class DistributedSolver(InterruptibleSolver):
     def _train_outputs(self) -> Mapping[str, Array]:
         return consistency.mean_outputs(self.net, self.ranks)
 
-    # ------------------------------------------------------------------------------------------ at rank 0
+    # ------------------------------------------------------------------------------------------ work of rank 0
 
     def _at_root(self, do: Callable[[], Any]) -> str | None:
-        """Rank 0 does it while the others wait; what rank 0 was asked for by then. Raises what ``do`` raises."""
+        """Run ``do`` at rank 0 while the others wait; returns the request to rank 0. Raises what ``do`` raises."""
         with self.ranks.together():
             if self.ranks.rank == 0:
                 do()
         return self.ranks.from_root(self.requested)
 
     def test_all(self) -> list[dict[str, Any]]:
-        """Test every test net, at rank 0 while the others wait; returns there the mean of each output."""
+        """Run every test net at rank 0 while the others wait. Returns the mean of each output, at rank 0."""
         means: list[dict[str, Any]] = []
         test = super().test_all
         self._request_of_root = self._at_root(lambda: means.extend(test()))
@@ -133,7 +133,7 @@ class DistributedSolver(InterruptibleSolver):
         return state_of(self, weights_path, self._others)
 
     def restore(self, path: str | Path) -> None:
-        """Go on from a solver state, bit for bit if this project wrote it. Raises WeightsError."""
+        """Resume from a solver state; exact to the bit if netlib wrote it. Raises WeightsError."""
         super().restore(path)
         self._introduced = False
 
@@ -142,9 +142,9 @@ def get_solver(
     path: str | Path, seed: int | None = None, engine: str | None = None, python_layers: bool = True,
     ranks: Ranks | None = None, **changes: Any,
 ) -> InterruptibleSolver:  # fmt: skip
-    """The solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
+    """Create the solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
 
-    ``python_layers=False`` refuses nets that bring code of their own; ``ranks`` train together (``mpi.MPIRanks``).
+    ``python_layers=False`` rejects nets with layers of type Python. ``ranks`` (``mpi.MPIRanks``) train together.
     """
     param = solver_parameter.read(path, **changes)
     options: dict[str, Any] = {"seed": seed, "engine": engine, "python_layers": python_layers}

@@ -1,4 +1,4 @@
-"""The engines that run a net, and the choice between them."""
+"""The engines that run a net, and the selection of one."""
 
 from netlib.engine.choice import NAMES, available_cpus, get, has_fast, prepare
 

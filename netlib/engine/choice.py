@@ -1,10 +1,10 @@
-"""Two engines, one switch: who computes a net.
+"""Selection of the engine that computes a net.
 
-    plain   each layer once, on the whole batch, in file order: what stands in layers/ is what runs (plain.py)
-    fast    the same net and the same results, to rounding, faster: the folder fast/, which is asked for only here
+    plain   runs each layer of layers/ once on the whole batch, in the order of the file (plain.py)
+    fast    computes the same results, up to rounding, faster, with the folder fast/; only this module refers to it
 
-``netlib.Net(..., engine="plain")`` chooses for one net, NETLIB_ENGINE for a whole process; otherwise it is ``fast`` if
-the folder fast/ is there. Nothing is imported at first that loads NumPy, because fast/ must set up BLAS before.
+``netlib.Net(..., engine="plain")`` selects it for one net, NETLIB_ENGINE for a process; the default is ``fast`` if the
+folder fast/ exists. This module must not import NumPy at the top, because fast/ sets up BLAS before.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ NAMES = ("fast", "plain")
 
 
 def available_cpus() -> int:
-    """Number of processors this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def prepare() -> str:
-    """Let fast/ set up BLAS, whichever engine is chosen: its bits depend on it. Returns a line for the log."""
+    """Let fast/ configure BLAS; this affects the rounding of both engines. Returns a line for the log."""
     if not has_fast():
         return "BLAS: as NumPy sets it up"
     note: str = _fast("blas").configure()
@@ -38,13 +38,16 @@ def prepare() -> str:
 
 
 def has_fast() -> bool:
-    """Is the fast engine there, and nothing else of this name imported in its place?"""
+    """Whether the fast engine is available and no other module named ``fast`` is imported."""
     is_ours = "fast" not in sys.modules or str(ROOT / "fast") in getattr(sys.modules["fast"], "__path__", [])
     return is_ours and (ROOT / "fast" / "engine.py").is_file()
 
 
 def get(name: str | None = None, default: str | None = None) -> Engine:
-    """The engine of this name; without one NETLIB_ENGINE's, then ``default``, then the house's. Raises NetlibError."""
+    """Return an engine by name; by default that of NETLIB_ENGINE, else ``default``, else "fast" if available.
+
+    Raises NetlibError.
+    """
     return _engine(name or os.environ.get("NETLIB_ENGINE") or default or ("fast" if has_fast() else "plain"))
 
 
@@ -59,8 +62,8 @@ def _engine(name: str) -> Engine:
     if name != "fast":
         raise NetlibError(f"unknown engine {name!r}{did_you_mean(name, NAMES)}; known: {', '.join(NAMES)}")
     if not has_fast():
-        raise NetlibError("the engine 'fast' is the folder fast/, which is not there; use the engine 'plain'")
-    layer_types()  # something else that is called layers is named here, before fast/ stumbles over it
+        raise NetlibError("the engine 'fast' needs the folder fast/, which is missing; use the engine 'plain'")
+    layer_types()  # reports another package named layers before fast/ fails to import from it
     fast: Engine = _fast("engine").FastEngine()
     return fast
 

@@ -1,4 +1,4 @@
-"""What an engine reports when a layer lacks memory: where the layer stands, and which option to lower."""
+"""Out-of-memory errors of an engine: which layer failed, and which option to lower."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from netlib.system.memory import OutOfMemoryError
 def error_of(
     layer: Layer, method: str, bottom: Iterable[object], top: Iterable[object], error: Exception
 ) -> OutOfMemoryError:
-    """The error for a layer whose ``method`` lacked memory, with the place of the layer and the option to lower."""
+    """The error for a layer whose ``method`` ran out of memory, with its place and the option to lower."""
     if isinstance(error, OutOfMemoryError):
         what = str(error)
         names = [*zip(layer.spec.top, top), *zip(layer.spec.bottom, bottom)]
@@ -27,14 +27,14 @@ def error_of(
 
 
 def largest_option(layer: Layer) -> Field | None:
-    """The field with the greatest whole number among the layer's options; None where all are below 1000."""
+    """The option with the largest whole number in the layer's block; None if all are below 1000."""
     block = layer.spec.blocks.get(block_name(type(layer), layer.spec.type))
     numbers = [(n, i, field) for i, (n, field) in enumerate(_numbers(block))] if block else []
     return max(numbers)[2] if numbers else None
 
 
 def _numbers(block: Message) -> Iterator[tuple[int, Field]]:
-    """The whole numbers from 1000 on in an options block."""
+    """Whole numbers of at least 1000 in an options block."""
     for field in block.fields:
         if isinstance(field.value, Message):
             yield from _numbers(field.value)

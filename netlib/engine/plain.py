@@ -1,7 +1,7 @@
-"""The plain engine: each layer once, on the whole batch, forwards in file order and backwards in reverse.
+"""The plain engine: runs each layer once on the whole batch, forwards in the order of the file, backwards in reverse.
 
-An engine decides which class computes a layer type, what kind of blobs a net has, in which order layers run, and how
-independent jobs are done. This is all of it; the fast engine (fast/engine.py) replaces these methods one by one.
+An engine decides which class computes a layer type, which blobs a net has, in which order layers run, and how
+independent jobs are run. This module defines the interface; the fast engine (fast/engine.py) overrides its methods.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from netlib.system.memory import OutOfMemoryError
 from netlib.system.one_thread import OneThread
 
 T = TypeVar("T")
-Passed = Callable[["Layer | None"], None]
-"""What is called often during a backward pass: with a layer when that one and all after it are done, else with None."""
+BackwardHook = Callable[["Layer | None"], None]
+"""Called during a backward pass: with a layer once it and all later layers are done, and with None in between."""
 
 
 @dataclass
 class Connection:
-    """A layer of a net with the blobs that it reads and writes."""
+    """A layer of a net with its bottom and top blobs."""
 
     layer: Layer
     bottom: Blobs
@@ -45,48 +45,48 @@ class Step:
         self.at = at
 
     def forward(self) -> None:
-        """Shape the tops and compute them."""
+        """Reshape the tops and compute them."""
         guarded(self.at.layer, "reshape", self.at.bottom, self.at.top)
         guarded(self.at.layer, "forward", self.at.bottom, self.at.top)
 
-    def backward(self, passed: Passed | None = None) -> None:
-        """Compute the diffs, if somebody needs them. ``passed`` may be called with None, by this thread."""
+    def backward(self, on_done: BackwardHook | None = None) -> None:
+        """Compute the diffs, if needed. ``on_done`` may be called with None, in this thread."""
         if self.at.needs_backward:
             guarded(self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
 
     def pieces(self) -> list[list[Connection]]:
-        """The layers as they run, for a timer: one list for each slice of the batch, and here there is one slice."""
+        """The layers as they run, for a timer: a list per shard of the batch; here there is one shard."""
         return [[self.at]]
 
 
 class Executor:
     """Runs the layers of a net.
 
-    ``connections`` are its layers in file order. ``outside`` are the blobs that a caller reads or writes: inputs,
-    outputs, losses; the fast engine stores them and hides others. ``name`` is the net's. Two threads cannot use it at
-    once: the second gets a NetlibError from ``one_thread``.
+    ``connections`` are its layers in the order of the file. ``outside`` are the blobs that a caller reads or writes:
+    inputs, outputs, losses; the fast engine may not store others. ``name`` is the name of the net. If a second thread
+    uses the executor at the same time, ``one_thread`` raises NetlibError.
     """
 
     def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> None:
         self.connections = list(connections)
         self.one_thread = OneThread(name)
-        self._fits = False  # is there memory for all blobs, as far as can be known
+        self._fits = False  # whether the check for memory has passed
         self._outside = list(outside)
-        self._shapes: list[tuple[int, ...]] = []  # of the blobs outside, in the last forward
+        self._shapes: list[tuple[int, ...]] = []  # of ``outside`` in the last forward
         self._has_run = [False] * len(self.connections)
         self.steps: Sequence[Step] = [Step(at) for at in connections]
 
     def forward(self, first: int = 0, last: int | None = None) -> None:
-        """Run layers ``first`` to before ``last`` forwards."""
-        with self.one_thread, np.errstate(all="ignore"):  # what is not finite is the solver's to find, and to say where
+        """Run the layers from ``first`` up to but not including ``last`` forwards."""
+        with self.one_thread, np.errstate(all="ignore"):  # the solver reports values that are not finite
             if not self._fits and (first, last) == (0, None):
-                self._ask_for_memory()
+                self._check_memory()
             for step in self.in_order(first, last):
                 step.forward()
             self._note_forward(first, last)
 
     def _note_forward(self, first: int, last: int | None) -> None:
-        """Remember which layers have run, for the shapes that the blobs have now."""
+        """Record which layers have run with the current shapes."""
         shapes = [blob.shape for blob in self._outside]
         if shapes != self._shapes:
             self._has_run = [False] * len(self.connections)
@@ -94,36 +94,36 @@ class Executor:
         self._has_run[first:last] = [True] * len(self._has_run[first:last])
 
     def _require_forward(self, first: int, last: int | None) -> None:
-        """Raise LayerError if a layer that is to run backwards has not run forwards since its blobs were shaped."""
+        """Raise LayerError if a layer to run backwards has not run forwards with the current shapes."""
         reshaped = self._shapes != [blob.shape for blob in self._outside]
         for at, has_run in zip(self.connections[first:last], self._has_run[first:last]):
             if at.needs_backward and (reshaped or not has_run):
-                raise at.layer.fail("backward needs a forward pass first; none has run with the present shapes")
+                raise at.layer.fail("backward needs a forward pass first; none has run with the current shapes")
 
     def forget_last_pass(self) -> None:
-        """Called before the inputs of a whole pass are written. Nothing is kept here."""
+        """Called before the inputs of a full pass are written. Does nothing in this engine."""
 
     def in_order(self, first: int, last: int | None) -> Iterator[Step]:
-        """What runs the layers ``first`` to before ``last`` forwards."""
+        """The steps that run the layers from ``first`` up to but not including ``last`` forwards."""
         return iter(self.steps[first:last])
 
-    def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
-        """Run layers ``first`` to before ``last`` backwards; the diffs of the parameters are added to."""
+    def backward(self, first: int = 0, last: int | None = None, on_done: BackwardHook | None = None) -> None:
+        """Run the layers from ``first`` up to but not including ``last`` backwards; adds to parameter diffs."""
         with self.one_thread, np.errstate(all="ignore"):
             self._require_forward(first, last)
             for step in reversed(self.steps[first:last]):
-                step.backward(passed)
-                if passed is not None:
-                    passed(step.at.layer)
+                step.backward(on_done)
+                if on_done is not None:
+                    on_done(step.at.layer)
 
-    def _ask_for_memory(self) -> None:
-        """Raise OutOfMemoryError if the parameters, and the tops that all layers write, cannot fit together."""
+    def _check_memory(self) -> None:
+        """Raise OutOfMemoryError if the parameters and tops of all layers together do not fit in memory."""
         hidden = {id(blob) for blob in self.hidden()}
         tops = {id(top): (top.bytes, at, top) for at in self.connections for top in at.top if id(top) not in hidden}
         params = {id(blob): blob.bytes for at in self.connections for blob in at.layer.blobs if blob.owns_memory}
         total = sum(params.values()) + sum(size for size, _, top in tops.values() if top.owns_memory)
         try:
-            memory.check(total, "for parameters and blobs of the net in all")
+            memory.check(total, "for parameters and blobs of the net in total")
         except OutOfMemoryError as error:
             if not tops:
                 raise
@@ -131,11 +131,11 @@ class Executor:
                 tops.values(), key=lambda one: (memory_advice.largest_option(one[1].layer) is not None, one[0])
             )
             raise memory_advice.error_of(at.layer, "forward", at.bottom, at.top, OutOfMemoryError(
-                f"{memory.written(top.bytes)}, of {error}", top)) from error  # fmt: skip
+                f"{memory.format_bytes(top.bytes)}, of {error}", top)) from error  # fmt: skip
         self._fits = True
 
     def reshape(self) -> bool:
-        """Shape all blobs anew, after an input was reshaped. Has any shape changed?"""
+        """Reshape all blobs after an input was reshaped. Returns whether any shape changed."""
         self._fits = False
         with self.one_thread:
             before = self._all_shapes()
@@ -150,34 +150,34 @@ class Executor:
         return [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]
 
     def hidden(self) -> list[Blob]:
-        """Blobs that do not exist for the whole batch; here none."""
+        """Blobs that are not stored for the whole batch; none in this engine."""
         return []
 
 
 class Engine:
-    """How nets are computed."""
+    """The interface of an engine, and its plain implementation."""
 
     name = "plain"
 
     def twin(self, cls: type[T]) -> type[T]:
-        """The class that takes the place of ``cls``: computes the same, in this engine's way."""
+        """The class that this engine uses in place of ``cls``, with the same results."""
         return cls
 
     def blob(self, dtype: DTypeLike) -> Blob:
-        """A blob of a net."""
+        """Create a blob of a net."""
         return Blob((), dtype)
 
     def executor(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> Executor:
-        """What runs a net."""
+        """Create the executor of a net."""
         return Executor(connections, outside, name)
 
     def run(self, jobs: Sequence[Callable[[], None]]) -> None:
-        """Do independent jobs, and return when the last is done."""
+        """Run independent jobs and return when all are done."""
         for job in jobs:
             job()
 
     def copy(self, source: Array, target: Array) -> None:
-        """Write the values of one array into another."""
+        """Copy the values of one array into another."""
         target[...] = source
 
     def threads(self) -> int:
@@ -185,13 +185,13 @@ class Engine:
         return 1
 
     def set_threads(self, count: int) -> None:
-        """Use ``count`` threads, where there is more than one."""
+        """Set the number of threads. Has no effect in this engine."""
         if count < 1:
-            raise ValueError(f"the number of threads must be at least 1, not {count}")
+            raise ValueError(f"the number of threads must be at least 1, got {count}")
 
 
 def guarded(layer: Layer, method: str, *args: Any) -> None:
-    """Call one of a layer's four methods; a Python error in it becomes a LayerError that names the layer."""
+    """Call a method of a layer and convert Python errors to LayerErrors that name the layer."""
     try:
         getattr(layer, method)(*args)
     except Exception as error:
@@ -201,7 +201,7 @@ def guarded(layer: Layer, method: str, *args: Any) -> None:
         if isinstance(error, NetlibError):
             raise
         for name, blob in zip(layer.spec.bottom, bottom):
-            if not blob.count and layer.type != "Python":  # whose own error says more to who wrote it
+            if not blob.count and layer.type != "Python":  # the author of a Python layer needs its own error
                 raise layer.fail(f"bottom {name!r} {blob.shape} is empty; {layer.type} expects values") from error
         raise layer.fail(f"{method} failed: {type(error).__name__}: {error}{_place(error)}") from error
 

@@ -1,7 +1,7 @@
-"""Files: read with limits and clear errors, replaced atomically, locked; HDF5 files, images, paths."""
+"""File access: reading with limits and clear errors, atomic replacement, locks, HDF5, images, paths."""
 
 from netlib.files.reading import (
-    LARGEST,
+    MAX_BYTES,
     Identity,
     Source,
     identity,
@@ -15,6 +15,6 @@ from netlib.files.reading import (
 )
 
 __all__ = [
-    "LARGEST", "Identity", "Source", "identity", "is_in_use", "make_folder", "noted", "opened", "read_bytes",
+    "MAX_BYTES", "Identity", "Source", "identity", "is_in_use", "make_folder", "noted", "opened", "read_bytes",
     "read_pieces", "read_text",
 ]  # fmt: skip

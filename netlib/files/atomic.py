@@ -1,8 +1,8 @@
-"""Files that are whole or not there: written under another name, synced, renamed.
+"""Atomic file replacement: write under a temporary name, sync, rename.
 
-The other name is ``.NAME.12345678.netlib.tmp``, beside the file: hidden, random, made anew, so that no link is
-followed. Its writer holds a lock on it. What a killed process left has no lock, and the next one that writes into the
-same folder removes it.
+The temporary name ``.NAME.12345678.netlib.tmp`` is in the same folder, hidden and random, and the file is created
+exclusively, so that no link is followed. Its writer holds a lock on it. A file left by a killed process is not locked,
+and the next process that writes into the folder removes it.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from netlib.errors import reason_of
 from netlib.files import locks
 from netlib.files.paths import names_in
 
-OURS = re.compile(r"\..+\.[0-9a-f]{8}\.netlib\.tmp")
-KEPT = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.old")  # of what was being replaced; group 1 is its name
+TEMPORARY = re.compile(r"\..+\.[0-9a-f]{8}\.netlib\.tmp")
+BACKUP = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.old")  # of a file that is being replaced; group 1 is its name
 
 
 @contextlib.contextmanager
 def temporary(path: Path) -> Iterator[Path]:
-    """An empty file beside ``path``, to be filled and renamed within the block; else it is removed. Raises OSError."""
+    """Yield an empty file next to ``path``, to be filled and renamed; removed if it is not. Raises OSError."""
     with _new(path, lambda fresh: os.close(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))) as fresh:
         yield fresh
 
 
 @contextlib.contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
-    """The same with an empty folder."""
+    """Yield an empty folder next to ``path``, to be filled and renamed; removed if it is not. Raises OSError."""
     with _new(path, os.mkdir) as fresh:
         yield fresh
 
@@ -44,10 +44,10 @@ def temporary_folder(path: Path) -> Iterator[Path]:
 def _new(path: Path, make: Callable[[Path], object]) -> Iterator[Path]:
     _clear_once(path.parent.absolute())
     while True:
-        fresh = beside(path, "tmp")
-        make(fresh)  # which fails where there is anything of this name, a link, too
+        fresh = sibling(path, "tmp")
+        make(fresh)  # fails if the name exists, even as a link
         with locks.held(fresh) as locked:
-            if locked is False or not fresh.exists():  # somebody took it for a leftover before it was locked
+            if locked is False or not fresh.exists():  # removed as a leftover before it was locked
                 continue
             try:
                 yield fresh
@@ -57,25 +57,25 @@ def _new(path: Path, make: Callable[[Path], object]) -> Iterator[Path]:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or a folder, if it is still there."""
+    """Remove a file or a folder if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
 
 
-def beside(path: Path, suffix: str) -> Path:
-    """A new hidden name in the same folder, so that renaming is atomic. Raises OSError for what names no file."""
+def sibling(path: Path, suffix: str) -> Path:
+    """A new hidden name in the same folder, so that renaming is atomic. Raises OSError if ``path`` has no name."""
     if not path.name:  # "", "." and "/"
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     return path.with_name(f".{path.name}.{secrets.token_hex(4)}.netlib.{suffix}")
 
 
 def replace(path: Path, fill: Callable[[Path], object], sync: bool = True) -> None:
-    """Have ``fill`` write a temporary file, which then takes the place of ``path``, whole or not at all.
+    """Replace ``path`` atomically by a temporary file that ``fill`` writes.
 
-    Without ``sync`` that is true of a run that is killed, but not of a machine that loses power. Raises OSError, with
-    the file's own name.
+    Without ``sync`` this holds if the process is killed but not if the machine loses power. Raises OSError with the
+    name ``path``.
     """
     with replacing(path, sync) as fresh:
         fill(fresh)
@@ -83,15 +83,18 @@ def replace(path: Path, fill: Callable[[Path], object], sync: bool = True) -> No
 
 @contextlib.contextmanager
 def replacing(path: Path, sync: bool = True) -> Iterator[Path]:
-    """The same for a file that is filled within the block: an exception leaves ``path`` as it was."""
-    with naming(path), temporary(path) as fresh:
-        refuse_what_is_no_file(path)
+    """Context manager that yields a temporary file and replaces ``path`` by it. An exception leaves ``path`` as it was.
+
+    Raises OSError with the name ``path``.
+    """
+    with error_names(path), temporary(path) as fresh:
+        require_regular_file(path)
         yield fresh
-        take_place(fresh, path, sync)
+        commit(fresh, path, sync)
 
 
-def take_place(fresh: Path, path: Path, sync: bool = True) -> None:
-    """Put a temporary file where ``path`` is. Raises OSError."""
+def commit(fresh: Path, path: Path, sync: bool = True) -> None:
+    """Rename a temporary file to ``path``. Raises OSError."""
     if sync:
         sync_file(fresh)
     os.replace(fresh, path)
@@ -100,33 +103,33 @@ def take_place(fresh: Path, path: Path, sync: bool = True) -> None:
 
 
 def replace_bytes(path: Path, content: bytes) -> None:
-    """Write a file, whole or not at all, and the folder it is in. Raises OSError, with the file's own name."""
-    with naming(path):
+    """Write a file atomically and create its folder. Raises OSError with the name ``path``."""
+    with error_names(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     replace(path, lambda fresh: fresh.write_bytes(content))
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all. Raises OSError."""
+    """Write a text file atomically. Raises OSError."""
     replace(path, lambda fresh: fresh.write_text(text, encoding="utf-8"))
 
 
 def replace_pair(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
-    """Write two files that belong together, both or none.
+    """Write two files that belong together: both, or none.
 
-    Two files cannot be renamed at one moment. Between the two the old first one is kept under another name (``kept``),
-    where whoever reads the old second one finds it. Raises OSError, with the name of one of them.
+    Two files cannot be renamed in one step. In between, the old first file has another name (``backups``), under which
+    a reader of the old second file finds it. Raises OSError with the name of one of them.
     """
     (path, content), (other, others_content) = first, second
     with contextlib.ExitStack() as stack:
-        with naming(path):
+        with error_names(path):
             fresh = _written(path, content, stack)
-        with naming(other):
+        with error_names(other):
             others_fresh = _written(other, others_content, stack)
-        with naming(path):
-            old = stack.enter_context(_second_name(path))
+        with error_names(path):
+            old = stack.enter_context(_backup(path))
             os.replace(fresh, path)
-        with naming(other):
+        with error_names(other):
             try:
                 os.replace(others_fresh, other)
             except BaseException:
@@ -137,8 +140,8 @@ def replace_pair(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
 
 
 def _written(path: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
-    """A temporary file that holds the content, on the disk."""
-    refuse_what_is_no_file(path)
+    """Write the content to a temporary file and flush it to the disk."""
+    require_regular_file(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = stack.enter_context(temporary(path))
     fresh.write_bytes(content)
@@ -146,24 +149,24 @@ def _written(path: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
     return fresh
 
 
-def refuse_what_is_no_file(path: Path) -> None:
-    """Renaming would take a device or a pipe away. Raises OSError."""
+def require_regular_file(path: Path) -> None:
+    """Raise OSError for a folder, device or pipe, which renaming would replace."""
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is a device or a pipe; expected the name of a file")
+        raise OSError(errno.EINVAL, "it is a device or a pipe; expected a regular file")
 
 
 @contextlib.contextmanager
-def _second_name(path: Path) -> Iterator[Path | None]:
-    """Within it a file, if there is one, has a second name."""
+def _backup(path: Path) -> Iterator[Path | None]:
+    """Context manager: an existing file has a second name within it."""
     if not path.exists():
         yield None
         return
-    old = beside(path, "old")
+    old = sibling(path, "old")
     try:
         os.link(path, old)
-    except OSError:  # not every file system can
+    except OSError:  # file systems without hard links
         shutil.copyfile(path, old)
     try:
         with locks.held(old):
@@ -173,26 +176,26 @@ def _second_name(path: Path) -> Iterator[Path | None]:
         old.unlink(missing_ok=True)
 
 
-def kept(path: Path) -> list[Path]:
-    """The old versions of a file, or of a folder, that who was killed while replacing it left."""
-    names = [KEPT.fullmatch(name) for name in sorted(names_in(path.parent))]
+def backups(path: Path) -> list[Path]:
+    """Old versions of a file or folder, left by processes that were killed while replacing it."""
+    names = [BACKUP.fullmatch(name) for name in sorted(names_in(path.parent))]
     return [path.with_name(found[0]) for found in names if found and found[1] == path.name]
 
 
 def discard(old: Path, path: Path) -> None:
-    """Remove the old version of ``path``, which the caller has locked; no part of it is ``kept``. Raises OSError."""
-    gone = beside(path, "tmp")
+    """Remove the old version of ``path``, locked by the caller; never leaves a partial backup. Raises OSError."""
+    gone = sibling(path, "tmp")
     old.rename(gone)
     _remove(gone)
 
 
-# ------------------------------------------------------------------------------------------ what others left
+# ------------------------------------------------------------------------------------------ leftovers
 
 
 def clear_leftovers(folder: Path) -> None:
-    """Remove the temporary files and folders that killed processes left; those of living ones are locked."""
+    """Remove temporary files and folders of killed processes; those of running processes are locked."""
     for name in names_in(folder):
-        if OURS.fullmatch(name):
+        if TEMPORARY.fullmatch(name):
             _clear(folder / name)
 
 
@@ -207,17 +210,17 @@ def _clear(path: Path) -> None:
             _remove(path)
 
 
-# ------------------------------------------------------------------------------------------ small parts
+# ------------------------------------------------------------------------------------------ helpers
 
 
 def text_of(path: Path) -> str | None:
-    """The text of a file, or None if there is none. Raises DataError."""
+    """The text of a file, or None if it does not exist. Raises DataError."""
     return files.read_text(path, "the text") if path.exists() else None
 
 
 @contextlib.contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """An OSError within it is one about ``path``, whatever name it has."""
+def error_names(path: Path) -> Iterator[None]:
+    """Context manager that replaces the file name in an OSError by ``path``."""
     try:
         yield
     except OSError as error:
@@ -225,14 +228,14 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def sync_file(path: Path) -> None:
-    """Have the content of a file reach the disk."""
+    """Flush the content of a file to the disk."""
     with path.open("r+b") as file:
         os.fsync(file.fileno())
 
 
 def sync_directory(directory: Path) -> None:
-    """Have the names of files reach the disk, where that can be done."""
-    with contextlib.suppress(OSError):  # not every file system can
+    """Flush the names in a folder to the disk, where supported."""
+    with contextlib.suppress(OSError):  # not supported by every file system
         descriptor = os.open(directory, os.O_RDONLY)
         try:
             os.fsync(descriptor)

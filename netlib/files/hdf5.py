@@ -1,10 +1,10 @@
-"""HDF5 files: opened only after a look at them from outside, and rows of data that are read without the library.
+"""HDF5 files: checked by a helper process before they are opened, and rows read without the HDF5 library.
 
-The HDF5 library may crash on a damaged file, or never return, and a file may lead to other files. So a helper process
-looks at each file first (hdf5_helper.py).
+The HDF5 library can crash or hang on a damaged file, and a file can refer to other files. A helper process therefore
+checks each file first (hdf5_helper.py).
 
-Rows of data sets that are stored in one piece are then read by plain reads, neither by the library nor mapped into
-memory: a file that is cut while it is in use is an error like any other, not the end of the process.
+Rows of contiguous data sets are then read with plain reads, not through the library or by memory mapping, so a file
+that is truncated while in use causes an ordinary error instead of a crash.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files import Source, atomic, hdf5_helper
 from netlib.files.paths import exists, find
 
-SMALL_ROW, IN_MEMORY = 4096, 1 << 26  # bytes: data sets of smaller rows are held in memory, if they are not larger
+SMALL_ROW, IN_MEMORY = 4096, 1 << 26  # bytes: data sets with smaller rows, up to this size, are kept in memory
 
 
 @contextlib.contextmanager
 def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> Iterator[h5py.File]:
-    """An HDF5 file, open for reading; ``what`` it is meant to be stands in the error.
+    """Open an HDF5 file for reading; ``what`` describes its expected content in errors.
 
-    Raises ``kind``, also for whatever HDF5 raises within the block.
+    Raises ``kind``, including for errors of HDF5 inside the ``with`` block.
     """
     with files.opened(path, what, kind) as stream:
         looked_at = files.identity(stream.fileno())
@@ -43,7 +43,7 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
         raise kind(f"{path}: cannot read {what}: {fault}")
     try:
         with h5py.File(path, "r", locking=False) as file:
-            if files.identity(file.id.get_vfd_handle()) != looked_at:  # another file took its place meanwhile
+            if files.identity(file.id.get_vfd_handle()) != looked_at:  # another file was renamed to this path
                 raise kind(f"{path}: was changed while it was opened; run again")
             yield file
     except NetlibError:
@@ -54,25 +54,25 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
 
 @contextlib.contextmanager
 def in_memory() -> Iterator[tuple[h5py.File, io.BytesIO]]:
-    """A new file, and after the block its bytes, to be written by plain writes: one that fails within HDF5 may end the
-    process."""
+    """Yield a new file and the stream that holds its bytes after the block. The caller writes them with plain writes,
+    because a write that fails inside HDF5 can crash the process."""
     image = io.BytesIO()
     with h5py.File(image, "w") as file:
         yield file, image
 
 
 @contextlib.contextmanager
-def written(path: Path) -> Iterator[h5py.File]:
-    """A new HDF5 file that is written after the block, whole or not at all. Raises OSError."""
+def created(path: Path) -> Iterator[h5py.File]:
+    """Yield a new HDF5 file, which is written atomically after the block. Raises OSError."""
     with in_memory() as (file, image):
         yield file
     atomic.replace(path, lambda fresh: fresh.write_bytes(image.getvalue()))
 
 
 def is_near(other: Path, path: Path) -> bool:
-    """Is ``other`` a file below the folder of ``path``, beside that folder, or in one beside it? Links are followed.
+    """Whether ``other`` is below the folder of ``path``, next to that folder, or in a folder next to it.
 
-    A file that somebody else made may name such files, and no private ones elsewhere.
+    Links are followed. A file from an untrusted source may name only such files, not private ones elsewhere.
     """
     file, folder = Path(os.path.realpath(other)), Path(os.path.realpath(path)).parent
     return file.is_relative_to(folder) or folder.parent in (file.parent, file.parent.parent)
@@ -81,14 +81,14 @@ def is_near(other: Path, path: Path) -> bool:
 class File:
     """Rows of some data sets of one HDF5 file.
 
-    rows       in each data set
-    datasets   one Rows for each of the names asked for
-    names      of all that the file holds
-    made_from  what the data are
+    rows       number of rows of each data set
+    datasets   one Rows for each requested name
+    names      all names in the file
+    made_from  origin of the data
 
-    An attribute ``rest_in`` names another file, relative to the folder of the first, that has the data sets which the
-    first lacks (``is_near``). (HDF5's own links into other files are not followed: the library would open whatever
-    they name.)
+    The attribute ``rest_in`` names another file, relative to the folder of the first, with the data sets that the first
+    lacks (``is_near``). HDF5's own external links are not followed, because the library would open any file that they
+    name.
     """
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
@@ -102,7 +102,7 @@ class File:
                 other = Path(os.path.normpath(path.parent / str(rest)))
                 if Path(str(rest)).is_absolute() or not is_near(other, path):
                     raise DataError(f"{path}: rest_in is {str(rest)!r}; expected a relative name of a file in the same "
-                                    "folder or in one beside it, and no link out of there")  # fmt: skip
+                                    "folder or in one next to it, and no link to elsewhere")  # fmt: skip
                 opens.append(stack.enter_context(opened(other, f"the rest of {path}")))
                 self.sources.append(self._source(other, opens[1]))
             self.names = tuple(dict.fromkeys(name for file in opens for name in file))
@@ -125,20 +125,20 @@ class File:
 
     @staticmethod
     def _source(path: Path, file: h5py.File) -> Source:
-        """For plain reads of the very file that is open. Raises DataError."""
+        """Open the same file for plain reads. Raises DataError."""
         source = Source(path, "the HDF5 file")
         if not source.is_file(file.id.get_vfd_handle()):
             raise DataError(f"{path}: was changed while it was opened; run again")
         return source
 
     def check(self) -> None:
-        """Raise DataError if a file has been changed since it was opened. One that takes its place does no harm."""
+        """Raise DataError if a file was changed since it was opened. Replacing it by renaming is harmless."""
         for source in self.sources:
             source.check()
 
 
 class Rows:
-    """The rows of a data set, read when they are asked for, or held in memory.
+    """The rows of a data set, read on access or kept in memory.
 
     shape  (rows, ...)
     dtype  of the values in the file
@@ -151,19 +151,19 @@ class Rows:
         self.dtype: np.dtype[Any] = dataset.dtype
         self._source, self._row = source, math.prod(self.shape[1:]) * self.dtype.itemsize
         self._offset: int | None = dataset.id.get_offset()
-        small = self._row < SMALL_ROW and dataset.nbytes <= IN_MEMORY  # not worth a read for each
-        other = dataset.id.get_type() != h5py.h5t.py_create(self.dtype)  # fewer bits: to be converted by the library
-        held = self._offset is None or other or small or dataset.size == 0  # or in chunks, compressed
+        small = self._row < SMALL_ROW and dataset.nbytes <= IN_MEMORY  # too small for a read per row
+        other = dataset.id.get_type() != h5py.h5t.py_create(self.dtype)  # a packed type, which the library converts
+        held = self._offset is None or other or small or dataset.size == 0  # no offset: chunked or compressed
         self._held: Array | None = np.asarray(dataset[...]) if held else None
 
     def take(self, rows: Array, out: Array) -> None:
-        """Copy some rows, by their numbers, into ``out``, converted to its type. Raises DataError."""
+        """Copy the rows with these numbers into ``out``, converting to its dtype. Raises DataError."""
         if self._held is not None:
             out[...] = self._held[rows]
             return
         target = out if out.dtype == self.dtype and out.flags.c_contiguous else np.empty(out.shape, self.dtype)
         view = target.reshape(-1).view(np.uint8).data
-        ends = [*(np.flatnonzero(np.diff(rows) != 1) + 1).tolist(), len(rows)]  # of rows that follow each other
+        ends = [*(np.flatnonzero(np.diff(rows) != 1) + 1).tolist(), len(rows)]  # of runs of consecutive rows
         begin = 0
         for end in ends:
             at = self._offset + int(rows[begin]) * self._row
@@ -173,15 +173,15 @@ class Rows:
             out[...] = target
 
     def __getitem__(self, rows: Any) -> Array:
-        """A row by its number, or several by a slice or by their numbers."""
+        """Return a row by number, or several by a slice or an array of numbers."""
         numbers = np.arange(self.shape[0])[rows]
         out = np.empty((numbers.size, *self.shape[1:]), self.dtype)
         self.take(np.atleast_1d(numbers), out)
         return out.reshape(numbers.shape + self.shape[1:])
 
     def numbers(self) -> Array:
-        """All rows, float64."""
-        with np.errstate(all="ignore"):  # a damaged file may have numbers of any kind; who reads them looks at them
+        """All rows as float64."""
+        with np.errstate(all="ignore"):  # a damaged file may hold any numbers; the caller checks them
             return self[:].astype(np.float64)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
@@ -190,7 +190,7 @@ class Rows:
 
 
 def read_list(source: str, prototxt: str | None) -> list[Path]:
-    """The files that a list names, relative to the working directory or to the list. Raises DataError."""
+    """Files named in a list, relative to the working directory or to the list. Raises DataError."""
     path = find(source, prototxt)
     names = [line.strip() for line in files.read_text(path, "the list of HDF5 files").split("\n") if line.strip()]
     if not names:
@@ -199,6 +199,6 @@ def read_list(source: str, prototxt: str | None) -> list[Path]:
     for name in names:
         found.append(find(name, str(path)))
         if not exists(found[-1]):
-            raise DataError(f"{source}: names {name!r}, which does not exist; expected a path from the working "
-                            "directory or from the list")  # fmt: skip
+            raise DataError(f"{source}: names {name!r}, which does not exist; expected a path relative to the working "
+                            "directory or to the list")  # fmt: skip
     return found

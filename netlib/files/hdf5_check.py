@@ -1,17 +1,17 @@
-"""Is it safe to open this HDF5 file? A program of its own, because the HDF5 library may crash or never return.
+"""Check whether an HDF5 file is safe to open. Runs as a separate process, because the HDF5 library can crash or hang.
 
-    {"ready": true}                  on standard output, when it can be asked
-    {"path": ..., "seconds": ...}    on standard input, a line for each file, and how long a look at it may take
+    {"ready": true}                  on standard output, once questions are accepted
+    {"path": ..., "seconds": ...}    on standard input, one line per file, with the time limit of the check
     {"fault": "..."}                 on standard output, the answer: what is wrong, empty if nothing
 
-The arguments are the folders in which the packages lie that it needs, h5py and NumPy.
+The arguments are the folders of the packages that it needs, h5py and NumPy.
 
-It looks at all that a reader might: every link, every attribute, where and how the values of every data set are
-stored. Values are read where they are not simply numbers in one piece, if they are not too many. Whoever asks
-(netlib/files/hdf5.py) ends this process when an answer takes too long.
+It checks everything that a reader might access: every link, every attribute, and where and how the values of every data
+set are stored. Values that are not plain contiguous numbers are read, up to a limit. The parent
+(netlib/files/hdf5_helper.py) kills this process if an answer takes too long.
 
-Refused is what leads out of the file (external links, external storage, virtual data sets), what needs a plug-in, and
-data sets that claim values which the file does not hold. Imports nothing of this project, and starts fast.
+It rejects external links, external storage and virtual data sets, filters that need a plug-in, and data sets that claim
+values which the file does not contain. It imports nothing else of this project, to start fast.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ sys.path += sys.argv[1:]
 
 import h5py
 
-MEMORY = 4 << 30  # bytes that the process may ask for
-READ = 1 << 28  # bytes of compressed or variable values that are tried
-LARGE = 1 << 26  # bytes from which on a data set must have been written
-FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # that are part of h5py and known to fail cleanly
+MEMORY = 4 << 30  # limit of the process in bytes
+READ = 1 << 28  # limit in bytes of compressed or variable-length values that are read
+LARGE = 1 << 26  # data sets of at least this many bytes must be stored
+FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # part of h5py and known to fail cleanly
 
 
 class FaultError(Exception):
-    """What is wrong with a file, in words that follow its name."""
+    """A fault of a file, described by a phrase that follows its name."""
 
 
 def fault_of(path: str) -> str:
-    """What is wrong with a file; empty if nothing."""
+    """Describe what is wrong with a file; empty if nothing is."""
     try:
         with h5py.File(path, "r", locking=False) as file:
             _Walk().group(file)
     except FaultError as error:
         return str(error)
-    except Exception as error:  # of a damaged file the library may raise anything
+    except Exception as error:  # the library can raise anything on a damaged file
         return f"damaged or truncated: {' '.join(str(error).split()) or type(error).__name__}"
     return ""
 
 
 class _Walk:
-    """Looks at every object of a file once."""
+    """Visits every object of a file once."""
 
     def __init__(self) -> None:
         self.seen: set[object] = set()
         self.left = READ
 
     def group(self, top: h5py.Group) -> None:
-        """Look at a group and all below it."""
+        """Check a group and everything below it."""
         waiting = [top]
         while waiting:
             group = waiting.pop()
@@ -66,7 +66,7 @@ class _Walk:
                 if isinstance(link, h5py.ExternalLink):
                     raise FaultError(f"{where!r} is a link into another file, {link.filename!r}, which is not "
                                      "followed; expected all in one file")  # fmt: skip
-                if isinstance(link, h5py.SoftLink):  # to what is looked at where it stands, or to nothing
+                if isinstance(link, h5py.SoftLink):  # its target is checked where it is stored
                     continue
                 if not isinstance(link, h5py.HardLink):
                     raise FaultError(f"{where!r} is a link of an unknown kind")
@@ -88,10 +88,10 @@ class _Walk:
             self.spend(getattr(value, "nbytes", 0), f"attribute {name!r}")
 
     def dataset(self, dataset: h5py.Dataset) -> None:
-        """Where are the values, are they there, and can they be read?"""
+        """Check that the values are in this file, complete and readable."""
         where = f"data set {dataset.name!r}"
         if dataset.is_virtual:
-            raise FaultError(f"{where} is virtual, made of others, which is not followed; expected values")
+            raise FaultError(f"{where} is virtual and refers to other data sets, which are not read; expected values")
         if dataset.external:
             raise FaultError(f"{where} is kept in another file, {dataset.external[0][0]!r}, which is not read; "
                              "expected all in one file")  # fmt: skip
@@ -103,7 +103,7 @@ class _Walk:
                                  "is not supported; expected gzip, or none")  # fmt: skip
         stored = dataset.id.get_storage_size()
         claimed = math.prod(dataset.shape or ()) * dataset.id.get_type().get_size()
-        if claimed >= LARGE and claimed > 2000 * stored:  # gzip makes nothing a thousand times smaller
+        if claimed >= LARGE and claimed > 2000 * stored:  # beyond the compression ratio of gzip, about 1000
             raise FaultError(f"{where} claims {claimed} bytes, but only {stored} are stored; expected data")
         in_one_piece = dataset.id.get_offset() is not None
         if in_one_piece and dataset.dtype.kind in "fiuSb":
@@ -114,7 +114,7 @@ class _Walk:
             dataset[()]
 
     def spend(self, count: int, what: str) -> None:
-        """Count what is read."""
+        """Count bytes read. Raises FaultError beyond the limit."""
         self.left -= count
         if self.left < 0:
             raise FaultError(f"{what} is too large")
@@ -128,13 +128,13 @@ def _names(group: h5py.Group) -> list[str]:
 
 
 def main() -> None:
-    """Answer until there are no more questions."""
+    """Answer questions until the input ends."""
     try:
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    except (ImportError, OSError, ValueError):  # not every system has limits
+    except (ImportError, OSError, ValueError):  # limits are not supported everywhere
         pass
     print(json.dumps({"ready": True}), flush=True)
     for line in sys.stdin:
@@ -146,7 +146,7 @@ def main() -> None:
 
 
 def _end_after(seconds: float) -> None:
-    """End this process then, if whoever asked has been killed and cannot do it; 0 is never."""
+    """End this process after some seconds in case the parent was killed; 0 cancels this."""
     if hasattr(signal, "setitimer"):
         signal.setitimer(signal.ITIMER_REAL, seconds)
 

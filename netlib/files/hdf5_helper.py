@@ -1,6 +1,6 @@
-"""The helper process that looks at HDF5 files (hdf5_check.py): started at the first file, ended with this process.
+"""The helper process that checks HDF5 files (hdf5_check.py). Started for the first file, it ends with this process.
 
-It costs 0.2 s once, and some milliseconds for each file; what it said of a file that has not changed is remembered.
+It takes 0.2 s to start and some milliseconds per file. Results are cached until the file changes.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ import numpy as np
 from netlib.errors import reason_of
 from netlib.files import Identity
 from netlib.system.once import once
-from netlib.system.one_thread import tell
+from netlib.system.one_thread import call_after_fork
 
-SECONDS, BYTES_PER_SECOND = 10.0, 20e6  # that a look may take: so many, and one more for so many bytes of the file
+SECONDS, BYTES_PER_SECOND = 10.0, 20e6  # time limit of a check: SECONDS plus the size of the file / BYTES_PER_SECOND
 CHECK = Path(__file__).with_name("hdf5_check.py")
 
 
 @functools.lru_cache(maxsize=4096)
 def fault_of(path: str, content: Identity) -> str:
-    """What is wrong with an HDF5 file, in words that follow its name; empty if nothing."""
+    """Describe what is wrong with an HDF5 file by a phrase that follows its name; empty if nothing is."""
     seconds = SECONDS + content[2] / BYTES_PER_SECOND
     with _state.lock:
         helper = _state.running()
@@ -37,7 +37,7 @@ def fault_of(path: str, content: Identity) -> str:
             return ""
         try:
             answer = helper.ask(str(Path(path).absolute()), seconds)
-        except BaseException:  # Ctrl-C: its answer would be taken for the one to the next question
+        except BaseException:  # Ctrl-C: the answer would be taken for that to the next question
             _state.end()
             raise
         if answer is None:
@@ -47,25 +47,25 @@ def fault_of(path: str, content: Identity) -> str:
 
 
 class _Helper:
-    """The process. Raises OSError if it cannot be started."""
+    """A running helper process. Raises OSError if it cannot be started."""
 
     def __init__(self) -> None:
         folders = {str(Path(str(module.__file__)).parent.parent) for module in (h5py, np)}
         self._process = subprocess.Popen(
             [sys.executable, "-I", str(CHECK), *sorted(folders)], encoding="ascii", stderr=subprocess.DEVNULL,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-            start_new_session=True,  # a terminal's signals are for us: Ctrl-C would look like a file that crashes it
+            start_new_session=True,  # else Ctrl-C would kill it, which looks like a crash on this file
         )  # fmt: skip
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._in, self._out = self._process.stdin, self._process.stdout
         self._late = threading.Event()
-        if not self._out.readline():  # it says when it is there
+        if not self._out.readline():  # the ready line
             self.end()
             raise OSError("it does not start")
 
     def ask(self, path: str, seconds: float) -> str | None:
-        """What is wrong with a file; None if the process did not live to tell."""
+        """Check a file. Returns None if the process ended without an answer."""
         watch = threading.Timer(seconds, self._give_up)
         watch.start()
         try:
@@ -83,43 +83,43 @@ class _Helper:
         self.kill()
 
     def lives(self) -> bool:
-        """Can it still be asked? Not if somebody has killed it, as a system does that lacks memory."""
+        """Whether the process is running; the system may have killed it when memory ran out."""
         return self._process.poll() is None
 
     def kill(self) -> None:
-        """Have it end at once. It would end by itself, but not as long as a forked process has our end of its pipe."""
+        """Kill the process. It does not end by itself while a forked process holds the other end of its pipe."""
         self._process.kill()
 
     def end(self) -> str:
-        """Wait for the end of the process; how it ended, in words."""
+        """Wait for the process to end and describe how it ended."""
         for stream in (self._in, self._out):
             with contextlib.suppress(OSError):
                 stream.close()
         status = self._process.wait()
-        return "does not come to an end with it" if self._late.is_set() else f"crashes on it (status {status})"
+        return "does not finish reading it" if self._late.is_set() else f"crashes on it (status {status})"
 
 
 class _State:
-    """The helper of this process, if it has one."""
+    """The helper of this process, if any."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.helper: _Helper | None = None
-        self.of_parents: list[_Helper | None] = []  # kept, because they are not for this process to end
+        self.of_parents: list[_Helper | None] = []  # referenced so that a child process does not end them
 
     def running(self) -> _Helper | None:
-        """The helper, started if need be; None, and a note, where no process can be started."""
+        """Return the helper, starting it if necessary; None, with a warning, if it cannot be started."""
         if self.helper is not None and not self.helper.lives():
             self.end()
         if self.helper is None:
             try:
                 self.helper = _Helper()
             except OSError as error:
-                once(f"HDF5 files are opened without a look from outside: no helper process ({reason_of(error)})")
+                once(f"HDF5 files are opened unchecked: cannot start the helper process ({reason_of(error)})")
         return self.helper
 
     def after_fork(self) -> None:
-        """A child has a helper of its own."""
+        """Make a child process start its own helper."""
         self.of_parents.append(self.helper)
         self.lock, self.helper = threading.Lock(), None
 
@@ -133,4 +133,4 @@ class _State:
 
 _state = _State()
 atexit.register(_state.end)
-tell(_state)
+call_after_fork(_state)

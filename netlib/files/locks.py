@@ -1,4 +1,4 @@
-"""Locks on files, which the end of a process releases, however it ends."""
+"""File locks that the operating system releases when a process ends."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
-from netlib.system.one_thread import tell
+from netlib.system.one_thread import call_after_fork
 
 fcntl: ModuleType | None
 try:
     import fcntl
-except ImportError:  # not every system has these locks; there nothing is locked
+except ImportError:  # without fcntl nothing is locked
     fcntl = None
 
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def take(descriptor: int) -> bool | None:
-    """Lock an open file for whoever holds this descriptor: False if another does, None where there are no locks."""
+    """Lock an open file. Returns False if another process holds the lock, None if locks are not supported."""
     if fcntl is None:
         return None
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # not every file system has them
+    except OSError:  # not supported by this file system
         return None
     return True
 
 
 @contextlib.contextmanager
 def held(path: Path) -> Iterator[bool | None]:
-    """Within it a file or folder is locked: True if it is, False if another has it, None where there are no locks."""
+    """Lock a file or folder within the block; yields True, False if locked elsewhere, None if not supported."""
     descriptor = None
-    for mode in (os.O_RDWR, os.O_RDONLY) if fcntl else ():  # network file systems lock what may be written
+    for mode in (os.O_RDWR, os.O_RDONLY) if fcntl else ():  # network file systems lock only files open for writing
         with contextlib.suppress(OSError):
             descriptor = os.open(path, mode | NO_LINK | getattr(os, "O_NONBLOCK", 0))
             break
@@ -48,15 +48,15 @@ def held(path: Path) -> Iterator[bool | None]:
 
 
 class Lock:
-    """A file that is there and locked until ``release``, or until this process ends; ``taken`` says whether it is ours.
+    """A lock file that exists until ``release`` or until this process ends; ``taken`` is True while it is held.
 
-    A process that is forked from this one does not hold it.
+    A forked child process does not hold it.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.holder = ""  # who has it instead
-        while True:  # one that was released between opening and locking is gone
+        self.holder = ""  # process that holds the lock instead
+        while True:  # retry if the file was removed between opening and locking
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
             locked = take(self._descriptor)
             self.taken = locked is not False
@@ -66,13 +66,13 @@ class Lock:
         if self.taken:
             os.ftruncate(self._descriptor, 0)
             os.write(self._descriptor, f"{os.getpid()}\n".encode())
-            tell(self)
+            call_after_fork(self)
         else:
             self.holder = os.read(self._descriptor, 100).decode(errors="replace").strip()
             os.close(self._descriptor)
 
     def release(self) -> None:
-        """Let go."""
+        """Remove the file and release the lock."""
         if self.taken:
             self.taken = False
             with contextlib.suppress(OSError):
@@ -80,14 +80,14 @@ class Lock:
             os.close(self._descriptor)
 
     def after_fork(self) -> None:
-        """The parent goes on holding it, and its end releases it."""
+        """Give up the lock in a child process; the parent keeps it."""
         if self.taken:
             self.taken = False
             os.close(self._descriptor)
 
 
 def is_still(path: Path, descriptor: int) -> bool:
-    """Does this name lead to this open file?"""
+    """Whether ``path`` refers to this open file."""
     try:
         return os.path.samestat(path.lstat(), os.fstat(descriptor))
     except OSError:

@@ -1,4 +1,4 @@
-"""Files by name: those that a prototxt names, those that a folder holds."""
+"""Finding files: those that a prototxt names, and those of this project."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ from types import ModuleType
 
 from netlib.system.one_thread import lock
 
-BASE = Path(__file__).resolve().parents[2]  # where netlib/ and layers/ lie: a clone, or site-packages
-SHARE = BASE / "netlib" / "share"  # an installed package has the other folders of a clone in it (setup.py)
-ROOT = SHARE if SHARE.is_dir() else BASE  # where fast/, prototxt/, models/ and tools/ lie
-OWN_FOLDERS = ("prototxt", "models")  # that are installed, too
-IS_CLONE = (ROOT / "setup.cfg").exists()  # False in an installed package
-PROGRAM = "handpose"  # the command that an installed package has; its first word names a tool
+BASE = Path(__file__).resolve().parents[2]  # parent of netlib/ and layers/: a clone, or site-packages
+SHARE = BASE / "netlib" / "share"  # in an installed package, the parent of a clone's other folders (setup.py)
+ROOT = SHARE if SHARE.is_dir() else BASE  # parent of fast/, prototxt/, models/ and tools/
+OWN_FOLDERS = ("prototxt", "models")  # these are installed too
+IS_CLONE = (ROOT / "setup.cfg").exists()
+PROGRAM = "handpose"  # command of an installed package; its first argument names a tool
 _loading = lock()
 
 
 def command(name: str) -> str:
-    """The command line that starts a tool of this project: as the user started this one, else as it is installed."""
+    """The command line of a tool, in the form in which the user started this one, or as installed."""
     if IS_CLONE and not is_subcommand():
         return f"python tools/{name}.py"
     return f"{PROGRAM} {name.replace('_', '-')}"
 
 
 def is_subcommand() -> bool:
-    """Was this process started as ``handpose NAME``? handpose/__main__.py sets its name."""
+    """Whether this process was started as ``handpose NAME``; handpose/__main__.py sets argv[0]."""
     return bool(sys.argv) and sys.argv[0].startswith(f"{PROGRAM} ")
 
 
 def own(name: str) -> Path:
-    """The place of a file or folder of this project by its name in a clone, also where it is installed."""
+    """Path of a file or folder of this project, given its path in a clone, also in an installed package."""
     return next((base / name for base in (ROOT, BASE) if exists(base / name)), ROOT / name)
 
 
 def find(name: str, source: str | None) -> Path:
-    """``name`` from the working directory (Caffe's way), else beside the file ``source`` that names it.
+    """Resolve ``name`` relative to the working directory, as Caffe does, else to the file ``source`` that names it.
 
-    A name such as ``prototxt/x.prototxt`` is also looked for in the folder ``prototxt`` in which ``source`` is, and if
-    it begins like one of this project's own folders there, so that a solver can be used from any working directory;
-    ``source`` None is the command line or a program. A file that is nowhere keeps its name, so that the error says what
-    the user wrote.
+    A name such as ``prototxt/x.prototxt`` is also resolved relative to the parent of the folder ``prototxt`` that
+    contains ``source``, and, if it starts with a folder of this project, relative to the project, so that a solver can
+    be used from any working directory. ``source`` is None on the command line and in programs. If nothing is found,
+    ``name`` is returned unchanged for the error message.
     """
     path = Path(name)
     if path.is_absolute() or exists(path):
@@ -53,7 +53,7 @@ def find(name: str, source: str | None) -> Path:
 
 
 def _folders(path: Path, source: str | None) -> Iterator[Path]:
-    """Where a file that ``source`` names may be, in addition to the working directory."""
+    """Folders to search for ``path``, in addition to the working directory."""
     if source is not None:
         yield Path(source).parent
     if len(path.parts) > 1:
@@ -65,31 +65,31 @@ def _folders(path: Path, source: str | None) -> Iterator[Path]:
 
 
 def exists(path: Path) -> bool:
-    """Is there such a file? No, if there cannot be."""
+    """Whether the file exists; False for names that no file can have."""
     try:
         return path.exists()
-    except (OSError, ValueError):  # too long, or with characters that no file name has
+    except (OSError, ValueError):  # too long, or with invalid characters
         return False
 
 
 def names_in(folder: Path) -> set[str]:
-    """The names of all that a folder holds; of what is not there or cannot be read, nothing."""
+    """Names of all entries of a folder; empty if it cannot be read."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         return {entry.name for entry in entries}
     return set()
 
 
 def own_package(name: str) -> ModuleType:
-    """This project's package ``layers`` or ``fast``, whatever else of this name Python would find first.
+    """This project's package ``layers`` or ``fast``, even if Python would find another of this name first.
 
-    A module of this name that was imported before netlib was stays what it is.
+    A module of this name that was imported before netlib stays in place.
     """
     return load_module(name, own(name) / "__init__.py")
 
 
 def load_module(name: str, path: Path) -> ModuleType:
-    """The module in a file, imported under this name, once; what its code raises is raised."""
-    with _loading:  # another thread that asks for it must not get half a module
+    """Import a module from a file under this name, once. Exceptions of its code are passed on."""
+    with _loading:  # so that no other thread gets a partially imported module
         if name not in sys.modules:
             spec = importlib.util.spec_from_file_location(name, path)
             assert spec is not None and spec.loader is not None

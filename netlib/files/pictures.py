@@ -1,8 +1,8 @@
-"""Picture files to arrays, by OpenCV: every picture that anybody names is decoded here.
+"""Decoding of image files with OpenCV.
 
-A small file can claim to hold a picture larger than the memory. OpenCV looks at its size before it decodes it, and
-refuses what is beyond OPENCV_IO_MAX_IMAGE_PIXELS, which netlib/__init__.py sets to MOST_PIXELS, and which counts if
-netlib is imported before cv2 is; else OpenCV's own limit is four times as many.
+A small file can claim to hold an image larger than memory. OpenCV checks the size before decoding and rejects more than
+OPENCV_IO_MAX_IMAGE_PIXELS, which netlib/__init__.py sets to MAX_PIXELS. This takes effect only if netlib is imported
+before cv2; otherwise OpenCV's own limit is four times as large.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy as np
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 
-PNG = b"\x89PNG\r\n\x1a\n"  # the first bytes of such a file
-JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"  # markers; none of them occurs in coded pixels
-MOST_PIXELS = 1 << 28  # more than any camera has
+PNG = b"\x89PNG\r\n\x1a\n"  # signature at the start of a file
+JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"  # markers; they do not occur in coded pixels
+MAX_PIXELS = 1 << 28  # more than any camera has
 
 
 def decode(content: bytes, flag: int, what: str) -> Array:
-    """The pixels (H, W) or (H, W, C), blue first, of a picture's file, as the flag of cv2.imdecode says.
+    """Decode an image file to pixels (H, W) or (H, W, C), blue first; ``flag`` is that of cv2.imdecode.
 
-    Raises DataError, which begins with ``what``. Some versions of OpenCV fill up a truncated picture, so a PNG file is
-    checked chunk by chunk first, and a JPEG file for its end.
+    Raises DataError that begins with ``what``. Some versions of OpenCV complete truncated images without an error, so
+    the chunks of a PNG file and the end of a JPEG file are checked first.
     """
     if content.startswith(PNG):
         _check_png(content, what)
@@ -36,18 +36,18 @@ def decode(content: bytes, flag: int, what: str) -> Array:
     except (cv2.error, MemoryError) as error:
         if bound := re.search(r"CV_IO_MAX_IMAGE_(PIXELS|WIDTH|HEIGHT)", str(error)):
             most = {"PIXELS": "pixels in all", "WIDTH": "pixels in a row", "HEIGHT": "rows"}[bound[1]]
-            raise DataError(f"{what}: a picture of too many {most}; OPENCV_IO_MAX_IMAGE_{bound[1]} in the environment "
-                            "allows more") from error  # fmt: skip
+            raise DataError(f"{what}: the image has too many {most}; OPENCV_IO_MAX_IMAGE_{bound[1]} in the environment "
+                            "raises the limit") from error  # fmt: skip
         raise DataError(f"{what}: not an image that OpenCV can decode: {reason_of(error)}") from error
     if image is None:
         raise DataError(f"{what}: not an image that OpenCV can decode ({len(content)} bytes)")
-    if image.shape[0] * image.shape[1] > MOST_PIXELS:
+    if image.shape[0] * image.shape[1] > MAX_PIXELS:
         raise DataError(_too_large(what, image.shape[1], image.shape[0]))
     return np.asarray(image)
 
 
 def _check_png(content: bytes, what: str) -> None:
-    """Are all chunks there, each with the right checksum, and is the picture of a sensible size?"""
+    """Check that all chunks are present with valid checksums, and that the image is not too large."""
     width, height = (int.from_bytes(content[at : at + 4], "big") for at in (16, 20))
     at, view = len(PNG), memoryview(content)
     while at + 12 <= len(content):
@@ -55,7 +55,7 @@ def _check_png(content: bytes, what: str) -> None:
         if zlib.crc32(view[at + 4 : end]) != int.from_bytes(content[end : end + 4], "big"):
             break
         if content[at + 4 : at + 8] == b"IEND":
-            if width * height > MOST_PIXELS:
+            if width * height > MAX_PIXELS:
                 raise DataError(_too_large(what, width, height))
             return
         at = end + 4
@@ -63,4 +63,4 @@ def _check_png(content: bytes, what: str) -> None:
 
 
 def _too_large(what: str, width: int, height: int) -> str:
-    return f"{what}: a picture of {width} x {height} pixels; expected at most {MOST_PIXELS}"
+    return f"{what}: the image has {width} x {height} pixels; expected at most {MAX_PIXELS}"

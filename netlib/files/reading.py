@@ -1,6 +1,6 @@
-"""Files that a user names, read in one way: regular files of a bounded size, and one line for whatever is wrong.
+"""Reading files named by the user: regular files up to a size limit, with one-line errors.
 
-A pipe could keep a program waiting for ever, a device may never end, and a file may be larger than the memory.
+Reading from a pipe could block forever, a device may never end, and a file may be larger than memory.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from pathlib import Path
 
 from netlib.errors import DataError, NetlibError, reason_of
 
-LARGEST = (1 << 31) - 1  # bytes of a file that is read whole: as many as a message of protocol buffers may have
-LARGEST_TEXT = 1 << 28
+MAX_BYTES = (1 << 31) - 1  # limit of a file that is read at once; the limit of a protocol buffers message
+MAX_TEXT_BYTES = 1 << 28
 PIECE = 1 << 24
 
 KINDS = {
@@ -31,7 +31,7 @@ _notebooks: list[list[str | Path]] = []
 
 @contextlib.contextmanager
 def noted() -> Iterator[list[str | Path]]:
-    """Yields a list that gets the name of each file that is read within the block, by whatever part of the program."""
+    """Yield a list to which the name of each file read within the block is appended."""
     names: list[str | Path] = []
     _notebooks.append(names)
     try:
@@ -41,12 +41,12 @@ def noted() -> Iterator[list[str | Path]]:
 
 
 def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> FileIO:
-    """A file that is open for reading; ``what`` it is meant to be stands in the error. Raises ``kind``."""
+    """Open a file for reading; ``what`` describes it in errors. Raises ``kind``."""
     try:
         _check(Path(path).stat(), path, what, kind)
         stream = FileIO(path, "rb", opener=_at_once)
         try:
-            _check(os.fstat(stream.fileno()), path, what, kind)  # what was put there since
+            _check(os.fstat(stream.fileno()), path, what, kind)  # it may have been replaced since
         except BaseException:
             stream.close()
             raise
@@ -58,12 +58,12 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
 
 
 def read_bytes(
-    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: int = LARGEST, first: int | None = None
+    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: int = MAX_BYTES, first: int | None = None
 ) -> bytes:
-    """The content of a file, or its ``first`` bytes. Raises ``kind``, also where there are more than ``limit``."""
+    """Content of a file, or its ``first`` bytes. Raises ``kind``, also if it is larger than ``limit``."""
     with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
         try:
-            size = os.fstat(stream.fileno()).st_size  # a file in /proc claims to be empty, and may have no end
+            size = os.fstat(stream.fileno()).st_size  # files in /proc have size 0 and may be endless
             if first is None:
                 _check_size(size, limit, path, what, kind)
             return stream.read(size if first is None else min(size, first))
@@ -72,9 +72,9 @@ def read_bytes(
 
 
 def read_pieces(
-    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = LARGEST
+    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = MAX_BYTES
 ) -> Iterator[bytes]:
-    """The same, some megabytes at a time."""
+    """Like ``read_bytes``, in pieces of some megabytes."""
     with opened(path, what, kind) as stream:
         try:
             left = os.fstat(stream.fileno()).st_size
@@ -87,8 +87,8 @@ def read_pieces(
 
 
 def read_text(path: str | Path, what: str, kind: type[NetlibError] = DataError, errors: str = "strict") -> str:
-    """The text of a file in UTF-8, without a byte order mark, with line ends ``\\n``. Raises ``kind``."""
-    content = read_bytes(path, what, kind, LARGEST_TEXT)
+    """Text of a UTF-8 file without byte order mark, with line breaks converted to ``\\n``. Raises ``kind``."""
+    content = read_bytes(path, what, kind, MAX_TEXT_BYTES)
     try:
         text = content.decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:
@@ -101,17 +101,17 @@ Identity = tuple[int, ...]
 
 
 def identity(descriptor: int) -> Identity:
-    """What tells the content of an open file from any other, and from its own before a change."""
+    """Values that identify the content of an open file and change if it is modified."""
     status = os.fstat(descriptor)
     return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
 class Source:
-    """A file that is open for reads from anywhere in it, by threads and forked processes. Raises DataError.
+    """A file open for random-access reads by threads and forked processes. Raises DataError.
 
-    path   of it; ``what`` it is meant to be stands in errors
+    path   path of the file; ``what`` describes it in errors
     place  device and inode
-    size   in bytes, when it was opened
+    size   size in bytes when it was opened
     """
 
     def __init__(self, path: Path, what: str) -> None:
@@ -124,21 +124,21 @@ class Source:
         weakref.finalize(self, self._stream.close)
 
     def is_file(self, descriptor: int) -> bool:
-        """Is this open file the same, and unchanged?"""
+        """Whether this open file is the same one, unchanged."""
         return identity(descriptor) == self._identity
 
     def check(self) -> None:
-        """Raise DataError if the file has been changed."""
+        """Raise DataError if the file was changed."""
         try:
             device, inode, size, modified, _ = identity(self._stream.fileno())
-        except OSError as error:  # it is on another machine, and has been removed there
+        except OSError as error:  # removed on a network file system
             raise DataError(f"{self.path}: cannot read {self._what}: {reason_of(error)}") from error
         if (device, inode, size, modified) != self._identity[:4]:
             was = f"cut to {size} of {self.size} bytes" if size < self.size else "changed"
             raise DataError(f"{self.path}: was {was} while in use; restore the file and run again")
 
     def read(self, offset: int, count: int) -> bytes:
-        """So many bytes from ``offset`` on. Raises DataError."""
+        """Read ``count`` bytes from ``offset`` on. Raises DataError."""
         try:
             target = bytearray(count)
             self.read_into(memoryview(target), offset)
@@ -159,7 +159,7 @@ class Source:
             raise DataError(f"{self.path}: ends at byte {offset + done}, expected {offset + len(target)}")
 
     def _read_some(self, target: memoryview, offset: int) -> int:
-        if hasattr(os, "preadv"):  # leaves alone the file's position, which forked processes share
+        if hasattr(os, "preadv"):  # does not move the file position, which forked processes share
             return os.preadv(self._stream.fileno(), [target], offset)
         with self._lock:
             self._stream.seek(offset)
@@ -167,7 +167,7 @@ class Source:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, and those that it lies in, where they are missing. Raises NetlibError, OSError."""
+    """Create a folder and its parents if missing. Raises NetlibError, OSError."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
@@ -182,7 +182,7 @@ _sources: weakref.WeakSet[Source] = weakref.WeakSet()
 
 
 def is_in_use(path: Path) -> bool:
-    """Is this file, by whatever name, open as a Source?"""
+    """Whether this file, under any name, is open as a Source."""
     try:
         status = path.stat()
     except (OSError, ValueError):
@@ -193,7 +193,7 @@ def is_in_use(path: Path) -> bool:
 def _check(status: os.stat_result, path: str | Path, what: str, kind: type[NetlibError]) -> None:
     found = stat.S_IFMT(status.st_mode)
     if found != stat.S_IFREG:
-        raise kind(f"{path}: cannot read {what}: {KINDS.get(found, 'it is no file')}; expected a file")
+        raise kind(f"{path}: cannot read {what}: {KINDS.get(found, 'it is not a regular file')}; expected a file")
 
 
 def _check_size(size: int, limit: float, path: str | Path, what: str, kind: type[NetlibError]) -> None:
@@ -202,5 +202,5 @@ def _check_size(size: int, limit: float, path: str | Path, what: str, kind: type
 
 
 def _at_once(path: str, flags: int) -> int:
-    """Opens without waiting for whoever is to write into a pipe."""
+    """Open without blocking, even a pipe that has no writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

@@ -1,1 +1,1 @@
-"""Stop training at any time without loss: requests, undo of a cut iteration, reserved snapshots."""
+"""Interruptible training: stop requests, rollback of a partial iteration, reserved snapshots."""

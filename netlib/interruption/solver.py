@@ -1,4 +1,4 @@
-"""A solver that can be stopped at any time and loses nothing: requests, undo of a cut iteration, a last snapshot."""
+"""A solver that can be stopped at any time without loss of work."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ log = logging.getLogger("netlib")
 
 
 class _StopError(Exception):
-    """The training ends after this iteration."""
+    """Stops the training after this iteration."""
 
 
 class _TestInterruptedError(Exception):
-    """A test ends after this batch."""
+    """Stops a test after this batch."""
 
 
 class InterruptibleSolver(Solver):
     """A solver for long trainings.
 
-    ``requested`` may be set to "stop" or "snapshot" at any time, by a signal handler or another thread: the
-    iteration is finished first. An iteration that lacks data is made whole or not at all.
+    ``requested`` may be set to "stop" or "snapshot" at any time, by a signal handler or another thread; it takes effect
+    after the current iteration. If data ends in the middle of an iteration, the iteration is rolled back.
     """
 
     def __init__(self, param: SolverParameter, source: str = "<solver>", **options: Any) -> None:
         self.requested: str | None = None
-        self._undo: Callable[[], None] | None = None  # puts the nets back to the begin of an iteration
+        self._undo: Callable[[], None] | None = None  # restores the nets to the start of the iteration
         self._snapshot_requested = False
         super().__init__(param, source, **options)
 
     # ------------------------------------------------------------------------------------------ training
 
     def solve(self, resume: str | Path | None = None) -> bool:
-        """Train until max_iter; False if a request stopped it early. Takes the last snapshot and test."""
+        """Train until max_iter, then take the last snapshot and test. Returns False if a request stopped it early."""
         with self._snapshots_reserved():
             return super().solve(resume)
 
     @contextlib.contextmanager
     def _snapshots_reserved(self) -> Iterator[None]:
-        """Within it, no other process writes snapshots of this prefix, and all layers can be stored."""
+        """Context manager: no other process writes snapshots of this prefix. Checks that all layers can be stored."""
         p = self.param
         if not (p.snapshot or p.snapshot_after_train):
             yield
@@ -56,7 +56,7 @@ class InterruptibleSolver(Solver):
         with snapshot.prefix_in_use(self.prefix):
             if p.snapshot_format == "HDF5":
                 hdf5_format.check_names(weights.owned(self.net))
-            extra_state(self)  # a layer whose state cannot be stored is found now, not after hours
+            extra_state(self)  # fails now, not after hours, if the state of a layer cannot be stored
             yield
 
     def _train(self, iterations: int) -> bool:
@@ -65,7 +65,7 @@ class InterruptibleSolver(Solver):
         except DataError:
             if self._can_snapshot() and not self._is_saved():
                 try:
-                    self.snapshot()  # what was learned is not lost with the data
+                    self.snapshot()  # keeps the progress made before the data failed
                 except WeightsError as error:
                     log.error("%s", error)
             raise
@@ -74,7 +74,7 @@ class InterruptibleSolver(Solver):
         return bool(self.param.snapshot or self.param.snapshot_after_train)
 
     def step(self, iterations: int) -> bool:
-        """Make some updates; False if a request stopped it early."""
+        """Make some updates. Returns False if a request stopped it early."""
         try:
             return super().step(iterations)
         except _StopError:
@@ -96,7 +96,7 @@ class InterruptibleSolver(Solver):
     def _before_gradients(self) -> None:
         if self._test_is_due() and self._requested_in_test() == "stop":
             assert self._undo is not None
-            self._undo()  # a resume makes the tests of this iteration again, from the same rows on
+            self._undo()  # a resume repeats the tests of this iteration with the same rows
             raise _StopError
         super()._before_gradients()
 
@@ -121,17 +121,17 @@ class InterruptibleSolver(Solver):
         return self._snapshot_requested or super()._snapshot_is_due()
 
     def _requested_in_test(self) -> str | None:
-        """The request that counts after the tests of an iteration."""
+        """The request that takes effect after the tests of an iteration."""
         return self.requested
 
     def _agreed_request(self) -> str | None:
-        """The request that counts after an update."""
+        """The request that takes effect after an update."""
         return self.requested
 
     # ------------------------------------------------------------------------------------------ tests
 
     def test_all(self) -> list[dict[str, Any]]:
-        """Test every test net, until a request to stop; returns the mean of each output."""
+        """Run the test nets until a request to stop; returns the mean of each output."""
         means = []
         for i in range(len(self.test_nets)):
             if self.requested == "stop":
@@ -140,7 +140,7 @@ class InterruptibleSolver(Solver):
         return means
 
     def test(self, number: int) -> dict[str, Any]:
-        """Run one test net over test_iter batches; returns and logs the mean of each output, {} when stopped."""
+        """Run one test net over test_iter batches; returns and logs the mean of each output, {} if stopped."""
         try:
             return super().test(number)
         except _TestInterruptedError:
@@ -153,5 +153,5 @@ class InterruptibleSolver(Solver):
 
 
 def _reads_files(net: Net) -> bool:
-    """Can the data of this net be cut? Where a layer reads files, or is a user's own."""
+    """Whether reading data can fail in this net: a layer reads files or is a Python layer."""
     return any(hasattr(layer, "reads") or layer.type == "Python" for layer in net.layers)

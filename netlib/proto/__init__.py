@@ -1,1 +1,1 @@
-"""Caffe's messages: prototxt and binary formats, schema, message types, upgrade of old nets."""
+"""Caffe's messages: text and binary formats, schema, message types, upgrade of old nets."""

@@ -1,4 +1,4 @@
-"""Blobs in Caffe's binary files: arrays ⇄ BlobProto, and .binaryproto, the format of mean images."""
+"""Blobs in Caffe's binary files: conversion to and from BlobProto, and .binaryproto files for mean images."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from netlib.proto.prototxt import Message
 
 
 def array_of(proto: BlobProto) -> Array:
-    """The values of a BlobProto, in its precision; a view of the file's bytes. Raises WireError.
+    """The values of a BlobProto, in its precision, as a view of the file's bytes. Raises WireError.
 
-    A blob older than ``shape`` has four axes; in one that has both they count, as in Caffe.
+    Blobs older than the field ``shape`` have four axes; if both are present, these take precedence, as in Caffe.
     """
     shape: tuple[int, ...] = (proto.num, proto.channels, proto.height, proto.width)
-    if proto.shape is not None and not any(schema.gives(proto, n) for n in ("num", "channels", "height", "width")):
+    if proto.shape is not None and not any(schema.is_given(proto, n) for n in ("num", "channels", "height", "width")):
         shape = proto.shape.dim
     given = [values for values in (proto.data, proto.double_data) if values is not None and values.size]
     values: Array = given[-1] if given else np.zeros(0, np.float32)
     if min(shape, default=0) < 0 or math.prod(shape) != values.size:
-        raise WireError(f"{schema.position_of(proto)}: a blob of shape {shape} with {values.size} values")
+        raise WireError(f"{schema.position_of(proto)}: a blob of shape {shape} has {values.size} values")
     return values.reshape(shape)
 
 
 def tree_of(array: Array, diff: Array | None = None) -> Message:
-    """An array, with its gradient if given, as the tree of a BlobProto: float64 in double precision, else in single."""
+    """Convert an array, and its gradient if given, to a BlobProto tree; float64 as double, other types as float."""
     shape, flat, slope = BlobShape(array.shape), np.ravel(array), None if diff is None else np.ravel(diff)
     if array.dtype == np.float64:
         proto = BlobProto(shape, double_data=flat, double_diff=slope)
@@ -43,7 +43,7 @@ def tree_of(array: Array, diff: Array | None = None) -> Message:
 
 
 def read_blob(path: str | Path) -> Array:
-    """The array in a .binaryproto file. Raises DataError."""
+    """Read the array in a .binaryproto file. Raises DataError."""
     data = files.read_bytes(path, "the blob")
     try:
         proto = schema.read(wire.decode(data, BlobProto, str(path)), BlobProto)
@@ -51,12 +51,12 @@ def read_blob(path: str | Path) -> Array:
     except WireError as error:
         raise DataError(f"{error}; expected a blob (.binaryproto)") from error
     if not array.size:
-        raise DataError(f"{path}: no values in it; expected a blob (.binaryproto)")
+        raise DataError(f"{path}: it holds no values; expected a blob (.binaryproto)")
     return array
 
 
 def write_blob(array: Array, path: str | Path) -> None:
-    """Write a .binaryproto file, whole or not at all. Raises DataError."""
+    """Write a .binaryproto file atomically. Raises DataError."""
     try:
         replace_bytes(Path(path), wire.encode(tree_of(np.asarray(array)), BlobProto))
     except OSError as error:

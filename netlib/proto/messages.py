@@ -1,7 +1,7 @@
-"""Caffe's messages: what a net, a layer and a solver can say, in a prototxt or in a binary file.
+"""Caffe's messages: the fields of nets, layers, solvers and solver states, in text and binary files.
 
-A field is one line: its name, its type, its number in the binary format and its default, its meaning. The options of
-layer types stand with the layers.
+Each field is one line: its name, type, number in the binary format, default and meaning. The options of layer types are
+declared with the layers.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class BlobProto:
     diff: Floats | None = numbered(6, None, packed=True)
     double_data: Doubles | None = numbered(8, None, packed=True)
     double_diff: Doubles | None = numbered(9, None, packed=True)
-    num: int = numbered(1, 0)  # older than shape: always four axes
+    num: int = numbered(1, 0)  # before there was ``shape``: always four axes
     channels: int = numbered(2, 0)
     height: int = numbered(3, 0)
     width: int = numbered(4, 0)
@@ -44,20 +44,20 @@ class BlobProtoVector:
 
 @dataclass(frozen=True, eq=False)
 class Datum:
-    """An image and its label, as Caffe's databases hold them."""
+    """An image and its label, as stored in Caffe's databases."""
 
     channels: int = numbered(1, 0)
     height: int = numbered(2, 0)
     width: int = numbered(3, 0)
-    data: bytes = numbered(4, b"")  # one byte for each value, channel by channel; or an encoded picture
+    data: bytes = numbered(4, b"")  # one byte per value, channel by channel; or an encoded image
     label: int = numbered(5, 0)
     float_data: Floats | None = numbered(6, None)  # instead of data
-    encoded: bool = numbered(7, False)  # data is a picture file: PNG, JPEG ...
+    encoded: bool = numbered(7, False)  # data is an image file: PNG, JPEG ...
 
 
 @dataclass(frozen=True)
 class NetState:
-    """What a net is built for; layers are included or excluded by it."""
+    """The state that a net is built for; rules of layers include or exclude them by it."""
 
     phase: Phase = numbered(1, "TEST")
     level: int = numbered(2, 0)
@@ -66,7 +66,7 @@ class NetState:
 
 @dataclass(frozen=True)
 class NetStateRule:
-    """Matches a NetState when every condition given here holds."""
+    """Matches a NetState if all conditions given here hold."""
 
     phase: Phase | None = numbered(1, None)
     min_level: int | None = numbered(2, None)
@@ -79,15 +79,15 @@ class NetStateRule:
 class ParamSpec:
     """How one parameter of a layer is trained and shared."""
 
-    name: str | None = numbered(1, None)  # parameters of the same name are one parameter
-    share_mode: Literal["STRICT", "PERMISSIVE"] = numbered(2, "STRICT")  # must the shapes, or only the counts, be equal
-    lr_mult: float = numbered(3, 1.0)  # times the solver's learning rate; 0 freezes
-    decay_mult: float = numbered(4, 1.0)  # times the solver's weight decay
+    name: str | None = numbered(1, None)  # parameters with the same name are shared
+    share_mode: Literal["STRICT", "PERMISSIVE"] = numbered(2, "STRICT")  # equal shapes, or only equal counts
+    lr_mult: float = numbered(3, 1.0)  # multiplies the solver's learning rate; 0 freezes the parameter
+    decay_mult: float = numbered(4, 1.0)  # multiplies the solver's weight decay
 
 
 @dataclass(frozen=True)
 class Filler:
-    """A ``weight_filler { ... }``, ``bias_filler { ... }`` or ``filler { ... }``."""
+    """A ``weight_filler``, ``bias_filler`` or ``filler`` block."""
 
     type: str = numbered(1, "constant")
     value: float = numbered(2, 0.0)  # constant
@@ -95,30 +95,30 @@ class Filler:
     max: float = numbered(4, 1.0)  # uniform
     mean: float = numbered(5, 0.0)  # gaussian
     std: float = numbered(6, 1.0)  # gaussian
-    sparse: int = numbered(7, -1)  # gaussian: expected number of non-zero weights of an output; negative: all
+    sparse: int = numbered(7, -1)  # gaussian: expected number of non-zero weights per output; negative: all
     variance_norm: Literal["FAN_IN", "FAN_OUT", "AVERAGE"] = numbered(8, "FAN_IN")  # xavier, msra
 
 
 @dataclass(frozen=True)
 class PythonParameter:
-    """The ``python_param { ... }`` block of a layer of type Python."""
+    """The ``python_param`` block of a layer of type Python."""
 
     module: str = numbered(1)  # imported from the working directory or PYTHONPATH
-    layer: str = numbered(2)  # the class
+    layer: str = numbered(2)  # name of the class
     param_str: str = numbered(3, "")
     share_in_parallel: bool = numbered(4, False)
 
 
 @dataclass(frozen=True)
 class LossParameter:
-    """The ``loss_param { ... }`` of loss layers that normalise over labels."""
+    """The ``loss_param`` block of loss layers that normalize over labels."""
 
-    ignore_label: int | None = numbered(1, None)  # items with this label do not count
+    ignore_label: int | None = numbered(1, None)  # items with this label are ignored
     normalization: Literal["FULL", "VALID", "BATCH_SIZE", "NONE"] = numbered(3, "VALID")
     normalize: bool | None = numbered(2, None)  # older: true is VALID, false is BATCH_SIZE
 
 
-# The options of layer types, by the field that holds them. Each is declared in the file of its layer.
+# Numbers of the options blocks of layer types. Each block is declared in the file of its layer.
 BLOCKS = {
     "transform_param": 100, "loss_param": 101, "accuracy_param": 102, "argmax_param": 103, "batch_norm_param": 139,
     "bias_param": 141, "clip_param": 148, "concat_param": 104, "contrastive_loss_param": 105, "convolution_param": 106,
@@ -130,24 +130,24 @@ BLOCKS = {
     "python_param": 130, "recurrent_param": 146, "reduction_param": 136, "relu_param": 123, "reshape_param": 133,
     "scale_param": 142, "sigmoid_param": 124, "slice_param": 126, "softmax_param": 125, "spp_param": 132,
     "swish_param": 147, "tanh_param": 127, "threshold_param": 128, "tile_param": 138, "window_data_param": 129,
-    "roi_pooling_param": 8266711, "smooth_l1_loss_param": 8266712,  # of Fast R-CNN's Caffe
+    "roi_pooling_param": 8266711, "smooth_l1_loss_param": 8266712,  # from Fast R-CNN's fork of Caffe
     "hand_model_param": 10001, "phys_limit_param": 10002, "hand_augment_param": 10003,  # of this project
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LayerParameter:
-    """One ``layer { ... }``. Its own options (``convolution_param`` ...) stay trees in ``blocks``."""
+    """One ``layer { ... }``. Options of its type (``convolution_param`` ...) are kept as trees in ``blocks``."""
 
     name: str = numbered(1, "")
     type: str = numbered(2, "")
     bottom: tuple[str, ...] = numbered(3, ())
     top: tuple[str, ...] = numbered(4, ())
-    phase: Phase | None = numbered(10, None)  # the net's, unless said here
+    phase: Phase | None = numbered(10, None)  # default: that of the net
     loss_weight: tuple[float, ...] = numbered(5, ())  # one per top
     param: tuple[ParamSpec, ...] = numbered(6, ())  # one per parameter
-    blobs: tuple[BlobProto, ...] = numbered(7, ())  # the values of the parameters, in a file of weights
-    propagate_down: tuple[bool, ...] = numbered(11, ())  # one per bottom: may gradients flow there
+    blobs: tuple[BlobProto, ...] = numbered(7, ())  # values of the parameters, in weights files
+    propagate_down: tuple[bool, ...] = numbered(11, ())  # per bottom, whether to compute its gradient
     include: tuple[NetStateRule, ...] = numbered(8, ())
     exclude: tuple[NetStateRule, ...] = numbered(9, ())
     blocks: dict[str, Message] = field(default_factory=dict, metadata={"numbers": BLOCKS})  # every ``*_param { ... }``
@@ -155,33 +155,33 @@ class LayerParameter:
 
 @dataclass(frozen=True)
 class NetParameter:
-    """A whole net."""
+    """A net."""
 
     name: str = numbered(1, "")
     layer: tuple[LayerParameter, ...] = numbered(100, ())
     input: tuple[str, ...] = numbered(3, ())  # old style: names of the input blobs
     input_shape: tuple[BlobShape, ...] = numbered(8, ())  # old style: one per input
-    input_dim: tuple[int, ...] = numbered(4, ())  # older still: four numbers per input
-    force_backward: bool = numbered(5, False)  # compute every gradient, needed or not
+    input_dim: tuple[int, ...] = numbered(4, ())  # oldest style: four numbers per input
+    force_backward: bool = numbered(5, False)  # compute all gradients, needed or not
     state: NetState = numbered(6, NetState())
     debug_info: bool = numbered(7, False)
 
 
 @dataclass(frozen=True)
 class SolverParameter:
-    """How a net is trained."""
+    """Options of a solver."""
 
     net: str | None = numbered(24, None)  # the net for training and testing
-    net_param: Message | None = numbered(25, None)  # the same, written in place
+    net_param: Message | None = numbered(25, None)  # the same, inline
     train_net: str | None = numbered(1, None)
     train_net_param: Message | None = numbered(21, None)
     test_net: tuple[str, ...] = numbered(2, ())
     test_net_param: tuple[Message, ...] = numbered(22, ())
     train_state: NetState = numbered(26, NetState())
     test_state: tuple[NetState, ...] = numbered(27, ())
-    test_iter: tuple[Natural, ...] = numbered(3, ())  # batches of one test, one per test net
+    test_iter: tuple[Natural, ...] = numbered(3, ())  # per test net, batches of one test
     test_interval: Natural = numbered(4, 0)  # iterations between tests
-    test_compute_loss: bool = numbered(19, False)  # also report the whole loss of the test net
+    test_compute_loss: bool = numbered(19, False)  # also report the total loss of the test net
     test_initialization: bool = numbered(32, True)  # test before the first iteration
     base_lr: float = numbered(5, 0.0)
     lr_policy: str = numbered(8, "")  # fixed, step, exp, inv, multistep, poly, sigmoid
@@ -189,8 +189,8 @@ class SolverParameter:
     power: float = numbered(10, 0.0)
     stepsize: Natural = numbered(13, 0)
     stepvalue: tuple[Natural, ...] = numbered(34, ())
-    rampup_interval: Natural = numbered(10001, 0)  # iterations of a first, straight rise (NVIDIA's Caffe)
-    rampup_lr: float = numbered(10002, 0.0)  # from here to base_lr
+    rampup_interval: Natural = numbered(10001, 0)  # iterations of an initial linear increase (NVIDIA's Caffe)
+    rampup_lr: float = numbered(10002, 0.0)  # initial rate of this increase, up to base_lr
     max_iter: Natural = numbered(7, 0)
     iter_size: Natural = numbered(36, 1)  # batches summed in one iteration
     display: Natural = numbered(6, 0)  # iterations between log lines; 0: none
@@ -205,14 +205,14 @@ class SolverParameter:
     delta: float = numbered(31, 1e-8)
     weight_decay: float = numbered(12, 0.0)
     regularization_type: str = numbered(29, "L2")
-    clip_gradients: float = numbered(35, -1.0)  # bound on the L2 norm of all gradients together; negative: none
+    clip_gradients: float = numbered(35, -1.0)  # bound on the joint L2 norm of all gradients; negative: none
     snapshot: Natural = numbered(14, 0)  # iterations between snapshots; 0: only at the end
     snapshot_prefix: str = numbered(15, "")
     snapshot_after_train: bool = numbered(28, True)
-    snapshot_diff: bool = numbered(16, False)  # also the gradients, in the binary format
+    snapshot_diff: bool = numbered(16, False)  # also store the gradients, in the binary format
     snapshot_format: Literal["HDF5", "BINARYPROTO"] = numbered(37, "BINARYPROTO")
-    weights: tuple[str, ...] = numbered(42, ())  # start from these; commas separate several in one string
-    random_seed: Int64 = numbered(20, -1)  # negative: a new one each run
+    weights: tuple[str, ...] = numbered(42, ())  # files of initial weights; one string may list several with commas
+    random_seed: Int64 = numbered(20, -1)  # negative: a new seed each run
     solver_mode: Literal["CPU", "GPU"] = numbered(17, "CPU")
     device_id: int = numbered(18, 0)
     debug_info: bool = numbered(23, False)
@@ -221,10 +221,10 @@ class SolverParameter:
 
 @dataclass(frozen=True)
 class SolverState:
-    """What a training needs to go on, besides the weights."""
+    """State of a training, in addition to the weights."""
 
     iter: int = numbered(1, 0)
-    learned_net: str = numbered(2, "")  # the file of the weights
+    learned_net: str = numbered(2, "")  # path of the weights file
     history: tuple[BlobProto, ...] = numbered(3, ())
     current_step: int = numbered(4, 0)
-    netlib: str = numbered(10001, "")  # of this project, JSON: what an exact resume needs; Caffe skips it
+    netlib: str = numbered(10001, "")  # extra JSON of this project for an exact resume; Caffe ignores it

@@ -1,4 +1,4 @@
-"""Read a net's prototxt, and choose the layers that a phase, level and stages have."""
+"""Reading a net's prototxt, and selecting its layers by phase, level and stages."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from netlib.proto.upgrade import upgraded
 
 
 def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
-    """Read a net. Raises PrototxtError for mistakes, and for a file without layers."""
+    """Read a net. Raises PrototxtError if it is invalid or has no layers."""
     if isinstance(model, NetParameter):
         return model
     tree = model if isinstance(model, Message) else prototxt.parse_file(model)
     tree = upgraded(tree)
     param = schema.read(tree, NetParameter, "net")
     if not param.layer and not param.input:
-        raise PrototxtError(tree.position, "no layer in this file; expected a net")
+        raise PrototxtError(tree.position, "this file has no layers; expected a net")
     return param
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """The names, repeated ones told apart: ``relu``, ``relu (2)``."""
+    """Make names unique by numbering repeated ones: ``relu``, ``relu (2)``."""
     seen: dict[str, int] = {}
     taken, result = set(names), []
     for name in names:
         made = name
-        while name in seen and made in taken:  # the file may itself have a layer called ``relu (2)``
+        while name in seen and made in taken:  # the file itself may have a layer named ``relu (2)``
             seen[name] += 1
             made = f"{name} ({seen[name]})"
         seen.setdefault(name, 1)
@@ -40,7 +40,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
-    """The layers that a net in this state has; old-style inputs become an Input layer."""
+    """The layers of a net in this state; old-style inputs are converted to an Input layer."""
     chosen = [input_layer(param)] if param.input else []
     for spec in param.layer:
         if spec.include and spec.exclude:
@@ -55,7 +55,7 @@ def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
 
 
 def meets(state: NetState, rule: NetStateRule) -> bool:
-    """Does a state meet every condition of a rule?"""
+    """Whether a state meets every condition of a rule."""
     return (
         (rule.phase is None or rule.phase == state.phase)
         and (rule.min_level is None or state.level >= rule.min_level)
@@ -66,7 +66,7 @@ def meets(state: NetState, rule: NetStateRule) -> bool:
 
 
 def input_layer(param: NetParameter) -> LayerParameter:
-    """``input: "x" input_dim: 1 ...`` or ``input_shape { ... }`` as the Input layer it stands for."""
+    """Convert old-style inputs, ``input: "x" input_dim: 1 ...`` or ``input_shape``, to an Input layer."""
     where = schema.position_of(param, "input")
     dims: list[Sequence[int]]
     if param.input_shape:
@@ -74,7 +74,9 @@ def input_layer(param: NetParameter) -> LayerParameter:
     else:
         dims = [param.input_dim[i : i + 4] for i in range(0, len(param.input_dim), 4)]
     if len(dims) not in (1, len(param.input)) or len(param.input_dim) % 4:
-        raise PrototxtError(where, f"{len(param.input)} inputs need as many input_shape, found {len(dims)}")
+        raise PrototxtError(
+            where, f"{len(param.input)} inputs, but {len(dims)} input_shape; expected one for all or one per input"
+        )
     shapes = [
         Field(
             "shape",

@@ -1,4 +1,4 @@
-"""Protocol-buffer text format ⇄ tree. Knows the grammar, and no field names.
+"""Parser and printer of protocol buffers' text format. It knows the grammar but no field names.
 
     text   = { field }
     field  = name [ ":" ] message(s) | name ":" value     then an optional "," or ";"
@@ -6,7 +6,7 @@
     value  = scalar | "[" value { "," value } "]"
     scalar = one or more adjacent strings | number | word (an enum, true, inf ...)
 
-Every node keeps its line and column, so that whoever reads the tree can point at the place.
+Every node stores its line and column for error messages.
 Reference: "Text Format Language Specification" of Protocol Buffers.
 """
 
@@ -25,12 +25,12 @@ from netlib import files
 from netlib.errors import NetlibError, PrototxtError
 from netlib.files.paths import find
 
-MAX_DEPTH = 100  # deeper nesting than any net has; keeps a hostile file off Python's own stack limit
+MAX_DEPTH = 100  # deeper than any net; keeps a malicious file from exceeding Python's recursion limit
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where something stands in a file; ``str(place)`` says it."""
+    """A place in a file; ``str(place)`` formats it for messages."""
 
     source: str
 
@@ -59,7 +59,7 @@ class Scalar:
 
 
 class Bytes(Scalar):
-    """A string of a binary file that need not be a text, as a picture; decoded only where somebody looks at it."""
+    """A string of a binary file that need not be text, such as an image; decoded on access."""
 
     content: bytes
 
@@ -68,7 +68,7 @@ class Bytes(Scalar):
 
     @functools.cached_property
     def text(self) -> str:
-        """As a text's own bytes are."""
+        """The content decoded as UTF-8; invalid bytes become surrogates."""
         return self.content.decode("utf-8", "surrogateescape")
 
     def __eq__(self, other: object) -> bool:
@@ -80,7 +80,7 @@ class Bytes(Scalar):
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """Many values of one field in an array, as binary files have them (netlib/proto/wire.py); in a text one by one."""
+    """Many values of one field in an array, as read from binary files (netlib/proto/wire.py)."""
 
     array: NDArray[Any]
     position: Place
@@ -88,7 +88,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Field:
-    """One ``name: value``. A repeated field is simply several fields of the same name."""
+    """One ``name: value``. A repeated field is several fields with the same name."""
 
     name: str
     value: Scalar | Numbers | Message
@@ -97,7 +97,7 @@ class Field:
 
 @dataclass
 class Message:
-    """An ordered list of fields, as written between braces or in a whole file."""
+    """An ordered list of fields: the content of a pair of braces or of a whole file."""
 
     fields: list[Field]
     position: Place = field(compare=False)
@@ -106,7 +106,7 @@ class Message:
         return "".join(_lines(self, ""))
 
     def values(self, name: str) -> list[Scalar | Numbers | Message]:
-        """The values of every field called ``name``, in file order."""
+        """The values of all fields called ``name``, in the order of the file."""
         return [f.value for f in self.fields if f.name == name]
 
 
@@ -123,9 +123,9 @@ def _lines(message: Message, indent: str) -> Iterator[str]:
 
 
 def parse_file(path: str | Path) -> Message:
-    """Parse a file. Raises NetlibError if it cannot be read, PrototxtError if it is not prototxt.
+    """Parse a file. Raises NetlibError if it cannot be read, PrototxtError if it is not valid.
 
-    Of this project's own files the name ``prototxt/x.prototxt`` is enough, in any working directory.
+    Files of this project are found from any working directory by a name such as ``prototxt/x.prototxt``.
     """
     path = find(str(path), None)
     text = files.read_text(path, "the prototxt", NetlibError)
@@ -133,7 +133,7 @@ def parse_file(path: str | Path) -> Message:
 
 
 def parse(text: str, source: str = "<text>") -> Message:
-    """Parse a text; ``source`` is the name used in positions. Raises PrototxtError."""
+    """Parse a string; ``source`` is the file name used in positions. Raises PrototxtError."""
     return _Parser(text.removeprefix("\ufeff"), source).file()
 
 
@@ -198,7 +198,7 @@ def _unquote(token: _Token) -> bytes:
             raise PrototxtError(token.position, f"unknown escape '\\{simple}' in a string")
         return chr(_SIMPLE_ESCAPES[simple])
 
-    # Escapes denote bytes, other characters denote themselves: work in latin-1, where both are one unit.
+    # Escapes denote bytes, other characters denote themselves; in latin-1 both are one unit.
     return _ESCAPE.sub(replace, token.text[1:-1].encode("utf-8").decode("latin-1")).encode("latin-1")
 
 
@@ -247,7 +247,7 @@ class _Parser:
         return fields
 
     def field(self) -> list[Field]:
-        """One field as written; a list gives one Field for each element."""
+        """Parse one field as written; a list gives one Field per element."""
         name = self.take()
         colon = self.at(":")
         if colon:
@@ -260,7 +260,7 @@ class _Parser:
         fields: list[Field] = []
         while not self.at("]"):
             position = self.token.position
-            if not colon and not self.at("{<"):  # only messages may do without
+            if not colon and not self.at("{<"):  # the colon is optional only for messages
                 raise self.fail(f"'{{' in a list without ':' after {name.text!r}")
             fields.append(Field(name.text, self.value(), position))
             if not self.at(","):

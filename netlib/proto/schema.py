@@ -1,18 +1,18 @@
-"""Tree → typed messages: what a message may say is written once, for text and for binary files.
+"""Conversion of trees to typed messages, with one declaration per message for text and binary files.
 
-A message is a frozen dataclass; each field is one line with its type, its number in binary files, its default (none:
-required) and its meaning. ``read`` fills one from a tree and points at the place of every mistake.
+A message is a frozen dataclass. Each field is one line with its type, its number in binary files, its default (none if
+it is required) and its meaning. ``read`` fills one from a tree and reports every mistake with its position.
 
-    str, bool               as they are          int, UInt, Int64  of 32 bits, those without a sign, of 64 bits
+    str, bool               as in Python         int, UInt, Int64  of 32 bits, of 32 bits without sign, of 64 bits
     Natural                 an int that may not be negative
-    float                   rounded to 32 bits, as protobuf's are    Double   not rounded
+    float                   rounded to 32 bits, as in protobuf       Double   not rounded
     Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
-    OneBased[Literal[...]]  the same, counted from 1     Annotated[str, ("MAX", "AVE")]  the same as Literal
-    Floats, Doubles         a repeated float or double in one array; bytes: what is not text
+    OneBased[Literal[...]]  an enum counted from 1    Annotated[str, ("MAX", "AVE")]  the same as Literal
+    Floats, Doubles         a repeated float or double in one array; bytes: a string that need not be text
     tuple[X, ...]           a repeated field     X | None          an optional field
     a dataclass             a nested message     Message           a nested message, left as a tree
 
-A field ``from_`` is ``from`` in the text: the name is a word of Python's.
+A field ``from_`` is written ``from``, which is a keyword in Python.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Floats = Annotated[NDArray[np.float32], "<f4"]
 Doubles = Annotated[NDArray[np.float64], "<f8"]
 ARRAYS: dict[Any, np.dtype[Any]] = {Floats: np.dtype("<f4"), Doubles: np.dtype("<f8")}
 Phase = Literal["TRAIN", "TEST"]
-Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # which implementation Caffe would take; there is one here
+Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # implementation that Caffe selects; ignored
 OneBased = Annotated[T, "from 1"]
 
 
@@ -53,15 +53,15 @@ def numbered(number: int) -> Any: ...
 @overload
 def numbered(number: int, default: T, packed: bool = False) -> T: ...
 def numbered(number: int, default: Any = dataclasses.MISSING, packed: bool = False) -> Any:
-    """A field of a message, with its number in caffe.proto; without a default it is required.
+    """Declare a field of a message with its number in caffe.proto; without a default it is required.
 
-    The numbers of a ``packed`` one are written to binary files in one piece.
+    The numbers of a ``packed`` field are written to binary files as one block.
     """
     return dataclasses.field(default=default, metadata={"number": number, "packed": packed})
 
 
 def read(message: Message, cls: type[T], what: str | None = None) -> T:
-    """Fill the dataclass ``cls`` from a tree. Raises PrototxtError at the field that is wrong."""
+    """Fill the dataclass ``cls`` from a tree. Raises PrototxtError with the position of the mistake."""
     hints, fields = dict(hints_of(cls)), {written_name(f.name): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
     takes_blocks = hints.pop("blocks", None) is not None
     found: dict[str, list[Field]] = {}
@@ -88,14 +88,14 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
 
 
 def unknown_field(item: Field, known: typing.Iterable[str]) -> PrototxtError:
-    """The error for a field that nobody knows."""
+    """The error for an unknown field."""
     known = list(known)
     advice = option_advice(item.name, known) or f"; known fields: {', '.join(known)}"
     return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
 
 def with_values(message: T, **values: Any) -> T:
-    """The message with fields as Python code gives them, checked as a file's are. Raises PrototxtError."""
+    """Set fields of a message from Python values, checked like those of a file. Raises PrototxtError."""
     cls: Any = type(message)
     hints, defaults = hints_of(cls), {field.name: field.default for field in dataclasses.fields(cls)}
     found: dict[str, Any] = {}
@@ -117,7 +117,7 @@ def with_values(message: T, **values: Any) -> T:
 
 
 def _python_value(value: Any, kind: Any) -> Any:
-    """A value from Python code as a file would give it, or None if it is not of that kind."""
+    """Convert a Python value to that of a field of this kind; None if it is of another kind."""
     if is_message(kind):
         return value if isinstance(value, kind) else None
     if isinstance(value, np.generic):
@@ -135,12 +135,12 @@ def _python_value(value: Any, kind: Any) -> Any:
 
 
 def changed(message: T, **changes: Any) -> T:
-    """The message with some fields changed; it still knows where it stands in its file."""
+    """Replace fields of a message; its position in the file is kept."""
     return placed(dataclasses.replace(message, **changes), message)  # type: ignore[type-var]
 
 
 def placed(made: T, origin: object) -> T:
-    """``made``, which from now on stands where ``origin`` stands in its file."""
+    """Give ``made`` the position that ``origin`` has in its file, and return it."""
     object.__setattr__(made, "_tree", tree_of(origin))
     return made
 
@@ -150,19 +150,19 @@ def tree_of(message: object) -> Message | None:
     return getattr(message, "_tree", None)
 
 
-def says(message: object, name: str) -> bool:
-    """Does its file say this field, or, of one made by a program, is it not the default?"""
-    return gives(message, name) or getattr(message, name) != getattr(type(message), name)
+def is_set(message: object, name: str) -> bool:
+    """Whether a field is given in the file or, in a message made by a program, differs from its default."""
+    return is_given(message, name) or getattr(message, name) != getattr(type(message), name)
 
 
-def gives(message: object, name: str) -> bool:
-    """Does the file say this field?"""
+def is_given(message: object, name: str) -> bool:
+    """Whether a field is given in the file."""
     tree = tree_of(message)
     return tree is not None and bool(tree.values(name))
 
 
 def position_of(message: object, name: str | None = None, index: int = 0) -> Place:
-    """Where a typed message, or one field of it, stands in its file."""
+    """Position of a typed message, or of one of its fields, in its file."""
     tree = tree_of(message)
     if tree is None:
         return Position("<built in code>", 1, 1)
@@ -172,18 +172,18 @@ def position_of(message: object, name: str | None = None, index: int = 0) -> Pla
 
 @functools.cache
 def hints_of(cls: type) -> dict[str, Any]:
-    """The fields of a message, as they are written, with their types."""
+    """The fields of a message, by their names in files, with their types."""
     return {written_name(name): hint for name, hint in typing.get_type_hints(cls, include_extras=True).items()}
 
 
 def written_name(name: str) -> str:
-    """How the name of a Python field is written in a file."""
+    """Name of a Python field in files."""
     return name.removesuffix("_")
 
 
 @functools.cache
 def enum_of(kind: Any) -> dict[str, int]:
-    """The names of an enum with their numbers; of any other kind nothing."""
+    """The names of an enum with their numbers; empty for other kinds."""
     first = 0
     names: tuple[Any, ...] = ()
     if typing.get_origin(kind) is Annotated:
@@ -197,7 +197,7 @@ def enum_of(kind: Any) -> dict[str, int]:
 
 @functools.cache
 def kind_of(hint: Any) -> tuple[Any, bool]:
-    """The kind of one value of a field, and is the field repeated."""
+    """The kind of one value of a field, and whether the field is repeated."""
     if hint in ARRAYS:
         return hint, True
     if typing.get_origin(hint) is tuple:
@@ -209,7 +209,7 @@ def kind_of(hint: Any) -> tuple[Any, bool]:
 
 @functools.cache
 def is_message(kind: Any) -> bool:
-    """Is it a dataclass, or a tree that is left as it is?"""
+    """Whether it is a dataclass or an unparsed tree."""
     return kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind))
 
 
@@ -228,18 +228,18 @@ def _field_value(items: Sequence[Field], hint: Any) -> Any:
 
 
 def _merged(parts: Sequence[Message]) -> Message:
-    """A message that is written in parts, which protobuf takes together."""
+    """Merge the parts of a message that is given several times, as protobuf does."""
     return Message([field for part in parts for field in part.fields], parts[0].position)
 
 
 def array_of(items: Sequence[Field], kind: Any) -> NDArray[Any]:
-    """All values of a field whose kind is an array. Raises PrototxtError."""
+    """All values of an array field. Raises PrototxtError."""
     parts = [i.value.array if isinstance(i.value, Numbers) else np.array([value_of(i, Double)]) for i in items]
     return (parts[0] if len(parts) == 1 else np.concatenate(parts)).astype(ARRAYS[kind], copy=False)
 
 
 def message_of(item: Field) -> Message:
-    """The message that a field holds. Raises PrototxtError if it holds something else."""
+    """The message in a field. Raises PrototxtError if it has another value."""
     if not isinstance(item.value, Message):
         found = f"expected {item.name} {{ ... }}, found {item.value}"
         raise PrototxtError(item.position, f"{item.name!r} is a message: {found}")
@@ -265,7 +265,7 @@ def value_of(item: Field, kind: Any) -> Any:
 
 
 def expected(kind: Any) -> str:
-    """What a value of this kind is, in words."""
+    """Describe the expected values of this kind."""
     if names := enum_of(kind):
         return " or ".join(names)
     if kind in INTEGERS:
@@ -277,7 +277,7 @@ def expected(kind: Any) -> str:
 
 
 def scalar_value(value: Scalar, kind: Any) -> Any:
-    """The Python value of a scalar, or None if it is not of that kind."""
+    """The Python value of a scalar; None if it is of another kind."""
     if kind is bytes:
         if isinstance(value, Bytes):
             return value.content
@@ -304,7 +304,7 @@ def scalar_value(value: Scalar, kind: Any) -> Any:
 
 
 def round_to_32_bits(number: float) -> float:
-    """The number as protobuf's float holds it; infinite if that is too small for it."""
+    """Round to a 32-bit float; too large numbers become infinite."""
     with np.errstate(over="ignore"):
         return float(np.float32(number))
 
@@ -337,14 +337,14 @@ def _float(value: Scalar) -> float | None:
 
 
 def to_tree(message: Any) -> Message:
-    """A typed message as a tree: the fields that its file gives, and those that differ from their defaults."""
+    """Convert a typed message to a tree with the fields that its file gives or that differ from their defaults."""
     hints, place = hints_of(message.__class__), position_of(message)
     fields: list[Field] = []
     for spec in dataclasses.fields(message):
         name, value = written_name(spec.name), getattr(message, spec.name)
         if spec.name == "blocks":
             fields += [Field(block, tree, tree.position) for block, tree in value.items()]
-        elif value is not None and (spec.default is None or value != spec.default or gives(message, name)):
+        elif value is not None and (spec.default is None or value != spec.default or is_given(message, name)):
             kind, repeated = kind_of(hints[name])
             values = [Numbers(value, place)] if kind in ARRAYS else value if repeated else [value]
             fields += [Field(name, _tree_value(one, kind, place), place) for one in values]
@@ -360,7 +360,7 @@ def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Messa
 
 
 def scalar_node(value: Any, kind: Any, place: Place) -> Scalar:
-    """A scalar of a tree from its Python value."""
+    """Convert a Python value to a scalar of a tree."""
     if kind is bytes:
         return Scalar("string", value.decode("utf-8", "surrogateescape"), place)
     if kind is str:

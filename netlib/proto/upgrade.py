@@ -1,10 +1,10 @@
-"""Nets of Caffe's two older formats as nets of today's, text and binary alike.
+"""Upgrade of nets in Caffe's two older formats to the current one, for text and binary files.
 
     V1  layers { type: CONVOLUTION blobs_lr: 1 blobs_lr: 2 weight_decay: 1 convolution_param { ... } }       (2014)
     V0  layers { layer { name: "conv1" type: "conv" num_output: 20 kernelsize: 5 } bottom: "data" top: "conv1" }  (2013)
 
-Everything is done on trees, so a mistake in an old file is still reported at its place. What Caffe cannot carry over
-and drops is dropped here with the same kind of note.
+The upgrade works on trees, so a mistake in an old file is reported at its position. Options that Caffe drops are
+dropped here too, with the same note.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from netlib.proto.schema import UInt, numbered
 
 log = logging.getLogger("netlib")
 
-# The enum of layer types, in the order of its numbers, and what each is called today
+# The enum of layer types, in the order of its numbers, with their current names
 V1_TYPES = {
     "NONE": "", "ACCURACY": "Accuracy", "BNLL": "BNLL", "CONCAT": "Concat", "CONVOLUTION": "Convolution",
     "DATA": "Data", "DROPOUT": "Dropout", "EUCLIDEAN_LOSS": "EuclideanLoss", "FLATTEN": "Flatten",
@@ -38,7 +38,7 @@ V1_TYPES = {
     "DECONVOLUTION": "Deconvolution",
 }  # fmt: skip
 V1Type = Annotated[str, tuple(V1_TYPES)]  # an enum
-V1_BLOCKS = {  # the numbers of the options blocks in a V1 layer
+V1_BLOCKS = {  # numbers of the options blocks in a V1 layer
     "accuracy_param": 27, "argmax_param": 23, "concat_param": 9, "contrastive_loss_param": 40, "convolution_param": 10,
     "data_param": 11, "dropout_param": 12, "dummy_data_param": 26, "eltwise_param": 24, "exp_param": 41,
     "hdf5_data_param": 13, "hdf5_output_param": 14, "hinge_loss_param": 29, "image_data_param": 15,
@@ -47,7 +47,7 @@ V1_BLOCKS = {  # the numbers of the options blocks in a V1 layer
     "slice_param": 31, "tanh_param": 37, "threshold_param": 25, "window_data_param": 20, "transform_param": 36,
     "loss_param": 42,
 }  # fmt: skip
-V0_TYPES = {  # what each type of V0 is called in V1
+V0_TYPES = {  # V0 type -> V1 type
     "accuracy": "ACCURACY", "bnll": "BNLL", "concat": "CONCAT", "conv": "CONVOLUTION", "data": "DATA",
     "dropout": "DROPOUT", "euclidean_loss": "EUCLIDEAN_LOSS", "flatten": "FLATTEN", "hdf5_data": "HDF5_DATA",
     "hdf5_output": "HDF5_OUTPUT", "im2col": "IM2COL", "images": "IMAGE_DATA", "infogain_loss": "INFOGAIN_LOSS",
@@ -55,28 +55,28 @@ V0_TYPES = {  # what each type of V0 is called in V1
     "pool": "POOLING", "relu": "RELU", "sigmoid": "SIGMOID", "softmax": "SOFTMAX", "softmax_loss": "SOFTMAX_LOSS",
     "split": "SPLIT", "tanh": "TANH", "window_data": "WINDOW_DATA",
 }  # fmt: skip
-V0_BLOCKS = {  # the options block of a V0 type
+V0_BLOCKS = {  # V0 type -> its options block
     "conv": "convolution_param", "innerproduct": "inner_product_param", "pool": "pooling_param", "lrn": "lrn_param",
     "dropout": "dropout_param", "concat": "concat_param", "data": "data_param", "images": "image_data_param",
     "hdf5_data": "hdf5_data_param", "window_data": "window_data_param", "infogain_loss": "infogain_loss_param",
 }  # fmt: skip
-V0_RENAMED = {  # options of V0 that have another name in their block
+V0_RENAMED = {  # V0 option -> its name in the block
     "biasterm": "bias_term", "kernelsize": "kernel_size", "batchsize": "batch_size", "shuffle_images": "shuffle",
     "det_fg_threshold": "fg_threshold", "det_bg_threshold": "bg_threshold", "det_fg_fraction": "fg_fraction",
     "det_context_pad": "context_pad", "det_crop_mode": "crop_mode",
 }  # fmt: skip
-# options of V0 that are in transform_param today, and what they are called there
+# V0 option -> its name in transform_param
 V0_TRANSFORM = {"scale": "scale", "meanfile": "mean_file", "cropsize": "crop_size", "mirror": "mirror"}
-V0_LAYER = {"name", "blobs", "blobs_lr", "weight_decay", "hdf5_output_param"}  # the same in V1, beside the options
-# V1 types whose own block says what is in transform_param today
+V0_LAYER = {"name", "blobs", "blobs_lr", "weight_decay", "hdf5_output_param"}  # fields that are the same in V1
+# V1 types -> the block with the options that are now in transform_param
 TRANSFORMED = {"DATA": "data_param", "IMAGE_DATA": "image_data_param", "WINDOW_DATA": "window_data_param"}
-# fields of V1 with one value for each parameter, and what they are called in today's ``param { ... }``
+# V1 fields with one value per parameter -> their current names in ``param { ... }``
 PER_PARAMETER = {"param": "name", "blob_share_mode": "share_mode", "blobs_lr": "lr_mult", "weight_decay": "decay_mult"}
 
 
 @dataclass(frozen=True)
 class V0LayerParameter:
-    """A layer of 2013: the options of all types side by side."""
+    """A V0 layer (2013), with the options of all types together."""
 
     name: str = numbered(1, "")
     type: str = numbered(2, "")
@@ -120,9 +120,9 @@ class V0LayerParameter:
 
 @dataclass(frozen=True)
 class V1LayerParameter:
-    """A layer of 2014: types are an enum, rates and decays stand side by side."""
+    """A V1 layer (2014): types are an enum, rates and decays are lists."""
 
-    layer: V0LayerParameter | None = numbered(1, None)  # a V0 layer, in the place of everything but bottom and top
+    layer: V0LayerParameter | None = numbered(1, None)  # a V0 layer, in place of all fields but bottom and top
     bottom: tuple[str, ...] = numbered(2, ())
     top: tuple[str, ...] = numbered(3, ())
     name: str = numbered(4, "")
@@ -140,38 +140,38 @@ class V1LayerParameter:
 
 @dataclass(frozen=True)
 class AnyNetParameter(NetParameter):
-    """A net of any of the three formats, as it stands in a file."""
+    """A net in any of the three formats, as stored in a file."""
 
     layers: tuple[V1LayerParameter, ...] = numbered(2, ())
 
 
 def upgraded(net: Message) -> Message:
-    """The tree of a net, in today's format. Raises PrototxtError where it is of none of the three."""
+    """Convert the tree of a net to the current format. Raises PrototxtError if it is in none of the three."""
     old = [item for item in net.fields if item.name == "layers"]
     new = [item for item in net.fields if item.name == "layer"]
     if old and new:
-        raise PrototxtError(old[0].position, "this net has both 'layer' and 'layers' (of Caffe's V1 format); "
+        raise PrototxtError(old[0].position, "this net has both 'layer' and 'layers' (Caffe's V1 format); "
                                              "expected one of them")  # fmt: skip
     if not old:
         return Message([_with_fixed_statistics(item) for item in net.fields], net.position)
     layers = [schema.message_of(item) for item in old]
     for layer in layers:
-        schema.read(layer, V1LayerParameter, "layers")  # every mistake is found here, at its place
+        schema.read(layer, V1LayerParameter, "layers")  # reports every mistake at its position
     if any(layer.values("layer") for layer in layers):
         layers = [_v1_layer(layer) for layer in _without_padding(layers)]
     rest = [item for item in net.fields if item.name != "layers"]
     return Message([*rest, *(Field("layer", _layer(layer), layer.position) for layer in layers)], net.position)
 
 
-# ---------------------------------------------------------------------------------------------- V1 → today
+# ---------------------------------------------------------------------------------------------- V1 → current
 
 
 def _layer(old: Message) -> Message:
-    """A V1 layer as a layer."""
+    """Convert a V1 layer."""
     type_name = ["NONE", *(_enum_name(v) for v in old.values("type"))][-1]
     old = _with_transform(old, TRANSFORMED.get(type_name))
     fields: list[Field] = []
-    specs: list[list[Field]] = []  # one for each parameter
+    specs: list[list[Field]] = []  # one per parameter
     seen = dict.fromkeys(PER_PARAMETER, 0)
     for item in old.fields:
         if item.name == "type":
@@ -194,7 +194,7 @@ def _enum_name(value: Any) -> str:
 
 
 def _with_transform(old: Message, block: str | None) -> Message:
-    """What data_param says about scale, mean, crop and mirror, in a transform_param."""
+    """Move scale, mean, crop and mirror from data_param to transform_param."""
     if block is None:
         return old
     moved: list[Field] = []
@@ -213,25 +213,25 @@ def _block(name: str, options: list[Field], layer: Message) -> list[Field]:
 
 
 def _with_fixed_statistics(item: Field) -> Field:
-    """The three parameters that older nets declare for BatchNorm are no weights: nothing trains them."""
+    """Freeze the three parameters that older nets declare for BatchNorm: they are statistics, not weights."""
     layer = item.value
     if item.name != "layer" or not isinstance(layer, Message) or _text(layer, "type") != "BatchNorm":
         return item
     if len(layer.values("param")) != 3:
         return item
     zero = Scalar("number", "0", layer.position)
-    still = [Field(name, zero, layer.position) for name in ("lr_mult", "decay_mult")]
+    frozen = [Field(name, zero, layer.position) for name in ("lr_mult", "decay_mult")]
     fields = []
     for one in layer.fields:
         if one.name == "param" and isinstance(one.value, Message):
-            kept = [f for f in one.value.fields if f.name not in ("lr_mult", "decay_mult")]
-            one = Field("param", Message([*kept, *still], one.value.position), one.position)
+            others = [f for f in one.value.fields if f.name not in ("lr_mult", "decay_mult")]
+            one = Field("param", Message([*others, *frozen], one.value.position), one.position)
         fields.append(one)
     return Field("layer", Message(fields, layer.position), item.position)
 
 
 def _text(message: Message, name: str) -> str:
-    """The last value of a field of text; empty if there is none."""
+    """The last value of a string field; empty if there is none."""
     return next((v.text for v in reversed(message.values(name)) if isinstance(v, Scalar)), "")
 
 
@@ -239,13 +239,13 @@ def _text(message: Message, name: str) -> str:
 
 
 def _inner(connection: Message) -> Message:
-    """The V0 layer in a connection."""
+    """The V0 layer inside a connection."""
     return next((v for v in connection.values("layer") if isinstance(v, Message)), Message([], connection.position))
 
 
 def _without_padding(connections: Iterable[Message]) -> list[Message]:
-    """Layers of type padding become the ``pad`` of the convolution or pooling that reads them."""
-    padding: dict[str, tuple[str, Field | None]] = {}  # the padded blob -> the blob that is padded, and by how much
+    """Replace padding layers by the option ``pad`` of the convolution or pooling that reads them."""
+    padding: dict[str, tuple[str, Field | None]] = {}  # padded blob -> (original blob, padding)
     result = []
     for connection in connections:
         inner, kind = _inner(connection), _text(_inner(connection), "type")
@@ -260,13 +260,13 @@ def _without_padding(connections: Iterable[Message]) -> list[Message]:
             raise PrototxtError(connection.position, f"a layer of type {kind!r} reads {read[0]!r} of a padding layer; "
                                                      "expected a conv or pool layer with one bottom")  # fmt: skip
         result.append(_padded(connection, *padding[read[0]]) if read else connection)
-        for name in tops:  # written anew: no longer what was padded
+        for name in tops:  # a blob that is overwritten is no longer the padded one
             padding.pop(name, None)
     return result
 
 
 def _padded(connection: Message, below: str, pad: Field | None) -> Message:
-    """A layer that pads by itself what it reads from ``below``."""
+    """Make a layer read ``below`` and pad it itself."""
     fields = []
     for item in connection.fields:
         if item.name == "layer":
@@ -280,7 +280,7 @@ def _padded(connection: Message, below: str, pad: Field | None) -> Message:
 
 
 def _v1_layer(connection: Message) -> Message:
-    """A V0 layer as a V1 layer."""
+    """Convert a V0 layer to a V1 layer."""
     inner = _inner(connection)
     kind = _text(inner, "type")
     if kind not in V0_TYPES:
@@ -300,5 +300,5 @@ def _v1_layer(connection: Message) -> Message:
         elif name in options:
             own.append(Field(name, item.value, item.position))
         elif item.name != "type":
-            log.warning("%s: %r means nothing to a layer of type %r; dropped", item.position, item.name, kind)
+            log.warning("%s: %r does not apply to a layer of type %r; dropped", item.position, item.name, kind)
     return Message([*fields, *_block(block, own, inner), *_block("transform_param", transform, inner)], inner.position)

@@ -1,17 +1,17 @@
-"""Protocol buffers' binary format ⇄ tree: Caffe's .caffemodel, .solverstate and .binaryproto.
+"""Decoder and encoder of protocol buffers' binary format: Caffe's .caffemodel, .solverstate and .binaryproto.
 
-A message is a row of fields. A field is a key, its number * 8 + its wire type, and a value:
+A message is a sequence of fields. A field is a key, its number * 8 + its wire type, and a value:
 
-    0   a varint: seven bits in each byte, the lowest first; the high bit says that another byte follows
+    0   a varint: seven bits per byte, lowest first; the high bit marks that another byte follows
     1   8 bytes                                      5   4 bytes
-    2   a length (varint) and so many bytes: a string, a nested message, or many numbers in one piece ("packed")
-    3,4 begin and end of a group, which nothing of Caffe's uses
+    2   a length (varint) and that many bytes: a string, a nested message, or many numbers in one block ("packed")
+    3,4 start and end of a group, which Caffe does not use
 
-Names are not in the file; the dataclasses that read a prototxt (schema.py) know the number and the type of each field.
-Fields that they do not know are skipped, as protobuf does. Reference: "Encoding" of Protocol Buffers.
+Names are not in the file; the dataclasses that also read prototxt (schema.py) define number and type of each field.
+Unknown fields are skipped, as in protobuf. Reference: "Encoding" of Protocol Buffers.
 
-Nothing is believed: a length must lie within its message, an array is a view of the file's own bytes, and the number
-of fields is bounded, so a hostile file costs no more memory than its size and MAX_FIELDS allow.
+Input is not trusted: lengths are checked against the enclosing message, arrays are views of the file's bytes, and the
+number of fields is limited, so memory use is bounded by the size of the file and MAX_FIELDS.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from netlib.proto.schema import ARRAYS, Double
 from netlib.proto.upgrade import AnyNetParameter
 
 VARINT, EIGHT_BYTES, LENGTH, BEGIN_GROUP, END_GROUP, FOUR_BYTES = range(6)
-MAX_FIELDS = 100_000  # of a whole file; the largest nets have some ten thousand
-MAX_GROUPS = 100  # one in another
-Piece = bytes | memoryview  # large arrays are not copied before they are written
+MAX_FIELDS = 100_000  # per file; the largest nets have about ten thousand
+MAX_GROUPS = 100  # nesting depth
+Piece = bytes | memoryview  # a memoryview avoids a copy of large arrays
 
 
 @dataclass(frozen=True)
@@ -50,18 +50,18 @@ class Offset(Place):
 
 
 @dataclass(frozen=True)
-class Known:
-    """What is known of one field of a message."""
+class FieldInfo:
+    """Number, name and type of a field of a message."""
 
     number: int
     name: str
-    kind: Any  # of one value (schema.kind_of); for a nested message its dataclass
+    kind: Any  # of one value (schema.kind_of); the dataclass of a nested message
     repeated: bool
     packed: bool
 
     @functools.cached_property
     def wire_type(self) -> int:
-        """Of one value."""
+        """Wire type of one value."""
         if self.kind in (str, bytes) or schema.is_message(self.kind):
             return LENGTH
         if self.kind in ARRAYS:
@@ -70,19 +70,19 @@ class Known:
 
 
 @functools.cache
-def fields_of(cls: type) -> tuple[Known, ...]:
-    """The fields of a message, with the options of all layer types if it is a layer."""
+def fields_of(cls: type) -> tuple[FieldInfo, ...]:
+    """The fields of a message; for a layer, including the options of all layer types."""
     hints, known = schema.hints_of(cls), []
     for field in dataclasses.fields(cls):
         if field.name == "blocks":
             options = option_blocks()
-            known += [Known(n, name, options[name], False, False) for name, n in field.metadata["numbers"].items()
+            known += [FieldInfo(n, name, options[name], False, False) for name, n in field.metadata["numbers"].items()
                       if name in options]  # fmt: skip
         else:
             name = schema.written_name(field.name)
             kind, repeated = schema.kind_of(hints[name])
-            kind = AnyNetParameter if kind is Message else kind  # all messages that are left as trees are nets
-            known.append(Known(field.metadata["number"], name, kind, repeated, field.metadata["packed"]))
+            kind = AnyNetParameter if kind is Message else kind  # the only messages kept as trees are nets
+            known.append(FieldInfo(field.metadata["number"], name, kind, repeated, field.metadata["packed"]))
     return tuple(known)
 
 
@@ -90,17 +90,17 @@ def fields_of(cls: type) -> tuple[Known, ...]:
 
 
 def decode(data: bytes, cls: type, source: str = "<bytes>", strict: bool = False) -> Message:
-    """The tree of a message of type ``cls``. Raises WireError where the bytes are not such a message.
+    """Decode a message of type ``cls`` to a tree. Raises WireError if the bytes are not valid.
 
-    ``strict`` refuses fields that are not known instead of skipping them.
+    ``strict`` rejects unknown fields instead of skipping them.
     """
     return _Decoder(data, source, strict).message(cls, 0, len(data))
 
 
 class _Decoder:
-    """Reads one file. ``at`` is the byte where a field begins, ``start`` and ``stop`` are those of its value.
+    """Decoder of one file. ``at`` is the offset of a field, ``start`` and ``stop`` are those of its value.
 
-    ``end`` is that of the message. Every method raises WireError where the bytes are wrong.
+    ``end`` is the end of the message. Every method raises WireError if the bytes are invalid.
     """
 
     def __init__(self, data: bytes, source: str, strict: bool) -> None:
@@ -111,16 +111,16 @@ class _Decoder:
         return WireError(f"{Offset(self.source, at)}: {message}")
 
     def one_more(self, at: int) -> None:
-        """Count a field, or a number in a packed one: each takes more memory than it has bytes."""
+        """Count a field, or a number in a packed field: each takes more memory than bytes in the file."""
         self.count += 1
         if self.count > MAX_FIELDS:
-            raise self.fail(at, f"more than {MAX_FIELDS} fields and numbers; that is no file of Caffe's")
+            raise self.fail(at, f"more than {MAX_FIELDS} fields and numbers; expected a file in Caffe's format")
 
     def message(self, cls: type, begin: int, end: int) -> Message:
-        """The fields from ``begin`` on that ``cls`` knows."""
+        """Decode the fields of ``cls`` between two offsets."""
         known = _by_number(cls)
         fields: list[Field] = []
-        single: dict[str, int] = {}  # where a field that is not repeated stands: a later value takes its place
+        single: dict[str, int] = {}  # index of each field that is not repeated: later values replace it
         at = begin
         while at < end:
             self.one_more(at)
@@ -143,7 +143,7 @@ class _Decoder:
         return Message(fields, Offset(self.source, begin))
 
     def varint(self, at: int, end: int) -> tuple[int, int]:
-        """The number that begins at a byte, and where the next begins."""
+        """Decode a varint; returns the number and the offset after it."""
         value = 0
         for place in range(10):
             if at + place >= end:
@@ -155,9 +155,9 @@ class _Decoder:
         raise self.fail(at, "malformed: a number of more than ten bytes")
 
     def end_of(self, wire_type: int, number: int, start: int, end: int, at: int) -> int:
-        """Where the value that begins at ``start`` stops."""
+        """Offset of the end of the value that starts at ``start``."""
         if number == 0:
-            raise self.fail(at, "malformed: a field of the number 0")
+            raise self.fail(at, "malformed: a field with number 0")
         if wire_type == VARINT:
             return self.varint(start, end)[1]
         if wire_type == BEGIN_GROUP:
@@ -173,7 +173,7 @@ class _Decoder:
         return start + size
 
     def end_of_group(self, at: int, end: int) -> int:
-        """Where the group whose first field begins at ``at`` stops."""
+        """Offset of the end of the group whose first field starts at ``at``."""
         depth = 1
         while depth:
             begin = at
@@ -190,10 +190,10 @@ class _Decoder:
         return at
 
     def row(self, dtype: np.dtype[Any], at: int, start: int, end: int) -> tuple[int, NDArray[Any]]:
-        """Numbers written one by one, each with the same key: where they end, and an array of them.
+        """Decode consecutive numbers that each have the same key; returns the end offset and an array.
 
-        Some old files have millions of them. A block of bytes is looked at as rows of key and number, twice as many
-        each time.
+        Some old files have millions of them. The bytes are viewed as rows of key and number, in blocks that double in
+        size.
         """
         key, width = self.data[at:start], start - at + dtype.itemsize
         block = 64
@@ -206,15 +206,15 @@ class _Decoder:
             block *= 2
         return at + count * width, np.ascontiguousarray(rows[:count, len(key) :]).view(dtype).ravel()
 
-    def values(self, spec: Known, wire_type: int, at: int, start: int, stop: int) -> Iterator[Field]:
-        """The field, or the fields that a packed one stands for; nothing if it is of another type, as in protobuf."""
+    def values(self, spec: FieldInfo, wire_type: int, at: int, start: int, stop: int) -> Iterator[Field]:
+        """Yield the field, or one per number of a packed field; nothing if the wire type differs, as in protobuf."""
         place = Offset(self.source, at)
         if wire_type == LENGTH:
             start = self.varint(start, stop)[1]
             if spec.kind in ARRAYS:
                 dtype = ARRAYS[spec.kind]
                 if (stop - start) % dtype.itemsize:
-                    raise self.fail(at, f"malformed: {stop - start} bytes of {spec.name!r} are no {dtype.name} numbers")
+                    raise self.fail(at, f"malformed: {stop - start} bytes of {spec.name!r} are no {dtype.name} array")
                 array = np.frombuffer(self.data, dtype, (stop - start) // dtype.itemsize, start)
                 yield Field(spec.name, Numbers(array, place), place)
             elif schema.is_message(spec.kind):
@@ -231,15 +231,15 @@ class _Decoder:
         elif wire_type == spec.wire_type:
             yield Field(spec.name, self.number(spec, start, stop), place)
 
-    def number(self, spec: Known, start: int, stop: int) -> Scalar:
-        """One number."""
+    def number(self, spec: FieldInfo, start: int, stop: int) -> Scalar:
+        """Decode one number."""
         place = Offset(self.source, start)
         if spec.wire_type == VARINT:
             value = self.varint(start, stop)[0]
             if spec.kind is bool:
                 return Scalar("word", "true" if value else "false", place)
             value -= 2**64 if value >= 2**63 else 0
-            if spec.kind is int and 2**31 <= value < 2**32:  # some write a negative number in 32 bits
+            if spec.kind is int and 2**31 <= value < 2**32:  # some encoders write negative numbers in 32 bits
                 value -= 2**32
             if value not in schema.INTEGERS.get(spec.kind, (value,)):
                 raise self.fail(start, f"{spec.name!r} expects {schema.expected(spec.kind)}, found {value}")
@@ -249,12 +249,12 @@ class _Decoder:
 
 
 @functools.cache
-def _by_number(cls: type) -> dict[int, Known]:
+def _by_number(cls: type) -> dict[int, FieldInfo]:
     return {known.number: known for known in fields_of(cls)}
 
 
 @functools.cache
-def _by_name(cls: type) -> dict[str, Known]:
+def _by_name(cls: type) -> dict[str, FieldInfo]:
     return {known.name: known for known in fields_of(cls)}
 
 
@@ -262,9 +262,9 @@ def _by_name(cls: type) -> dict[str, Known]:
 
 
 def encode(message: Message, cls: type) -> bytes:
-    """The bytes of a tree that is a message of type ``cls``, fields in the order of their numbers.
+    """Encode a tree as a message of type ``cls``, with fields in the order of their numbers.
 
-    Raises PrototxtError for a field that ``cls`` does not have or that is of another type.
+    Raises PrototxtError if ``cls`` does not define a field or defines it with another type.
     """
     return b"".join(_parts(message, cls))
 
@@ -293,8 +293,8 @@ def _parts(message: Message, cls: type) -> list[Piece]:
     return parts
 
 
-def _with_key(spec: Known, field: Field) -> list[Piece]:
-    """One value of a field that is not packed."""
+def _with_key(spec: FieldInfo, field: Field) -> list[Piece]:
+    """Encode one value of a field that is not packed."""
     if schema.is_message(spec.kind):
         return _with_length(spec.number, _parts(schema.message_of(field), spec.kind))
     if spec.wire_type == LENGTH:
@@ -303,7 +303,7 @@ def _with_key(spec: Known, field: Field) -> list[Piece]:
 
 
 def _with_length(number: int, parts: list[Piece]) -> list[Piece]:
-    """Key and length, then the parts."""
+    """Prepend key and length."""
     return [_key(number, LENGTH) + _varint(sum(map(len, parts))), *parts]
 
 
@@ -311,8 +311,8 @@ def _key(number: int, wire_type: int) -> bytes:
     return _varint(number << 3 | wire_type)
 
 
-def _one(spec: Known, field: Field) -> bytes:
-    """One value without its key."""
+def _one(spec: FieldInfo, field: Field) -> bytes:
+    """Encode one value without its key."""
     value = schema.value_of(field, spec.kind)
     if spec.kind is str:
         return value.encode("utf-8", "surrogateescape")

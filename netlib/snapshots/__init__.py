@@ -1,1 +1,1 @@
-"""Weights and solver states: both of Caffe's file formats, and copying of weights from net to net."""
+"""Weights and solver states: Caffe's two file formats, and copying weights between nets."""

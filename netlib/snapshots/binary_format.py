@@ -1,9 +1,9 @@
 """Weights and solver states in Caffe's binary format.
 
     .caffemodel     a NetParameter: every layer as the net runs it, with its parameters in ``blobs``
-    .solverstate    a SolverState; its field ``netlib`` is ours, JSON: what an exact resume needs. Caffe skips it
+    .solverstate    a SolverState; its extra field ``netlib``, JSON, holds what an exact resume needs; Caffe ignores it
 
-Weights of Caffe's older formats are read as well (netlib/proto/upgrade.py).
+Weights of Caffe's older formats are read too (netlib/proto/upgrade.py).
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from netlib.proto.upgrade import AnyNetParameter
 from netlib.snapshots.solver_state import SolverState, Weights
 
 T = TypeVar("T")
-LARGEST = 2**31 - 1  # bytes of a message, a limit of protobuf's
+MAX_BYTES = 2**31 - 1  # limit of protobuf
 
 
 def weights_image(name: str, layers: Iterable[tuple[LayerParameter, list[tuple[Array, Array | None]]]]) -> bytes:
-    """The .caffemodel of a net: its layers, each with the data, and if wanted the diffs, of its parameters."""
+    """Content of the .caffemodel of a net: its layers with the data, and optionally the diffs, of their parameters."""
     fields = schema.to_tree(messages.NetParameter(name=name)).fields
     for spec, blobs in layers:
         tree = schema.to_tree(schema.changed(spec, blobs=()))
@@ -37,24 +37,24 @@ def weights_image(name: str, layers: Iterable[tuple[LayerParameter, list[tuple[A
 
 
 def state_image(state: SolverState) -> bytes:
-    """The .solverstate of a training."""
+    """Content of a .solverstate file."""
     tree = schema.to_tree(messages.SolverState(state.iter, state.learned_net, (), state.current_step))
     history = [Field("history", binaryproto.tree_of(array), tree.position) for array in state.history]
     extra = schema.to_tree(messages.SolverState(netlib=json.dumps(state.extra)))
-    # Ours comes first: a file that has lost its end must not look like one of Caffe's, which has no checksum.
+    # The extra field comes first, so that a truncated file does not look like one of Caffe's, which has no checksum.
     parts = (extra, Message(tree.fields + history, tree.position))
     return _fitting(b"".join(wire.encode(part, messages.SolverState) for part in parts))
 
 
 def _fitting(image: bytes) -> bytes:
-    if len(image) > LARGEST:
-        raise WeightsError(f"a snapshot of {len(image)} bytes is more than Caffe's binary format can hold, "
-                           "2 GB; expected snapshot_format: HDF5, or a file name that ends in .h5")  # fmt: skip
+    if len(image) > MAX_BYTES:
+        raise WeightsError(f"a snapshot of {len(image)} bytes exceeds the limit of Caffe's binary format, 2 GB; "
+                           "expected snapshot_format: HDF5, or a file name that ends in .h5")  # fmt: skip
     return image
 
 
 def read_weights(data: bytes, path: str) -> Weights:
-    """Layer name -> parameter index -> array. Raises WeightsError if these are no weights."""
+    """Decode weights: layer name -> parameter index -> array. Raises WeightsError if the data are not weights."""
     try:
         layers = _layers(data, path)
         if layers:
@@ -63,7 +63,7 @@ def read_weights(data: bytes, path: str) -> Weights:
                 key: {i: binaryproto.array_of(blob) for i, blob in enumerate(layer.blobs)}
                 for key, layer in zip(keys, layers)
             }
-        problem = f"{path}: no layer in it"
+        problem = f"{path}: it has no layers"
     except NetlibError as error:
         problem = str(error)
     state = _or_none(_state, data, path)
@@ -74,7 +74,7 @@ def read_weights(data: bytes, path: str) -> Weights:
 
 
 def read_state(data: bytes, path: str) -> SolverState:
-    """The state. Raises WeightsError if it is none."""
+    """Decode a solver state. Raises WeightsError if the data are not one."""
     try:
         state = _state(data, path)
         if state.history or state.learned_net:
@@ -83,10 +83,10 @@ def read_state(data: bytes, path: str) -> SolverState:
             found = SolverState(state.iter, state.current_step, state.learned_net, history, extra)
             found.check()
             return found
-        problem = f"{path}: no history in it"
+        problem = f"{path}: it has no history"
     except NetlibError as error:
         problem = str(error)
-    except (ValueError, RecursionError) as error:  # of the JSON, too
+    except (ValueError, RecursionError) as error:  # the JSON may be invalid
         problem = f"{path}: damaged: {reason_of(error)}"
     if _or_none(_layers, data, path):
         raise WeightsError(f"{path}: this is a weights file; pass it as --weights, or its pair *.solverstate here")
@@ -94,8 +94,8 @@ def read_state(data: bytes, path: str) -> SolverState:
 
 
 def _layers(data: bytes, path: str) -> list[LayerParameter]:
-    """The layers of a net in any of Caffe's formats, with their names and parameters alone: weights are copied by
-    name, so types and options that only a fork of Caffe knows do no harm."""
+    """Layers of a net in any of Caffe's formats, with only their names and parameters. Weights are copied by name, so
+    types and options of Caffe's forks do not matter."""
     layers = []
     for item in wire.decode(data, AnyNetParameter, path).fields:
         if item.name in ("layer", "layers"):
@@ -118,9 +118,9 @@ def _or_none(read: Callable[[bytes, str], T], data: bytes, path: str) -> T | Non
 
 
 def _looks(data: bytes) -> str:
-    """What a file of the wrong kind looks like."""
+    """Guess what a file of the wrong kind is, for an error message."""
     if not data:
         return "; the file is empty"
     if all(byte in b"\t\n\r" or 32 <= byte < 127 for byte in data[:256]):
-        return "; this looks like a text"
+        return "; it looks like a text file"
     return ""

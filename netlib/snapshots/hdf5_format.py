@@ -1,8 +1,8 @@
 """Weights and solver states in HDF5, in Caffe's own layout.
 
-weights       /data/<layer>/<index>            an empty group for a layer without parameters
+weights       /data/<layer>/<index>            layers without parameters are empty groups
 solver state  /iter /current_step /learned_net /history/<index>
-              /netlib                          ours, JSON: all else that an exact resume needs
+              /netlib                          extra JSON for an exact resume
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from netlib.errors import WeightsError
 from netlib.files import hdf5
 from netlib.snapshots.solver_state import SolverState, Weights
 
-STATE = ("iter", "current_step", "learned_net", "history", "netlib")  # what a solver state holds
-MAGIC = b"\x89HDF\r\n\x1a\n"  # how every such file begins
+STATE = ("iter", "current_step", "learned_net", "history", "netlib")  # items of a solver state
+MAGIC = b"\x89HDF\r\n\x1a\n"  # signature at the start of a file
 
 
 def check_names(weights: Weights) -> None:
-    """Raise WeightsError if a layer with parameters has a name that cannot be a group."""
+    """Raise WeightsError if the name of a layer with parameters cannot be the name of a group."""
     for name, arrays in weights.items():
         if arrays and (fault := name_fault(name)):
             raise WeightsError(f"layer {name!r}: {fault}; expected another name, or snapshot_format: BINARYPROTO")
 
 
 def name_fault(name: str) -> str:
-    """What is wrong with a layer's name as the name of an HDF5 group; empty if nothing."""
+    """Describe why a layer's name cannot be the name of an HDF5 group; empty if it can."""
     parts = name.split("/")
     if any(part in ("", ".", "..") for part in parts) or not name.isprintable():
         return "HDF5 cannot store this name"
     if parts[-1].isdigit() and len(parts) > 1:
-        return "in HDF5 the part after the last slash must not be a number, it could not be told from a parameter"
+        return "in HDF5 the part after the last slash must not be a number: it would look like a parameter"
     return ""
 
 
 def weights_image(weights: Weights) -> bytes:
-    """The HDF5 file of a net's weights, as bytes. Raises WeightsError for names that HDF5 cannot store."""
+    """Content of the HDF5 file of a net's weights. Raises WeightsError for names that HDF5 cannot store."""
     check_names(weights)
     with hdf5.in_memory() as (file, image):
         data = file.create_group("data")
@@ -56,7 +56,7 @@ def weights_image(weights: Weights) -> bytes:
 
 
 def state_image(state: SolverState) -> bytes:
-    """The HDF5 file of a solver state, as bytes."""
+    """Content of the HDF5 file of a solver state."""
     with hdf5.in_memory() as (file, image):
         file["iter"] = np.array([state.iter], dtype=np.int32)
         file["current_step"] = np.array([state.current_step], dtype=np.int32)
@@ -64,12 +64,12 @@ def state_image(state: SolverState) -> bytes:
         history = file.create_group("history")
         for i, array in enumerate(state.history):
             history[str(i)] = array
-        _write_c_string(file, "netlib", json.dumps(state.extra))  # of a fixed length: HDF5 can hang in a damaged heap
+        _write_c_string(file, "netlib", json.dumps(state.extra))  # fixed length: HDF5 can hang on a damaged heap
     return image.getvalue()
 
 
 def _write_c_string(file: h5py.File, name: str, text: str) -> None:
-    """A fixed-length, null-terminated string, as Caffe's H5LT calls write and read it."""
+    """Write a fixed-length, null-terminated string, as Caffe's H5LT calls do."""
     raw = os.fsencode(text)
     kind = h5py.h5t.C_S1.copy()
     kind.set_size(len(raw) + 1)
@@ -83,14 +83,14 @@ def _write_c_string(file: h5py.File, name: str, text: str) -> None:
 
 
 def read_weights(path: str | Path) -> Weights:
-    """Layer name -> parameter index -> array. Raises WeightsError if the file is not such a file."""
+    """Read weights: layer name -> parameter index -> array. Raises WeightsError if the file does not hold weights."""
     with hdf5.opened(path, "weights", WeightsError) as file:
         if "history" in file and "data" not in file:
             pair = _learned_net(file) or "*.caffemodel.h5"
             raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, {pair} "
                                "(resume a training with --snapshot)")  # fmt: skip
         if not isinstance(file.get("data"), h5py.Group):
-            raise WeightsError(f"{path}: no group /data in it; expected weights as Caffe's HDF5 snapshots have them")
+            raise WeightsError(f"{path}: no group /data; expected weights in the layout of Caffe's HDF5 snapshots")
         found: Weights = {}
         for name, group in _layers(file["data"]):
             found[name] = {}
@@ -105,7 +105,7 @@ def read_weights(path: str | Path) -> Weights:
 
 
 def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, h5py.Group]]:
-    """Layers of /data. A slash in a layer's name makes HDF5 nest groups: ``inception/1x1``."""
+    """Layers in /data. HDF5 nests groups for slashes in names: ``inception/1x1``."""
     for name, item in group.items():
         if not isinstance(item, h5py.Group):
             continue
@@ -116,7 +116,7 @@ def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, h5py.Gro
 
 
 class _Only(dict[str, Any]):
-    """The data sets of a group, without the groups in it."""
+    """The data sets of a group without its subgroups."""
 
     def __init__(self, group: h5py.Group) -> None:
         super().__init__({k: v for k, v in group.items() if isinstance(v, h5py.Dataset)})

@@ -1,10 +1,10 @@
-"""Weights and solver states to and from files, in either of Caffe's formats, atomically.
+"""Reading and writing weights and solver states in both of Caffe's formats.
 
-A name that ends in ``.h5`` is written as HDF5 (hdf5_format.py), any other in Caffe's binary format
-(binary_format.py); what is read is what the file holds, whatever its name.
+Names that end in ``.h5`` are written as HDF5 (hdf5_format.py), others in Caffe's binary format (binary_format.py). When
+reading, the content decides, not the name.
 
-A file is made in memory, written beside its target, flushed to the disk and renamed. Of a pair the state is renamed
-last, so a state that exists has its weights; it holds a checksum of them, and one of itself.
+A file is built in memory, written next to its target, flushed to the disk and renamed. Of a pair, the state is renamed
+last, so if a state exists, so do its weights; it holds a checksum of them and of itself.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ from netlib.system import memory
 
 
 def is_hdf5(path: str | Path) -> bool:
-    """Does a file of this name hold HDF5?"""
+    """Whether a file with this name is written as HDF5."""
     return str(path).endswith(".h5")
 
 
 def write_weights(image: bytes, path: str | Path) -> None:
-    """Write the weights of a net (``weights.image``). Raises WeightsError if the disk says no."""
-    with _saying(path):
+    """Write the weights of a net (``weights.image``). Raises WeightsError if writing fails."""
+    with _writing(path):
         atomic.replace_bytes(Path(path), image)
 
 
 def write_pair(image: bytes, state: SolverState, weights_path: Path, state_path: Path) -> None:
-    """Write weights and solver state, both or none. Raises WeightsError if the disk says no."""
+    """Write weights and solver state: both, or none. Raises WeightsError if writing fails."""
     state.extra["weights_crc"] = zlib.crc32(image)
     state.extra["checksum"] = state.checksum()
     layout = hdf5_format if is_hdf5(state_path) else binary_format
-    with _saying(weights_path):
+    with _writing(weights_path):
         atomic.replace_pair((weights_path, image), (state_path, layout.state_image(state)))
 
 
 @contextlib.contextmanager
-def _saying(path: str | Path) -> Iterator[None]:
+def _writing(path: str | Path) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
@@ -57,8 +57,8 @@ def _saying(path: str | Path) -> Iterator[None]:
 
 
 def checksum(path: str | Path) -> int:
-    """CRC-32 of a weights file; a state remembers that of its pair. Raises WeightsError."""
-    limit = memory.available()[0] if begins_as_hdf5(path, "weights") else files.LARGEST  # what can be read at all
+    """CRC-32 of a weights file, as stored in the state that belongs to it. Raises WeightsError."""
+    limit = memory.available()[0] if begins_as_hdf5(path, "weights") else files.MAX_BYTES
     crc = 0
     for piece in files.read_pieces(path, "weights", WeightsError, limit):
         crc = zlib.crc32(piece, crc)
@@ -67,9 +67,9 @@ def checksum(path: str | Path) -> int:
 
 @contextlib.contextmanager
 def prefix_in_use(prefix: Path) -> Iterator[None]:
-    """Within it this prefix is ours: what a killed training left of it is put right, a second training is refused.
+    """Reserve this prefix within the block: repair what a killed training left, and reject a second training.
 
-    Raises WeightsError, also if snapshots cannot be written there: now, before hours of training.
+    Raises WeightsError, also if snapshots cannot be written there, before the training starts.
     """
     folder = Path(f"{prefix}_").parent
     path = folder / f".{prefix.name}.netlib.lock"
@@ -77,14 +77,14 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock = locks.Lock(path)
     except (OSError, ValueError) as error:
-        what = f"{path.name}: " if os.path.lexists(path) else ""  # left by another user, or a link
+        what = f"{path.name}: " if os.path.lexists(path) else ""  # the file of another user, or a link
         raise WeightsError(f"{folder}: cannot write snapshots there: {what}{reason_of(error)}") from error
     if not lock.taken:
         raise WeightsError(f"{prefix}: another training is writing its snapshots there (process {lock.holder}); wait "
                            "for it, or choose another snapshot_prefix")  # fmt: skip
     try:
         probe(prefix)
-        _put_right(prefix)
+        _repair(prefix)
         yield
     finally:
         lock.release()
@@ -101,13 +101,13 @@ def probe(prefix: Path) -> None:
         raise WeightsError(f"{folder}: cannot write snapshots there: {reason_of(error)}") from error
 
 
-def _put_right(prefix: Path) -> None:
-    """What killed processes left: temporary files go, and where a pair was being replaced it is the old or the new."""
+def _repair(prefix: Path) -> None:
+    """Clean up after killed processes: remove temporary files, and complete or undo the replacement of a pair."""
     folder = Path(f"{prefix}_").parent
     atomic.clear_leftovers(folder)
     pattern = re.compile(re.escape(prefix.name) + r"_iter_\d+\.caffemodel(\.h5)?")
     for name in names_in(folder):
-        found = atomic.KEPT.fullmatch(name)
+        found = atomic.BACKUP.fullmatch(name)
         if found and pattern.fullmatch(found[1]):
             with contextlib.suppress(OSError, WeightsError), locks.held(folder / name) as locked:
                 if locked:
@@ -115,7 +115,7 @@ def _put_right(prefix: Path) -> None:
 
 
 def _choose(weights: Path, old: Path) -> None:
-    """Give old weights their name back if the state beside them is theirs; else remove them."""
+    """Restore old weights if they belong to the current state; else remove them."""
     state = weights.with_name(weights.name.replace(".caffemodel", ".solverstate"))
     if weights.exists() and (old.samefile(weights) or not state.exists()):
         old.unlink()
@@ -129,29 +129,29 @@ def _choose(weights: Path, old: Path) -> None:
 
 
 def read_weights(path: str | Path) -> Weights:
-    """Layer name -> parameter index -> array. Raises WeightsError if the file is not such a file."""
+    """Read weights: layer name -> parameter index -> array. Raises WeightsError if the file does not hold weights."""
     if begins_as_hdf5(path, "weights"):
         return hdf5_format.read_weights(path)
     return binary_format.read_weights(files.read_bytes(path, "weights", WeightsError), str(path))
 
 
 def read_state(path: str | Path) -> SolverState:
-    """Read a solver state and check it. Raises WeightsError if the file is not one, or damaged."""
+    """Read and check a solver state. Raises WeightsError if the file is not one or is damaged."""
     if begins_as_hdf5(path, "a solver state"):
         return hdf5_format.read_state(path)
     return binary_format.read_state(files.read_bytes(path, "a solver state", WeightsError), str(path))
 
 
 def begins_as_hdf5(path: str | Path, what: str) -> bool:
-    """Does the file hold HDF5, whatever its name? Raises WeightsError if it cannot be read."""
+    """Whether the content of the file is HDF5. Raises WeightsError if it cannot be read."""
     magic = hdf5_format.MAGIC
     return files.read_bytes(path, what, WeightsError, first=len(magic)) == magic
 
 
 def pair_of(state_path: str | Path, state: SolverState) -> Path:
-    """The weights that belong to a state: where it says, else beside it. Raises WeightsError for those of another.
+    """Find the weights of a state: next to it, or at the path that it names. Raises WeightsError if they do not match.
 
-    If a process was killed while it replaced the pair, they may be the old ones that it kept.
+    After a process was killed while it replaced the pair, they may be the backup of the old weights.
     """
     written = Path(state.learned_net)
     beside = Path(state_path).parent / written.name
@@ -159,17 +159,17 @@ def pair_of(state_path: str | Path, state: SolverState) -> Path:
 
 
 def weights_of(state_path: str | Path, state: SolverState, named: Path) -> Path:
-    """The file of that name, or the old one of it that was kept, whichever is the state's. Raises WeightsError."""
-    expected, old = state.extra.get("weights_crc"), atomic.kept(named)
-    if expected is None:  # written by Caffe, and so not by who was replacing the pair
+    """The file ``named`` or its backup, whichever has the checksum in the state. Raises WeightsError."""
+    expected, old = state.extra.get("weights_crc"), atomic.backups(named)
+    if expected is None:  # written by Caffe
         return old[0] if old else named
     for path in (named, *old):
         if checksum(path) == expected:
             return path
-    raise WeightsError(f"{state_path}: the weights beside it, {named}, are those of another snapshot")
+    raise WeightsError(f"{state_path}: the weights next to it, {named}, belong to another snapshot")
 
 
 def as_plain(value: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy that JSON can hold: NumPy integers and arrays become Python's."""
+    """Convert to JSON values: NumPy numbers and arrays become Python's."""
     plain: dict[str, Any] = json.loads(json.dumps(value, default=lambda x: x.tolist()))
     return plain

@@ -1,4 +1,4 @@
-"""What snapshots hold, whatever their format (hdf5_format.py, binary_format.py)."""
+"""Content of snapshots, independent of the file format (hdf5_format.py, binary_format.py)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from netlib.blob import Array
 
 Weights = dict[str, dict[int, Array]]  # layer name -> parameter index -> array
 
-MOST_ITERATIONS = 2**31 - 1  # Caffe counts them in 32 bits
-# What ``extra`` holds, and of which type; a state of an earlier version may lack some.
+MAX_ITERATIONS = 2**31 - 1  # Caffe counts in 32 bits
+# Fields of ``extra`` and their types; states of earlier versions lack some.
 EXTRA: dict[str, type] = {
     "solver": dict, "smoothed": list, "layers": list, "ranks": list, "weights_crc": int, "checksum": int,
 }  # fmt: skip
@@ -25,16 +25,16 @@ EXTRA: dict[str, type] = {
 
 @dataclass
 class SolverState:
-    """What a solver state file holds."""
+    """Content of a solver state file."""
 
     iter: int
     current_step: int
     learned_net: str  # path of the weights, as written by the solver
     history: list[Array]
-    extra: dict[str, Any] = field(default_factory=dict)  # ours, see EXTRA; empty in a file that Caffe wrote
+    extra: dict[str, Any] = field(default_factory=dict)  # see EXTRA; empty if Caffe wrote the file
 
     def checksum(self) -> int:
-        """CRC-32 of everything in the state but the checksum itself."""
+        """CRC-32 of the state without the checksum itself."""
         extra = {name: value for name, value in self.extra.items() if name != "checksum"}
         text = json.dumps([self.iter, self.current_step, self.learned_net, extra], sort_keys=True)
         crc = zlib.crc32(text.encode())
@@ -44,9 +44,9 @@ class SolverState:
         return crc
 
     def check(self) -> None:
-        """Raise ValueError, which says what is wrong, for what no solver has written."""
+        """Raise ValueError, with a description, if no solver can have written this state."""
         for name in ("iter", "current_step"):
-            if not 0 <= getattr(self, name) <= MOST_ITERATIONS:
+            if not 0 <= getattr(self, name) <= MAX_ITERATIONS:
                 raise ValueError(f"{name} is {getattr(self, name)}")
         for i, array in enumerate(self.history):
             if array.dtype.kind != "f":
@@ -54,25 +54,25 @@ class SolverState:
             if not np.isfinite(array).all():
                 raise ValueError(f"history {i} has values that are not finite")
         if not isinstance(self.extra, dict):
-            raise ValueError("what is ours in it is no table")
+            raise ValueError("field 'netlib' must be a JSON object")
         for name, value in self.extra.items():
             if name not in EXTRA or type(value) is not EXTRA[name]:
                 raise ValueError(f"{name!r} is {type(value).__name__}, expected {', '.join(EXTRA)}")
         if not all(type(loss) is float and math.isfinite(loss) for loss in self.extra.get("smoothed", ())):
-            raise ValueError("'smoothed' holds other things than finite numbers")
+            raise ValueError("'smoothed' must hold finite numbers only")
         for name in ("layers", "ranks"):
             for states in self.extra.get(name, ()):
                 if type(states) is not dict or not all(type(state) is dict for state in states.values()):
-                    raise ValueError(f"{name!r} holds other things than the states of layers")
+                    raise ValueError(f"{name!r} must hold states of layers only")
         if "checksum" in self.extra and self.extra["checksum"] != self.checksum():
-            raise ValueError("its checksum is another than that of its content")
+            raise ValueError("checksum mismatch")
 
 
 def contradictions(state: SolverState, course: Mapping[str, Any], steps: int) -> Iterator[str]:
-    """What is wrong with the content of a state that has a checksum, and so all fields of this version.
+    """Describe inconsistencies in a state that has a checksum, and therefore all fields of this version.
 
-    course  the solver's options that ``extra`` has, as they are now
-    steps   what ``current_step`` is with these options
+    course  current values of the solver options that are in ``extra``
+    steps   value of ``current_step`` with these options
     """
     extra = state.extra
     if "checksum" not in extra:

@@ -1,4 +1,4 @@
-"""Weights from one net or file into another net, by layer name."""
+"""Copying and sharing weights between nets and files, by layer name."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from netlib.proto.schema import Phase
 from netlib.snapshots import binary_format, hdf5_format, snapshot
 from netlib.snapshots.solver_state import Weights
 
-Writes = list[tuple[Array, Array]]  # a net's arrays, and what goes into each
+Writes = list[tuple[Array, Array]]  # pairs of an array of the net and its new values
 
 
 class Net(Protocol):
-    """What is asked of a net here."""
+    """The attributes of a net that are used here."""
 
     name: str
     source: str
@@ -31,7 +31,7 @@ class Net(Protocol):
 
 
 def owned(net: Net) -> Weights:
-    """Layer name -> parameter index -> array, for all layers; a shared parameter stands with its owner alone."""
+    """Weights of all layers: name -> parameter index -> array. A shared parameter is listed only with its owner."""
     own = {(p.layer, p.index) for p in net.learnable}
     return {
         name: {i: blob.data for i, blob in enumerate(layer.blobs) if (name, i) in own}
@@ -40,20 +40,20 @@ def owned(net: Net) -> Weights:
 
 
 def image(net: Net, path: str | Path, diffs: bool = False) -> bytes:
-    """The file ``path`` of the net's weights, as bytes: HDF5 if its name ends in ``.h5``, else Caffe's binary format.
+    """Content of a weights file: HDF5 if ``path`` ends in ``.h5``, else Caffe's binary format.
 
-    The binary format also holds the layers themselves, every shared parameter with each of its layers, and, if
-    wanted, the gradients. Raises WeightsError if the format cannot hold them.
+    The binary format also holds the layers themselves, each shared parameter in all its layers, and, with ``diffs``,
+    the gradients. Raises WeightsError if the format cannot store them.
     """
     if snapshot.is_hdf5(path):
         return hdf5_format.weights_image(owned(net))
-    layers = [(_as_caffe_says(layer), [(b.data, b.diff if diffs else None) for b in layer.blobs])
+    layers = [(_complete_spec(layer), [(b.data, b.diff if diffs else None) for b in layer.blobs])
               for layer in net.layer_dict.values()]  # fmt: skip
     return binary_format.weights_image(net.name, layers)
 
 
-def _as_caffe_says(layer: Layer) -> LayerParameter:
-    """The layer's text, with its phase and a loss's weight, which Caffe fills in."""
+def _complete_spec(layer: Layer) -> LayerParameter:
+    """The layer's options with the phase and the default loss weight filled in, as Caffe does."""
     phase: Phase = "TRAIN" if layer.phase == TRAIN else "TEST"
     weight = layer.spec.loss_weight or ((layer.loss_weight,) if layer.loss_weight else ())
     return schema.changed(layer.spec, phase=phase, loss_weight=weight)
@@ -67,18 +67,18 @@ def copy(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[list
 
 
 def write(writes: Writes) -> None:
-    """Copy arrays that fit: nothing can fail any more."""
+    """Perform the copies; they cannot fail."""
     for target, array in writes:
         target[...] = array
 
 
 def fitting(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[Writes, list[str], list[str]]:
-    """What a copy would write, and what it returns; a net is never half copied. Raises WeightsError."""
+    """Plan a copy: the writes, and what ``copy`` returns. A net is never partially copied. Raises WeightsError."""
     what, found = _weights_of(source)
     ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
     shared = {name: arrays for name, arrays in found.items() if name in net.layer_dict and arrays}
     if not shared and net.params:
-        raise WeightsError(f"{what}: no layer of net {net.name!r} is in it; it has {_some(found)}, "
+        raise WeightsError(f"{what}: it has no layer of net {net.name!r}; it has {_some(found)}, "
                            f"the net has {_some(net.params)}")  # fmt: skip
     missing_layers = [n for n in dict.fromkeys(p.layer for p in net.learnable) if n not in shared]
     if strict and missing_layers:
@@ -93,7 +93,7 @@ def fitting(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[W
 
 
 def _weights_of(source: str | Path | Net) -> tuple[str, Mapping[str, Mapping[int, Array]]]:
-    """What the source is, in words, and its arrays: layer name -> parameter index -> array."""
+    """A description of the source, and its arrays: layer name -> parameter index -> array."""
     if isinstance(source, (str, Path)):
         source = find(str(source), None)
         return str(source), snapshot.read_weights(source)
@@ -101,9 +101,9 @@ def _weights_of(source: str | Path | Net) -> tuple[str, Mapping[str, Mapping[int
 
 
 def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array], what: str) -> Writes:
-    """For one layer, the net's arrays and what goes into each. Raises WeightsError if it does not fit.
+    """Plan the writes of one layer. Raises WeightsError if a shape or number differs.
 
-    own  the parameters that the layer does not share with one before it
+    own  the parameters that the layer does not share with an earlier one
     """
     missing = [i for i in own if i not in found]
     if missing:
@@ -121,14 +121,14 @@ def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array]
 
 
 def legacy_shape(array: Array, shape: tuple[int, ...]) -> Array:
-    """Weights and histories of Caffe before N-d blobs are 4-d, with leading ones."""
+    """Reshape 4-d weights and histories with leading ones, which Caffe wrote before N-d blobs."""
     if array.ndim == 4 and len(shape) < 4 and array.shape == (1,) * (4 - len(shape)) + shape:
         return array.reshape(shape)
     return array
 
 
 def share(net: Net, other: Net) -> None:
-    """Use the other net's parameters, by layer name, all or none: ``Net.share_params``."""
+    """Share the other net's parameters, by layer name, all or none: ``Net.share_params``."""
     pairs: list[tuple[Blob, Blob]] = []
     for name in (name for name in other.params if name in net.params):
         mine, theirs = net.params[name], other.params[name]

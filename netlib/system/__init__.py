@@ -1,1 +1,1 @@
-"""What netlib asks of the operating system and of Python: memory, one thread at a time, other names of modules."""
+"""Interfaces to the operating system and to Python: memory limits, thread safety, module aliases."""

@@ -1,4 +1,4 @@
-"""One package under the name of another: ``caffe`` for netlib.caffe, old names of modules for new ones."""
+"""Module aliases: ``caffe`` for netlib.caffe, and the old names of moved modules."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 
 class Alias(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds ``name`` and ``name.x.y`` as ``target`` and ``target.x.y``: the same modules."""
+    """Import hook that resolves ``name`` and ``name.x.y`` to the modules ``target`` and ``target.x.y``."""
 
     def __init__(self, name: str, target: str) -> None:
         self.name, self.target = name, target
@@ -21,7 +21,7 @@ class Alias(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: types.ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """The specification of ``name``, if it is one of the alias's and its target exists."""
+        """Spec of ``name``, if it belongs to the alias and its target exists."""
         if name != self.name and not name.startswith(f"{self.name}."):
             return None
         if importlib.util.find_spec(self._target_of(name)) is None:
@@ -29,13 +29,13 @@ class Alias(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         return importlib.machinery.ModuleSpec(name, self)
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> types.ModuleType:
-        """The target itself."""
+        """Import and return the target."""
         module = importlib.import_module(self._target_of(spec.name))
         spec.loader_state = module.__spec__
         return module
 
     def exec_module(self, module: types.ModuleType) -> None:
-        """Give the module its own spec back: the import system has put the alias's there."""
+        """Restore the module's own spec, which the import system has replaced by that of the alias."""
         assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state
 
@@ -44,7 +44,7 @@ class Alias(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 class OldNames(Alias):
-    """Finds modules that have moved, by their old names, with a DeprecationWarning.
+    """Import hook that resolves the old names of moved modules, with a DeprecationWarning.
 
     moved  old name -> new name
     """
@@ -56,15 +56,14 @@ class OldNames(Alias):
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: types.ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """The specification of a module by its old name."""
+        """Spec of a module under its old name."""
         return importlib.machinery.ModuleSpec(name, self) if name in self.moved else None
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> types.ModuleType:
-        """The moved module, with a warning."""
-        text = f"{spec.name} is now {self.moved[spec.name]}; the old name goes with the next release"
-        warnings.warn(
-            text, DeprecationWarning, stacklevel=2
-        )  # of the import statement: Python leaves its own frames out
+        """Import and return the moved module, with a warning."""
+        text = f"{spec.name} is now {self.moved[spec.name]}; the old name will be removed in the next release"
+        # stacklevel 2 is the import statement: Python skips its own frames
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
         return super().create_module(spec)
 
     def _target_of(self, name: str) -> str:
@@ -72,7 +71,7 @@ class OldNames(Alias):
 
 
 def install(name: str, target: str) -> bool:
-    """From now on ``name`` is ``target`` in this process, whatever else is installed; False if it was before."""
+    """Make ``name`` an alias of ``target`` in this process, even if ``name`` is installed. False if it already is."""
     if any(isinstance(finder, Alias) and finder.name == name for finder in sys.meta_path):
         return False
     for known in [known for known in sys.modules if known == name or known.startswith(f"{name}.")]:
@@ -82,20 +81,20 @@ def install(name: str, target: str) -> bool:
 
 
 def keep_old_names(moved: Mapping[str, str]) -> None:
-    """Let modules that have moved be imported by their old names, with a DeprecationWarning."""
+    """Keep the old names of moved modules importable, with a DeprecationWarning."""
     sys.meta_path.append(OldNames(moved))
 
 
 def is_installed(name: str, attribute: str) -> bool:
-    """Is there a package ``name`` that Python would find, or a loaded one that has the attribute?"""
+    """Whether Python would find a package ``name``; if it is loaded, whether it has the attribute."""
     if name in sys.modules:
         return hasattr(sys.modules[name], attribute)
-    found = importlib.util.find_spec(name)  # a package with code in it, no mere file or folder of this name
+    found = importlib.util.find_spec(name)  # must be a package, not a single file or a folder without __init__.py
     return found is not None and found.origin is not None and bool(found.submodule_search_locations)
 
 
 def lend_text_format(target: str) -> None:
-    """Let ``google.protobuf.text_format`` be ``target`` where the package protobuf is missing."""
+    """Make ``target`` importable as ``google.protobuf.text_format`` if the package protobuf is missing."""
     try:
         importlib.import_module("google.protobuf.text_format")
     except ImportError:

@@ -1,7 +1,7 @@
-"""Memory is asked for before it is taken, and where there is not enough a line says what for.
+"""Memory checks before allocation, with error messages that name what the memory is for.
 
-Systems promise more memory than they have, and kill who uses it. So what certainly cannot fit is refused: more than the
-machine has, used or not, or more than this process may use. What might fit is tried.
+Operating systems overcommit memory and kill processes that use it. Requests that certainly cannot fit are therefore
+rejected: more than the machine has, free or not, or more than this process may use. Other requests are tried.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ PROC = Path("/proc")
 
 
 class OutOfMemoryError(LayerError, MemoryError):
-    """More memory than there is.
+    """A request for more memory than is available.
 
-    blob       whose memory it is; None if it is no blob's
-    in_layer   the message says which layer it is
+    blob       the blob that needed the memory, or None
+    in_layer   whether the message names the layer
     """
 
     def __init__(self, message: str, blob: object = None, in_layer: bool = False) -> None:
@@ -35,32 +35,32 @@ class OutOfMemoryError(LayerError, MemoryError):
 
 
 def check(size: int, what: str, blob: object = None) -> None:
-    """Raise OutOfMemoryError if so many bytes cannot fit; ``what`` they are follows their number."""
-    most, who = available()
-    if size > most:
-        message = f"{written(size)} {what}; {who} {written(int(most))}"
+    """Raise OutOfMemoryError if ``size`` bytes cannot fit. ``what`` says what they are for, as in "for parameters"."""
+    limit, owner = available()
+    if size > limit:
+        message = f"{format_bytes(size)} {what}; {owner} {format_bytes(int(limit))}"
         raise OutOfMemoryError(message, blob)
 
 
 def zeros(shape: tuple[int, ...], dtype: DTypeLike, blob: object = None) -> NDArray[Any]:
-    """An array of zeros, for a blob. Raises OutOfMemoryError."""
+    """Allocate an array of zeros for a blob. Raises OutOfMemoryError."""
     size = math.prod(shape) * np.dtype(dtype).itemsize
     what = f"for an array {shape}"
     check(size, what, blob)
     try:
         return np.zeros(shape, dtype)
     except MemoryError as error:
-        message = f"{written(size)} {what}; more than the system gives"
+        message = f"{format_bytes(size)} {what}; the system did not provide it"
         raise OutOfMemoryError(message, blob) from error
 
 
 def is_lacking(error: Exception) -> bool:
-    """Is this an error for want of memory? NumPy has others for arrays that no computer could hold."""
+    """Whether an error reports a lack of memory; NumPy raises ValueError for arrays beyond any address space."""
     return isinstance(error, MemoryError) or str(error).startswith(("array is too big", "Maximum allowed dimension"))
 
 
-def written(size: int) -> str:
-    """``20 GB``, ``8.6 TB``: at most two digits that count, unless there are more before the point."""
+def format_bytes(size: int) -> str:
+    """Format as ``20 GB`` or ``8.6 TB``: two significant digits, or whole numbers from 10 on."""
     number, unit = float(size), 0
     while round(number) >= 1000 and unit < 6:
         number, unit = number / 1000, unit + 1
@@ -68,16 +68,16 @@ def written(size: int) -> str:
 
 
 def blocks(count: int, size: int) -> list[slice]:
-    """``range(count)`` in slices of ``size``, the last one shorter: what is done block by block needs less memory."""
+    """Split ``range(count)`` into slices of ``size``, the last one shorter, for processing that limits memory."""
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
 
 
-# ---------------------------------------------------------------------------------------------- what there is
+# ---------------------------------------------------------------------------------------------- limits
 
 
 @functools.cache
 def available() -> tuple[float, str]:
-    """The most bytes that this process can have, and whose limit it is, in words; infinite where nobody knows."""
+    """The smallest memory limit in bytes, and what imposes it as the start of a phrase; infinite if unknown."""
     limits = [(math.inf, ""), *((size, "this machine has") for size in _machine())]
     swap = next((size for size in _numbers(PROC / "meminfo", "SwapTotal:")), 0) * 1024
     limits += [(size, "this process may use") for size in [*_cgroups(swap), *_address_space()]]
@@ -85,14 +85,14 @@ def available() -> tuple[float, str]:
 
 
 def _machine() -> Iterator[int]:
-    """Memory and swap space, on Linux."""
+    """Memory plus swap space of the machine, on Linux."""
     memory, swap = (list(_numbers(PROC / "meminfo", name)) for name in ("MemTotal:", "SwapTotal:"))
     if memory:
         yield (memory[0] + sum(swap)) * 1024
 
 
 def _cgroups(swap: int) -> Iterator[int]:
-    """Limits of the groups that this process belongs to, as containers have them; version 2, then 1."""
+    """Limits of the control groups of this process, as set for containers; version 2, then 1."""
     with contextlib.suppress(OSError, ValueError):
         for line in (PROC / "self" / "cgroup").read_text(encoding="utf-8").splitlines():
             _, kinds, name = line.split(":", 2)
@@ -109,7 +109,7 @@ def _cgroups(swap: int) -> Iterator[int]:
 
 
 def _address_space() -> Iterator[int]:
-    """``ulimit -v``, where there is such a thing."""
+    """The limit of ``ulimit -v``, where supported."""
     with contextlib.suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -119,7 +119,7 @@ def _address_space() -> Iterator[int]:
 
 
 def _numbers(path: Path, name: str = "") -> Iterator[int]:
-    """The number after a name, or the only one in a file; nothing if there is none."""
+    """The number after ``name`` in a file, or the only one; nothing if there is none."""
     with contextlib.suppress(OSError, ValueError):
         words = path.read_text(encoding="utf-8").split()
         at = words.index(name) + 1 if name else 0

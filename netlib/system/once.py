@@ -1,4 +1,4 @@
-"""Warnings that a process gives once."""
+"""Warnings that are logged once per process."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ log = logging.getLogger("netlib")
 
 @functools.cache
 def once(text: str) -> None:
-    """Log a warning, unless it was logged before."""
+    """Log a warning unless it was logged before."""
     log.warning(text)

@@ -1,1 +1,1 @@
-"""What surrounds the training loop: solver options, log lines, exact resume."""
+"""Support for the training loop: solver options, log lines, exact resume."""

@@ -1,4 +1,4 @@
-"""The lines of Caffe's log about a training: losses, outputs of nets, debug_info."""
+"""Lines of Caffe's training log: losses, outputs of nets, debug_info."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ log = logging.getLogger("netlib")
 
 
 def copied(source: object, ignored: Iterable[str], missing: Iterable[str]) -> None:
-    """What ``Net.copy_from`` left out: layers of the source, and layers of the net."""
+    """Log the layers that ``Net.copy_from`` skipped: those of the source, then those of the net."""
     for name in ignored:
         log.info("Ignoring source layer %s", name)
     for name in missing:
@@ -24,13 +24,13 @@ def copied(source: object, ignored: Iterable[str], missing: Iterable[str]) -> No
 
 
 def outputs(what: str, net: Net, values_of: Mapping[str, Array]) -> None:
-    """``    Train net output #0: loss = 0.86 (* 1 = 0.86 loss)``, a line for each value of each output."""
+    """Log ``    Train net output #0: loss = 0.86 (* 1 = 0.86 loss)`` for each value of each output."""
     for number, score in enumerate(scores(net, values_of)):
         log.info("    %s net output #%d: %s", what, number, score)
 
 
 def scores(net: Net, values_of: Mapping[str, Array]) -> Iterator[str]:
-    """``loss = 0.86 (* 1 = 0.86 loss)`` for each value of each output."""
+    """Yield ``loss = 0.86 (* 1 = 0.86 loss)`` for each value of each output."""
     weights = {name: weight for _, weight, name in net.losses}
     for name, values in values_of.items():
         weight = weights.get(name)
@@ -40,7 +40,7 @@ def scores(net: Net, values_of: Mapping[str, Array]) -> Iterator[str]:
 
 
 def debug_forward(at: Connection) -> None:
-    """Mean absolute values of what a layer has computed, and by which parameters: Caffe's debug_info."""
+    """Log the mean absolute values of a layer's tops and parameters, as Caffe's debug_info does."""
     for name, blob in zip(at.layer.spec.top, at.top):
         log.info("    [Forward] Layer %s, top blob %s data: %.6g", at.layer.name, name, _mean(blob.data))
     for i, blob in enumerate(at.layer.blobs):
@@ -49,7 +49,7 @@ def debug_forward(at: Connection) -> None:
 
 
 def debug_backward(at: Connection) -> None:
-    """The same of the gradients that a layer has computed."""
+    """Log the mean absolute values of the gradients that a layer computed."""
     if not at.needs_backward:
         return
     for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
@@ -60,7 +60,7 @@ def debug_backward(at: Connection) -> None:
 
 
 def debug_params(net: Net) -> None:
-    """The same of all parameters, as an update finds them."""
+    """Log the norms and mean absolute values of all parameters and gradients before an update."""
     arrays = [(p.blob.data.astype(np.float64), p.blob.diff.astype(np.float64)) for p in net.learnable]
     l1, l2 = ([sum(measure(pair[i]) for pair in arrays) for i in range(2)] for measure in (_l1, _squares))
     log.info("    [Backward] All net params (data, diff): L1 norm = (%.6g, %.6g); L2 norm = (%.6g, %.6g)",

@@ -1,4 +1,4 @@
-"""Read a solver's prototxt: its options checked, and the nets that it names."""
+"""Reading a solver's prototxt: checks its options and loads the nets that it names."""
 
 from __future__ import annotations
 
@@ -21,45 +21,45 @@ log = logging.getLogger("netlib")
 
 OLD_TYPES = {"SGD": "SGD", "NESTEROV": "Nesterov", "ADAGRAD": "AdaGrad", "RMSPROP": "RMSProp",
              "ADADELTA": "AdaDelta", "ADAM": "Adam"}  # fmt: skip
-LONGEST_AVERAGE = 10**6  # iterations of average_loss; their losses are kept
+MAX_AVERAGE = 10**6  # limit of average_loss, whose losses are kept in memory
 
 
 def read(path: str | Path, **changes: Any) -> SolverParameter:
-    """The options in a file, some of them changed. Raises NetlibError."""
+    """Read the options from a file and apply ``changes``. Raises NetlibError."""
     return schema.with_values(schema.read(prototxt.parse_file(path), SolverParameter, "solver"), **changes)
 
 
 def state_of(phase: schema.Phase, *states: NetState) -> NetState:
-    """What a net is built for: the phase, unless a state says another. Of several states the last one that says a
-    field counts, and stages add up, as in Caffe."""
+    """The state to build a net for: ``phase``, unless a state sets another. The last state that sets a field takes
+    precedence, and stages add up, as in Caffe."""
     level = 0
     for state in states:
-        phase = state.phase if schema.says(state, "phase") else phase
-        level = state.level if schema.says(state, "level") else level
+        phase = state.phase if schema.is_set(state, "phase") else phase
+        level = state.level if schema.is_set(state, "level") else level
     return NetState(phase, level, tuple(stage for state in states for stage in state.stage))
 
 
 def type_of(p: SolverParameter) -> str:
-    """The type of a solver; the ``solver_type`` of an older file counts."""
+    """Type of a solver; ``solver_type`` of older files takes precedence."""
     return p.type if p.solver_type is None else OLD_TYPES[p.solver_type]
 
 
 def checked(p: SolverParameter) -> SolverParameter:
-    """The options with old names replaced; logs what is accepted but ignored. Raises PrototxtError at a mistake."""
+    """Replace old names in the options and log which ones are ignored. Raises PrototxtError."""
     p = schema.changed(p, type=type_of(p))
     for field, message in _mistakes(p):
         raise PrototxtError(schema.position_of(p, field), message)
     if p.snapshot_diff and p.snapshot_format == "HDF5":
-        log.info("snapshot_diff is for BINARYPROTO; in HDF5 gradients are not stored")
+        log.info("snapshot_diff is ignored: HDF5 snapshots do not store gradients")
     if p.test_interval and not p.test_iter:
-        log.warning("test_interval without test_iter: nothing is tested, as in Caffe")
+        log.warning("test_interval without test_iter: no tests are run, as in Caffe")
     if p.solver_mode == "GPU":
         log.info("solver_mode: GPU is accepted, but this runs on the CPU")
     return p
 
 
 def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
-    """Fields with what is wrong with them, the gravest first."""
+    """Invalid fields and what is wrong with them, most serious first."""
     if p.type not in RULES:
         yield "type", f"unknown solver type {p.type!r}{did_you_mean(p.type, RULES)}; known: {', '.join(RULES)}"
     for field in dataclasses.fields(p):
@@ -68,7 +68,7 @@ def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
             yield field.name, f"{field.name} is {value}; expected a finite number"
     yield from _rate_mistakes(p)
     if p.type in ("AdaGrad", "RMSProp") and p.momentum:
-        yield "momentum", f"{p.type} has no momentum; leave the field out"
+        yield "momentum", f"{p.type} has no momentum; remove the field"
     for name in ("momentum", "momentum2", "rms_decay"):
         if not 0 <= getattr(p, name) < 1:
             yield name, f"{name} {getattr(p, name):g} must be at least 0 and less than 1"
@@ -76,14 +76,14 @@ def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         yield "regularization_type", f"unknown regularization_type {p.regularization_type!r}; known: L1, L2"
     if p.iter_size < 1 or p.average_loss < 1:
         yield "iter_size", "iter_size and average_loss must be at least 1"
-    if p.average_loss > LONGEST_AVERAGE:
+    if p.average_loss > MAX_AVERAGE:
         yield "average_loss", f"average_loss {p.average_loss} is more than a million iterations"
     if 0 in p.test_iter:
         yield "test_iter", "test_iter must be at least 1"
 
 
 def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
-    """The same for the learning rate."""
+    """Invalid fields of the learning rate and what is wrong with them."""
     if p.lr_policy not in POLICIES:
         found = (
             f"unknown lr_policy {p.lr_policy!r}{did_you_mean(p.lr_policy, POLICIES)}" if p.lr_policy else "no lr_policy"
@@ -96,7 +96,7 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
     if p.lr_policy in needs and not getattr(p, needs[p.lr_policy][0]):
         yield "lr_policy", f"lr_policy {p.lr_policy!r} needs {needs[p.lr_policy][1]}"
     read_from_file = schema.tree_of(p) is not None
-    if p.base_lr < 0 or (read_from_file and not schema.gives(p, "base_lr") and not p.base_lr):
+    if p.base_lr < 0 or (read_from_file and not schema.is_given(p, "base_lr") and not p.base_lr):
         yield "base_lr", "no base_lr" if not p.base_lr else f"base_lr {p.base_lr:g} is negative"
     if p.rampup_lr < 0:
         yield "rampup_lr", f"rampup_lr {p.rampup_lr:g} is negative"
@@ -110,7 +110,7 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
 
 
 def train_net(p: SolverParameter, source: str) -> tuple[str, NetParameter]:
-    """The one training net that the solver in the file ``source`` names: its file and what it says."""
+    """Load the training net that the solver in ``source`` names; returns its name and parameter."""
     given = [(f, getattr(p, f)) for f in ("net", "net_param", "train_net", "train_net_param") if getattr(p, f)]
     if len(given) != 1:
         names = ", ".join(name for name, _ in given) or "none"
@@ -122,7 +122,7 @@ def train_net(p: SolverParameter, source: str) -> tuple[str, NetParameter]:
 
 
 def test_nets(p: SolverParameter, source: str) -> list[tuple[str, NetParameter]]:
-    """Nets to test on: test_net_param, test_net, or ``net`` itself for what remains of test_iter."""
+    """Load the test nets: test_net_param, test_net, then ``net`` for the remaining entries of test_iter."""
     named: list[str | Message] = [*p.test_net_param, *p.test_net]
     general = p.net_param if p.net_param is not None else p.net
     if general is not None:
@@ -140,5 +140,5 @@ def _load(net: str | Message, source: str) -> tuple[str, NetParameter]:
         return "net_param", load_parameter(net)
     path = find(net, source)
     if not exists(path):
-        raise NetlibError(f"{source}: the net {net!r} does not exist, from the working directory or from the solver's")
+        raise NetlibError(f"{source}: the net {net!r} does not exist in the working directory or next to the solver")
     return str(path), load_parameter(path)

@@ -67,7 +67,7 @@ def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise) -> None:
     assert set(reader.to_do) == set(exercise.to_do)
     step = last_step(exercise, reader.part, ITERATIONS, reader)
     assert not step.passed
-    name, _, rest = step.lines[0].partition(" is still to be written: ")
+    name, _, rest = step.lines[0].partition(" is not written yet: ")
     assert rest == f"{reader.path}:{reader.to_do[name]} (raise NotImplementedError)"
 
 
@@ -76,7 +76,7 @@ def test_our_own_source_passes(exercise: Exercise) -> None:
     """All steps, loaded as a reader's file is, the paper's network included."""
     reader = ReadersFile(exercise, ROOT / exercise.file)
     assert not reader.to_do
-    assert reader.part is not exercise.ours
+    assert reader.part is not exercise.reference
     before = dict(LAYER_TYPES), dict(RULES)
     made = all_steps(exercise, reader.part, 20 if exercise.name == "relu" else ITERATIONS, reader)
     assert [step for step in made if not step.passed] == []
@@ -138,21 +138,21 @@ def overwriting(cls: Any) -> Any:
 def test_a_gradient_that_is_added(name: str) -> None:
     """To the diff of a bottom, which holds old numbers."""
     exercise = EXERCISES[name]
-    assert last_step(exercise, adding(exercise.ours)).lines[1].startswith("backward adds to the diff of a bottom.")
+    assert last_step(exercise, adding(exercise.reference)).lines[1].startswith("backward adds to the diff of a bottom.")
 
 
 @pytest.mark.parametrize("name", ["relu", "pooling", "phys_limit", "dropout"])
 def test_a_gradient_that_is_left(name: str) -> None:
     """Where it is 0."""
     exercise = EXERCISES[name]
-    assert last_step(exercise, leaving(exercise.ours)).lines[1].startswith("backward leaves some elements")
+    assert last_step(exercise, leaving(exercise.reference)).lines[1].startswith("backward leaves some elements")
 
 
 @pytest.mark.parametrize("name", ["inner_product", "convolution"])
 def test_a_gradient_that_is_overwritten(name: str) -> None:
     """That of a parameter, which the solver sums over several batches."""
     exercise = EXERCISES[name]
-    step = last_step(exercise, overwriting(exercise.ours))
+    step = last_step(exercise, overwriting(exercise.reference))
     assert step.lines[0].startswith("dw[")
     assert step.lines[1].startswith("backward overwrites the diff of a parameter.")
 
@@ -191,12 +191,12 @@ def test_an_error_in_the_network_is_told() -> None:
     step = last_step(EXERCISES["relu"], FailsInNet, ITERATIONS)
     assert not step.passed
     assert "layer 'ReLUconvL1': forward failed: ValueError: three axes only" in step.lines[0]
-    assert LAYER_TYPES["ReLU"] is EXERCISES["relu"].ours
+    assert LAYER_TYPES["ReLU"] is EXERCISES["relu"].reference
 
 
 def test_the_network_learns() -> None:
     """Its few frames by heart, so that a reader sees the loss fall."""
-    losses = np.array(network.our_losses(20))
+    losses = np.array(network.reference_losses(20))
     assert losses[-5:].mean() < 0.6 * losses[:5].mean()
 
 
@@ -206,5 +206,5 @@ def test_nothing_is_left_in_the_working_folder(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     exercise = EXERCISES["resume"]
-    assert last_step(exercise, exercise.ours, 2).passed
+    assert last_step(exercise, exercise.reference, 2).passed
     assert list(tmp_path.iterdir()) == []

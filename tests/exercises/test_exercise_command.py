@@ -26,7 +26,7 @@ def test_the_list(work: Path) -> None:
     """Every exercise with its chapter, and how to begin."""
     lines = run_tool("exercise").out.splitlines()
     assert [line.split()[1] for line in lines[:-1]] == list(EXERCISES)  # no mark: none is begun
-    assert lines[-1] == "Begin one: python tools/exercise.py relu --start"
+    assert lines[-1] == "Start one: python tools/exercise.py relu --start"
 
 
 @pytest.mark.parametrize("name", EXERCISES)
@@ -38,7 +38,7 @@ def test_start(name: str, work: Path) -> None:
     assert done.out.startswith(f"wrote {name}.py: ")
     path.write_text("mine")
     done = run_tool("exercise", name, "--start", status=1)
-    assert done.err == f"{name}.py: is there already, and stays as it is; remove it to begin anew\n"
+    assert done.err == f"{name}.py: already exists and is kept; remove it to start again\n"
     assert path.read_text() == "mine"
 
 
@@ -46,9 +46,9 @@ def test_a_solution(work: Path) -> None:
     """A tick for each step, and where ours is."""
     (work / "split.py").write_text((ROOT / EXERCISES["split"].file).read_text(encoding="utf-8"))
     lines = run_tool("exercise", "split", "--iterations", "2").out.splitlines()
-    assert lines[0] == "Split: one blob for several readers (split.py)"
+    assert lines[0] == "Split: one blob for several consumers (split.py)"
     assert [line[0] for line in lines[1:-1]] == ["✓"] * 5
-    assert lines[-1] == "All of it is right. Ours, to compare: layers/common/split.py"
+    assert lines[-1] == "Everything is correct. For comparison, the project's file: layers/common/split.py"
 
 
 def test_the_list_shows_progress(work: Path) -> None:
@@ -83,12 +83,12 @@ def test_a_bug_to_find(work: Path) -> None:
     mended = text.replace("h[...] = p.momentum * h + g", "h[...] = p.momentum * h + rate * g", 1)
     (work / "sgd_bug.py").write_text(mended.replace("w -= rate * h", "w -= h", 1))
     run_tool("exercise", "sgd", "--file", "sgd_bug.py", "--iterations", "0")
-    assert "bugs to find; there is no bug 99" in run_tool("exercise", "sgd", "--bug", "99", status=1).err
+    assert "found 99" in run_tool("exercise", "sgd", "--bug", "99", status=1).err
 
 
 @pytest.mark.parametrize("name", EXERCISES)
 def test_every_bug_is_one(name: str, work: Path) -> None:
-    """Each planted file is read, and fails with the words of its mistake."""
+    """Each planted file is read, and fails with the advice for its mistake."""
     exercise = EXERCISES[name]
     found = set()
     for text in bugs(exercise):
@@ -110,37 +110,37 @@ def test_a_file_that_is_not_right(work: Path) -> None:
     assert lines[failed - 1].startswith("✓ values")
     rest = lines[failed + 1 :]
     assert all(line.startswith("    ") and len(line) <= 120 for line in rest)
-    assert "dx is the gradient of the last reader alone" in " ".join(rest)
-    assert rest[-1].startswith("    Look at Split.backward, mine.py:")
+    assert "dx contains only the gradient of the last top" in " ".join(rest)
+    assert rest[-1].startswith("    See Split.backward, mine.py:")
 
 
 def test_the_file_here_comes_first(work: Path) -> None:
     """Then that of docs/exercises; where neither is, it says how to get one."""
     assert f"({ROOT / 'docs/exercises/relu.py'})" in run_tool("exercise", "relu", status=1).out
     (work / "relu.py").write_text("x = 1\n")
-    assert run_tool("exercise", "relu", status=1).err.startswith("relu.py: has no ReLU.setup")
+    assert run_tool("exercise", "relu", status=1).err.startswith("relu.py: ReLU.setup")
 
 
 def test_no_file_at_all(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where the tools are installed without docs/."""
     monkeypatch.setattr(solutions, "ROOT", work)
     done = run_tool("exercise", "relu", status=1)
-    assert done.err == "relu.py: is not there; python tools/exercise.py relu --start writes one\n"
+    assert done.err == "relu.py: not found; run python tools/exercise.py relu --start to create it\n"
 
 
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        (["relo"], "there is no exercise 'relo' (did you mean 'relu'?); there are relu, inner_product"),
+        (["relo"], "unknown exercise 'relo' (did you mean 'relu'?); known: relu, inner_product"),
         (["--start"], "--start, --bug and --file need the NAME of an exercise"),
-        (["relu", "--bare"], "--bare goes with --start"),
+        (["relu", "--bare"], "--bare needs --start"),
         (["relu", "--bug", "0"], "expected"),
         (["relu", "--bug", "1", "--start"], "--bug writes NAME_bug.py"),
         (["EuclideanLoss"], "(did you mean 'euclidean_loss'?)"),
         (["--file", ""], "--start, --bug and --file need the NAME of an exercise"),
         (["--file", "relu.py"], "--start, --bug and --file need the NAME of an exercise"),
-        (["relu", "--start", "--file", "mine.py"], "--start writes NAME.py; give --file when you check it"),
-        (["relu", "--iterations", "-1"], "expected a whole number"),
+        (["relu", "--start", "--file", "mine.py"], "--start writes NAME.py; use --file to check it"),
+        (["relu", "--iterations", "-1"], "expected an integer"),
     ],
 )
 def test_wrong_usage(argv: list[str], said: str, work: Path) -> None:
@@ -155,7 +155,7 @@ def test_wrong_usage(argv: list[str], said: str, work: Path) -> None:
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "its process ended with status -9 in the middle"),
         ("import os; os.closerange(0, 100)", "its process ended with status"),
         ("import sys; sys.exit(0)", "SystemExit: 0"),
-        ("while True: pass", "nothing has come of it for 0.5 s, so it was ended; look for a loop without end"),
+        ("while True: pass", "no progress for 0.5 s, so its process was ended; look for an endless loop"),
     ],
 )
 @pytest.mark.parametrize("at", ["import", "forward"])
@@ -178,7 +178,7 @@ def test_closed_streams_are_no_obstacle(work: Path) -> None:
     """The reader's code may close its own."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     (work / "split.py").write_text(f"{text}\nimport sys\nsys.stdout.close()\nsys.stdin.close()\n")
-    assert run_tool("exercise", "split", "--iterations", "0").out.splitlines()[-1].startswith("All of it is right.")
+    assert run_tool("exercise", "split", "--iterations", "0").out.splitlines()[-1].startswith("Everything is correct.")
 
 
 def test_ctrl_c_ends_a_loop_without_end(work: Path) -> None:

@@ -41,23 +41,23 @@ def test_the_first_element_that_differs_is_named() -> None:
     array = changed((0, 2), 3.00001)
     array[1, 1] = 0
     first, second, *_, shown = told(array)
-    assert shown == "Yours: [[1, 2, 3.00001], [4, 0, 6.5]]; wanted: [[1, 2, 3], [4, 5, 6.5]]."
-    assert first == "y[n=0, c=2] is 3.00001, Caffe has 3; 2 of 6 differ, this is the first (some options)."
-    assert second.startswith("This is none of the usual mistakes.")
+    assert shown == "Found: [[1, 2, 3.00001], [4, 0, 6.5]]; expected: [[1, 2, 3], [4, 5, 6.5]]."
+    assert first == "y[n=0, c=2] is 3.00001, Caffe has 3; the first of 2 elements of 6 that differ (some options)."
+    assert second.startswith("This is not a known mistake.")
 
 
 @pytest.mark.parametrize(
     ("got", "said"),
     [
-        (-RIGHT, "Everything has the wrong sign."),
-        (RIGHT * 2, "Everything is 2 times what it should be: a factor is missing, or one too many."),
-        (RIGHT + 0.5, "Everything is 0.5 more than it should be: a constant is added, or left out."),
-        (RIGHT * 0, "All of it is 0: nothing was written"),
-        (RIGHT * np.nan, "All of it is NaN, as it was before: nothing was written, or something was added"),
-        (changed((1, 2), np.inf), "It is infinite: something was divided by 0"),
-        (np.trunc(RIGHT), "The numbers are right as far as whole numbers can hold them"),
-        (changed((1, 2), 6.5 + 2**-16), "This is none of the usual mistakes."),
-        (changed((1, 2), np.nan), "It is NaN, as it was before: this element was never written"),
+        (-RIGHT, "All elements have the wrong sign."),
+        (RIGHT * 2, "All elements are 2 times the expected value: a factor is missing or superfluous."),
+        (RIGHT + 0.5, "All elements exceed the expected value by 0.5: a constant is superfluous or missing."),
+        (RIGHT * 0, "All elements are 0: nothing was written"),
+        (RIGHT * np.nan, "All elements are NaN, their initial value: nothing was written"),
+        (changed((1, 2), np.inf), "It is infinite: a division by 0"),
+        (np.trunc(RIGHT), "The values are correct to the precision of whole numbers"),
+        (changed((1, 2), 6.5 + 2**-16), "This is not a known mistake."),
+        (changed((1, 2), np.nan), "It is NaN, its initial value: the element was never written"),
     ],
 )
 def test_what_numbers_look_like(got: np.ndarray, said: str) -> None:
@@ -95,8 +95,8 @@ def test_wrong_at_the_border_or_by_sign() -> None:
     border = wanted + np.pad(np.zeros((3, 3)), 1, constant_values=1)
     case = Case("", lambda part: {"y": part}, lambda part: {"y": wanted}, "Caffe has", {"y": "nchw"}, 1e-6)
     for got, said in (
-        (border, "Only elements at the border of the picture are wrong."),
-        (np.where(wanted < 0, 2 * wanted, wanted), "Only elements where it should be negative are wrong."),
+        (border, "Only elements at the border of the image are wrong."),
+        (np.where(wanted < 0, 2 * wanted, wanted), "Only elements where a negative value is expected are wrong."),
     ):
         found = first_difference(case, {"y": got}, {"y": wanted})
         assert found is not None and where_wrong(found) == said
@@ -105,19 +105,19 @@ def test_wrong_at_the_border_or_by_sign() -> None:
 def test_a_shape_that_differs() -> None:
     """Both shapes; axes in the opposite order are seen."""
     first, second = told(RIGHT.T)
-    assert first == "y has the shape (3, 2), it should be (2, 3) (some options)."
-    assert second == "The axes are in the opposite order."
+    assert first == "y has the shape (3, 2), expected (2, 3) (some options)."
+    assert second == "The axes are in reverse order."
     assert told(RIGHT[:1])[0].startswith("y has the shape (1, 3)")
-    assert told(RIGHT.sum())[1].startswith("It is a single number")
+    assert told(RIGHT.sum())[1].startswith("It is a scalar")
 
 
 def test_nearly_right_is_no_factor() -> None:
     """Of 1, and no constant of 0."""
     wanted = np.random.default_rng(0).normal(size=(2, 3))
-    assert told(wanted * (1 + 3e-6), wanted)[1].startswith("This is none of the usual mistakes.")
-    assert told(wanted.astype(np.float16), wanted)[1].startswith("The numbers are right as far as float16 can hold")
+    assert told(wanted * (1 + 3e-6), wanted)[1].startswith("This is not a known mistake.")
+    assert told(wanted.astype(np.float16), wanted)[1].startswith("The values are correct to the precision of float16")
     assert told(wanted.astype(np.float32), wanted, tolerance=1e-10)[1].startswith(
-        "The numbers are right as far as float32"
+        "The values are correct to the precision of float32"
     )
 
 
@@ -136,4 +136,4 @@ def test_numbers_that_are_others_each_time() -> None:
     case = Case("", lambda part: {"y": rng.normal(size=3)}, lambda part: {"y": np.zeros(3)}, "ours has", {}, 1e-6)
     found = first_difference(case, case.run(None), case.wanted(None))
     assert found is not None
-    assert list(sentences(NOTHING_KNOWN, None, found))[1].startswith("It is another number each time")
+    assert list(sentences(NOTHING_KNOWN, None, found))[1].startswith("The value changes from call to call")

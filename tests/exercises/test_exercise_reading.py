@@ -70,10 +70,10 @@ def test_one_method_after_the_other(write: Write) -> None:
     path = write(backward=None)
     line = path.read_text().splitlines().index("        raise NotImplementedError") + 1
     reader = ReadersFile(RELU, path)
-    assert first_step(RELU, reader).lines == (f"still to be written: ReLU.backward (line {line})",)
+    assert first_step(RELU, reader).lines == (f"not yet written: ReLU.backward (line {line})",)
     made = list(steps(RELU, reader.part, reader))
     assert [step.passed for step in made] == [True, True, False]
-    assert made[-1].lines == (f"ReLU.backward is still to be written: relu.py:{line} (raise NotImplementedError)",)
+    assert made[-1].lines == (f"ReLU.backward is not written yet: relu.py:{line} (raise NotImplementedError)",)
 
 
 def test_what_nothing_asks_for_need_not_be_written() -> None:
@@ -89,7 +89,7 @@ def test_an_error_in_the_code_is_told_with_its_line(write: Write) -> None:
     line = path.read_text().splitlines().index("        top[0].data[...] = x") + 1
     first, second = failed(path)
     assert first == f"relu.py:{line} (top[0].data[...] = x): NameError: name 'x' is not defined"
-    assert second == "It happened with bottom (2, 3, 4)."
+    assert second == "The input was: bottom (2, 3, 4)."
 
 
 def test_an_array_that_is_replaced(write: Write) -> None:
@@ -119,10 +119,10 @@ def test_a_file_that_wants_to_end_the_program(how: str, write: Write) -> None:
         ("x = 1\n    y = 2\n", r"^relu\.py:2: .*unexpected indent"),
         ("import numpy as np\nnp.nothing\n", r"^relu\.py:2 \(np\.nothing\): AttributeError"),
         ("import nothing_like_it\n", r"^relu\.py:1 \(.*\): ModuleNotFoundError"),
-        ("x = 1\n", r"^relu\.py: has no ReLU\.setup and no .*; keep the names of the stub"),
-        ("class ReLU:\n    def setup(self): pass\n", r"^relu\.py: has no ReLU\.reshape"),
-        ("class ReLU:\n    forward = 1\n", r"^relu\.py: has no ReLU\.setup"),
-        ("", r"^relu\.py: has no ReLU\.setup"),
+        ("x = 1\n", r"^relu\.py: ReLU\.setup, .* missing; keep the names of the stub"),
+        ("class ReLU:\n    def setup(self): pass\n", r"^relu\.py: ReLU\.reshape.* missing"),
+        ("class ReLU:\n    forward = 1\n", r"^relu\.py: ReLU\.setup.* missing"),
+        ("", r"^relu\.py: ReLU\.setup.* missing"),
         ("x = '\0'\n", r"^relu\.py"),
     ],
 )
@@ -153,9 +153,10 @@ def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs)",
          "backward(self, bottom, top, propagate_down)",
          "ReLU.backward takes (self, bottom, top, propagate_down); expected (self, top, propagate_down, bottom)"),
-        ("    def forward", "    @staticmethod\n    def forward", "ReLU.forward is a staticmethod; expected none"),
-        ("top[0].data[...] =", "yield\n        top[0].data[...] =", "ReLU.forward has a yield or an async"),
-        ("class ReLU(Layer)", "class ReLU", "ReLU is no such class; expected class ReLU(Layer), as in the stub"),
+        ("    def forward", "    @staticmethod\n    def forward",
+         "ReLU.forward is a staticmethod; expected a plain method"),
+        ("top[0].data[...] =", "yield\n        top[0].data[...] =", "ReLU.forward is a generator or coroutine"),
+        ("class ReLU(Layer)", "class ReLU", "ReLU: expected class ReLU(Layer), as in the stub"),
     ],
 )  # fmt: skip
 def test_a_part_of_another_kind(old: str, new: str, said: str, write: Write) -> None:
@@ -195,18 +196,18 @@ def test_whatever_is_raised_is_told(raised: str, said: str, write: Write) -> Non
 def test_an_error_elsewhere_does_not_hide_a_difference(write: Write) -> None:
     """Known mistakes are tried on all cases, and a backward that ends the program ends none."""
     lines = failed(write(forward="top[0].data[...] = np.maximum(bottom[0].data, 0)", backward="raise SystemExit(3)"))
-    assert lines[1].startswith("negative_slope is left out")
+    assert lines[1].startswith("negative_slope is ignored")
 
 
 def test_an_error_after_the_readers_code(write: Write) -> None:
     """It is said whose fault it may be."""
-    assert failed(write(forward="del top[0]"))[1].startswith("It was raised outside of relu.py: look at what yours")
+    assert failed(write(forward="del top[0]"))[1].startswith("It was raised outside relu.py: check what your code")
 
 
 def test_a_file_that_is_called_otherwise(write: Write) -> None:
     """Python loads no module from it."""
     path = write().rename("relu.txt")
-    with pytest.raises(ExerciseError, match=r"^relu\.txt: is no module; expected a file whose name ends in \.py$"):
+    with pytest.raises(ExerciseError, match=r"^relu\.txt: expected a Python module \(\.py\)$"):
         ReadersFile(RELU, path)
 
 

@@ -46,7 +46,7 @@ def test_a_stub_is_our_source_without_the_bodies(exercise: Exercise) -> None:
 def test_a_stub_says_what_is_to_be_done(exercise: Exercise) -> None:
     """In comments, and how to go on in its first line; np is there."""
     text = stub(exercise)
-    first = f"# Write what raises NotImplementedError, then: python tools/exercise.py {exercise.name}"
+    first = f"# Replace each NotImplementedError, then run: python tools/exercise.py {exercise.name}"
     assert text.splitlines()[0] == first
     assert "\nimport numpy as np\n" in text
     words = " ".join(line.strip().lstrip("# ") for line in text.splitlines())

@@ -34,7 +34,7 @@ NO_READERS = {
     "exercises/stubs.py": "reads the project's own source",
     "tools/export_onnx.py": "reads back what it has just written",
     "tools/record.py": "opens recordings by handpose.sources.opening",
-    "tools/common/sitting.py": "asks netlib/files/hdf5.py how many rows there are",
+    "tools/common/campaign.py": "asks netlib/files/hdf5.py how many rows there are",
     "tools/track.py": "opens recordings by handpose.sources.opening",
     "tools/package_model.py": "reads back what it has just written",
 }

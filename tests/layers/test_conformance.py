@@ -20,7 +20,14 @@ from tests.support.layer_cases import CASES, SOURCES, forward, made
 
 pytestmark = pytest.mark.both_engines
 
-WINDOWS = {"by_group", "col2im", "im2col", "images", "padded", "places"}  # of Convolution and what is derived from it
+WINDOWS = {
+    "by_group",
+    "col2im",
+    "im2col",
+    "images",
+    "padded",
+    "window_slices",
+}  # Convolution and subclasses
 READER = {"batch_of", "reads"}  # of layers/data/reader.py
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
 EXTRAS = {
@@ -35,7 +42,7 @@ EXTRAS = {
     "ImageData": READER,
     "InnerProduct": {"output_first", "rows"},
     "MemoryData": {"reset", "set_input_arrays"},
-    "Pooling": {"area", "padded", "places", "windows"},
+    "Pooling": {"area", "padded", "window_slices", "windows"},
     "SPP": {"padded"},
     "WindowData": READER,
 }  # documented: the parts of a longer computation, or for tools

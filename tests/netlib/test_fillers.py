@@ -67,7 +67,7 @@ def test_sparse_gaussian() -> None:
 
 def test_sparse_is_for_weights() -> None:
     """A single number has no outputs to count by."""
-    with pytest.raises(netlib.PrototxtError, match="'gaussian': sparse is for weights"):
+    with pytest.raises(netlib.PrototxtError, match="'gaussian': sparse needs weights"):
         fill(np.empty(()), Filler("gaussian", sparse=1), np.random.default_rng(0))
 
 

@@ -103,7 +103,7 @@ def test_a_script_as_it_is(tmp_path: Path) -> None:
     for arguments, status, out in (
         (["scripts/script.py", "a", "-b"], 3, "1 7 ['scripts/script.py', 'a', '-b']"),
         (["none.py"], 1, ""),
-        ([], 2, "Run a script written for pycaffe as it is: python -m netlib.caffe SCRIPT [ARGUMENT ...]"),
+        ([], 2, "Run a script written for pycaffe unchanged: python -m netlib.caffe SCRIPT [ARGUMENT ...]"),
     ):
         done = run_python("-m", "netlib.caffe", *arguments, status=status, cwd=tmp_path)
-        assert (done.out.strip(), done.err) == (out, "none.py: no such script\n" if status == 1 else "")
+        assert (done.out.strip(), done.err) == (out, "none.py: script not found\n" if status == 1 else "")

@@ -58,12 +58,12 @@ def three_layers():
         for i in range(3)
     )
     net = netlib.Net(prototxt.parse(text, "net.prototxt"), netlib.TRAIN)
-    return net, Gradients(net.layers, net.learnable, least=100)
+    return net, Gradients(net.layers, net.learnable, min_bytes=100)
 
 
 def overlapped(ranks):
     """Means do not depend on when a rank knows that parts are complete, nor on how often it looks."""
-    ranks.beside = 1  # else nothing is averaged before the end
+    ranks.on_machine = 1  # else nothing is averaged before the end
     net, gradients = three_layers()
     ranks.begin_steps(gradients)
     diffs = [param.blob.diff for param in net.learnable]
@@ -117,11 +117,11 @@ def errors(ranks):
     said = caught(NetlibError, ranks.introduce, {"net": "a" if ranks.rank < 3 else "b"})
     assert said == 'rank 3 has another net than rank 0: "b", not "a"; expected the same on all'
     said = caught(NetlibError, ranks.agree, 1.0, None, int(ranks.rank == 2))
-    assert said.startswith("the parameters of rank 2 are not those of rank 0 any more")
+    assert said.startswith("the parameters of rank 2 differ from those of rank 0")
     assert mean() == 1.0
     net, gradients = three_layers()
     ranks.begin_steps(gradients)
-    ranks.beside = 1
+    ranks.on_machine = 1
     if ranks.rank != 2:  # the others have begun to average
         ranks.begin_gradients()(net.layers[2])
     assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
@@ -150,7 +150,7 @@ def cut_off(ranks):
 
 def two_solvers(ranks):
     """They take turns on the same ranks; an error of one rank is that of all, and both solvers go on."""
-    ranks.beside = 1
+    ranks.on_machine = 1
     one, other = (netlib.get_solver(f"{name}.prototxt", ranks=ranks) for name in ("exact", "small_solver"))
     one.step(1)
     other.step(1)
@@ -192,7 +192,7 @@ def resume(ranks):
     meanwhile; all ranks have the same bits."""
     bits = []
     for begin, beside in ((None, ranks.count), (None, 1), ("snapshots/exact_iter_3.solverstate", 1)):
-        ranks.beside = beside
+        ranks.on_machine = beside
         solver = netlib.get_solver("exact.prototxt", ranks=ranks)
         solver.solve(begin)
         assert solver.iter == 6
@@ -215,7 +215,7 @@ def checksum(ranks):
 
     solver.callbacks.append((change, lambda: None))
     said = caught(NetlibError, solver.step, 12)
-    assert solver.iter == 8 and said.startswith("the parameters of rank 1 are not those of rank 0 any more")
+    assert solver.iter == 8 and said.startswith("the parameters of rank 1 differ from those of rank 0")
 
 
 if __name__ == "__main__":

@@ -89,7 +89,7 @@ def test_an_ignored_ctrl_c_stays_ignored(run: Run, tmp_path: Path) -> None:
     (tmp_path / "net.prototxt").touch()
     interrupt_at(tmp_path, "open", "net.prototxt")
     done = run("-c", f"import signal, sys; {code}", "net.prototxt", "new.prototxt", status=1)
-    assert done.err == "net.prototxt:1:1: error: no layer in this file; expected a net\n"
+    assert done.err == "net.prototxt:1:1: error: this file has no layers; expected a net\n"
 
 
 # ---------------------------------------------------------------------------------------------- standard error
@@ -180,9 +180,9 @@ def test_a_damaged_picture_is_one_line(run: Run, damaged: list[str], tmp_path: P
     pytest.importorskip("lmdb")
     (tmp_path / "list.txt").write_text("".join(f"{name} 0\n" for name in damaged))
     lines = run("tools/convert_imageset.py", "./", "list.txt", "db", status=1).err.splitlines()
-    ours = [line for line in lines if line.endswith("; left out")]  # libpng and libjpeg may write lines of their own
+    ours = [line for line in lines if line.endswith("; skipped")]  # libpng and libjpeg may write lines of their own
     assert [line.partition(":")[0] for line in ours] == damaged
-    assert lines[-1].startswith("list.txt: none of its 4 pictures can be read; ")
+    assert lines[-1].startswith("list.txt: none of its 4 images can be read; ")
 
 
 def test_a_training_that_diverges_is_one_line(run: Run, tmp_path: Path) -> None:

@@ -190,7 +190,7 @@ def test_time_of_a_phase(log_of, tmp_path, flags, loss):
 
 def test_device_query_and_gpu(log_of):
     """One line each: this runs on the CPU."""
-    assert texts(log_of("device_query", "-gpu", "all")) == ["This runs on the CPU; there is no GPU to ask"]
+    assert texts(log_of("device_query", "-gpu", "all")) == ["This runs on the CPU; there is no GPU to query"]
     mine = texts(log_of("time", "-model", "net.prototxt", "-gpu", "0,1", "-iterations", "1"))
     assert mine[:2] == ["Use CPU.", "-gpu 0,1 is accepted, but this runs on the CPU"]
 
@@ -208,13 +208,13 @@ def test_without_a_command():
     ("argv", "message"),
     [
         (["train"], "train needs -solver"),
-        (["train", "-solver", "s", "-snapshot", "a", "-weights", "b"], "-snapshot brings its own weights"),
+        (["train", "-solver", "s", "-snapshot", "a", "-weights", "b"], "-snapshot includes weights"),
         (["test", "-model", "m"], "test needs -weights"),
         (["time"], "time needs -model"),
         (["tarin", "-solver", "s"], "invalid choice: 'tarin'"),
         (["train", "-solver", "s", "-sigint_effect", "die"], "invalid choice: 'die'"),
         (["train", "-slover", "s"], "unrecognized arguments: --slover"),
-        (["test", "-iterations", "0"], "expected a whole number of at least 1, found '0'"),
+        (["test", "-iterations", "0"], "expected an integer of at least 1, found '0'"),
     ],
 )
 def test_wrong_usage(argv, message):

@@ -77,11 +77,11 @@ def test_mistakes(tmp_path, images):
     write(tmp_path / "bad", [Datum(1, 1, 2, b"abc")])
     refused = (["sizes", "m"], ["bad", "m"], ["none", "m"], ["db", "db"])
     assert "".join(run_tool("compute_image_mean", *argv, status=1).err for argv in refused).splitlines() == [
-        "sizes: entry '00000001': an image (C, H, W) (1, 2, 1), but the first has (1, 1, 2); expected the same; "
-        "convert_imageset.py can resize pictures",
-        "bad: entry '00000000': a Datum of channels, height, width (1, 1, 2) with 3 values",
+        "sizes: entry '00000001': the image (C, H, W) is (1, 2, 1), the first (1, 1, 2); expected equal shapes; "
+        "convert_imageset.py can resize images",
+        "bad: entry '00000000': a Datum with channels, height, width (1, 1, 2) has 3 values",
         "none: cannot read the database: No such file or directory",
-        "db: is read in this run; write to another place",
+        "db: is read in this run; expected another output",
     ]
     assert not (tmp_path / "m").exists()
 

@@ -108,9 +108,9 @@ def test_pictures_that_cannot_be_read_are_left_out(pictures, tmp_path):
     done = run_tool("convert_imageset", "p/", "list.txt", "db")
     assert list(entries()) == [f"0000000{i}_im {i}.png" for i in (0, 2, 4)]
     assert done.err.splitlines() == [
-        "p/im 1.png: not an image that OpenCV can decode (10 bytes); left out",
-        "p/im 3.png: cannot read the image: No such file or directory; left out",
-        "2 of 5 pictures left out",
+        "p/im 1.png: not an image that OpenCV can decode (10 bytes); skipped",
+        "p/im 3.png: cannot read the image: No such file or directory; skipped",
+        "skipped 2 of 5 images",
     ]
 
 
@@ -120,8 +120,8 @@ def test_sizes(pictures):
     run_tool("convert_imageset", "p/", "list.txt", "db")
     assert [datum.height for datum in entries().values()] == [6, 6, 6, 5, 6]
     assert run_tool("convert_imageset", "-check_size", "p/", "list.txt", "checked", status=1).err == (
-        "p/im 3.png: a picture (H, W, C) (5, 8, 3), but the first has (6, 8, 3); expected the same, as -check_size "
-        "asks\n"
+        "p/im 3.png: the image (H, W, C) is (5, 8, 3), the first (6, 8, 3); expected equal shapes because of "
+        "-check_size\n"
     )
     run_tool("convert_imageset", "-check_size", "-resize_width=4", "-resize_height=4", "p/", "list.txt", "checked")
 
@@ -129,14 +129,14 @@ def test_sizes(pictures):
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        (["p", "list.txt", "db"], "list.txt: none of its 5 pictures can be read; ROOTFOLDER/ stands before every path, "
+        (["p", "list.txt", "db"], "list.txt: none of its 5 images can be read; ROOTFOLDER/ is prepended to every path, "
                                   "as in 'pim 0.png'"),
         (["p/", "none.txt", "db"], "none.txt: cannot read the list of images: No such file or directory"),
-        (["p/", "list.txt", "p"], "p: is there already; a new database needs a name of its own"),
+        (["p/", "list.txt", "p"], "p: exists already"),
         (["-resize_width=1000000", "-resize_height=1000000", "p/", "list.txt", "db"],
-         "pictures resized to 1000000 x 1000000 pixels; expected at most 268435456"),
-        (["-encode_type=tga7", "p/", "list.txt", "db"], "p/im 0.png: OpenCV cannot encode pictures of type 'tga7'; say "
-                                                        "-encode_type png, for example"),
+         "images resized to 1000000 x 1000000 pixels; expected at most 268435456"),
+        (["-encode_type=tga7", "p/", "list.txt", "db"], "p/im 0.png: OpenCV cannot encode images of type 'tga7'; "
+                                                        "expected for example -encode_type png"),
     ],
 )  # fmt: skip
 def test_mistakes(pictures, tmp_path, argv, message):
@@ -150,7 +150,7 @@ def test_mistakes(pictures, tmp_path, argv, message):
     ("argv", "message"),
     [
         (["p/", "list.txt"], "the following arguments are required: DB_NAME"),
-        (["-backend=leveldb", "p/", "list.txt", "db"], "leveldb is not supported; use lmdb, and in the net"),
+        (["-backend=leveldb", "p/", "list.txt", "db"], "leveldb is not supported; use lmdb"),
         (["-resize_width=4", "p/", "list.txt", "db"], "-resize_width and -resize_height must be given together"),
         (["-gray=perhaps", "p/", "list.txt", "db"], "ignored explicit argument 'perhaps'"),
     ],

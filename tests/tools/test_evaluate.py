@@ -69,8 +69,8 @@ def test_formats(files):
 def test_wrong_format_is_noticed(files):
     """Figures that no method has come with a question."""
     err = run("Far=far_xyz.txt").err
-    assert err.startswith("warning: far_xyz.txt: a mean error of ") and err.count("\n") == 1
-    assert err.endswith("; are these uvd, y up if xyz, of the same ICVL frames?\n")
+    assert err.startswith("warning: far_xyz.txt: the mean error is ") and err.count("\n") == 1
+    assert err.endswith("y up if xyz, and that the frames are those of ICVL\n")
 
 
 def test_pictures(files):
@@ -94,7 +94,7 @@ def test_pictures(files):
         (["A=near.txt", "A=far.txt"], "--predictions: the name 'A' is given 2 times"),
         (["A=near.txt", "--plot", "a.jpg"], "--plot must end in .png, .svg, .pdf, found a.jpg"),
         (["A=near.txt", "--format", "xyd"], "invalid choice: 'xyd'"),
-        (["A=near.txt", "--angles"], "--angles is for nyu: the hand model's limits are those of its hand"),
+        (["A=near.txt", "--angles"], "--angles applies only to nyu"),
     ],
 )
 def test_wrong_usage(files, arguments, message):
@@ -108,8 +108,8 @@ def test_wrong_usage(files, arguments, message):
         (["A=no.txt"], "no.txt: cannot read the joints: No such file or directory"),
         (["A=near.txt", "B=."], ".: cannot read the joints: Is a directory; expected a file"),
         (["A=short.txt"], "short.txt: 19 frames, the ground truth truth.txt has 20"),
-        (["A=near.txt", "--plot", "no/a.png"], "no/a.png: cannot write the picture: No such file or directory"),
-        (["A=near.txt", "--plot", "folder.png"], "folder.png: cannot write the picture: Is a directory"),
+        (["A=near.txt", "--plot", "no/a.png"], "no/a.png: cannot write the image: No such file or directory"),
+        (["A=near.txt", "--plot", "folder.png"], "folder.png: cannot write the image: Is a directory"),
     ],
 )
 def test_mistakes(files, arguments, message):
@@ -129,7 +129,7 @@ def test_joints_are_not_drawn_over(files, plot):
         (files / f"{name}.txt").rename(f"{name}.png")
     before = (files / plot).read_bytes()
     argv = ["icvl", "--groundtruth", "truth.png", "--predictions", "A=near.png", "--plot", plot]
-    assert run_tool("evaluate", *argv, status=1)[1:] == ("", f"{plot}: is read in this run; write to another place\n")
+    assert run_tool("evaluate", *argv, status=1)[1:] == ("", f"{plot}: is read in this run; expected another output\n")
     assert (files / plot).read_bytes() == before
 
 

@@ -87,11 +87,11 @@ def test_mistakes(tmp_path):
         ["init.caffemodel", "net.prototxt", "ip1,ip1", f"{a},{a}", "1", "lmdb"],
     )
     assert "".join(run_tool("extract_features", *argv, status=1).err for argv in refused).splitlines() == [
-        "net.prototxt: no blob 'ip7' in it (did you mean 'ip2'?)",
+        "net.prototxt: no blob 'ip7' (did you mean 'ip2'?)",
         "none.prototxt: cannot read the prototxt: No such file or directory",
         "none.caffemodel: cannot read weights: No such file or directory",
-        f"{deep}: blob 'x' has the shape (1, 1, 1, 1, 1); a Datum holds an item of at most three axes",
-        f"{a}: is named twice; a new database needs a name of its own",
+        f"{deep}: blob 'x' has shape (1, 1, 1, 1, 1); a Datum holds items with at most three axes",
+        f"{a}: is named twice",
     ]
     assert [path.name for path in tmp_path.iterdir()] == ["deep.prototxt"]
 
@@ -99,8 +99,8 @@ def test_mistakes(tmp_path):
 def test_wrong_usage():
     """argparse's line, status 2."""
     for argv, message in (
-        (["w", "n", "a,b", "d", "1", "lmdb"], "2 blobs need as many databases, found 1"),
-        (["w", "n", "a", "d", "0", "lmdb"], "expected a whole number of at least 1, found '0'"),
+        (["w", "n", "a,b", "d", "1", "lmdb"], "2 blobs, but 1 databases; expected one per blob"),
+        (["w", "n", "a", "d", "0", "lmdb"], "expected an integer of at least 1, found '0'"),
         (["w", "n", "a", "d", "1", "leveldb"], "leveldb is not supported"),
         (["w", "n", "a", "d", "1"], "the following arguments are required: lmdb"),
     ):

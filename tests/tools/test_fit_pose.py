@@ -75,7 +75,7 @@ def test_the_joints_of_a_text_file(joints, fmt):
     done = run_tool("fit_pose", f"{fmt}.txt", "--format", fmt, "--out", "new/angles.h5")
     figures = (
         r"5 frames in \d+ s: residual 0.000\d mm \(mean over joints\), 0.000\d median frame, 0.000\d worst frame; "
-        r"0.00% of the frames have an angle out of its limits\n"
+        r"0.00% of the frames have an angle outside its limits\n"
     )
     assert re.fullmatch(figures, done.out)
     assert placed("new/angles.h5") == pytest.approx(joints, abs=0.01)
@@ -195,7 +195,7 @@ def test_other_data_are_not_replaced(data, tmp_path, name):
         (["commas.txt"], "commas.txt:1:1: found '1,2,3', expected a number of px or mm"),
         (["header.txt", "--swarm"], "header.txt:1:1: found '#', expected a number of px or mm"),
         (["gone_h5.txt", "--out", "o"], "gone_h5.txt: names 'gone.h5', which does not exist"),
-        (["data/train.txt"], "data/train.txt: a list of HDF5 files; expected --out FOLDER for their angles"),
+        (["data/train.txt"], "data/train.txt: a list of HDF5 files needs --out FOLDER for their angles"),
         (["data/train.txt", "--out", "o", "--swarm"], "data/train.txt: a list of HDF5 files; --swarm, "),
         (["data/train.txt", "--out", "o", "--frames", "1"], "data/train.txt: a list of HDF5 files; --swarm, "),
         (["data/train.txt", "--out", "o", "--format", "xyz"], "data/train.txt: a list of HDF5 files; --swarm, "),

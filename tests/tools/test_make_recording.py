@@ -33,7 +33,7 @@ def test_a_recording_and_its_truth(name: str) -> None:
     """What is written is what the recording is, frame by frame, and the truth is read back; folders are made."""
     truth = Path(name).with_name("take.truth.json")
     done = run_tool("make_recording", "rest", *SHORT, "--seed", "5", "--out", name)
-    assert done.out == f"wrote {name}: 4 frames of 0.4 s, unit 1 mm; the truth is {truth}\n"
+    assert done.out == f"wrote {name}: 4 frames of 0.4 s, unit 1 mm; ground truth in {truth}\n"
     own = SyntheticRecording("rest", ICVL, seconds=0.4, rate=10, seed=5)
     with open_recording(name) as recording:
         for frame, expected in zip(recording, own, strict=True):
@@ -53,10 +53,10 @@ def test_options() -> None:
     first, last = list(open_recording("a.npz"))[:: len(list(open_recording("a.npz"))) - 1]
     np.testing.assert_array_equal(first.depth, last.depth)
     done = run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=1)
-    assert "a.truth.json: is there already; name another --out or replace it by --force" in done.err
+    assert "a.truth.json: exists already" in done.err
     Path("a.truth.json").unlink()
     done = run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=1)
-    assert "a.npz: is there already" in done.err and not Path("a.truth.json").exists()
+    assert "a.npz: exists already" in done.err and not Path("a.truth.json").exists()
     run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", "--force")
     assert read_track("a.truth.json").frames[0].hands[0].hand == "right"
 
@@ -72,7 +72,7 @@ def test_a_recording_that_is_stopped_keeps_whole_files(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(SyntheticRecording, "frame", interrupted)
     done = run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=130)
-    assert done.err == "stopped; a.npz and a.truth.json keep 2 frames\n"
+    assert done.err == "stopped; a.npz and a.truth.json have 2 frames\n"
     track = read_track("a.truth.json")
     assert len(list(open_recording("a.npz"))) == len(track.frames) == 2 and track.cut
 

@@ -11,7 +11,7 @@ def test_a_table():
     """Both hands of one recording and the only one of the other; columns without figures are left out."""
     done = run_tool("measure_tracking", "--scripts", "rest", "left", "--seeds", "3", *SHORT)
     first, names, *rows = done.out.splitlines()
-    assert first == "6 frames, 10 a second, fast fit, smoothed; mm, lag in ms"
+    assert first == "6 frames, 10 per second, fast fit, smoothed; mm, lag in ms"
     assert names.split()[:6] == ["script", "camera", "seed", "hand", "in", "sight"]
     assert "missed" in names and "frames/s" in names and "alone" not in names and "lag" not in names
     assert [row.split()[:5] for row in rows[:2]] == [
@@ -35,4 +35,4 @@ def test_json():
 def test_a_rate_that_no_camera_has():
     """Is wrong usage: the run would not end."""
     done = run_tool("measure_tracking", "--scripts", "rest", "--rate", "1e300", status=2)
-    assert "argument --rate: expected a number of more than 0 and at most" in done.err
+    assert "argument --rate: expected a number greater than 0 and at most" in done.err

@@ -58,7 +58,7 @@ def test_figures_as_json():
 def test_terms():
     """A table with a line for each term that is left out."""
     lines = run_tool("measure_fit", "--frames", "4", "--recipes", "nyu", "--plans", "fast", "--terms").out.splitlines()
-    assert lines[0].startswith("4 frames of each recipe, seed 0")
+    assert lines[0].startswith("4 frames per recipe, seed 0")
     assert [line for line in lines if " silhouette " in line] and [line for line in lines if " girth " in line]
 
 
@@ -66,9 +66,9 @@ def test_terms():
     ("tool", "arguments", "message"),
     [
         ("package_model", ["a", "--model", "b", "--out", "c", "--bits", "24"], "--bits must be at most 23, found 24"),
-        ("package_model", ["--seed", "4294967296"], "--seed: expected a whole number of at most 4294967295"),
-        ("measure_fit", ["--seed", "4294967296"], "--seed: expected a whole number of at most 4294967295"),
-        ("measure_fit", ["--weights", "a"], "--weights and --model belong together"),
+        ("package_model", ["--seed", "4294967296"], "--seed: expected an integer of at most 4294967295"),
+        ("measure_fit", ["--seed", "4294967296"], "--seed: expected an integer of at most 4294967295"),
+        ("measure_fit", ["--weights", "a"], "--weights and --model must be given together"),
     ],
 )
 def test_usage(tool, arguments, message):
@@ -80,7 +80,7 @@ def test_no_folder(tmp_path):
     """Is told before the work."""
     out = tmp_path / "nowhere" / "x.h5"
     done = run_tool("package_model", "a.h5", "--model", DEPLOY, "--out", out, status=1)
-    assert f"{out}: no folder {out.parent}" in done.err
+    assert f"{out}: folder {out.parent} does not exist" in done.err
 
 
 @pytest.mark.parametrize("place", ["", ".", "/"])
@@ -96,7 +96,7 @@ def test_too_few_frames(tmp_path, frames):
     """For a covariance that has an inverse; the line says how many are enough."""
     weights, out = str(read_card(SYNTHETIC_HAND).weights), str(tmp_path / "x.h5")
     assert run_tool("package_model", weights, "--model", DEPLOY, "--out", out, "--frames", frames, status=1).err == (
-        f"--frames {frames}: the covariance of the errors of 20 inputs of limbs takes --frames 21 or more\n"
+        f"--frames {frames} is too few for the covariance of 20 inputs; expected at least 21\n"
     )
     assert list(tmp_path.iterdir()) == []
 

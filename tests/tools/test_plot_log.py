@@ -115,7 +115,7 @@ def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):
     (tmp_path / "log.png").write_bytes(b"the old picture")
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", half)
     done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png", status=1)
-    expected = f"{tmp_path}/log.png: cannot write the picture: No space left on device\n"
+    expected = f"{tmp_path}/log.png: cannot write the image: No space left on device\n"
     assert done[1:] == ("", expected)
     assert (tmp_path / "log.png").read_bytes() == b"the old picture"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.log", "log.png"]
@@ -125,7 +125,7 @@ def test_a_format_that_is_not_known(tmp_path):
     """One line names those that are."""
     (tmp_path / "a.log").write_text(LOG)
     error = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.xyz", status=1).err
-    assert error.startswith(f"{tmp_path}/log.xyz: cannot write the picture: ") and "png" in error
+    assert error.startswith(f"{tmp_path}/log.xyz: cannot write the image: ") and "png" in error
     assert error.count("\n") == 1 and [path.name for path in tmp_path.iterdir()] == ["a.log"]
 
 
@@ -134,7 +134,7 @@ def test_a_log_is_not_drawn_over(tmp_path):
     (tmp_path / "a.svg").write_text(LOG)
     (tmp_path / "folder").mkdir()
     done = run_tool("plot_log", tmp_path / "a.svg", "--out", f"{tmp_path}/folder/../a.svg", status=1)
-    assert "is read in this run; write to another place" in done.err
+    assert "is read in this run; expected another output" in done.err
     assert (tmp_path / "a.svg").read_text() == LOG
 
 

@@ -98,9 +98,9 @@ def test_no_picture_is_written_over(snapshot, tmp_path):
     cv2.imwrite("x_hand.png", np.zeros((128, 128), np.uint8))
     before = (tmp_path / "x_hand.png").read_bytes()
     done = run_tool("predict", *OWN, "a/x.png", "b/x.png", "--out", "o", status=1)
-    assert "b/x.png: its picture o/x_hand.png would overwrite another's" in done.err
+    assert "b/x.png: its output o/x_hand.png would overwrite another one" in done.err
     done = run_tool("predict", *OWN, "a/x.png", "x_hand.png", status=1)
-    assert "x_hand.png: is read in this run; write to another place" in done.err
+    assert "x_hand.png: is read in this run; expected another output" in done.err
     assert (tmp_path / "x_hand.png").read_bytes() == before
 
 
@@ -234,7 +234,7 @@ def test_the_hands_of_one_frame_have_pictures_of_their_own(frame):
     assert not np.array_equal(*(cv2.imread(hand["picture"]) for hand in found))
     shutil.copy("frame.png", "frame_2.png")
     error = mistake("frame.png", "frame.png", "frame_2.png", "--camera", "kinect2")
-    assert error == "frame_2.png: its picture frame_2_hand.png would overwrite another's; run once per folder"
+    assert error == "frame_2.png: its output frame_2_hand.png would overwrite another one; run once per folder"
 
 
 @pytest.mark.parametrize(("times", "moved"), [("0", 0), ("1", 5), ("3", 15)])
@@ -283,13 +283,17 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, monkeypatch):
 @pytest.mark.parametrize(
     ("image", "options", "message"),
     [
-        (np.zeros((424, 512), np.uint16), [], "no depth anywhere in the image; say with --center U,V,D where the hand"),
-        (np.eye(424, 512, dtype=np.uint16) * 400, [], "nothing as large as a hand is seen nearer than 1600 mm; say"),
-        (np.zeros((424, 512), np.uint16), ["--center", "9,9"], "nothing was read around pixel 9, 9; say with"),
+        (
+            np.zeros((424, 512), np.uint16),
+            [],
+            "no depth anywhere in the image; give the position of the hand with --center U,V,D",
+        ),
+        (np.eye(424, 512, dtype=np.uint16) * 400, [], "nothing as large as a hand is seen nearer than 1600 mm; give"),
+        (np.zeros((424, 512), np.uint16), ["--center", "9,9"], "nothing was read around pixel 9, 9; give"),
         (
             np.full((424, 512), 700, np.uint16),
             ["--center", "512,9"],
-            "pixel 512, 9 lies outside the image of 512 x 424; say",
+            "pixel 512, 9 lies outside the image of 512 x 424; give",
         ),
         (np.full((424, 512), 700, np.uint16), ["--center", "9,9,-1"], "crop 0: centre u 9 px, v 9 px, depth -1 mm"),
         (
@@ -352,24 +356,24 @@ def test_a_frame_without_its_camera(frame):
     [
         (
             ["--camera", "kinect3"],
-            "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, the intrinsics that",
+            "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, the intrinsics from",
         ),
-        (["--camera", "1,2,3"], "or FX,FY,U0,V0 in px, the intrinsics that its SDK tells, found '1,2,3'"),
-        (["--camera", "0,1,2,3"], "or FX,FY,U0,V0 in px, the intrinsics that its SDK tells, found '0,1,2,3'"),
-        (["--center", "1,2"], "--center is for whole frames; name their --camera"),
-        (["--unit", "1"], "--unit is for whole frames; name their --camera"),
-        (["--refine", "2"], "--refine is for whole frames; name their --camera"),
+        (["--camera", "1,2,3"], "or FX,FY,U0,V0 in px, the intrinsics from its SDK, found '1,2,3'"),
+        (["--camera", "0,1,2,3"], "or FX,FY,U0,V0 in px, the intrinsics from its SDK, found '0,1,2,3'"),
+        (["--center", "1,2"], "--center applies only to full frames, with --camera"),
+        (["--unit", "1"], "--unit applies only to full frames, with --camera"),
+        (["--refine", "2"], "--refine applies only to full frames, with --camera"),
         (["--camera", "nyu", "--center", "1"], "expected U,V or U,V,D (px, px, mm), found '1'"),
         (["--camera", "nyu", "--center", "1,nan"], "expected U,V or U,V,D (px, px, mm), found '1,nan'"),
         (
             ["--camera", "nyu", *["--center", "1,2"] * 3],
-            "--center is given 3 times for 2 images; expected once, or for",
+            "--center is given 3 times for 2 images; expected once, or once per image",
         ),
         (["--camera", "nyu", "--unit", "0"], "argument --unit: expected a number of more than 0, found '0'"),
-        (["--camera", "nyu", "--refine", "-1"], "expected a whole number, found '-1'"),
-        (["--refine", "101"], "expected a whole number of at most 100, found '101'"),
+        (["--camera", "nyu", "--refine", "-1"], "expected an integer of at least 0, found '-1'"),
+        (["--refine", "101"], "expected an integer of at most 100, found '101'"),
         (["--cube", "0.3"], "argument --cube: expected 50 to 10000 mm, found '0.3'"),
-        (["--hand", "either"], "--hand either needs a fit, which tells the hands apart; say --hand right or left"),
+        (["--hand", "either"], "--hand either needs a fit; use --hand right or left"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -381,7 +385,7 @@ def test_usage(options, message):
 def test_a_net_without_its_weights():
     """Would be given the packaged ones."""
     done = run_tool("predict", "a.png", "--model", "net.prototxt", status=2)
-    assert "--model needs the --weights of that net" in done.err
+    assert "--model needs --weights" in done.err
 
 
 # ------------------------------------------------------------------------------------- a page for the browser
@@ -429,9 +433,9 @@ def test_a_page_of_a_frame(frame):
 @pytest.mark.parametrize(
     ("place", "message"),
     [
-        ("net.caffemodel.h5", "net.caffemodel.h5: is read in this run; write to another place"),
-        ("crop.png", "crop.png: is read in this run; write to another place"),
-        ("gone/page.html", "gone/page.html: no folder gone"),
+        ("net.caffemodel.h5", "net.caffemodel.h5: is read in this run; expected another output"),
+        ("crop.png", "crop.png: is read in this run; expected another output"),
+        ("gone/page.html", "gone/page.html: folder gone does not exist"),
         (".", ".: Is a directory"),
     ],
 )

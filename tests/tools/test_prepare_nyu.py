@@ -181,7 +181,7 @@ def test_resume(root, small):
     times = {path.name: path.stat().st_mtime_ns for path in out.glob("*.h5")}
     assert len(times) == 5 and (out / "train.txt").read_text().count("\n") == 3
     done[1:]
-    assert "all kept" in prepare(root).out
+    assert "all files kept" in prepare(root).out
     write_frame(root / "train" / frame_name(13), np.full((480, 640), 800))
     assert "made 12 frames" in prepare(root).out
     changed = {path.name for path in out.glob("*.h5") if path.stat().st_mtime_ns != times[path.name]}
@@ -212,7 +212,7 @@ KINDS = ("no such file", "truncated, damaged or no PNG", "wrong size", "found ui
 def test_bad_frames(root, small):
     """Bad frames are named, counted and left out, in the next run too; the rest is whole."""
     break_frames(root)
-    for made in ("made 44 frames", "all kept"):
+    for made in ("made 44 frames", "all files kept"):
         out, err = prepare(root)[1:]
         assert made in out and "train: 24 frames (synthetic), 6 bad frames left out: 1 no depth" in out
         assert "2 truncated" in out and "2 wrong size" in out
@@ -295,7 +295,7 @@ def test_interrupted(root):
         process.send_signal(signal.SIGTERM)
         stdout, stderr = process.communicate(timeout=60)
     assert (process.returncode, stdout) == (143, "")
-    assert stderr == "stopped; whole files are kept, and the next run goes on after them\n"
+    assert stderr == "stopped; whole files are kept, and the next run continues after them\n"
     assert set(names(out)) <= {"test_000.h5"}
 
 

@@ -71,7 +71,7 @@ def test_a_file_without_crops(tmp_path: Path) -> None:
 def test_more_than_a_picture_can_be(frames: Path, tmp_path: Path, zoom: str, name: str) -> None:
     """One line."""
     error = run_tool("show_data", frames, "--out", tmp_path / name, "--zoom", zoom, status=1).err
-    assert error.startswith(f"{5 * 128 * int(zoom)} x {128 * int(zoom)} pixels are more than a picture can have")
+    assert error.startswith(f"{5 * 128 * int(zoom)} x {128 * int(zoom)} pixels; expected at most")
     assert error.count("\n") == 1 and not (tmp_path / name).exists()
 
 
@@ -102,6 +102,6 @@ def test_joints_that_are_not_finite(frames: Path, tmp_path: Path) -> None:
         file["joint"][4, 1] = np.nan
     argv = [str(frames), "--out", str(tmp_path / "out.png")]
     done = run_tool("show_data", *argv, status=1)
-    expected = f"{tmp_path}/a.h5: frame 4: its joints are not finite; with --plain no hands are drawn\n"
+    expected = f"{tmp_path}/a.h5: frame 4: its joints are not finite; use --plain to omit hands\n"
     assert done.err == expected
     run_tool("show_data", *argv, "--plain")

@@ -87,11 +87,11 @@ class TestInstalled:
         """A solver of the package and its net are found from any folder; the advice names a command that is there."""
         done = self.run(site, tmp_path, "train", "prototxt/nyu_solver.prototxt", "--max-iter", "1", status=1)
         assert "data/nyu/train.txt: cannot read the list of HDF5 files" in done.err
-        assert "make synthetic hands with 'handpose make-synthetic'" in done.err
+        assert "generate synthetic hands with 'handpose make-synthetic'" in done.err
 
     def test_advice(self, site: Path, tmp_path: Path) -> None:
         done = self.run(site, tmp_path, "exercise")
-        assert done.out.splitlines()[-1] == "Begin one: handpose exercise relu --start"
+        assert done.out.splitlines()[-1] == "Start one: handpose exercise relu --start"
         self.run(site, tmp_path, "exercise", "relu", "--start")
         done = self.run(site, tmp_path, "demo", "--frames", "1")
         words = shlex.split(done.out.splitlines()[-1].removeprefix("For your own camera: "))
@@ -106,4 +106,4 @@ class TestInstalled:
     def test_the_ledger_of_table_1(self, site: Path, tmp_path: Path) -> None:
         """Is no part of the package: one line says where it is."""
         done = self.run(site, tmp_path, "table1", "--list", status=1)
-        assert done.out == "" and done.err.count("\n") == 1 and "--ledger FOLDER names that of a clone" in done.err
+        assert done.out == "" and done.err.count("\n") == 1 and "--ledger FOLDER selects that of a clone" in done.err

@@ -13,6 +13,7 @@ import cv2
 import h5py
 import numpy as np
 import pytest
+from tools.common.sitting import Sitting
 
 import netlib
 from handpose.experiments.table1 import ledger, trainings
@@ -27,7 +28,6 @@ from tests.support.made_ledger import entry, shown, trained
 from tests.support.running import run_tool
 from tools.common import sitting as sittings
 from tools.common import training
-from tools.common.sitting import Sitting
 
 pytest.importorskip("matplotlib")
 
@@ -107,7 +107,7 @@ def test_every_network_is_trained_and_scored(setting, narrow, tmp_path):
     jobs = [Job(setting, network, RECIPES["paper"], 1) for network in narrow.values()]
     status, said, _ = sit(tmp_path, jobs, longest=4)
     assert status == 0 and len(said) == 3 * len(jobs)
-    assert ["principal_components" in line for line in said if " 0 are done" in line] == [
+    assert ["principal_components" in line for line in said if ": 0 of " in line] == [
         network == "bottleneck" for network in narrow
     ]
     entries = {found.network: found for found in ledger.read_all(tmp_path / "ledger", "one_hand")}
@@ -145,7 +145,7 @@ def test_a_stopped_sitting_goes_on_where_it_was(setting, narrow, tmp_path, monke
     monkeypatch.setattr(sittings, "time", type("Clock", (), {"monotonic": lambda: next(clock),
                                                              "perf_counter": time.perf_counter}))  # fmt: skip
     status, said, _ = sit(tmp_path / "two", jobs, deadline=5.0)
-    assert status == 0 and said[-1] == "the time is over; the next run goes on here"
+    assert status == 0 and said[-1] == "time is up; the next run continues here"
     monkeypatch.undo()
     assert sit(tmp_path / "two", jobs)[0] == 0
     one, two = (ledger.read_all(tmp_path / name / "ledger", "one_hand") for name in ("one", "two"))
@@ -159,7 +159,7 @@ def test_a_scored_length_is_not_trained_again_elsewhere(setting, narrow, tmp_pat
     assert sit(tmp_path, jobs, longest=4)[0] == 0
     (tmp_path / "work").rename(tmp_path / "elsewhere")
     status, said, _ = sit(tmp_path, jobs, longest=6)
-    assert status == 0 and "towards 6 iterations, 0 are done" in said[0] and not any("towards 4" in x for x in said)
+    assert status == 0 and "0 of 6 iterations done" in said[0] and not any("of 4 iterations" in x for x in said)
 
 
 def test_a_shorter_length_after_a_longer_one(setting, narrow, tmp_path):
@@ -259,7 +259,7 @@ def test_a_ledger_that_is_not_there(made):
         assert (status, out) == (1, "") and err.startswith("lodger: no such folder") and err.count("\n") == 1
     (made / "empty").mkdir()
     status, out, err = run("--ledger", "empty", "--page")
-    assert (status, out) == (1, "") and err.startswith("empty: holds no training yet") and err.count("\n") == 1
+    assert (status, out) == (1, "") and err.startswith("empty: no results yet") and err.count("\n") == 1
     (made / "file").write_text("")
     assert run("--ledger", "file", "--hours", "0")[0] == 1
     assert not (made / "results").exists()
@@ -287,7 +287,7 @@ def test_other_frames_are_not_nyu(made, small_data):
         (made / f"data/nyu/{split}.txt").write_text(f"{small_data}/{split}_000.h5\n")
     status, _, err = run("--setting", "nyu")
     assert status == 1 and err.splitlines()[-1] == (
-        "data/nyu: holds frames that prepare_nyu did not make; expected NYU itself, or --setting one_hand"
+        "data/nyu: holds frames that prepare_nyu did not make; expected the NYU data set, or --setting one_hand"
     )
     assert not (made / "data/nyu_angles").exists() and not (made / "work").exists()
 

@@ -70,7 +70,7 @@ def test_mistakes(work, snapshot):
     with h5py.File("other.h5", "w") as file:
         file["data/other/0"] = np.zeros(3)
     done = run_tool("test", "--model", "net.prototxt", "other.h5", status=1)
-    assert "no layer of net 'DeepModel' is in it" in done.err
+    assert "it has no layer of net 'DeepModel'" in done.err
     (work / "deploy.prototxt").write_text('layer { name: "i" type: "Input" top: "x" input_param { shape { dim: 1 } } }')
     assert "no HDF5Data layer in phase TEST" in run_tool("test", "--model", "deploy.prototxt", snapshot, status=1).err
 
@@ -93,8 +93,8 @@ def test_fit(work, small_data):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--deploy", "own.prototxt"], "--deploy is the net of a fit; say --fit, too"),
-        (["--picture", "folder/.png"], "--picture: expected a name in .png, found 'folder/.png'"),
+        (["--deploy", "own.prototxt"], "--deploy applies only with --fit"),
+        (["--picture", "folder/.png"], "--picture: expected a file name with suffix .png, found 'folder/.png'"),
     ],
 )
 def test_usage(options, message):

@@ -127,7 +127,7 @@ def test_no_python_layers(name: str, argv: list[str], tmp_path: Path, monkeypatc
     Path("solver.prototxt").write_text('net: "net.prototxt" base_lr: 0.1 lr_policy: "fixed"')
     Path("gadget.py").write_text("class Own: pass")
     done = run_tool(name, *argv, "--no-python-layers", status=1)
-    assert "layer 'own' is of type 'Python', which runs code" in done.err.splitlines()[-1]
+    assert "layer 'own' is of type 'Python', which executes code" in done.err.splitlines()[-1]
     done = run_tool(name, *argv, status=1)
     assert "gadget.Own is not a subclass of netlib.Layer" in done.err.splitlines()[-1]
     sys.modules.pop("gadget")

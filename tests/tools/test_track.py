@@ -179,7 +179,7 @@ def test_a_signal_leaves_whole_files(number: int, status: int, monkeypatch: pyte
     assert found.cut and [frame.number for frame in found.frames] == [0, 1, 2, 3]
     assert files() == ["a.csv", "a.json", "a_right_0.bvh"] and Path("a.csv").read_text().endswith("\n")
     assert "Frames: 4" in Path("a_right_0.bvh").read_text()
-    assert error == "stopped; 4 frames are kept\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
+    assert error == "stopped after 4 frames\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
 
 
 def test_a_second_signal_leaves_whole_files(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,7 +226,7 @@ def test_nobody_there() -> None:
     assert cv2.imread("wall.png") is not None
     np.save("takes/empty.npy", np.zeros((2, 240, 320), np.uint16))
     assert run_tool("track", "takes/empty.npy", *RAW, "--look", "look.png", status=1).err.splitlines()[-1] == (
-        "takes/empty.npy: no hand in the first 2 frames; look.png shows the first of them"
+        "takes/empty.npy: no hand in the first 2 frames; look.png shows the first one"
     )
     assert cv2.imread("look.png") is not None
 

@@ -36,15 +36,15 @@ def contents() -> dict[str, bytes | None]:
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        (["frames", "--sheet", "frames/0.png"], "frames/0.png: lies among the frames"),
-        (["frames", "--look", "frames/x.png"], "frames/x.png: lies among the frames"),
-        (["frames/*.png", "--sheet", "frames/x.png"], "frames/x.png: lies among the frames"),
+        (["frames", "--sheet", "frames/0.png"], "frames/0.png: is in the folder of the frames"),
+        (["frames", "--look", "frames/x.png"], "frames/x.png: is in the folder of the frames"),
+        (["frames/*.png", "--sheet", "frames/x.png"], "frames/x.png: is in the folder of the frames"),
         (["frames", "--json", "frames/camera.json"], "frames/camera.json: is read"),
         (["frames/1.png", "--sheet", "frames/1.png"], "frames/1.png: is read"),
         (["frames", "--camera", "own.json", "--json", "own.json"], "own.json: is read"),
         (["take.npy", "--json", "take.camera.json"], "take.camera.json: is read"),
         (["frames", "--json", "link.jsonl"], "link.jsonl: is read"),
-        (["frames", "--json", "a.json", "--sheet", "none/a.png"], "none/a.png: no folder none"),
+        (["frames", "--json", "a.json", "--sheet", "none/a.png"], "none/a.png: folder none does not exist"),
         (["frames", "--json", "a.json", "--csv", "none/a.csv"], "none/a.csv: No such file or directory"),
         (["frames", "--json", "a.json", "--sheet", "folder.png"], "folder.png: Is a directory"),
         (["frames", "--json", "a.json", "--video", "folder.mp4"], "folder.mp4: Is a directory"),
@@ -69,7 +69,7 @@ def test_the_default_names_do_not_replace_frames(frames: Path, monkeypatch: pyte
     before = contents()
     for source in (".", "*.png", "1.png"):
         done = run_tool("track", source, status=1)
-        assert done.err.splitlines()[-1].startswith(("frames.png: lies among", "1.png: is read"))
+        assert done.err.splitlines()[-1].startswith(("frames.png: is in the folder", "1.png: is read"))
     assert contents() == before
 
 
@@ -79,7 +79,7 @@ def test_the_default_names_replace_nothing(name: str) -> None:
     Path(name).write_text("mine")
     before = contents()
     assert run_tool("track", "frames", status=1).err == (
-        f"{name}: is there already; to replace it, or to write to another place, name the outputs, as in "
+        f"{name}: exists already; to replace it or to write elsewhere, name the outputs, as in "
         "--json frames.json --sheet frames.png\n"
     )
     assert contents() == before
@@ -88,9 +88,9 @@ def test_the_default_names_replace_nothing(name: str) -> None:
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        (["--look", "a.txt"], "--look: expected a name in .png, .jpg, found 'a.txt'"),
-        (["--look", "a.png", "--json", "a.json"], "--look stops after the first look"),
-        (["--json", ".json"], "expected a name in .json, .jsonl, -, found '.json'"),
+        (["--look", "a.txt"], "--look: expected a file name with suffix .png, .jpg, found 'a.txt'"),
+        (["--look", "a.png", "--json", "a.json"], "--look stops after the first frames"),
+        (["--json", ".json"], "expected a file name with suffix .json, .jsonl, -, found '.json'"),
         (["--size", "100"], "--size: size 100, expected 0.74 to 1.35 times the skeleton's"),
         (["--size", "0.01"], "--size: size 0.01, expected 0.74 to 1.35 times the skeleton's"),
     ],

@@ -197,7 +197,7 @@ def test_nan_in_the_data_stops(work, small_data):
 def test_a_full_disk_ends_the_log_not_the_training(work, monkeypatch):
     """The log says once that it cannot be written; the snapshots are made."""
     errors = run_tool("train", "solver.prototxt", "--max-iter", "1", "--log", "/dev/full").err
-    assert errors.count("/dev/full: cannot write the log any more: No space left on device") == 1
+    assert errors.count("/dev/full: cannot continue the log: No space left on device") == 1
     assert (work / "snapshots/net_iter_1.solverstate").exists()
 
 
@@ -215,7 +215,7 @@ def test_a_log_that_is_read(work, small_data, log):
     Path("link.log").symlink_to("solver.prototxt")
     before = Path(log).read_bytes()
     argv = ["solver.prototxt", "--weights", "mine.caffemodel", "--log", log]
-    assert mistake(argv) == f"{log}: is read in this run; write to another place"
+    assert mistake(argv) == f"{log}: is read in this run; expected another output"
     assert Path(log).read_bytes() == before
 
 
@@ -225,7 +225,7 @@ def test_a_log_that_is_the_state(work):
     state = work / "snapshots/net_iter_3.solverstate"
     before = state.read_bytes()
     argv = ["solver.prototxt", "--snapshot", str(state), "--log", str(state)]
-    assert mistake(argv) == f"{state}: is read in this run; write to another place"
+    assert mistake(argv) == f"{state}: is read in this run; expected another output"
     assert state.read_bytes() == before
 
 

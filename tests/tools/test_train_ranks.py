@@ -163,7 +163,7 @@ def test_a_signal_to_mpiexec(small):
         lines += ranks_started.lines_until(process, "Snapshotting solver state to binary proto")
         process.send_signal(signal.SIGTERM)
         lines += ends(process, 128 + signal.SIGTERM).splitlines()
-    assert sum("2 ranks × 8 = 16 a step; base_lr as written" in line for line in lines) == 1
+    assert sum("2 ranks × 8 = 16 per step; base_lr is not scaled" in line for line in lines) == 1
     assert sum("Optimization stopped early" in line for line in lines) == 1
     stopped = whole_snapshot()
     assert stopped == max(int(i) for i in re.findall(r"state to .*_iter_(\d+)", "\n".join(lines)))
@@ -173,14 +173,14 @@ def test_a_signal_to_mpiexec(small):
     assert said == [line for line in lines if re.match(r"[IWE]\d{4} ", line)]
     again = ranks_started.run(2, TRAIN, "solver.prototxt", "--snapshot", f"snapshots/small_iter_{stopped}.solverstate",
                               "--max-iter", stopped + 1)  # fmt: skip
-    assert again.returncode == 0 and "averaged loss; the training goes on exactly" in again.stderr
+    assert again.returncode == 0 and "averaged loss; the resume is exact" in again.stderr
 
 
 def test_one_process_of_a_training_is_stopped(small):
     """A rank that hangs ends all, in the time that --patience gives, with its number; the last snapshot is whole. So
     does one that is killed, by the launcher; and one that gets SIGTERM, after a snapshot."""
     for sent, status, said in (
-        (signal.SIGSTOP, 1, r"no sign of rank 1 for 2 s; all ranks end, the last snapshot is untouched"),
+        (signal.SIGSTOP, 1, r"no response from rank 1 for 2 s; all ranks end, the last snapshot is untouched"),
         (signal.SIGKILL, signal.SIGKILL, None),
         (signal.SIGTERM, 128 + signal.SIGTERM, None),
     ):

@@ -82,7 +82,7 @@ def test_a_text(here, old):
     (here / "old").write_text(old)
     _, out, err = run_tool("upgrade_net", "old", "new.prototxt")
     assert parsed((here / "new.prototxt").read_text()) == parsed(TODAY)
-    assert (out, err) == ("wrote new.prototxt\n", "old: already in today's format\n" if old is TODAY else "")
+    assert (out, err) == ("wrote new.prototxt\n", "old: already in the current format\n" if old is TODAY else "")
     run_tool("upgrade_net", "new.prototxt", "again")
     assert (here / "again").read_text() == (here / "new.prototxt").read_text()
 
@@ -136,7 +136,7 @@ def test_a_solver_of_today(here):
     (here / "old").write_text('type: "Adam" base_lr: 0.5')
     done = run_tool("upgrade_net", "--solver", "old", "new")
     assert (here / "new").read_text() == 'type: "Adam"\nbase_lr: 0.5\n'
-    assert done.err == "old: already in today's format\n"
+    assert done.err == "old: already in the current format\n"
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_a_solver_of_today(here):
     [
         (b"layers { type: CONVOLUTION\n num: 3 }", [], "old:2:2: error: unknown field 'num'"),
         (b"layer { } layers { }", [], "old:1:11: error: this net has both 'layer' and 'layers'"),
-        (b'name: "n"', [], "old:1:1: error: no layer in this file; expected a net"),
+        (b'name: "n"', [], "old:1:1: error: this file has no layers; expected a net"),
         (b"net: 'a' base_lr: 1", [], "old:1:1: error: this is a solver; add --solver"),
         (b"\x12\xff", [], "old: byte 1: truncated"),
         (b"solver_type: SGD type: 'SGD'", ["--solver"], "old:1:1: error: both solver_type and type"),

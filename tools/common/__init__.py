@@ -1,1 +1,1 @@
-"""What commands share: arguments, output, progress, trainings and importers of data sets."""
+"""Helpers shared by commands: arguments, output, progress, training, and importers of data sets."""

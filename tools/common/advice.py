@@ -1,4 +1,4 @@
-"""Advice that goes with an error or a result: which command is next."""
+"""Advice about the next command, added to errors and results."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from netlib.errors import DataError
 from netlib.files.paths import command
 
 ADVICE = (
-    f"make synthetic hands with '{command('make_synthetic')}', or read the NYU data set with "
+    f"generate synthetic hands with '{command('make_synthetic')}', or read the NYU data set with "
     f"'{command('prepare_nyu')} NYU_ROOT'"
 )
 
 
 @contextlib.contextmanager
 def on_missing_data() -> Iterator[None]:
-    """Within it, an error about a list of files that is missing in data/nyu says how to make one."""
+    """Context manager that adds advice to errors about missing lists in data/nyu."""
     try:
         yield
     except DataError as error:

@@ -1,4 +1,4 @@
-"""The command line: parsers with the docstring as help, and values that are checked when they are parsed."""
+"""Command-line parsing: parsers with the docstring as help, and checked argument types."""
 
 from __future__ import annotations
 
@@ -15,51 +15,51 @@ from handpose.joint_formats.formats import FORMAT_NAMES
 from netlib import engine
 from netlib.files.paths import command, is_subcommand
 
-LARGEST = (1 << 63) - 1  # whole number: files have no larger ones
-LARGEST_PX = 1e6  # of focal lengths and principal points, as in a camera.json
+MAX_INTEGER = (1 << 63) - 1  # of integers in files
+MAX_PX = 1e6  # of focal lengths and principal points, as in a camera.json
 
 
 def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
-    """A parser whose help is the docstring of the tool. One that runs ``nets`` has --no-python-layers.
+    """Create a parser whose help is the docstring of the tool. ``nets`` adds --no-python-layers.
 
-    What that option says holds for the whole run in console.guarded, however deep a net is built.
+    That option applies to the whole run inside console.guarded, wherever a net is built.
     """
-    if doc is not None and is_subcommand():  # examples begin with the command that was typed
+    if doc is not None and is_subcommand():  # show examples with the command that the user typed
         doc = re.sub(r"python tools/(\w+)\.py", lambda match: command(match[1]), doc)
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if nets:
         parser.add_argument("--no-python-layers", action="store_true",
-                            help="refuse nets that bring code, as layers of type Python do")  # fmt: skip
+                            help="reject nets with layers of type Python, which execute code")  # fmt: skip
     return parser
 
 
-def refuse_given(parser: argparse.ArgumentParser, args: argparse.Namespace, names: Sequence[str], why: str) -> None:
-    """End with a usage error, which ends in ``why``, if one of these options is given: it would be ignored."""
+def reject_given(parser: argparse.ArgumentParser, args: argparse.Namespace, names: Sequence[str], why: str) -> None:
+    """Raise a usage error that ends in ``why`` if one of these options is given, because it would be ignored."""
     for name in names:
         if getattr(args, name) != parser.get_default(name):
             parser.error(f"--{name.replace('_', '-')} {why}")
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
-    """The option --engine, for tools that run one net."""
+    """Add the option --engine, for tools that run one net."""
     parser.add_argument(
         "--engine",
         choices=engine.NAMES,
-        help="what computes the net (default: NETLIB_ENGINE if it is set, else fast if the folder fast/ is there)",
+        help="engine that computes the net (default: NETLIB_ENGINE if set, else fast if the folder fast/ exists)",
     )
 
 
 def add_joints_option(parser: argparse.ArgumentParser, where: str) -> None:
-    """The option --joints, for tools that write hands; ``where`` they have that format."""
+    """Add the option --joints, for tools that write hands; ``where`` says to which output it applies."""
     parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, "
                         f"{where} (docs/joint_formats.md)")  # fmt: skip
 
 
 def caffes_flags(argv: Sequence[str] | None, switches: Sequence[str] = ()) -> list[str]:
-    """A command line as Caffe's programs take it, as argparse takes it; ``argv`` None is the program's own.
+    """Convert a command line in the style of Caffe's programs for argparse; ``argv`` None is that of the program.
 
-    A flag has one dash or two, and its value follows it or an equals sign. ``-gray=true`` and ``-nogray`` are ways to
-    write a switch.
+    A flag has one dash or two; its value follows it or an equals sign. Switches can be written ``-gray=true`` or
+    ``-nogray``.
     """
     result = []
     for word in sys.argv[1:] if argv is None else argv:
@@ -76,25 +76,25 @@ def caffes_flags(argv: Sequence[str] | None, switches: Sequence[str] = ()) -> li
 
 
 def positive(text: str) -> int:
-    """A command-line number of at least 1."""
-    return _whole(text, 1, "a whole number of at least 1")
+    """Parse an integer of at least 1."""
+    return _whole(text, 1, "an integer of at least 1")
 
 
-def natural(text: str, most: int = LARGEST) -> int:
-    """A command-line number of at least 0, and at most ``most``."""
-    return _whole(text, 0, "a whole number", most)
+def natural(text: str, most: int = MAX_INTEGER) -> int:
+    """Parse an integer from 0 to ``most``."""
+    return _whole(text, 0, "an integer of at least 0", most)
 
 
-def _whole(text: str, least: int, expected: str, most: int = LARGEST) -> int:
+def _whole(text: str, least: int, expected: str, most: int = MAX_INTEGER) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 1000) or int(text) < least:
         raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
     if int(text) > most:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at most {most}, found {text!r}")
+        raise argparse.ArgumentTypeError(f"expected an integer of at most {most}, found {text!r}")
     return int(text)
 
 
 def weight(text: str) -> float:
-    """A finite number of at least 0."""
+    """Parse a finite number of at least 0."""
     number = _number(text)
     if not number >= 0:
         raise argparse.ArgumentTypeError(f"expected a number of at least 0, found {text!r}")
@@ -102,16 +102,16 @@ def weight(text: str) -> float:
 
 
 def positive_number(text: str, most: float = math.inf) -> float:
-    """A command-line number of more than 0, and at most ``most``."""
+    """Parse a number greater than 0 and at most ``most``."""
     number = _number(text)
     if not 0 < number <= most:
         limit = f" and at most {most:g}" if most < math.inf else ""
-        raise argparse.ArgumentTypeError(f"expected a number of more than 0{limit}, found {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a number greater than 0{limit}, found {text!r}")
     return number
 
 
 def cube(text: str, part: float = 1.0) -> float:
-    """The edge of a cube around a body, or so large a part of it, in mm."""
+    """Parse the edge of a cube around a body, or ``part`` of it, in mm."""
     least, most = (part * edge for edge in CUBES_MM)
     number = _number(text)
     if not least <= number <= most:
@@ -120,12 +120,12 @@ def cube(text: str, part: float = 1.0) -> float:
 
 
 def half_cube(text: str) -> float:
-    """Half that edge."""
+    """Parse half the edge of a cube around a body, in mm."""
     return cube(text, 0.5)
 
 
 def named_file(text: str) -> tuple[str, str]:
-    """The two halves of NAME=FILE."""
+    """Split NAME=FILE."""
     name, _, path = text.partition("=")
     if not name.strip() or not path:
         raise argparse.ArgumentTypeError(f"expected NAME=FILE, found {text!r}")
@@ -133,29 +133,29 @@ def named_file(text: str) -> tuple[str, str]:
 
 
 def name_in(*endings: str) -> Callable[[str], str]:
-    """Checks a file's name: it ends in one of these."""
+    """Return a parser of file names with one of these suffixes."""
 
     def checked(text: str) -> str:
-        if Path(text).suffix.lower() not in endings and not text == "-" in endings:
-            raise argparse.ArgumentTypeError(f"expected a name in {', '.join(endings)}, found {text!r}")
+        if Path(text).suffix.lower() not in endings and not (text == "-" and "-" in endings):
+            raise argparse.ArgumentTypeError(f"expected a file name with suffix {', '.join(endings)}, found {text!r}")
         return text
 
     return checked
 
 
 def camera(text: str) -> Camera:
-    """A camera by name, or by the four numbers FX,FY,U0,V0; then its frames may have any size."""
+    """Parse a camera: its name, or the four numbers FX,FY,U0,V0; frames may then have any size."""
     if text in CAMERAS:
         return CAMERAS[text]
     numbers = _numbers(text)
-    if len(numbers) != 4 or min(numbers[:2]) <= 0 or max(map(abs, numbers)) > LARGEST_PX:
+    if len(numbers) != 4 or min(numbers[:2]) <= 0 or max(map(abs, numbers)) > MAX_PX:
         raise argparse.ArgumentTypeError(f"expected {', '.join(CAMERAS)} or FX,FY,U0,V0 in px, the "
-                                         f"intrinsics that its SDK tells, found {text!r}")  # fmt: skip
+                                         f"intrinsics from its SDK, found {text!r}")  # fmt: skip
     return Camera("own", *numbers, width=0, height=0)
 
 
 def center(text: str) -> tuple[float, ...]:
-    """The middle of a hand: U,V or U,V,D."""
+    """Parse the centre of a hand: U,V or U,V,D."""
     numbers = _numbers(text)
     if len(numbers) not in (2, 3):
         raise argparse.ArgumentTypeError(f"expected U,V or U,V,D (px, px, mm), found {text!r}")
@@ -163,13 +163,13 @@ def center(text: str) -> tuple[float, ...]:
 
 
 def _number(text: str) -> float:
-    """A finite number; NaN, which no comparison holds for, if the text is none."""
+    """Parse a finite number; NaN, for which every comparison fails, if the text is not one."""
     numbers = _numbers(text)
     return numbers[0] if len(numbers) == 1 else math.nan
 
 
 def _numbers(text: str) -> tuple[float, ...]:
-    """Finite numbers between commas; none if anything else is there."""
+    """Parse finite numbers separated by commas; empty if the text is anything else."""
     try:
         numbers = tuple(float(word) for word in text.split(","))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Caffe's log: glog's lines, on stderr above a progress bar and in a file."""
+"""Caffe's log in glog's format, on stderr above a progress bar and in a file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a gene
     """Writes log lines to a stream, above the progress bar if there is one."""
 
     bar: ProgressBar | None = None
-    file: LogFile | None = None  # which says the same
+    file: LogFile | None = None  # receives the same lines
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one record."""
@@ -33,9 +33,9 @@ class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a gene
 
 
 class LogFile(logging.FileHandler):
-    """A log file, which keeps its lines in memory until ``begin``: what fails before that leaves an older log alone.
+    """A log file that buffers lines until ``begin``, so that an earlier failure does not replace an older log.
 
-    When it cannot be written any more, one message says so, and the training goes on without it.
+    If writing fails later, one message reports it, and the training continues without the file.
     """
 
     def __init__(self, path: str | Path, append: bool) -> None:
@@ -44,7 +44,7 @@ class LogFile(logging.FileHandler):
         self._early: list[logging.LogRecord] = []
 
     def begin(self, inputs: Iterable[str | Path | None]) -> None:
-        """Open the file, and write the lines that were kept.
+        """Open the file and write the buffered lines.
 
         Raises NetlibError if it is one of the inputs, cannot be written, or another process is writing it.
         """
@@ -52,13 +52,13 @@ class LogFile(logging.FileHandler):
         try:
             Path(self._path).parent.mkdir(parents=True, exist_ok=True)
             self.stream = self._open()
-            if Path(self._path).is_file():  # a terminal or the null device is for everybody
+            if Path(self._path).is_file():  # terminals and the null device are not locked
                 if locks.take(self.stream.fileno()) is False:
                     self.close()
                     raise NetlibError(
                         f"{self._path}: another process is writing this log; wait for it, or choose another name"
                     )
-                if not self._append:  # only now, when it is nobody else's
+                if not self._append:  # only after the lock is taken
                     self.stream.truncate(0)
         except OSError as error:
             raise NetlibError(f"{self._path}: cannot write the log: {reason_of(error)}") from error
@@ -66,30 +66,30 @@ class LogFile(logging.FileHandler):
             self.emit(self._early.pop(0))
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one record, or keep it."""
+        """Write or buffer one record."""
         if self.stream is None:
             self._early.append(record)
         else:
             super().emit(record)
 
     def handleError(self, record: logging.LogRecord) -> None:
-        """Say what is wrong, and write no more."""
+        """Report the error and stop writing."""
         error = sys.exc_info()[1]
         self._early.clear()
         logging.getLogger(record.name).removeHandler(self)
-        say(f"{self.baseFilename}: cannot write the log any more: {reason_of(error)}", file=sys.stderr)
+        say(f"{self.baseFilename}: cannot continue the log: {reason_of(error)}", file=sys.stderr)
 
     def close(self) -> None:
-        """Close the file; what could not be written is lost."""
+        """Close the file; buffered data that cannot be written is lost."""
         with contextlib.suppress(OSError):
             super().close()
 
 
 @contextlib.contextmanager
 def log_to(path: str | Path | None, append: bool = False) -> Iterator[BarHandler]:
-    """Within it, what netlib logs goes to stderr, and if ``path`` names a file to it, once that has begun.
+    """Context manager that sends netlib's log to stderr and, if ``path`` is given, to a file once that has begun.
 
-    ``append`` to what the file holds, instead of replacing it.
+    ``append`` to an existing file instead of replacing it.
     """
     console = BarHandler(sys.stderr)
     handlers: list[logging.Handler] = [console]

@@ -1,4 +1,4 @@
-"""What ``caffe test`` and ``caffe time`` say about a net, line for line."""
+"""The reports of ``caffe test`` and ``caffe time`` about a net."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ log = logging.getLogger("netlib")
 
 
 def report_test(net: Net, weights: str, iterations: int) -> None:
-    """Log the outputs of each batch, and their means over all, with the weights of a file. Raises NetlibError."""
+    """Log the outputs of each batch and their means, with weights from a file. Raises NetlibError."""
     report.copied(weights, *net.copy_from(weights))
     log.info("Running for %d iterations.", iterations)
     loss, sums = 0.0, {name: np.zeros(0) for name in net.outputs}
@@ -32,7 +32,7 @@ def report_test(net: Net, weights: str, iterations: int) -> None:
 
 
 def report_time(net: Net, iterations: int) -> None:
-    """Log what each layer and whole passes cost. Raises NetlibError."""
+    """Log the time of each layer and of full passes. Raises NetlibError."""
     log.info("Performing Forward")
     log.info("Initial loss: %.6g", net.run_forward())
     log.info("Performing Backward")
@@ -48,7 +48,7 @@ def report_time(net: Net, iterations: int) -> None:
 
 
 def layer_lines(net: Net, iterations: int, width: int) -> Iterator[Sequence[str]]:
-    """Time the layers, and say what each costs: the cells of each line. Names are of this width at least."""
+    """Time the layers; yields the cells of each line. Names are padded to ``width``."""
     forward, backward = time_layers(net, iterations)
     yield ["Average time per layer: "]
     for layer in net.layers:
@@ -57,7 +57,7 @@ def layer_lines(net: Net, iterations: int, width: int) -> Iterator[Sequence[str]
 
 
 def pass_lines(passes: Iterable[float], iterations: int) -> Iterator[Sequence[str]]:
-    """What a pass forwards and one backwards cost, in seconds, of so many iterations: one cell a line, to the last."""
+    """Lines about the mean seconds of forward and backward passes over a number of iterations, to the end."""
     forward, backward = passes
     costs = {"Forward pass": forward, "Backward pass": backward, "Forward-Backward": forward + backward}
     for what, seconds in costs.items():

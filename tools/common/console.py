@@ -1,4 +1,4 @@
-"""How every tool ends and speaks: exit statuses, one-line errors, tables, durations."""
+"""Conventions of all tools: exit statuses, one-line errors, tables, durations."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import tools
 from netlib.building import python_layer
 from netlib.errors import NetlibError, printable, reason_of
 
-DONE, FAILED = 0, 1  # argparse itself exits with 2 for wrong usage
+DONE, FAILED = 0, 1  # argparse exits with 2 for wrong usage
 
 
 def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
-    """Run a tool; a user's mistake becomes one line on stderr and exit status 1, never a traceback."""
+    """Run a tool. A user's mistake gives one line on stderr and exit status 1, never a traceback."""
     try:
         with tools.interruptible(), python_layer.allowed(not getattr(args, "no_python_layers", False)):
             return run(args)
@@ -27,7 +27,7 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
               "set PYTHONUTF8=1", file=sys.stderr)  # fmt: skip
     except MemoryError:
         print("not enough memory; use a smaller batch_size", file=sys.stderr)
-    except BrokenPipeError:  # whoever read our output has gone, as `head` does
+    except BrokenPipeError:  # the reader of the output has ended, like ``head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         where = f"{error.filename}: " if error.filename else "standard output: "
@@ -39,12 +39,12 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
 
 
 def say(*words: object, sep: str = " ", file: TextIO | None = None) -> None:
-    """Print a line; no name in it can begin another one, or command the terminal."""
+    """Print a line, with unprintable characters escaped, so that names cannot start another line."""
     print(*map(printable, words), sep=sep, file=file)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells as a table: the first column aligned to the left, the others to the right."""
+    """Format rows of cells as a table with the first column left-aligned and the others right-aligned."""
     rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(len(cell) for cell in column) for column in zip(*rows)]
     return "\n".join(
@@ -53,7 +53,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
 
 
 def duration(seconds: float) -> str:
-    """``75`` → ``1 min 15 s``."""
+    """Format seconds: ``75`` → ``1 min 15 s``."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

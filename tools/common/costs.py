@@ -1,4 +1,4 @@
-"""What a net costs: seconds by layer and by pass, bytes by blob."""
+"""Costs of a net: seconds per layer and pass, bytes per blob."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
                     begin = time.perf_counter()
                     at.layer.forward(at.bottom, at.top)
                     forward[at.layer.name] += (time.perf_counter() - begin) / iterations
-                if len(piece) > 1:  # a slice's own memory is only good until the next slice: backwards at once
+                if len(piece) > 1:  # the memory of a shard is reused by the next one: run it backwards now
                     _time_backward(net, piece, backward, iterations)
         for step in reversed(net.executor.steps):
             for piece in step.pieces():
@@ -45,7 +45,7 @@ def _time_backward(net: Net, piece: list[Connection], backward: dict[str, float]
 
 
 def time_passes(net: Net, iterations: int) -> tuple[float, float]:
-    """Median seconds of a whole pass forwards and backwards, as in training."""
+    """Median seconds of a full pass forwards and backwards, as in training."""
     forward, backward = [], []
     for _ in range(iterations):
         net.clear_param_diffs()
@@ -59,7 +59,7 @@ def time_passes(net: Net, iterations: int) -> tuple[float, float]:
 
 
 def memory_of(net: Net) -> list[tuple[str, int]]:
-    """Bytes that are stored: parameters, whole blobs, and blobs of slices; then those that are not."""
+    """Bytes that are stored (parameters, whole blobs, blobs of shards), then bytes that are not."""
     hidden = {id(blob) for blob in net.executor.hidden()}
     rows = [("parameters and their diffs", sum(2 * p.blob.data.nbytes for p in net.learnable))]
     for name, blob in net.blobs.items():
@@ -75,7 +75,7 @@ def memory_of(net: Net) -> list[tuple[str, int]]:
                 for blob in [*at.bottom, *at.top]:
                     if blob._data is not None:
                         kept[id(blob)] = blob._data.nbytes
-    rows.append(("hidden blobs that backward needs, all slices", sum(kept.values())))
+    rows.append(("hidden blobs kept for backward, all shards", sum(kept.values())))
     whole = sum(2 * blob.count * blob.dtype.itemsize for blob in net.blobs.values() if id(blob) in hidden)
     rows.append(("not stored: the whole of the hidden blobs", whole))
     return rows

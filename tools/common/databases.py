@@ -1,4 +1,4 @@
-"""Caffe's databases, read entry by entry, and written whole or not at all. They are LMDB; every entry is a Datum."""
+"""Reading Caffe's databases and writing them atomically. They are in LMDB's format; every entry is a Datum."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from netlib.proto.messages import Datum
 from tools.common.console import DONE, say
 from tools.common.stopper import StoppedError, Stopper
 
-FIRST_SIZE = 1 << 26  # bytes that a database may have before it is made larger
-ENTRIES, BYTES = 1000, 1 << 26  # whichever comes first is written in one transaction
+INITIAL_SIZE = 1 << 26  # bytes of a new database before it is enlarged
+ENTRIES, BYTES = 1000, 1 << 26  # limits of one transaction
 
 
 def backend(text: str) -> str:
-    """The backend of a database on the command line."""
+    """Parse the backend of a database."""
     if text.lower() == "lmdb":
         return "lmdb"
     if text.lower() == "leveldb":
-        raise argparse.ArgumentTypeError("leveldb is not supported; use lmdb, and in the net backend: LMDB")
+        raise argparse.ArgumentTypeError("leveldb is not supported; use lmdb, and backend: LMDB in the net")
     raise argparse.ArgumentTypeError(f"expected lmdb, found {text!r}")
 
 
 def read_database(path: str | Path) -> tuple[int, Iterator[tuple[str, bytes]]]:
-    """The number of entries, and all of them in the order of their keys: what to call each, and its bytes.
+    """Return the number of entries, and an iterator over their descriptions and bytes in the order of keys.
 
     Raises DataError.
     """
@@ -50,32 +50,32 @@ def _entries(cursor: Cursor, path: str | Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _lmdb() -> Any:
-    """The package, which writes. Raises NetlibError."""
+    """Import the package lmdb, used for writing. Raises NetlibError."""
     try:
         import lmdb
     except ImportError:
-        raise NetlibError("to write a database takes the package lmdb; install it: pip install lmdb") from None
+        raise NetlibError("writing a database needs the package lmdb: pip install lmdb") from None
     return lmdb
 
 
 class Writer:
     """Writes entries to a new database.
 
-    entries  how many there are
+    entries  number of entries so far
     """
 
     def __init__(self, lmdb: Any, folder: Path, check: Callable[[], None]) -> None:
         self._lmdb, self._check, self.entries = lmdb, check, 0
         self._waiting: list[tuple[bytes, bytes]] = []
-        self._bytes = 0  # that wait
-        self._database = lmdb.open(str(folder), map_size=FIRST_SIZE)
+        self._bytes = 0  # size of the values in ``_waiting``
+        self._database = lmdb.open(str(folder), map_size=INITIAL_SIZE)
 
     def put(self, key: str, datum: Datum) -> None:
-        """Add an entry. Raises StoppedError if a signal asked to stop, DataError if the key is too long."""
+        """Add an entry. Raises StoppedError after a signal, DataError if the key is too long."""
         self._check()
         name, value = key.encode("utf-8", "surrogateescape"), wire.encode(schema.to_tree(datum), Datum)
         if len(name) > self._database.max_key_size():
-            raise DataError(f"the key {key!r} is too long; a database takes {self._database.max_key_size()} bytes")
+            raise DataError(f"the key {key!r} is too long; the limit is {self._database.max_key_size()} bytes")
         self._waiting.append((name, value))
         self._bytes += len(value)
         self.entries += 1
@@ -83,7 +83,7 @@ class Writer:
             self._commit()
 
     def _commit(self) -> None:
-        """Write what waits; where the room is too small, make it larger and begin again."""
+        """Write the waiting entries; if the database is full, enlarge it and retry."""
         while self._waiting:
             try:
                 with self._database.begin(write=True) as change:
@@ -94,7 +94,7 @@ class Writer:
                 self._database.set_mapsize(2 * self._database.info()["map_size"])
 
     def close(self, whole: bool) -> None:
-        """Write the rest if all of it is to be kept, and close."""
+        """Close the database, after writing the remaining entries if it is to be kept."""
         try:
             if whole:
                 self._commit()
@@ -103,16 +103,16 @@ class Writer:
 
 
 def write_databases(paths: Sequence[Path], fill: Callable[[Sequence[Writer]], object]) -> int:
-    """Have new databases filled: afterwards all are there, or none. Returns the exit status: 0, 130 or 143.
+    """Create databases that ``fill`` writes: all, or none. Returns the exit status: 0, 130 or 143.
 
-    They are written under other names and renamed in the end. Raises NetlibError, also for a name that is taken.
+    They are written under temporary names and renamed at the end. Raises NetlibError, also if a name exists.
     """
     lmdb = _lmdb()
     places = [os.path.realpath(path) for path in paths]
     for path, place in zip(paths, places):
         if path.exists() or places.count(place) > 1:
-            what = "is there already" if path.exists() else "is named twice"
-            raise NetlibError(f"{path}: {what}; a new database needs a name of its own")
+            what = "exists already" if path.exists() else "is named twice"
+            raise NetlibError(f"{path}: {what}; expected a new name for each database")
     try:
         with contextlib.ExitStack() as stack, Stopper() as stopper:
             for path in paths:
@@ -134,7 +134,7 @@ def write_databases(paths: Sequence[Path], fill: Callable[[Sequence[Writer]], ob
 def _write(
     lmdb: Any, folders: Sequence[Path], fill: Callable[[Sequence[Writer]], object], check: Callable[[], None]
 ) -> list[int]:
-    """Fill databases in these folders; returns how many entries each has."""
+    """Fill databases in these folders; returns their numbers of entries."""
     writers: list[Writer] = []
     whole = False
     try:

@@ -1,4 +1,4 @@
-"""What is said and drawn of a hand that was found: for JSON, in words and tables, as a picture."""
+"""Output of predictions: JSON values, tables and images."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tools.common import pictures
 
 
 def values(found: Prediction, predictor: Predictor, joints: FormatName | None) -> dict[str, Any]:
-    """What JSON says of the hand; with its joints in another format, too. Raises DataError for another body then."""
+    """JSON values of a prediction, with ``joints`` also in another format (hands only). Raises DataError."""
     rounded = {name: xyz.round(2).tolist() for name, xyz in _joints(found, predictor).items()}
     return {"cube_mm": predictor.cube_mm, **facts(found, predictor), "joints_mm": rounded,
             **(_in_format(found, predictor, joints) if joints else {})}  # fmt: skip
 
 
 def table(found: Prediction, predictor: Predictor, joints: FormatName | None) -> tuple[str, list[str]]:
-    """The hand in words, and the lines of its joints, or of those of another format. Raises DataError as ``values``."""
+    """A summary of a prediction, and lines of its joints, or of those in another format. Raises DataError."""
     words = f"{in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
     if joints:
         return words, _format_lines(found, joints, _in_format(found, predictor, joints))
@@ -39,24 +39,24 @@ def _joints(found: Prediction, predictor: Predictor) -> dict[str, Array]:
 
 
 def facts(found: Prediction, predictor: Predictor) -> dict[str, Any]:
-    """What JSON says besides the joints."""
-    said: dict[str, Any] = {"hand": found.hand} if predictor.is_hand else {"body": predictor.skeleton.name}
+    """JSON values other than joints."""
+    result: dict[str, Any] = {"hand": found.hand} if predictor.is_hand else {"body": predictor.skeleton.name}
     if found.in_frame:
-        said |= {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
+        result |= {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
     if found.fit:
         measured = not math.isnan(found.fit.error_mm)
-        said |= {
+        result |= {
             "inputs": (found.fit.inputs.round(6) + 0.0).tolist(),
             "size": round(found.fit.size, 4),
             "expected_error_mm": round(found.fit.error_mm, 1) if measured else None,
             "confidence": round(found.fit.confidence, 3) if measured else None,
             "misfit": round(found.fit.misfit, 2),
         }
-    return said
+    return result
 
 
 def in_words(found: Prediction, predictor: Predictor) -> str:
-    """The first line of the table."""
+    """Summary of a prediction on one line."""
     words = f"{found.hand} hand" if predictor.is_hand else predictor.skeleton.name
     if found.fit and not math.isnan(found.fit.error_mm):
         words += f", {percent(found.fit.confidence)} sure, {found.fit.error_mm:.0f} mm of error expected"
@@ -67,14 +67,14 @@ def in_words(found: Prediction, predictor: Predictor) -> str:
 
 
 def _in_format(found: Prediction, predictor: Predictor, name: FormatName) -> dict[str, Any]:
-    """What JSON says of the hand in another format. Raises DataError for another body than a hand."""
+    """JSON values in another format. Raises DataError for bodies other than hands."""
     if found.in_frame:
         return joint_values.hand_values(name, predictor.skeleton, found.hand, found.xyz, found.camera)
     return joint_values.hand_values(name, predictor.skeleton, found.hand, found.joints_mm, None, found.cube_mm)
 
 
 def _format_lines(found: Prediction, name: FormatName, values: dict[str, Any]) -> list[str]:
-    """The tables of a format's joints, and of the angles. Each line has what ``values`` has of a joint."""
+    """Tables of a format's joints and of the angles; each line shows the ``values`` of one joint."""
     center = "from the camera" if found.in_frame else "from the crop's centre"
     about = "about its mean" if name == "mediapipe" else center
     kinds = {key: of for key, of in values[name].items() if of is not None and key != "center_m"}
@@ -87,7 +87,7 @@ def _format_lines(found: Prediction, name: FormatName, values: dict[str, Any]) -
 
 
 def draw(picture: Path, found: Prediction, predictor: Predictor) -> None:
-    """The skeleton on the crop and in space; between them the flesh, if there was a fit."""
+    """Draw the skeleton on the crop and in space, and between them the surface, if there was a fit."""
     place: dict[str, Any] = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
     drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **(place if found.in_frame else {}))]
     if found.fit:

@@ -1,4 +1,4 @@
-"""Hands that were found, as a page for the browser, to turn them around."""
+"""Predicted hands as an HTML page in which they can be rotated."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tools.common import findings
 
 
 def write(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predictor) -> None:
-    """One page for all images, with a list to choose from. Raises OSError, NetlibError."""
+    """Write one page for all images, with a list to select from. Raises OSError, NetlibError."""
     hands = [_hand(image, prediction, predictor) for image, prediction in found]
     sampler = BodySampler()
     own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
     data = content(predictor.skeleton, hands, poses(sampler) if own else None, predictor.cube_mm / 2)
-    title = "Hands that were found" if len(hands) > 1 else "A hand that was found"
-    atomic.replace_text(path, page(title if predictor.is_hand else f"{predictor.skeleton.name}, found in depth", data))
+    title = "Predicted hands" if len(hands) > 1 else "Predicted hand"
+    atomic.replace_text(path, page(title if predictor.is_hand else f"{predictor.skeleton.name}, predicted", data))
 
 
 def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]:

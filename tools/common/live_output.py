@@ -1,4 +1,4 @@
-"""The options --serve and --udp: a track while it is made, for browsers and programs."""
+"""The options --serve and --udp: live output of a track to browsers and programs."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from tools.common.console import say
 LIVE = ("serve", "udp")
 LOCAL = "127.0.0.1"
 _MAX_PORT = 65535
-_CHECK_S = 0.1  # between looks whether the run is to end, while it waits
+_CHECK_S = 0.1  # interval between checks for a request to stop
 
 
 def add_live_options(parser: argparse.ArgumentParser) -> None:
-    """Where the track goes while it is made."""
+    """Add the options for live output."""
     parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
                         help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
                              f"(default: {LOCAL}, which other machines do not reach, and any free port)")  # fmt: skip
@@ -38,7 +38,7 @@ def add_live_options(parser: argparse.ArgumentParser) -> None:
 
 
 class LiveOutput:
-    """Sends the frames of a track to the clients of a server, and as datagrams. Raises NetlibError."""
+    """Sends the frames of a track to the clients of a server and as datagrams. Raises NetlibError."""
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader) -> None:
         self._messages = Messages(header, args.joints, args.gestures)
@@ -46,7 +46,7 @@ class LiveOutput:
         self._sender = DatagramSender(args.udp) if args.udp else None
         self._stack = contextlib.ExitStack()
         self._check: Callable[[], None] = lambda: None
-        self._begun: float | None = None  # by time.perf_counter; None for a camera, which has its own pace
+        self._begun: float | None = None  # start by time.perf_counter; None for a live camera
 
     def __enter__(self) -> LiveOutput:
         with contextlib.ExitStack() as stack:
@@ -57,7 +57,7 @@ class LiveOutput:
         return self
 
     def begin(self, recording: Recording, check: Callable[[], None], file: TextIO) -> None:
-        """Print the addresses; wait for the first client, unless a camera goes on meanwhile."""
+        """Print the addresses; wait for the first client unless the source is a live camera."""
         self._check = check
         if self._server is not None:
             say(f"page: {self._server.page_url}", file=file)
@@ -73,7 +73,7 @@ class LiveOutput:
             self._begun = time.perf_counter()
 
     def write(self, depth: NDArray[np.floating], frame: TrackedFrame) -> None:
-        """Send a frame, of a recording not before its time."""
+        """Send a frame; frames of a recording are sent in real time."""
         self._wait_until(frame.time)
         server, sender = self._server, self._sender
         has_lines, has_views = (server is not None and server.has_clients(path) for path in (LINES, VIEWS))
@@ -108,7 +108,7 @@ class LiveOutput:
 
 
 def _served(text: str) -> tuple[str, int]:
-    """HOST:PORT, or a port of this machine alone."""
+    """Parse HOST:PORT, or a port on the loopback interface."""
     return _address(f"{LOCAL}:{text}" if text.isdigit() else text, least=0)
 
 

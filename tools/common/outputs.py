@@ -1,4 +1,4 @@
-"""Files that a tool is to write: what cannot be, or would be a loss, is said before the work."""
+"""Checks of output files before the work starts."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from netlib.files import atomic
 
 
 def refuse_inputs(out: str | Path, inputs: Iterable[str | Path | None], why: str = "is read in this run") -> None:
-    """Raise NetlibError if ``out`` is one of the inputs, by whatever name; None is none."""
+    """Raise NetlibError if ``out`` is one of the inputs, under any name. None in ``inputs`` is ignored."""
     if os.path.realpath(out) in {os.path.realpath(path) for path in inputs if path is not None}:
-        raise NetlibError(f"{out}: {why}; write to another place")
+        raise NetlibError(f"{out}: {why}; expected another output")
 
 
 def check_place(out: Path, inputs: Iterable[str | Path | None] = ()) -> None:
-    """Raise NetlibError or OSError, with the file's name, if no file can be written there or an input would be lost."""
+    """Raise NetlibError or OSError if a file cannot be written there or would replace an input."""
     refuse_inputs(out, inputs)
     if not out.parent.is_dir():
-        raise NetlibError(f"{out}: no folder {out.parent}")
-    with atomic.naming(out), atomic.temporary(out):
-        atomic.refuse_what_is_no_file(out)
+        raise NetlibError(f"{out}: folder {out.parent} does not exist")
+    with atomic.error_names(out), atomic.temporary(out):
+        atomic.require_regular_file(out)
 
 
 def write_skeleton(out: Path, skeleton: Skeleton, comment: str) -> None:
-    """Write a skeleton, named after its file, below a comment. Raises NetlibError."""
+    """Write a skeleton file with a comment; its name is that of the file. Raises NetlibError."""
     try:
         atomic.replace_text(out, text_of(skeleton.param, out.stem, comment))
     except OSError as error:
@@ -36,7 +36,7 @@ def write_skeleton(out: Path, skeleton: Skeleton, comment: str) -> None:
 
 
 def check_skeleton(out: Path, force: bool, inputs: Sequence[str]) -> None:
-    """Raise NetlibError or OSError at once rather than after the work if the file cannot be written."""
+    """Raise NetlibError or OSError if the file cannot be written."""
     check_place(out, inputs)
     if out.exists() and not force:
-        raise NetlibError(f"{out}: is there already; choose another --out, or use --force to replace it")
+        raise NetlibError(f"{out}: exists already; choose another --out, or replace it with --force")

@@ -1,4 +1,4 @@
-"""Pictures as files: matplotlib figures if it is installed, and images, written whole or not at all."""
+"""Image files: matplotlib figures, if it is installed, and arrays, written atomically."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ JPEG_QUALITY = 90
 
 
 def new_figure(width: float, height: float) -> Any:
-    """A matplotlib figure, width x height in inches, that needs no window. Raises NetlibError without matplotlib."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home that cannot be written
+    """Create a matplotlib figure of width x height inches without a window. Raises NetlibError without matplotlib."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns if the home folder is not writable
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -30,15 +30,15 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def write_figure(path: str | Path, figure: Any, dpi: int) -> None:
-    """Write a figure in the format that the name ends in, tightly cut. Raises NetlibError."""
+    """Write a figure in the format of the file's suffix, cropped to its content. Raises NetlibError."""
     how = {"format": Path(path).name.rpartition(".")[2].lower(), "bbox_inches": "tight", "pad_inches": 0.15}
     _write(path, lambda file: figure.savefig(file, dpi=dpi, **how))
 
 
 def write_image(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-    """Write an image, blue first, as PNG or JPEG by the end of its name. Raises NetlibError.
+    """Write an image in BGR order as PNG or JPEG, by the file's suffix. Raises NetlibError.
 
-    OpenCV itself does not see the name: it ends the process for one that is not UTF-8.
+    OpenCV encodes in memory, because it aborts the process for file names that are not UTF-8.
     """
     suffix = Path(path).suffix.lower()
     options = (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY) if suffix == ".jpg" else ()
@@ -47,25 +47,25 @@ def write_image(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16])
 
 
 def make_folder(out: Path) -> None:
-    """Make the folder that pictures go into, where it is missing. Raises NetlibError."""
+    """Create the folder for images if it is missing. Raises NetlibError."""
     try:
         files.make_folder(out)
     except OSError as error:
-        raise NetlibError(f"{out}: cannot write pictures there: {reason_of(error)}") from error
+        raise NetlibError(f"{out}: cannot write images there: {reason_of(error)}") from error
 
 
 def places(images: Sequence[str], out: Path, ending: str) -> list[Path]:
-    """Where the picture of each image goes: into the folder ``out``, under the image's name with another ending.
+    """Paths of the output image for each input image: in the folder ``out``, with the input's name and a new suffix.
 
-    Where an image comes again, its further pictures are numbered from 2 on. Raises NetlibError if two would go to one
-    place, or one over an input.
+    If an input is repeated, further outputs are numbered from 2. Raises NetlibError if two outputs would have the same
+    path, or one would replace an input.
     """
     found: list[Path] = []
     for n, image in enumerate(images):
         before = images[:n].count(image)
         place = out / f"{Path(image).stem}{f'_{before + 1}' if before else ''}{ending}"
         if place in found:
-            raise NetlibError(f"{image}: its picture {place} would overwrite another's; run once per folder")
+            raise NetlibError(f"{image}: its output {place} would overwrite another one; run once per folder")
         outputs.refuse_inputs(place, images)
         found.append(place)
     return found
@@ -74,5 +74,5 @@ def places(images: Sequence[str], out: Path, ending: str) -> list[Path]:
 def _write(path: str | Path, fill: Callable[[Path], object]) -> None:
     try:
         atomic.replace(Path(path), fill)
-    except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the format
-        raise NetlibError(f"{path}: cannot write the picture: {reason_of(error)}") from error
+    except (OSError, ValueError) as error:  # matplotlib raises ValueError for unknown formats
+        raise NetlibError(f"{path}: cannot write the image: {reason_of(error)}") from error

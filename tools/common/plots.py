@@ -1,4 +1,4 @@
-"""Plots of errors: frames within a threshold, errors by joint and by angle."""
+"""Plots of errors: success rate by threshold, errors per joint and per angle."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from handpose.scoring.published_predictions import THRESHOLDS_MM, Benchmark, Sco
 from netlib.errors import printable
 from tools.common import pictures
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe and Ito, without yellow
-LINES = ("-", "--", ":", "-.")  # for each round of the colours
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe-Ito, without yellow
+LINES = ("-", "--", ":", "-.")  # for repeated colours
 HATCHES = ("", "///", "...", "xxx")
 
 
 def plot_joint_errors(scores: Mapping[str, Score], benchmark: Benchmark, frames: int, out: str | Path) -> None:
-    """Success curves by worst and by mean error, and mean errors by joint. Raises NetlibError."""
+    """Plot success rates by maximum and by mean error, and mean errors per joint. Raises NetlibError."""
     figure = pictures.new_figure(12, 8.5)
     axes = figure.subplot_mosaic([["max", "mean"], ["joints", "joints"]])
     _draw_curves(axes["max"], [s.success_max for s in scores.values()], "all joints")
@@ -25,7 +25,7 @@ def plot_joint_errors(scores: Mapping[str, Score], benchmark: Benchmark, frames:
     for axis in axes.values():
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
-    labels = [f"{s.mean_mm:.2f} mm  {printable(name)}".replace("$", r"\$") for name, s in scores.items()]  # no formula
+    labels = [f"{s.mean_mm:.2f} mm  {printable(name)}".replace("$", r"\$") for name, s in scores.items()]  # no TeX
     figure.legend(axes["max"].lines, labels, loc="outside upper center", ncols=min(len(labels), 4), frameon=False,
                   title=f"{benchmark.name}: mean error over {frames} frames and {len(benchmark.joints)} joints",
                   title_fontsize="large")  # fmt: skip
@@ -44,7 +44,7 @@ def _draw_curves(axis: Any, curves: list[list[float]], what: str) -> None:
 
 def _draw_bars(axis: Any, scores: list[Score], joints: Sequence[str]) -> None:
     width = 0.8 / len(scores)
-    places = [*range(len(joints)), len(joints) + 0.5]  # the mean stands a little apart
+    places = [*range(len(joints)), len(joints) + 0.5]  # a gap before the mean
     for i, s in enumerate(scores):
         turn, colour = divmod(i, len(COLOURS))
         left = [place - 0.4 + i * width for place in places]

@@ -1,4 +1,4 @@
-"""What the importers of data sets share: their command line, --check, and the preparing of splits."""
+"""Helpers of data set importers: command line, --check, and preparation of splits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tools.common.arguments import parser_of, positive
 from tools.common.console import DONE, FAILED, duration, say
 from tools.common.stopper import fill_folder
 
-NAMED = 10  # bad frames of a split that are named on the screen; the file bad_SPLIT.txt names all
+MAX_SHOWN = 10  # bad frames of a split that are printed; all are in the file bad_SPLIT.txt
 SPLITS = ("train", "test")
 
 
@@ -28,16 +28,16 @@ SPLITS = ("train", "test")
 class Importer:
     """A data set that can be imported."""
 
-    root: str  # how its folder is called on the command line
-    out: Path  # where it goes, unless --out says otherwise
-    center: str  # about which annotated joint the crops are, unless --center says otherwise
-    check: Callable[[Path, str], tuple[list[str], list[Flaw]]]  # what is there of a split, and what is wrong with it
-    read: Callable[[Path, str, Path | None], PublishedFrames]  # a split, with a file of centres or without
-    own: Sequence[str]  # origins of data that may be replaced
+    root: str  # name of its folder on the command line
+    out: Path  # default of --out
+    center: str  # annotated joint at the centre of crops, default of --center
+    check: Callable[[Path, str], tuple[list[str], list[Flaw]]]  # reports what exists of a split, and its problems
+    read: Callable[[Path, str, Path | None], PublishedFrames]  # reads a split, optionally with a file of centres
+    own: Sequence[str]  # origins of existing data that may be replaced
 
 
 def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> argparse.Namespace:
-    """The parsed command line of an importer; ``center`` is None for the data set's own centres."""
+    """Parse the command line of an importer; ``center`` is None for the data set's own centres."""
     parser = parser_of(doc)
     parser.add_argument("root", type=Path, metavar=importer.root, help="the data set as published")
     parser.add_argument("--out", type=Path, default=importer.out, help="folder to write to (default: %(default)s)")
@@ -46,19 +46,19 @@ def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> ar
     parser.add_argument("--center", default=importer.center, metavar=f"{importer.center}|FILE",
                         help="crop centres (default: %(default)s)")  # fmt: skip
     parser.add_argument("--splits", nargs="+", choices=SPLITS, default=list(SPLITS), help="default: both")
-    parser.add_argument("--check", action="store_true", help="only look, and say what is there and what is missing")
+    parser.add_argument("--check", action="store_true", help="only report what exists and what is missing")
     parser.add_argument("--strict", action="store_true", help="stop at the first bad frame")
-    parser.add_argument("--force", action="store_true", help="make all files anew, and replace whatever is there")
+    parser.add_argument("--force", action="store_true", help="rebuild all files, replacing existing ones")
     args = parser.parse_args(argv)
     args.splits = [split for split in SPLITS if split in args.splits]
     args.center = None if args.center == importer.center else args.center
     if args.center is not None and "{split}" not in args.center and len(args.splits) > 1:
-        parser.error('--center FILE is for one split: name it with --splits, or write "{split}" in the name')
+        parser.error('--center FILE applies to one split: select it with --splits, or use "{split}" in the name')
     return args
 
 
 def run(args: argparse.Namespace, importer: Importer) -> int:
-    """Check the data set, and unless that is all, prepare it; returns the exit status. Raises NetlibError."""
+    """Check the data set and, without --check, prepare it; returns the exit status. Raises NetlibError."""
     problems = []
     for split in args.splits:
         found, wrong = importer.check(args.root, split)
@@ -82,7 +82,7 @@ def _center_file(center: str | None, split: str) -> Path | None:
 
 
 def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Sequence[str]) -> int:
-    """Write what is missing of the splits, and tell what was found. Raises NetlibError."""
+    """Write what is missing of the splits and print a summary. Raises NetlibError."""
     refuse_foreign(splits, own, args.force)
     missing = [part for split in splits for part in split.missing]
     begun = time.perf_counter()
@@ -98,12 +98,12 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Seq
     for split, outcome in zip(splits, outcomes):
         print(split.report(outcome))
     made, took = sum(outcome.made for outcome in outcomes), duration(time.perf_counter() - begun)
-    say(f"{args.out}: made {made} frames in {took}" if missing else f"{args.out}: all kept")
+    say(f"{args.out}: made {made} frames in {took}" if missing else f"{args.out}: all files kept")
     return DONE
 
 
 def _write(split: PreparedSplit, args: argparse.Namespace, advance: Callable[[int], None]) -> Outcome:
-    """Write one split; name the first of its bad frames, or stop at the first."""
+    """Write one split; print its first bad frames, or stop at the first."""
     count = 0
 
     def on_bad(i: int, error: BadFrameError) -> None:
@@ -111,11 +111,11 @@ def _write(split: PreparedSplit, args: argparse.Namespace, advance: Callable[[in
         if args.strict:
             raise error
         count += 1
-        if count <= NAMED:
+        if count <= MAX_SHOWN:
             say(f"{split.frames.split} frame {i}: {error}", file=sys.stderr)
 
     outcome = split.write(args.workers, advance, on_bad)
-    if count > NAMED:
-        say(f"{split.frames.split}: {count - NAMED} more bad frames, see {split.bad}", file=sys.stderr)
+    if count > MAX_SHOWN:
+        say(f"{split.frames.split}: {count - MAX_SHOWN} more bad frames, see {split.bad}", file=sys.stderr)
     split.write_list(outcome)
     return outcome

@@ -1,4 +1,4 @@
-"""The progress of a long job: a bar on a terminal, nothing anywhere else."""
+"""Progress bar on a terminal; no output elsewhere."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from netlib.errors import printable
 
 
 class ProgressBar:
-    """A bar on stderr, if that is a terminal and tqdm is installed; otherwise nothing is shown.
+    """A bar on stderr if that is a terminal and tqdm is installed; otherwise nothing is shown.
 
     with ProgressBar(len(targets)) as progress:
         fit_joints(skeleton, targets, progress=progress)
 
-    total  how many there are; without any there is no bar
-    unit   what is counted
-    what   a few words in front of the bar
-    done   how many were done before
+    total  number of items; with 0 there is no bar
+    unit   name of an item, plural
+    what   label in front of the bar
+    done   number of items done before
     """
 
     def __init__(self, total: int, unit: str = "frames", what: str = "", done: int = 0) -> None:
@@ -41,21 +41,21 @@ class ProgressBar:
 
     @property
     def is_shown(self) -> bool:
-        """Does the user see a bar now?"""
+        """Whether a bar is visible."""
         return self._bar is not None
 
     def __call__(self, count: int) -> None:
-        """``count`` more are done."""
+        """Advance by ``count`` items."""
         if self._bar is not None:
             self._bar.update(count)
 
     def reach(self, count: int) -> None:
-        """``count`` are done in total."""
+        """Set the number of items done."""
         if self._bar is not None:
             self._bar.update(count - self._bar.n)
 
     def note(self, text: str) -> None:
-        """Show a few words behind the bar, from the next call on."""
+        """Show a text after the bar from the next update on."""
         if self._bar is not None:
             self._bar.set_postfix_str(text, refresh=False)
 

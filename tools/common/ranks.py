@@ -1,4 +1,4 @@
-"""The processes that ``mpiexec`` started this command in, as the ranks of one training."""
+"""The processes started by ``mpiexec``, as the ranks of one training."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from netlib.distributed.ranks import ALONE, Ranks
 from netlib.errors import NetlibError
 
 OPEN_MPI = ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK")
-LAUNCHERS = (  # how they tell a process how many there are, and which it is
+LAUNCHERS = (  # environment variables with the number of processes and the number of this one
     OPEN_MPI,
     ("PMI_SIZE", "PMI_RANK"),  # MPICH, Intel MPI
-    ("SLURM_STEP_NUM_TASKS", "SLURM_PROCID"),  # srun; also in a shell that it started, so only python -m mpi4py looks
+    ("SLURM_STEP_NUM_TASKS", "SLURM_PROCID"),  # srun; also set in shells under it, so used only with -m mpi4py
 )
 
 
 def world(divide: bool = False, patience: float | None = None) -> Ranks:
-    """The ranks of this training; alone if nobody started several. Raises NetlibError.
+    """Return the ranks of this training; ``ALONE`` for a single process. Raises NetlibError.
 
-    divide    the prototxt's batch is that of all ranks together
-    patience  s to wait for a rank; by default by the length of the steps
+    divide    split the prototxt's batch among the ranks instead of using it on each
+    patience  timeout in s for a rank; by default derived from the duration of the steps
     """
     started, _ = _started()
     if started == 1 and "mpi4py" not in sys.modules:
@@ -39,13 +39,13 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
                           "pip install mpi4py mpich") from None  # fmt: skip
     library = " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].rstrip("\0").split())
     count = 1
-    if not (library.startswith("MPICH") and OPEN_MPI[0] in os.environ):  # it would end here, without a word
+    if not (library.startswith("MPICH") and OPEN_MPI[0] in os.environ):  # MPICH would exit here without a message
         if not MPI.Is_initialized():
             MPI.Init_thread()
         count = MPI.COMM_WORLD.Get_size()
     if count != started > 1:
         raise NetlibError(f"{started} processes were started, but mpi4py, with {library}, sees {count}: they were "
-                          "started for another MPI; use the mpiexec of the MPI that mpi4py was built with")  # fmt: skip
+                          "started by another MPI; use the mpiexec of the MPI that mpi4py was built with")  # fmt: skip
     if count == 1:
         return ALONE
     from netlib.distributed.mpi import MPIRanks
@@ -54,8 +54,8 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
 
 
 @contextlib.contextmanager
-def first_speaks() -> Iterator[None]:
-    """Within it, of all processes that were started only the first writes, and ends with an error if it must."""
+def only_first_prints() -> Iterator[None]:
+    """Context manager: only the first of the started processes prints and exits with an error status."""
     if _started()[1] == 0:
         yield
         return
@@ -63,17 +63,17 @@ def first_speaks() -> Iterator[None]:
         try:
             yield
         except (SystemExit, NetlibError):
-            sys.exit(0)  # with another status the launcher might end the first before it has spoken
+            sys.exit(0)  # another status could make the launcher kill the first process before it prints
 
 
 def threads_of(ranks: Ranks) -> int | None:
-    """How many threads each rank has by default, where several share a machine; None: as ever."""
-    return None if ranks.count == 1 else max(1, engine.available_cpus() // ranks.beside)
+    """Default number of threads per rank if several ranks share a machine; None if there is one rank."""
+    return None if ranks.count == 1 else max(1, engine.available_cpus() // ranks.on_machine)
 
 
 @contextlib.contextmanager
 def ended_together(ranks: Ranks) -> Iterator[None]:
-    """Within it, an error of one rank ends all of them; rank 0 alone raises it."""
+    """Context manager: an error of one rank ends all of them; only rank 0 raises it."""
     try:
         yield
     except (NetlibError, OSError, MemoryError) as error:
@@ -85,7 +85,7 @@ def ended_together(ranks: Ranks) -> Iterator[None]:
 
 
 def _started() -> tuple[int, int]:
-    """How many processes a launcher started, and which this is."""
+    """Number of processes that a launcher started, and the number of this one."""
     launchers = LAUNCHERS if "mpi4py" in sys.modules else LAUNCHERS[:-1]
     for count, number in launchers:
         if os.environ.get(count, "").isdecimal() and os.environ.get(number, "").isdecimal():

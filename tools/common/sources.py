@@ -1,4 +1,4 @@
-"""Sources of depth frames on the command line: what users know of them, opening them, what a first look shows."""
+"""Sources of depth frames on the command line: options, opening, and the report on the first frames."""
 
 from __future__ import annotations
 
@@ -23,72 +23,72 @@ from netlib.errors import DataError
 from tools.common import arguments
 from tools.common.console import say
 
-# A fit with this confidence confirms the unit: with another unit the hand has another size. On six frames of
-# tools/demo.py the confidence is above 0.99 with the right unit, and at most 0.82 with a tenth to ten times of it.
+# A fit with this confidence confirms the depth unit, because a wrong unit changes the size of the hand. On six frames
+# of tools/demo.py the confidence is above 0.99 with the right unit, and at most 0.82 with units 10 times off.
 CONFIRMS_UNIT = 0.95
-# values on the command line, of which a camera.json may tell
+# argument types of values that a camera.json may also give
 unit_mm, rate = (functools.partial(arguments.positive_number, most=RANGES[key][1]) for key in ("unit_mm", "rate"))
 
 
 def add_source_options(parser: argparse.ArgumentParser) -> None:
-    """The argument SOURCE, and what is known of its camera."""
+    """Add the argument SOURCE and the options about its camera."""
     parser.add_argument("source", metavar="SOURCE", help=EXPECTED)
     parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
-                        help=f"which saw the frames: {', '.join(CAMERAS)}, four numbers in px, or a camera.json "
-                             "(default: what the source says, or a camera.json beside it)")  # fmt: skip
-    parser.add_argument("--unit", type=unit_mm, metavar="MM", help="what a stored value of 1 stands for")
-    parser.add_argument("--rate", type=rate, metavar="HZ", help="frames per second of frames without times")
+                        help=f"camera of the frames: {', '.join(CAMERAS)}, four numbers in px, or a camera.json "
+                             "(default: given by the source, or by a camera.json next to it)")  # fmt: skip
+    parser.add_argument("--unit", type=unit_mm, metavar="MM", help="depth unit: mm per stored value of 1")
+    parser.add_argument("--rate", type=rate, metavar="HZ", help="frame rate, if the frames have no times")
     parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
-                        help="of the lens, in OpenCV's order; before a minus write --distortion=")  # fmt: skip
+                        help="lens distortion in OpenCV's order; write --distortion= before a minus sign")  # fmt: skip
 
 
 def opened(args: argparse.Namespace) -> Recording:
-    """The recording that the parsed arguments name. Raises NetlibError."""
+    """Open the recording that the parsed arguments name. Raises NetlibError."""
     said = Given(None, args.distortion, args.unit, args.rate)
     if isinstance(args.camera, Path):
         return open_recording(args.source, said.else_by(camera_file.read(args.camera)))
     return open_recording(args.source, said.else_by(Given(args.camera, origin="--camera")))
 
 
-def say_first_look(look: FirstLook, file: TextIO | None = None) -> None:
-    """Print what a recording is and what its first frames show; warnings go to stderr."""
+def print_first_look(look: FirstLook, file: TextIO | None = None) -> None:
+    """Print a report on a recording and its first frames; warnings go to stderr."""
     camera = look.camera
-    length = f"{look.count} frames" if look.count is not None else "live" if look.live else "frames not counted"
+    length = f"{look.count} frames" if look.count is not None else "live" if look.live else "unknown number of frames"
     rate = f", {look.rate:g} frames/s" if look.rate else ""
     say(f"{look.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
-    say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; sees "
-        f"{look.view[0]:.0f} x {look.view[1]:.0f} degrees", file=file)  # fmt: skip
+    say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
+        f"field of view {look.view[0]:.0f} x {look.view[1]:.0f} degrees", file=file)  # fmt: skip
     if look.depth_mm is not None and look.nearest is not None:
         low, middle, high = look.depth_mm
-        say(f"  depth {low:.0f} to {high:.0f} mm, half of it below {middle:.0f}; {look.zeros:.0%} of the pixels empty; "
+        say(f"  depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {look.zeros:.0%} of the pixels empty; "
             f"unit {look.unit_mm:g} mm", file=file)  # fmt: skip
-        say(f"  the nearest thing is {look.nearest[0]:.0f} mm away and {look.nearest[1]:.0f} mm wide", file=file)
+        say(f"  nearest object: {look.nearest[0]:.0f} mm away, {look.nearest[1]:.0f} mm wide", file=file)
     for remark in look.remarks:
         say(f"  {remark}", file=file)
     for warning in look.warnings:
         say(f"warning: {look.name}: {warning}", file=sys.stderr)
 
 
-def say_doubts(
+def print_warnings(
     name: str, depth: NDArray[np.float32], camera: Camera, unit_mm: float | None, confidence: float = 0.0
 ) -> None:
-    """Print what is likely wrong with a single frame in mm; the unit is by default the camera's own.
+    """Print warnings about a single frame in mm; the default unit is that of the camera.
 
-    ``confidence`` is that of the hand found in the frame: a high one confirms the unit.
+    ``confidence`` is that of the hand found in the frame; a high one confirms the unit.
     """
     for warning in doubts(depth, camera, unit_mm or UNIT_MM.get(camera.name, 1.0), confidence >= CONFIRMS_UNIT):
         say(f"warning: {name}: {warning}", file=sys.stderr)
 
 
-def say_found_on_the_way(recording: Recording, seen: FirstLook) -> None:
-    """Print what a recording tells of itself now, and did not at the first look."""
+def print_new_remarks(recording: Recording, seen: FirstLook) -> None:
+    """Print remarks about a recording that came up after the report on its first frames."""
     for line in (*recording.remarks, recording.cut):
         if line and line not in seen.remarks:
             say(f"warning: {line}", file=sys.stderr)
 
 
 def total_of(recording: Recording, frames: int | None) -> int:
-    """How many frames of a recording will be seen, at most ``frames``; 0 if nobody knows."""
+    """Number of frames of a recording, at most ``frames``; 0 if unknown."""
     return min((count for count in (recording.count, frames) if count), default=0)
 
 

@@ -1,4 +1,4 @@
-"""A signal asks a long run to end, and the run ends where that is safe."""
+"""Handling of signals that stop a long run at a safe place."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tools.common.progress import ProgressBar
 
 
 class StoppedError(Exception):
-    """A signal asked the run to end."""
+    """Raised after a signal requested a stop."""
 
 
 class Stopper:
-    """Within it, the first Ctrl-C or SIGTERM is only noted, and ``check`` raises it; a second one acts at once.
+    """Context manager: the first Ctrl-C or SIGTERM makes ``check`` raise; a second one takes effect at once.
 
-    An exception that the signal itself raised could fall into a place that swallows it.
+    The signal itself raises no exception, because that could happen where it is swallowed.
     """
 
     signum = 0
@@ -44,17 +44,17 @@ class Stopper:
         self.__exit__()
 
     def check(self) -> None:
-        """Raise StoppedError if a signal came."""
+        """Raise StoppedError if a signal was received."""
         if self.signum:
             raise StoppedError
 
 
 def fill_folder(folder: Path, kept: str, total: int, fill: Callable[[Callable[[int], None]], object]) -> int:
-    """Make a folder and have it filled, with a bar; returns the exit status: 0, 130 or 143. Raises NetlibError.
+    """Create and fill a folder, with a progress bar; returns the exit status: 0, 130 or 143. Raises NetlibError.
 
-    kept   what a run that is stopped keeps, with its verb: "whole files are"
-    total  frames that are missing
-    fill   is given a function to be called, with how many more are done, wherever the run may end
+    kept   what a stopped run keeps, with its verb: "whole files are"
+    total  number of missing frames
+    fill   called with a function that it must call with the number of new frames wherever the run may stop
     """
     try:
         with Stopper() as stopper:
@@ -67,7 +67,7 @@ def fill_folder(folder: Path, kept: str, total: int, fill: Callable[[Callable[[i
 
                 fill(advance)
     except StoppedError:
-        say(f"stopped; {kept} kept, and the next run goes on after them", file=sys.stderr)
+        say(f"stopped; {kept} kept, and the next run continues after them", file=sys.stderr)
         return 128 + stopper.signum
     except OSError as error:
         raise NetlibError(f"{folder}: {reason_of(error)}") from None

@@ -1,4 +1,4 @@
-"""The pictures of Table 1, from its ledger alone."""
+"""The figures of Table 1, drawn from its recorded results."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from tools.common.plots import COLOURS
 
 
 def write_pictures(out: Path, folder: Path, entries: table1_page.Ledger, skeleton: Skeleton) -> list[Path]:
-    """Draw those that the page shows into the folder ``out``; returns them. Raises NetlibError, DataError.
+    """Draw the figures of the page into the folder ``out`` and return their paths. Raises NetlibError, DataError.
 
-    folder   of the ledger
-    entries  of it, by setting
+    folder   folder of the recorded results
+    entries  results by setting
     """
     setting = table1_page.first_of(entries)
     written: list[Path] = []
@@ -50,7 +50,7 @@ def _counted(line: Line) -> list[Entry]:
 
 
 def _draw_joints(path: Path, lines: Mapping[str, Line], skeleton: Skeleton, title: str) -> None:
-    """Success curves by the worst joint, and the mean error by joint."""
+    """Draw success rates by maximum error, and the mean error per joint."""
     figure = pictures.new_figure(12, 8.5)
     above, below = figure.subplots(2, 1)
     for colour, line in zip(COLOURS, lines.values()):
@@ -66,7 +66,7 @@ def _draw_joints(path: Path, lines: Mapping[str, Line], skeleton: Skeleton, titl
 
 
 def _draw_angles(path: Path, lines: Mapping[str, Line], skeleton: Skeleton, title: str) -> None:
-    """The mean error by rotation."""
+    """Draw the mean error per rotation."""
     figure = pictures.new_figure(12, 5)
     axis = figure.subplots()
     names = [skeleton.dof_names[d].replace("_rot_", " ").replace("_", " ") for d in rotations(skeleton)]
@@ -85,23 +85,23 @@ def _bars(axis: Any, lines: Mapping[str, Line], figure: str, names: Sequence[str
 
 
 def _draw_hands(path: Path, lines: Mapping[str, Line], shown: Shown, skeleton: Skeleton) -> None:
-    """The hands of all networks in the frames of the ledger, of the first seed; the true ones in white."""
+    """Draw the recorded hands of all networks, first seed only, with the ground truth in white."""
     methods = {line.network.title: _counted(line)[0].shown for line in lines.values()}
     sheet = side_by_side(shown.crops, methods, shown.truth, skeleton, shown.half_cube)
     pictures.write_image(path, sheet)
 
 
 def _draw_lambda(path: Path, found: Mapping[tuple[float, str], Entry], setting: Setting) -> None:
-    """Joint error, angle error and frames out of limits over the weight of PhysLimit; L2 is dashed.
+    """Plot joint error, angle error and frames out of limits against the weight of PhysLimit; L2 is dashed.
 
-    From 0 on: trainings differ by less than seeds do, and a cut axis would make that a valley.
+    The axes start at 0: the differences are smaller than those between seeds, and a cut axis would exaggerate them.
     """
     angle = "angle_deg" if setting.has_exact_angles else "fitted_angle_deg"
     rows = (("error_14_mm", "joint error, mm", 1), (angle, "angle error, degrees", 1),
             ("out_of_limits", "frames out of limits, %", 100))  # fmt: skip
     figure = pictures.new_figure(12, 4)
     axes = figure.subplots(1, 3)
-    smallest = min(weight for weight, _ in found if weight) / 10  # where 0 stands on a logarithmic axis
+    smallest = min(weight for weight, _ in found if weight) / 10  # position of 0 on the logarithmic axis
     for axis, (name, label, factor) in zip(axes, rows):
         for norm, style, colour in (("L1", "o-", COLOURS[0]), ("L2", "s--", COLOURS[1])):
             points = sorted((weight or smallest, factor * value_of(entry, name))

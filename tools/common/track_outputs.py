@@ -1,4 +1,4 @@
-"""What a track is written as: files of joints and angles, a video, a sheet, Rerun's viewer, a page; all at once."""
+"""Outputs of tracking: files of joints and angles, a video, a contact sheet, Rerun's viewer, and a live page."""
 
 from __future__ import annotations
 
@@ -33,33 +33,33 @@ DRAWN = ("video", "sheet", "rerun")
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
-    """The options that name what is to be written."""
+    """Add the options that name output files."""
     parser.add_argument("--json", metavar="FILE|-", type=name_in(".json", ".jsonl", "-"),
-                        help="joints, angles, crops: .json, .jsonl (a line per frame, as it comes), or - for such "
-                             "lines on standard output")  # fmt: skip
-    parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="a row per frame and hand, for tables")
+                        help="joints, angles, crops: .json, .jsonl (one line per frame), or - for such lines on "
+                             "standard output")  # fmt: skip
+    parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="one row per frame and hand")
     parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
-                        help="bones and angles for Blender and others; a file for each hand")  # fmt: skip
-    add_joints_option(parser, "in --json with ours, in --csv instead of them")
+                        help="bones and angles for Blender and other programs; one file per hand")  # fmt: skip
+    add_joints_option(parser, "in --json in addition to NYU's, in --csv instead")
     parser.add_argument("--gestures", action="store_true",
-                        help="the gesture of each hand and its confidence, in --json and --csv")  # fmt: skip
+                        help="gesture of each hand and its confidence, in --json and --csv")  # fmt: skip
     parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
-                        help="skeleton and flesh on the depth, hands in space")  # fmt: skip
+                        help="skeleton and surface on the depth image, and hands in space")  # fmt: skip
     parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
-                        help="the whole track on one page")  # fmt: skip
+                        help="contact sheet of the track")  # fmt: skip
     parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=name_in(".rrd"),
-                        help="Rerun's viewer, or with a name its file")  # fmt: skip
+                        help="show in Rerun's viewer, or write its file")  # fmt: skip
     add_live_options(parser)
     parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
-                        help="only the first look, and the first hand as a picture")  # fmt: skip
+                        help="only report on the first frames, and draw the first hand")  # fmt: skip
 
 
 def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
-    """Name those that are always there, if none is named, which ``args.unnamed`` says; --look stands alone."""
-    asked = any(getattr(args, name) is not None for name in (*FILES, *DRAWN, *LIVE))
-    if args.look is not None and asked:
-        parser.error("--look stops after the first look; write all else in another run")
-    args.unnamed = args.look is None and not asked
+    """Set default outputs if none is given (``args.unnamed``), and reject --look with others."""
+    selected = any(getattr(args, name) is not None for name in (*FILES, *DRAWN, *LIVE))
+    if args.look is not None and selected:
+        parser.error("--look stops after the first frames; omit other outputs")
+    args.unnamed = args.look is None and not selected
     if args.unnamed:
         args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
     for option in ("joints", "gestures"):
@@ -68,7 +68,7 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
 
 
 def _stem(source: str) -> str:
-    """What outputs are called that nobody named; never camera.json, by which a camera is known."""
+    """Stem of default output names; never "camera", as camera.json has a meaning of its own."""
     path = Path(source).absolute()
     name = path.stem.strip("*_-.") or (path if path.is_dir() else path.parent).resolve().name
     name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
@@ -76,9 +76,8 @@ def _stem(source: str) -> str:
 
 
 def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
-    """No output replaces what is read, or without its name what is there; no picture lies among frames, as one of them.
-
-    Raises NetlibError.
+    """Raise NetlibError for an output that replaces an input, an existing file that was not named, or an image in the
+    folder of the frames, where it would be taken for a frame.
     """
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
@@ -87,25 +86,25 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
         outputs.refuse_inputs(name, inputs)
         place = Path(os.path.realpath(name))
         if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
-            raise NetlibError(f"{name}: lies among the frames, and would be taken for one; write it elsewhere")
+            raise NetlibError(f"{name}: is in the folder of the frames and would be taken for one; write it elsewhere")
         if args.unnamed and os.path.lexists(name):
-            raise NetlibError(f"{name}: is there already; to replace it, or to write to another place, name the "
-                              f"outputs, as in --json {args.json} --sheet {args.sheet}")  # fmt: skip
+            raise NetlibError(f"{name}: exists already; to replace it or to write elsewhere, name the outputs, as in "
+                              f"--json {args.json} --sheet {args.sheet}")  # fmt: skip
 
 
 def is_drawn(args: argparse.Namespace) -> bool:
-    """Is anything asked for that shows flesh?"""
+    """Whether an output shows the surface of hands."""
     return any(getattr(args, name) is not None for name in (*DRAWN, "serve"))
 
 
 class Outputs:
-    """All that the options ask for. Whatever ends its block, what was written stays, as whole files."""
+    """All outputs that the options select. However the block ends, what was written remains as complete files."""
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
         self._args = args
         self._painter = Painter(header) if args.video or args.sheet else None
         self._sheet = ContactSheet() if args.sheet else None
-        # What is missing for a video or for Rerun is said here, before any file is begun.
+        # Missing packages for video and Rerun are reported here, before any file is started.
         self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
         self._view: RerunView | None = None
         if args.rerun is not None:
@@ -119,7 +118,7 @@ class Outputs:
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
-        for name in filter(None, (self._args.video, self._args.sheet)):  # which are made later: said at once
+        for name in filter(None, (self._args.video, self._args.sheet)):  # created later, but checked now
             outputs.check_place(Path(name))
         every = (*self._writers, self._video, self._view, self._live)
         named = [output for output in every if output is not None]
@@ -131,15 +130,15 @@ class Outputs:
         return self
 
     def begin(self, recording: Recording, check: Callable[[], None]) -> None:
-        """Print where the track can be watched, and wait for the first client of a recording that is no camera's.
+        """Print the address of the live page, and wait for the first client unless the source is a camera.
 
-        check  is called while this waits, and raises what is to end the run
+        check  called while waiting; raises an error to stop
         """
         if self._live:
             self._live.begin(recording, check, sys.stderr if self._args.json == "-" else sys.stdout)
 
     def write(self, depth: NDArray[np.float32], frame: TrackedFrame) -> None:
-        """Add a frame. Raises NetlibError, OSError."""
+        """Write a frame. Raises NetlibError, OSError."""
         for writer in self._writers:
             writer.write(frame)
         painter = self._painter
@@ -158,7 +157,7 @@ class Outputs:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
-        # Each is told what ended the block, not what another one failed of, and of failures the first is told.
+        # Each output gets the exception of the block, not failures of other outputs; the first failure is raised.
         failure: Exception | None = error if isinstance(error, (NetlibError, OSError)) else None
         endings: list[Callable[[], None]] = [
             partial(output.__exit__, kind, error, where) for output in reversed(self._open)

@@ -1,6 +1,6 @@
-"""Train as a solver file says, as Caffe's command does: its log, signals as requests, and how much time is left.
+"""Training from a solver file like Caffe's command: its log, signals as requests, and the remaining time.
 
-tools/train.py is this on the command line; experiments train many nets with it.
+tools/train.py is the command line for this; experiments use it to train many nets.
 """
 
 from __future__ import annotations
@@ -47,11 +47,12 @@ def train(
 ) -> int:
     """Train to the end, or until SIGINT or SIGTERM; returns the exit status: 0, 130 or 143. Raises NetlibError.
 
-    snapshot  go on from this solver state, which brings its own weights
-    weights   start from these files instead of those that the solver names
-    log_file  no older log is replaced before the solver stands; one that is read is refused
-    ranks     who trains together; rank 0 alone logs, raises, and has an exit status: another's would end it, too early
-    watch     is told the solver before each iteration, and may ask it to stop or for a snapshot
+    snapshot  resume from this solver state and its weights
+    weights   initial weights, instead of those that the solver names
+    log_file  replaced only once the solver is built; rejected if it is one of the inputs
+    ranks     the ranks that train together; rank 0 alone logs, raises, and has an exit status, as that of another rank
+              would end it too early
+    watch     called with the solver before each iteration; may request a stop or a snapshot
     """
     status = DONE
     with logged(ranks, log_file, append=snapshot is not None) as console:
@@ -69,7 +70,7 @@ def train(
 
 @contextlib.contextmanager
 def logged(ranks: Ranks, log_file: str | Path | None = None, append: bool = False) -> Iterator[BarHandler]:
-    """Within it, rank 0 logs, and an error of one rank ends all. Raises NetlibError, on rank 0."""
+    """Context manager: rank 0 logs, and an error of one rank ends all. Raises NetlibError, on rank 0."""
     with ended_together(ranks), log_to(None if ranks.rank else log_file, append) as console:
         if ranks.rank:
             log.setLevel(logging.CRITICAL)
@@ -77,7 +78,7 @@ def logged(ranks: Ranks, log_file: str | Path | None = None, append: bool = Fals
 
 
 def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) -> str:
-    """Let an engine have so many threads, or a rank's share of the machine; returns what it then is, for the log."""
+    """Set the number of threads, by default a rank's part of the machine; returns a description for the log."""
     chosen = engines.get(name)
     if threads := threads or threads_of(ranks):
         chosen.set_threads(threads)
@@ -94,7 +95,7 @@ def new_solver(
     ranks: Ranks = ALONE,
     **changes: Any,
 ) -> Solver:
-    """The solver for ``train``, described in the log; ``changes`` replace fields of its file. Raises NetlibError."""
+    """Create the solver for ``train`` and log it; ``changes`` replace fields of its file. Raises NetlibError."""
     log.info("Initializing solver from parameters: \n%s", prototxt.parse_file(solver_file))
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))
@@ -116,11 +117,11 @@ def solve(
         finished = solver.solve(snapshot)
     if stopped or rank_and_count(solver)[1] == 1:
         return DONE if finished or not stopped else 128 + stopped[0]
-    return DONE if finished else 128 + signal.SIGTERM  # it was another rank that was signalled
+    return DONE if finished else 128 + signal.SIGTERM  # another rank received the signal
 
 
 def _describe(solver: Solver) -> None:
-    """Log what is trained, and on what."""
+    """Log the net and its data."""
     net = solver.net
     for at in net.connections:
         log.info("Creating Layer %s", at.layer.name)
@@ -135,7 +136,7 @@ def _describe(solver: Solver) -> None:
         log.info("This network produces output %s", name)
     if (ranks := rank_and_count(solver)[1]) > 1:
         batch = next(blob.shape[0] for at in net.connections for blob in at.top)
-        log.info("%d ranks × %d = %d a step; base_lr as written", ranks, batch, ranks * batch)
+        log.info("%d ranks × %d = %d per step; base_lr is not scaled", ranks, batch, ranks * batch)
     count = sum(p.blob.count for p in net.learnable)
     log.info("Network initialization done: %d parameters, seed %d", count, solver.seed)
 
@@ -144,10 +145,9 @@ def _describe(solver: Solver) -> None:
 def requests_by_signal(
     solver: Solver, on_sigint: Effect = "stop", on_sighup: Effect = "snapshot"
 ) -> Iterator[list[int]]:
-    """Within it, signals ask the solver to stop or for a snapshot; SIGTERM always asks it to stop.
+    """Context manager: signals request a stop or a snapshot; SIGTERM always requests a stop.
 
-    Yields a list, which is empty until a signal asks to stop, and then holds that signal. A second one ends the process
-    at once.
+    Yields a list, which receives the signal when one requests a stop. A second such signal ends the process.
     """
     stopped: list[int] = []
 
@@ -163,7 +163,7 @@ def requests_by_signal(
     handlers = {signal.SIGINT: effects[on_sigint], signal.SIGTERM: stop}
     if hasattr(signal, "SIGHUP"):
         handlers[signal.SIGHUP] = effects[on_sighup]
-        if rank_and_count(solver)[1] > 1:  # mpiexec hands this one on, and dies of SIGHUP itself
+        if rank_and_count(solver)[1] > 1:  # mpiexec forwards SIGUSR1, but ends at SIGHUP
             handlers[signal.SIGUSR1] = effects[on_sighup]
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
@@ -175,7 +175,7 @@ def requests_by_signal(
 
 @contextlib.contextmanager
 def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
-    """Within it, the solver tells how much time is left."""
+    """Context manager that reports the remaining time."""
     if rank_and_count(solver)[0]:
         yield
         return
@@ -188,7 +188,7 @@ def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
 
 
 class _TimeLeft:
-    """On a terminal a progress bar, which log lines are written above; elsewhere a line of the log once a minute."""
+    """A progress bar on a terminal, below the log; elsewhere a log line per minute."""
 
     LINE_EVERY = 60.0  # seconds
 
@@ -197,18 +197,18 @@ class _TimeLeft:
         self.bar: ProgressBar | None = None
 
     def __call__(self, solver: Solver) -> None:
-        """The solver has made an iteration."""
+        """Called after each iteration."""
         now = time.perf_counter()
-        if self.bar is None:  # only now it is known at which iteration the training goes on
-            self.begun, self.said = (solver.iter, now), now
+        if self.bar is None:  # the first iteration is known only now
+            self.begun, self.last_line = (solver.iter, now), now
             bar = ProgressBar(solver.param.max_iter, "iter", done=solver.iter - 1)
             self.bar = self.bars.enter_context(bar)
             self.console.bar = bar if bar.is_shown else None
         if self.bar.is_shown:
             self.bar.note(f"loss {solver.loss:.4g}")
             self.bar.reach(solver.iter)
-        elif now - self.said > self.LINE_EVERY and solver.iter > self.begun[0]:
-            self.said = now
+        elif now - self.last_line > self.LINE_EVERY and solver.iter > self.begun[0]:
+            self.last_line = now
             rate = (solver.iter - self.begun[0]) / (now - self.begun[1])
             log.info("%d of %d iterations done, %s left", solver.iter, solver.param.max_iter,
                      duration((solver.param.max_iter - solver.iter) / rate))  # fmt: skip

@@ -36,5 +36,5 @@ def write_components(path: Path, files: Sequence[Path]) -> None:
     mean = joints.mean(axis=0)
     values, vectors = np.linalg.eigh(joints.T @ joints / len(joints) - np.outer(mean, mean))
     scaled = vectors[:, ::-1][:, :BOTTLENECK] * np.sqrt(np.maximum(values[::-1][:BOTTLENECK], 0))
-    with hdf5.written(path) as file:
+    with hdf5.created(path) as file:
         file["data/joints/0"], file["data/joints/1"] = scaled.astype(np.float32), mean.astype(np.float32)

@@ -1,7 +1,7 @@
-"""caffe.proto.caffe_pb2: every message and enum of Caffe's, as protobuf's compiler would give them.
+"""caffe.proto.caffe_pb2: all of Caffe's messages and enums, with the interface of protobuf's generated classes.
 
-The fields stand with the code that reads them: netlib/proto/messages.py, netlib/proto/upgrade.py, and the options of
-each layer type in its own file. The names that only this interface needs are here: those of messages and of enums.
+Fields are declared where they are read: in netlib/proto/messages.py, netlib/proto/upgrade.py, and for the options of a
+layer type in its file. This module adds the names of messages and enums, which only this interface needs.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from netlib.fillers import Filler
 from netlib.proto import messages, schema, upgrade
 from netlib.proto.options import option_blocks
 
-# Names of Caffe's enums, by message and field
+# Names of Caffe's enums: message -> field -> enum
 _ENUMS = {
     "PoolingParameter": {"pool": "PoolMethod", "round_mode": "RoundMode"}, "SPPParameter": {"pool": "PoolMethod"},
     "LRNParameter": {"norm_region": "NormRegion"}, "EltwiseParameter": {"operation": "EltwiseOp"},
@@ -35,7 +35,7 @@ TRAIN, TEST = Phase.TRAIN, Phase.TEST
 @functools.cache
 def _class_of(cls: Any) -> type[Message]:
     """The message class of a dataclass."""
-    if cls is messages.NetParameter:  # every net, whatever its format
+    if cls is messages.NetParameter:  # one class for nets in all formats
         return _class_of(upgrade.AnyNetParameter)
     name = _NAMES.get(cls, cls.__name__)
     enums = {"engine": "Engine", "phase": "Phase", **_ENUMS.get(name, {})}
@@ -58,5 +58,5 @@ LayerParameter: Any = _class_of(messages.LayerParameter)
 V0LayerParameter: Any = _class_of(upgrade.V0LayerParameter)
 V1LayerParameter: Any = _class_of(upgrade.V1LayerParameter)
 
-# ConvolutionParameter, PoolingParameter ...: the options of all layer types that are here
+# ConvolutionParameter, PoolingParameter ...: the options of all supported layer types
 globals().update({cls.__name__: _class_of(cls) for cls in option_blocks().values()})

@@ -1,6 +1,6 @@
-"""What messages say about themselves, under the names that protobuf's descriptors have.
+"""Descriptions of messages, with the interface of protobuf's descriptors.
 
-As much as scripts and google.protobuf.text_format ask for.
+Implements what scripts and google.protobuf.text_format use.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from netlib.proto import schema
-from netlib.proto.wire import Known
+from netlib.proto.wire import FieldInfo
 
-# protobuf's numbers: FieldDescriptor.TYPE_* and CPPTYPE_*
+# FieldDescriptor.TYPE_* and CPPTYPE_* of protobuf
 _TYPES = {float: (2, 6), schema.Double: (1, 5), schema.Floats: (2, 6), schema.Doubles: (1, 5), int: (5, 1),
           schema.Natural: (5, 1), schema.UInt: (13, 3), schema.Int64: (3, 2), bool: (8, 7), str: (9, 9),
           bytes: (12, 9)}  # fmt: skip
@@ -29,7 +29,7 @@ class EnumValue:
 
 
 class EnumType:
-    """An enum, and its own descriptor: names and numbers of its values.
+    """An enum, which is also its own descriptor.
 
     numbers   name -> number
     names     number -> name
@@ -44,13 +44,13 @@ class EnumType:
         self.DESCRIPTOR = self
 
     def Name(self, number: int) -> str:
-        """The name of a value."""
+        """Name of a value."""
         if number not in self.names:
             raise ValueError(f"enum {self.name} has no value {number}")
         return self.names[number]
 
     def Value(self, name: str) -> int:
-        """The number of a value."""
+        """Number of a value."""
         if name not in self.numbers:
             raise ValueError(f"enum {self.name} has no value {name!r}; it has {', '.join(self.numbers)}")
         return self.numbers[name]
@@ -76,8 +76,8 @@ class EnumType:
 class FieldDescriptor:
     """A field of a message.
 
-    kind           as in netlib/proto/schema.py; for a nested message its dataclass
-    default_value  what it reads as where it is not set
+    kind           as in netlib/proto/schema.py; the dataclass of a nested message
+    default_value  value if the field is not set
     message_class  the class of a nested message
     """
 
@@ -88,7 +88,7 @@ class FieldDescriptor:
     has_options = False
     is_required = False
 
-    def __init__(self, known: Known, enum: EnumType | None, default: Any, class_of: Callable[[Any], Any]) -> None:
+    def __init__(self, known: FieldInfo, enum: EnumType | None, default: Any, class_of: Callable[[Any], Any]) -> None:
         self.name = self.full_name = self.camelcase_name = self.json_name = known.name
         self.number, self.kind, self.is_repeated, self.enum_type = known.number, known.kind, known.repeated, enum
         self.label = self.LABEL_REPEATED if self.is_repeated else self.LABEL_OPTIONAL
@@ -99,27 +99,27 @@ class FieldDescriptor:
         is_scalar = not self.is_repeated and not is_message
         self.has_default_value = is_scalar and default not in (None, dataclasses.MISSING)
         self.default_value: Any = []
-        if is_scalar and enum is not None:  # without a default an enum reads as its first value
+        if is_scalar and enum is not None:  # the default of an enum is its first value
             self.default_value = enum.numbers[default] if self.has_default_value else min(enum.names)
         elif is_scalar:
             self.default_value = default if self.has_default_value else _DEFAULTS[self.kind]
 
     @property
     def message_class(self) -> Any:
-        """The class of a nested message."""
+        """Class of a nested message."""
         return self._class_of(self.kind)
 
     @property
     def message_type(self) -> Descriptor | None:
-        """The descriptor of a nested message."""
+        """Descriptor of a nested message."""
         return self.message_class.DESCRIPTOR if schema.is_message(self.kind) else None
 
     def GetOptions(self) -> None:
-        """There are none."""
+        """Return None: options are not supported."""
 
 
 class Descriptor:
-    """A message: its fields in the order of their numbers."""
+    """Description of a message, with its fields in the order of their numbers."""
 
     has_options = False
     is_extendable = False
@@ -137,4 +137,4 @@ class Descriptor:
         self._concrete_class = concrete
 
     def GetOptions(self) -> None:
-        """There are none."""
+        """Return None: options are not supported."""

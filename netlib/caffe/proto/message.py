@@ -1,8 +1,8 @@
-"""Messages that can be changed, with the interface that protobuf's classes have.
+"""Mutable messages with the interface of protobuf's classes.
 
-Each class is made from a dataclass that reads prototxt (netlib/proto/schema.py), so a field is declared once, there.
-They behave like protobuf's: an unset scalar reads as its default, a nested message springs into being when something
-in it is set, repeated fields are lists that check their elements, what is put into a message is copied.
+Each class is generated from a dataclass that reads prototxt (netlib/proto/schema.py), so a field is declared only once.
+As in protobuf, an unset scalar returns its default, a nested message becomes set when one of its fields is set,
+repeated fields are lists that check their elements, and messages are copied on assignment.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Message:
     """A message; its fields are attributes. Fields may be given by name: ``ParamSpec(lr_mult=2)``."""
 
     DESCRIPTOR: ClassVar[Descriptor]
-    dataclass: ClassVar[type]  # that reads and writes it
+    dataclass: ClassVar[type]  # the dataclass that the class was generated from
 
     def __init__(self, **fields: Any) -> None:
         object.__setattr__(self, "_values", {})
@@ -35,7 +35,7 @@ class Message:
             self._give(name, value)
 
     def _give(self, name: str, value: Any) -> None:
-        """Set a field of any kind from what a constructor takes."""
+        """Set a field of any kind from an argument of the constructor."""
         field = self._field(name)
         if field.is_repeated:
             getattr(self, name).extend(value)
@@ -76,17 +76,17 @@ class Message:
         self.ClearField(name)
 
     def _touch(self) -> None:
-        """Something in this message was set, so it is there, and so is the one that holds it."""
+        """Mark this message as set, and those that contain it."""
         if not self._present:
             object.__setattr__(self, "_present", True)
         self._owner()
 
-    # The names from here on are protobuf's.
+    # Names from here on are those of protobuf.
 
     SetInParent = _touch
 
     def HasField(self, name: str) -> bool:
-        """Is a field that is not repeated set?"""
+        """Whether a field that is not repeated is set."""
         field = self.DESCRIPTOR.fields_by_name.get(name)
         if field is None or field.is_repeated:
             raise ValueError(f"{self.DESCRIPTOR.name} has no field {name!r} that is not repeated")
@@ -95,18 +95,18 @@ class Message:
         return name in self._values
 
     def ClearField(self, name: str) -> None:
-        """Forget a field."""
+        """Clear a field."""
         self._field(name)
         self._values.pop(name, None)
         self._touch()
 
     def Clear(self) -> None:
-        """Forget all fields."""
+        """Clear all fields."""
         self._values.clear()
         self._touch()
 
     def ListFields(self) -> list[tuple[FieldDescriptor, Any]]:
-        """What is set, in the order of the fields' numbers."""
+        """Fields that are set, with their values, in the order of the fields' numbers."""
         return [(f, self._values[f.name]) for f in self.DESCRIPTOR.fields if self._is_set(f)]
 
     def _is_set(self, field: FieldDescriptor) -> bool:
@@ -115,13 +115,13 @@ class Message:
         return self.HasField(field.name)
 
     def CopyFrom(self, other: Message) -> None:
-        """Become a copy of another message of this type."""
+        """Replace the content by that of another message of this type."""
         if other is not self:
             self.Clear()
             self.MergeFrom(other)
 
     def MergeFrom(self, other: Message) -> None:
-        """Take the set fields of another message of this type; repeated ones are appended."""
+        """Copy the set fields of another message of this type; repeated fields are appended."""
         if type(other) is not type(self):
             raise TypeError(f"expected a {self.DESCRIPTOR.name}, found {type(other).__name__}")
         self._touch()
@@ -134,25 +134,25 @@ class Message:
                 setattr(self, field.name, value)
 
     def SerializeToString(self, **options: Any) -> bytes:
-        """Its bytes in protocol buffers' binary format."""
+        """Encode in protocol buffers' binary format."""
         return wire.encode(self.to_tree(), self.dataclass)
 
     SerializePartialToString = SerializeToString
 
     def ParseFromString(self, data: bytes) -> int:
-        """Become the message of these bytes. Raises WireError."""
+        """Replace the content by that of an encoded message. Raises WireError."""
         self.Clear()
         return self.MergeFromString(data)
 
     @classmethod
     def FromString(cls, data: bytes) -> Message:
-        """A message from its bytes. Raises WireError."""
+        """Decode a message. Raises WireError."""
         made = cls()
         made.MergeFromString(data)
         return made
 
     def MergeFromString(self, data: bytes) -> int:
-        """Take the fields of these bytes; returns how many bytes there are. Raises WireError."""
+        """Merge the fields of an encoded message; returns the number of bytes. Raises WireError."""
         if not isinstance(data, (bytes, bytearray, memoryview)):
             raise TypeError(f"expected bytes, found {type(data).__name__}; open binary files with 'rb'")
         data = bytes(data)
@@ -163,23 +163,23 @@ class Message:
         return len(data)
 
     def ByteSize(self) -> int:
-        """Number of its bytes."""
+        """Size of the encoded message in bytes."""
         return len(self.SerializeToString())
 
     def IsInitialized(self, *errors: Any) -> bool:
-        """Are all required fields set? Caffe has none that scripts rely on."""
+        """Return True: scripts do not rely on Caffe's required fields."""
         return True
 
     def FindInitializationErrors(self) -> list[str]:
-        """Names of required fields that are not set."""
+        """Return an empty list, as all messages count as initialized."""
         return []
 
     def UnknownFields(self) -> list[Any]:
-        """Unknown fields are not kept."""
+        """Return an empty list, as unknown fields are dropped."""
         return []
 
     def WhichOneof(self, name: str) -> None:
-        """Caffe has no oneof."""
+        """Raise ValueError, as Caffe's messages have no oneof."""
         raise ValueError(f"{self.DESCRIPTOR.name} has no oneof {name!r}")
 
     def __eq__(self, other: object) -> bool:
@@ -206,7 +206,7 @@ class Message:
     # ------------------------------------------------------------------------------------------ as a tree
 
     def to_tree(self) -> prototxt.Message:
-        """As the parser of prototxt would give it, fields in the order of their numbers."""
+        """Convert to a tree like that of the prototxt parser, with fields in the order of their numbers."""
         fields: list[Field] = []
         for field, value in self.ListFields():
             if isinstance(value, FloatList):
@@ -217,7 +217,7 @@ class Message:
         return prototxt.Message(fields, BUILT)
 
     def merge_tree(self, tree: prototxt.Message) -> None:
-        """Take the fields of a tree. Raises PrototxtError at a field that the message does not have."""
+        """Merge the fields of a tree. Raises PrototxtError for an unknown field."""
         self._touch()
         for item in tree.fields:
             field = self.DESCRIPTOR.fields_by_name.get(item.name)
@@ -250,10 +250,10 @@ def _as_node(field: FieldDescriptor, value: Any) -> Scalar | prototxt.Message:
 
 
 def make_class(cls: type, name: str, enum_names: Mapping[str, str], class_of: Callable[[Any], type[Message]]) -> Any:
-    """The class of messages that a dataclass describes.
+    """Generate the class of messages that a dataclass describes.
 
-    ``enum_names``: field -> the name of its enum. ``class_of`` gives the class for a nested dataclass; it is asked
-    when such a field is used.
+    ``enum_names`` maps fields to the names of their enums. ``class_of`` returns the class for a nested dataclass; it is
+    called when such a field is used.
     """
     defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
     fields: list[FieldDescriptor] = []

@@ -1,4 +1,4 @@
-"""google.protobuf.text_format for Caffe's messages, for where the package protobuf is not installed."""
+"""Replacement of google.protobuf.text_format for Caffe's messages, if the package protobuf is not installed."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ M = TypeVar("M", bound=Message)
 
 
 def Merge(text: str | bytes, message: M, **options: Any) -> M:
-    """Take the fields of a prototxt. Raises ParseError."""
+    """Merge the fields of a prototxt into a message. Raises ParseError."""
     message.merge_tree(prototxt.parse(text.decode("utf-8") if isinstance(text, bytes) else text))
     return message
 
 
 def Parse(text: str | bytes, message: M, **options: Any) -> M:
-    """The same; a field given twice takes its last value here, where protobuf's Parse refuses it."""
+    """Like ``Merge``. If a field is given twice, the last value is used, whereas protobuf's Parse rejects it."""
     return Merge(text, message)
 
 
 def MessageToString(message: Message, **options: Any) -> str:
-    """The prototxt of a message."""
+    """Convert a message to prototxt."""
     return str(message)
 
 
 def PrintMessage(message: Message, out: Any, **options: Any) -> None:
-    """Write the prototxt of a message to a file."""
+    """Write a message to a file as prototxt."""
     out.write(str(message))
 
 

@@ -1,6 +1,6 @@
-"""What the fields of a message hold: scalars that are checked, and lists of scalars, numbers or messages.
+"""Values of message fields: checked scalars, and lists of scalars, numbers or messages.
 
-``touch`` is called after every change; the message that holds the list then knows that it is set.
+``touch`` is called after every change, so that the message that contains the list is marked as set.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Message = Any  # of a class that message.py makes
 
 
 def checked(field: FieldDescriptor, value: Any) -> Any:
-    """A value for a scalar field, as it is kept. Raises TypeError or ValueError."""
+    """Check and convert a value for a scalar field. Raises TypeError or ValueError."""
     kind = field.kind
     if field.enum_type is not None:
         number = field.enum_type.numbers.get(value) if isinstance(value, str) else value
@@ -68,12 +68,12 @@ class RepeatedScalars(MutableSequence[Any]):
         self._touch()
 
     def insert(self, index: int, value: Any) -> None:
-        """As of a list."""
+        """Insert a value."""
         self._list.insert(index, checked(self._field, value))
         self._touch()
 
     def extend(self, values: Iterable[Any]) -> None:
-        """As of a list; None is nothing."""
+        """Append values; None counts as no values."""
         self._list.extend([checked(self._field, value) for value in (() if values is None else values)])
         self._touch()
 
@@ -87,7 +87,7 @@ class RepeatedScalars(MutableSequence[Any]):
 
 
 class FloatList(MutableSequence[float]):
-    """A list of numbers of one field, kept in one piece: a blob may have millions."""
+    """A list of numbers of one field, stored in an array because blobs can have millions."""
 
     def __init__(self, field: FieldDescriptor, touch: Touch) -> None:
         self._code = "f" if ARRAYS[field.kind].itemsize == 4 else "d"
@@ -96,11 +96,11 @@ class FloatList(MutableSequence[float]):
 
     @property
     def array(self) -> np.ndarray[Any, Any]:
-        """All of them."""
+        """All numbers, without a copy."""
         return np.frombuffer(self._items, self._code) if self._items else np.zeros(0)
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray[Any, Any]:
-        found = np.array(self._items, dtype=self._code)  # a copy: who looks at an array must not hold the list fast
+        found = np.array(self._items, dtype=self._code)  # a copy, because a view would prevent resizing the list
         return found if dtype is None else found.astype(dtype)
 
     def __len__(self) -> int:
@@ -119,12 +119,12 @@ class FloatList(MutableSequence[float]):
         self._touch()
 
     def insert(self, index: int, value: float) -> None:
-        """As of a list."""
+        """Insert a number."""
         self._items.insert(index, value)
         self._touch()
 
     def extend(self, values: Iterable[float]) -> None:
-        """As of a list; arrays are taken as they are."""
+        """Append numbers; arrays are converted as a whole."""
         if isinstance(values, FloatList):
             self._items.extend(array.array(self._code, values._items))
         elif isinstance(values, np.ndarray):
@@ -143,7 +143,7 @@ class FloatList(MutableSequence[float]):
 
 
 class RepeatedMessages(MutableSequence[Message]):
-    """A list of messages of one field; what is put in is copied."""
+    """A list of messages of one field; elements are copied when added."""
 
     def __init__(self, field: FieldDescriptor, touch: Touch) -> None:
         self._field, self._touch = field, touch
@@ -177,19 +177,19 @@ class RepeatedMessages(MutableSequence[Message]):
         self._touch()
 
     def insert(self, index: int, value: Message) -> None:
-        """Insert a copy."""
+        """Insert a copy of a message."""
         self._list.insert(index, self._copy(value))
         self._touch()
 
     def extend(self, values: Iterable[Message]) -> None:
-        """Append copies."""
+        """Append copies of messages."""
         self._list.extend([self._copy(value) for value in values])
         self._touch()
 
     MergeFrom = extend
 
     def sort(self, **options: Any) -> None:
-        """As of a list."""
+        """Sort like a list."""
         self._list.sort(**options)
 
     def __iter__(self) -> Iterator[Message]:
@@ -203,7 +203,7 @@ class RepeatedMessages(MutableSequence[Message]):
 
 
 def container(field: FieldDescriptor, touch: Touch) -> Any:
-    """The empty list of a repeated field."""
+    """Create the empty list of a repeated field."""
     if field.message_type is not None:
         return RepeatedMessages(field, touch)
     return FloatList(field, touch) if field.kind in ARRAYS else RepeatedScalars(field, touch)

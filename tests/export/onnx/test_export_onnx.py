@@ -22,7 +22,7 @@ def test_the_papers_network(tmp_path, monkeypatch):
     netlib.Net(NYU, netlib.TEST, seed=3).save("net.caffemodel")
     out = run_tool("export_onnx", NYU, "net.caffemodel", "hand.onnx", "--check").out
     assert re.fullmatch(r"wrote hand\.onnx: 9\.\d\d MB\npred: largest difference \d\.\de-0[678] of its largest value, "
-                        r"batches of 1 and 3\n", out)  # fmt: skip
+                        r"batch sizes 1 and 3\n", out)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -27,8 +27,8 @@ def test_a_type_without_a_form(kind, files):
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     Path("loss.prototxt").write_text(net_text(f'layer {{ name: "bad" type: "{kind}" top: "y" }}', (1, 3)))
     assert refusal("loss.prototxt", weights) == (
-        f"loss.prototxt:3:21: error: layer 'bad': type '{kind}' has no form in ONNX (docs/onnx.md); "
-        "a deploy net has no layers for data, labels and losses\n"
+        f"loss.prototxt:3:21: error: layer 'bad': type '{kind}' cannot be exported to ONNX (docs/onnx.md); "
+        "expected a deploy net, without layers for data, labels and losses\n"
     )
 
 
@@ -36,22 +36,22 @@ def test_a_type_without_a_form(kind, files):
     ("layers", "shapes", "message"),
     [
         ('layer { name: "r" type: "Reshape" bottom: "x0" top: "y" reshape_param { shape { dim: 1 dim: 4 } } }',
-         [(1, 4)], "net.prototxt:3:73: error: layer 'r': cannot give 8 values (2, 4) the shape (1, 4); the net must "
-         "take any number of items, here it had 2"),
+         [(1, 4)], "net.prototxt:3:73: error: layer 'r': cannot give 8 values (2, 4) the shape (1, 4) (with 2 "
+         "items); expected a net that accepts any number"),
         ('layer { name: "s" type: "Slice" bottom: "x0" top: "y" top: "z" slice_param { axis: 0 slice_point: 1 } }',
-         [(2, 4)], "net.prototxt:3:7: error: layer 's': a shape [(1, 4), (1, 4)] for 2 items, [(1, 4), (2, 4)] for 3 "
-         "has no form in ONNX: expected one axis that counts items"),
+         [(2, 4)], "net.prototxt:3:7: error: layer 's': shape [(1, 4), (1, 4)] for 2 items, [(1, 4), (2, 4)] for 3 "
+         "cannot be exported to ONNX; expected one axis that depends on the number of items"),
         ('layer { name: "m" type: "ArgMax" bottom: "x0" top: "y" argmax_param { axis: 0 } }', [(1, 4)],
-         "net.prototxt:3:7: error: layer 'm': ArgMax along the batch has no form in ONNX; shape (N)"),
+         "net.prototxt:3:7: error: layer 'm': ArgMax along the batch axis cannot be exported to ONNX; shape (N)"),
         ('layer { name: "b" type: "BatchNorm" bottom: "x0" top: "y" batch_norm_param { use_global_stats: false } }',
-         [(1, 4)], "net.prototxt:3:78: error: layer 'b': with use_global_stats: false, each item depends on its batch; "
-         "expected true, or none"),
+         [(1, 4)], "net.prototxt:3:78: error: layer 'b': use_global_stats: false makes items depend on their batch; "
+         "expected true or no value"),
         ('layer { name: "a" type: "ReLU" bottom: "x0" top: "x0" }', [(1, 4)],
-         "net.prototxt: blob 'x0' is both input and output, which ONNX does not know; let a layer read it, and give "
-         "its top another name"),
+         "net.prototxt: blob 'x0' is both input and output, which ONNX does not support; expected a layer "
+         "that reads it, with another top"),
         ('layer { name: "a" type: "Concat" bottom: "x0" bottom: "x1" top: "y" concat_param { axis: 0 } }',
-         [(1, 4), (2, 4)], "net.prototxt: inputs of different batches, x0 (1, 4), x1 (2, 4); expected first axes of "
-         "the same size"),
+         [(1, 4), (2, 4)], "net.prototxt: inputs with different batch sizes, x0 (1, 4), x1 (2, 4); expected first axes "
+         "of the same size"),
     ],
 )  # fmt: skip
 def test_a_net_without_a_batch(layers, shapes, message, files):
@@ -64,7 +64,7 @@ def test_files_that_are_not_there(files):
     net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     assert refusal("no.prototxt", weights) == ("no.prototxt: cannot read the prototxt: No such file or directory\n")
     assert "no.caffemodel.h5" in refusal(net, "no.caffemodel.h5")
-    assert refusal(str(NYU), weights).startswith("net.caffemodel.h5: no layer of net 'DeepModel' is in it")
+    assert refusal(str(NYU), weights).startswith("net.caffemodel.h5: it has no layer of net 'DeepModel'")
     assert refusal(net, weights, "--blob", "yy") == "net 'small' has no blob 'yy' (did you mean 'y'?)\n"
     done = run_tool("export_onnx", net, weights, "no/out.onnx", status=1)
     assert done.err == "no/out.onnx: cannot write the file: No such file or directory\n"
@@ -95,8 +95,8 @@ def test_a_difference_fails(files, monkeypatch):
     net, weights = files('layer { name: "a" type: "Power" bottom: "x0" top: "y" power_param { scale: 2 } }', (1, 3))
     monkeypatch.setitem(LAYERS, "Power", LAYERS["AbsVal"])
     _, out, err = run_tool("export_onnx", net, weights, "out.onnx", "--check", status=1)
-    assert re.search(r"^y: largest difference 1\.5e\+00 of its largest value, batches of 1 and 3$", out, re.MULTILINE)
-    assert err == "out.onnx: onnxruntime computes something else, by more than 1e-05\n"
+    assert re.search(r"^y: largest difference 1\.5e\+00 of its largest value, batch sizes 1 and 3$", out, re.MULTILINE)
+    assert err == "out.onnx: onnxruntime's result differs by more than 1e-05\n"
 
 
 def test_usage():

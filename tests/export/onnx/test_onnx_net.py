@@ -39,7 +39,7 @@ def test_a_net_from_python(files):
     onnx_image(used)
     assert used.blobs["y"].shape == (5, 3)
     Path("loss.prototxt").write_text(net_text('layer { name: "bad" type: "PhysLimit" bottom: "x0" top: "y" }', (1, 47)))
-    with pytest.raises(NetlibError, match="layer 'bad': type 'PhysLimit' has no form in ONNX"):
+    with pytest.raises(NetlibError, match="layer 'bad': type 'PhysLimit' cannot be exported to ONNX"):
         onnx_image(netlib.Net("loss.prototxt", netlib.TEST))
 
 
@@ -55,7 +55,7 @@ def test_difference():
 
 def test_weights_over_two_gigabytes(monkeypatch):
     """A protocol buffer holds no more."""
-    monkeypatch.setattr("export.onnx.graph.MOST_BYTES", 1000)
+    monkeypatch.setattr("export.onnx.graph.MAX_BYTES", 1000)
     net = load(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5")
-    with pytest.raises(NetlibError, match=r"^net 'SyntheticHand' has 0\.0 GB of weights; an ONNX file holds at most"):
+    with pytest.raises(NetlibError, match=r"^net 'SyntheticHand' has 0\.0 GB of weights; expected at most"):
         onnx_image(net)

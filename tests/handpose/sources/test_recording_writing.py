@@ -201,14 +201,14 @@ def test_a_name_that_no_recording_can_have(tmp_path: Path, monkeypatch: pytest.M
 def test_what_another_writer_took_away_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Who is killed between two looks of the next one."""
     write(tmp_path / "take", frames(3))
-    before, kept = contents(tmp_path / "take"), atomic.kept
+    before, kept = contents(tmp_path / "take"), atomic.backups
 
     def taken_away(path: Path) -> list[Path]:
         if path.exists():
             path.rename(tmp_path / ".take.0123abcd.netlib.old")
         return kept(path)
 
-    monkeypatch.setattr(atomic, "kept", taken_away)
+    monkeypatch.setattr(atomic, "backups", taken_away)
     with pytest.raises(NetlibError, match="is not empty"):
         write(tmp_path / "take", frames(1))
     assert contents(tmp_path / "take") == before

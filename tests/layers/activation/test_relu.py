@@ -44,7 +44,7 @@ def test_gradient(check, rng, slope):
 
 def test_a_negative_slope_below_zero_cannot_run_in_place(net_of):
     """The sign of y no longer tells that of x."""
-    with pytest.raises(netlib.LayerError, match="with a negative negative_slope cannot run in place"):
+    with pytest.raises(netlib.LayerError, match="a negative negative_slope cannot run in place"):
         net_of(
             inputs(x=(2,)) + 'layer { name: "r" type: "ReLU" bottom: "x" top: "x" relu_param { negative_slope: -1 } }'
         )

@@ -47,10 +47,10 @@ def test_gradient(check, rng):
 def test_mistakes(run, shape):
     """Other axes must agree."""
     with pytest.raises(
-        netlib.LayerError, match=r"layer 'it': bottom 'bottom1' .* and 'bottom0' \(2, 3\) may differ in axis 1"
+        netlib.LayerError, match=r"layer 'it': bottom 'bottom1' .* and 'bottom0' \(2, 3\) may differ only along axis 1"
     ):
         run('type: "Concat"', np.zeros((2, 3)), np.zeros(shape))
     with pytest.raises(netlib.LayerError, match="axis 2 is out of range"):
         run('type: "Concat" concat_param { axis: 2 }', np.zeros((2, 3)))
-    with pytest.raises(netlib.LayerError, match="axis and concat_dim are one thing; give only one of them"):
+    with pytest.raises(netlib.LayerError, match="axis and concat_dim are the same option"):
         run('type: "Concat" concat_param { axis: 1 concat_dim: 1 }', np.zeros((2, 3)))

@@ -65,7 +65,7 @@ def test_gradient(check, rng, options):
     [
         ("", [1, 2], r"bottom 'bottom1' \(2,\) and 'bottom0' \(3,\) must have the same shape"),
         ("coeff: 1", B, "has 2 bottoms, but 1 coeff"),
-        ("operation: PROD coeff: 1 coeff: 1", B, "coeff is for operation SUM only"),
+        ("operation: PROD coeff: 1 coeff: 1", B, "coeff is only valid with operation SUM"),
     ],
 )
 def test_mistakes(run, options, b, message):

@@ -56,7 +56,7 @@ def test_in_a_net_the_number_of_items_follows_the_selector(net_of, rng):
     ("bottoms", "tops", "message"),
     [
         ([np.zeros(3), np.zeros(3)], 2, "has 2 bottoms, the last of them the selector, and 2 tops; expected 1 tops"),
-        ([np.zeros(3), np.zeros((3, 2))], 1, r"the selector 'bottom1' \(3, 2\) must have one value for each item"),
+        ([np.zeros(3), np.zeros((3, 2))], 1, r"the selector 'bottom1' \(3, 2\) must have one value per item"),
         ([np.zeros((2, 3)), np.zeros(3)], 1, r"bottom 'bottom0' \(2, 3\) and the selector 'bottom1' \(3,\) must have"),
     ],
 )

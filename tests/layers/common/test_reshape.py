@@ -42,9 +42,9 @@ def test_gradient(check, rng):
     [
         ("shape { dim: 5 }", r"cannot give 24 values \(2, 3, 4\) the shape \(5,\)"),
         ("shape { dim: 5 dim: -1 }", "cannot give 24 values"),
-        ("shape { dim: -1 dim: -1 }", "may have one -1"),
-        ("shape { dim: -2 }", "and nothing below"),
-        ("shape { dim: 1 dim: 1 dim: 1 dim: 0 }", "0 at place 3, but the bottom has shape"),
+        ("shape { dim: -1 dim: -1 }", "may contain one -1"),
+        ("shape { dim: -2 }", "and no smaller number"),
+        ("shape { dim: 1 dim: 1 dim: 1 dim: 0 }", "0 at index 3, but the bottom has shape"),
         ("axis: 4", "axis 4, num_axes -1 do not fit a bottom of shape"),
         ("axis: 1 num_axes: 3", "axis 1, num_axes 3 do not fit"),
         ("shape { dim: 24 } num_axes: -2", "axis 0, num_axes -2 do not fit"),

@@ -32,12 +32,12 @@ def test_gradient(check, rng):
 @pytest.mark.parametrize(
     ("options", "tops", "message"),
     [
-        ("", 4, r"axis 1 of \(4, 6\) cannot be cut into 4 equal parts"),
+        ("", 4, r"axis 1 of \(4, 6\) cannot be split into 4 equal parts"),
         ("slice_point: 2", 3, "must be 2 increasing numbers from 1 to 6"),
         ("slice_point: 4 slice_point: 2", 3, "must be 2 increasing numbers"),
         ("slice_point: 7", 2, "must be 1 increasing numbers"),
         ("axis: 0 slice_point: 1 slice_point: 2 slice_point: 3 slice_point: 4", 5, "and 5 tops at most 4"),
-        ("axis: 1 slice_dim: 1", 2, "axis and slice_dim are one thing; give only one of them"),
+        ("axis: 1 slice_dim: 1", 2, "axis and slice_dim are the same option"),
         ("slice_point: 0", 2, "must be 1 increasing numbers"),
         ("axis: 2", 2, "axis 2 is out of range"),
     ],

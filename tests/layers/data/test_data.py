@@ -78,7 +78,7 @@ def test_pictures_in_colour_or_in_grey(tmp_path, rng, net_of, force, channels):
     entries = [datum(cv2.imencode(".png", picture)[1].tobytes(), 0) for picture in pictures]
     path = write(tmp_path / "lmdb", entries)
     assert net_of(text(path, more=f"transform_param {{ {force}: true }}")).forward()["x"].shape == (2, channels, 4, 5)
-    with pytest.raises(netlib.LayerError, match=r"entry '00000001': an image \(C, H, W\) \(1, 4, 5\) gives"):
+    with pytest.raises(netlib.LayerError, match=r"entry '00000001': the image \(C, H, W\) \(1, 4, 5\) gives"):
         net_of(text(path)).forward()
 
 

@@ -72,15 +72,15 @@ WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
     [
         (WHOLE[:-1], "d: byte 15: truncated: the message ends within a number; expected a Datum"),
         (WHOLE[:10], "d: byte 6: truncated: field 4 has 6 bytes, but 2 are left; expected a Datum"),
-        (WHOLE[:6], r"d: a Datum of channels, height, width \(1, 2, 3\) with 0 values"),
-        (b"", r"d: a Datum of channels, height, width \(0, 0, 0\) with 0 values"),
+        (WHOLE[:6], r"d: a Datum with channels, height, width \(1, 2, 3\) has 0 values"),
+        (b"", r"d: a Datum with channels, height, width \(0, 0, 0\) has 0 values"),
         (b"\xff" * 20, "d: byte 0: malformed: a number of more than ten bytes; expected a Datum"),
         (b"\x0b", "d: byte 1: truncated: the message ends within a number"),
-        (number(4, 5), r"d: a Datum of channels, height, width \(0, 0, 0\) with 0 values"),
-        (content(6, b"abc"), "d: byte 0: malformed: 3 bytes of 'float_data' are no float32 numbers"),
+        (number(4, 5), r"d: a Datum with channels, height, width \(0, 0, 0\) has 0 values"),
+        (content(6, b"abc"), "d: byte 0: malformed: 3 bytes of 'float_data' are no float32 array"),
         (datum(b"text", 0), r"d: not an image that OpenCV can decode \(4 bytes\)"),
         (datum(b"", 0), r"d: not an image that OpenCV can decode \(0 bytes\)"),
-        (datum(cv2.imencode(".png", np.zeros((2, 2), np.uint16))[1].tobytes(), 0), "d: an image of uint16, expected 8"),
+        (datum(cv2.imencode(".png", np.zeros((2, 2), np.uint16))[1].tobytes(), 0), "d: .*uint16, expected 8"),
     ],
 )
 def test_mistakes(data, message):
@@ -124,8 +124,8 @@ def test_a_blob_with_the_older_four_sizes(tmp_path, rng):
     [
         (None, "mean: cannot read the blob: No such file or directory"),
         (blob(np.ones(3))[:-1], r"mean: byte \d+: truncated: field \d .*; expected a blob \(.binaryproto\)"),
-        (number(1, 2) + content(5, bytes(8)), r"mean: byte 0: a blob of shape \(2, 0, 0, 0\) with 2 values"),
-        (b"", r"mean: no values in it; expected a blob \(.binaryproto\)"),
+        (number(1, 2) + content(5, bytes(8)), r"mean: byte 0: a blob of shape \(2, 0, 0, 0\) has 2 values"),
+        (b"", r"mean: it holds no values; expected a blob \(.binaryproto\)"),
         (b"text", r"mean: byte 0: malformed: wire type 4; expected a blob \(.binaryproto\)"),
     ],
 )

@@ -81,8 +81,8 @@ def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
 @pytest.mark.parametrize(
     ("name", "shapes", "message"),
     [
-        ("gone/out.h5", {}, r"file_name '.*gone/out.h5': there is no folder .*gone"),
-        ("", {}, "file_name '.*' is not the name of a file"),
+        ("gone/out.h5", {}, r"file_name '.*gone/out.h5': .*gone is not a folder"),
+        ("", {}, "file_name '.*' is not a file name"),
         ("out.h5", {"t": "dim: 3"}, r"bottoms 'x' \(2, 3\) and 't' \(3,\) must have the same number of items"),
         ("out.h5", {"x": "dim: 2 " * 5}, r"bottom 'x' \(2, 2, 2, 2, 2\) has more than four axes"),
     ],

@@ -183,7 +183,7 @@ def test_notes(tmp_path, pictures, net_of):
         (b"empty 1", "", r"empty: not an image that OpenCV can decode \(0 bytes\)"),
         (b"picture 0.png 1", "batch_size: 0", "layer 'd': batch_size must be at least 1"),
         (b"picture 0.png 1", "new_width: 3", "new_height 0 and new_width 3 must be given together"),
-        (b"picture 0.png 1", "new_height: 99999 new_width: 99999", "pictures resized to 99999 x 99999 pixels"),
+        (b"picture 0.png 1", "new_height: 99999 new_width: 99999", "resized to 99999 x 99999 pixels"),
         (b"picture 0.png 1", "rand_skip: 900", "rand_skip 900 would skip all 1 images"),
     ],
 )
@@ -201,5 +201,5 @@ def test_mistakes(tmp_path, pictures, net_of, content, options, message):
 def test_a_picture_that_does_not_fit_its_batch(tmp_path, pictures, net_of):
     """Is named."""
     write_list(tmp_path, [0, 3])
-    with pytest.raises(netlib.LayerError, match=r"layer 'd': picture 3.png: an image \(C, H, W\) \(3, 5, 8\) gives"):
+    with pytest.raises(netlib.LayerError, match=r"layer 'd': picture 3.png: the image \(C, H, W\) \(3, 5, 8\) gives"):
         net_of(text(tmp_path, "batch_size: 2")).forward()

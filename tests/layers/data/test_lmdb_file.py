@@ -188,9 +188,9 @@ WHOLE = page(LEAF, 2, [node(b"a", b"1"), node(b"b", b"2")], 512)
     ("pages", "header", "message"),
     [
         ([WHOLE], {"version": 999}, "version 999 of LMDB's format, expected 1"),
-        ([WHOLE], {"flags": 4}, "a database with flags 0x4, expected none, as Caffe writes it: one value for each key"),
+        ([WHOLE], {"flags": 4}, "a database with flags 0x4, expected none, as Caffe writes it: one value per key"),
         ([WHOLE], {"size": 12}, "page 0: pages of 12 bytes, expected a power of two from 512 to 32768"),
-        ([WHOLE], {"transaction": 5}, "page 1: transaction 5 does not go with 5 in page 0"),
+        ([WHOLE], {"transaction": 5}, "page 1: transaction 5 does not match 5 in page 0"),
         ([WHOLE], {"depth": 0}, "page 1: 2 entries at depth 0, from page 2 on"),
         ([WHOLE], {"depth": 33}, "page 1: 2 entries at depth 33, from page 2 on"),
         ([WHOLE], {"depth": 2}, "page 2: expected a branch, found page 2 of kind 0x2"),
@@ -198,16 +198,16 @@ WHOLE = page(LEAF, 2, [node(b"a", b"1"), node(b"b", b"2")], 512)
         ([WHOLE], {"root": 1 << 40}, "page 1099511627776: the file ends at byte 1536"),
         ([WHOLE], {"root": 1 << 41}, "page 2199023255552: expected 1 of pages 2 to 1099511627776"),
         ([WHOLE], {"counted": 7}, "truncated: it has 1536 bytes, expected at least 4608"),
-        ([page(BRANCH, 2, [pointer(b"", 2)] * 2, 512)], {"depth": 9}, "page 2: its keys are not in order"),
+        ([page(BRANCH, 2, [pointer(b"", 2)] * 2, 512)], {"depth": 9}, "page 2: its keys are out of order"),
         ([page(BRANCH, 2, [pointer(b"", 2)], 512)], {"depth": 32}, "page 2: expected a leaf, found page 2 of kind 0x1"),
         (
             [page(BRANCH, 2, [pointer(b"", 3), pointer(b"c", 3)], 512), page(LEAF, 3, [node(b"b", b"")], 512)],
             {"depth": 2},
-            "page 3: its keys are not in order, or belong to another page",
+            "page 3: its keys are out of order, or belong to another page",
         ),
         ([page(LEAF, 2, [], 512)], {}, "page 2: offsets up to byte 16, nodes from byte 512 on"),
         ([WHOLE[:16] + b"\xff\xff" + WHOLE[18:]], {}, "page 2: a node at byte 65535"),
-        ([page(LEAF, 2, [node(b"b", b""), node(b"a", b"")], 512)], {}, "page 2: its keys are not in order"),
+        ([page(LEAF, 2, [node(b"b", b""), node(b"a", b"")], 512)], {}, "page 2: its keys are out of order"),
         ([page(LEAF, 2, [node(b"a", b"")[:4] + b"\2\0\1\0a"], 512)], {}, "b'a' is not an entry but a database within"),
         ([page(LEAF, 2, [node(b"a", (3, 2**32 - 1))], 512)], {}, "page 3: the file ends at byte 1536"),
         ([page(LEAF, 2, [node(b"a", (2, 9))], 512)], {}, "page 2: expected a value of 9 bytes, found page 2 of kind"),
@@ -232,7 +232,7 @@ def test_pages_do_not_come_up_twice(tmp_path: Path) -> None:
     """A tree in which every branch leads twice to the one below it would have 2^31 leaves."""
     branches = [page(BRANCH, i, [pointer(b"", i + 1), pointer(b"%02d" % i, i + 1)], 512) for i in range(2, 33)]
     path = database_of(tmp_path / "a", *branches, page(LEAF, 33, [node(b"0", b"")], 512), depth=32, entries=1 << 31)
-    with pytest.raises(DataError, match="its keys are not in order, or belong to another page"):
+    with pytest.raises(DataError, match="its keys are out of order, or belong to another page"):
         list(walked(path))
 
 

@@ -67,12 +67,12 @@ def test_transform_param_is_ignored_and_noted(net_of, data):
 @pytest.mark.parametrize(
     ("shape", "labels", "message"),
     [
-        ((3, 3, 1, 2), 3, "given 3 items, expected a multiple of batch_size 2"),
-        ((0, 3, 1, 2), 0, "given 0 items, expected a multiple of batch_size 2"),
-        ((2, 3, 1, 2), 4, "given 2 items of data, but 4 labels"),
-        ((2, 3, 2, 1), 2, r"the data have the shape \(2, 3, 2, 1\), expected \(N, 3, 1, 2\)"),
-        ((2, 6), 2, r"the data have the shape \(2, 6\), expected \(N, 3, 1, 2\)"),
-        ((2, 3, 1, 2), (2, 2), r"the labels have the shape \(2, 2\), expected \(N, 1, 1, 1\)"),
+        ((3, 3, 1, 2), 3, "found 3 items, expected a multiple of batch_size 2"),
+        ((0, 3, 1, 2), 0, "found 0 items, expected a multiple of batch_size 2"),
+        ((2, 3, 1, 2), 4, "found 2 items of data, but 4 labels"),
+        ((2, 3, 2, 1), 2, r"the data have shape \(2, 3, 2, 1\), expected \(N, 3, 1, 2\)"),
+        ((2, 6), 2, r"the data have shape \(2, 6\), expected \(N, 3, 1, 2\)"),
+        ((2, 3, 1, 2), (2, 2), r"the labels have shape \(2, 2\), expected \(N, 1, 1, 1\)"),
     ],
 )
 def test_arrays_that_do_not_fit(net_of, shape, labels, message):
@@ -83,9 +83,9 @@ def test_arrays_that_do_not_fit(net_of, shape, labels, message):
 
 def test_mistakes(net_of):
     """No data yet, words for numbers, sizes of 0."""
-    with pytest.raises(netlib.LayerError, match="layer 'd': has no data yet; call its set_input_arrays"):
+    with pytest.raises(netlib.LayerError, match="layer 'd': has no data; call set_input_arrays"):
         net_of(NET).forward()
-    with pytest.raises(netlib.LayerError, match="layer 'd': the labels must be numbers, given an array of <U1"):
+    with pytest.raises(netlib.LayerError, match="layer 'd': the labels must be numbers, found an array of <U1"):
         net_of(NET).layer_dict["d"].set_input_arrays(np.zeros((2, 3, 1, 2)), ["a", "b"])
     with pytest.raises(netlib.LayerError, match=r"net.prototxt:2:\d+: error: layer 'd': height must be at least 1"):
         net_of(NET.replace("height: 1", "height: 0"))

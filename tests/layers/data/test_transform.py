@@ -110,14 +110,14 @@ def test_the_same_state_gives_the_same_crops(image):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("crop_size: 6", r"it': x: an image \(C, H, W\) \(3, 5, 7\) is smaller than crop_size 6"),
+        ("crop_size: 6", r"it': x: the image \(C, H, W\) \(3, 5, 7\) is smaller than crop_size 6"),
         (
             "mean_value: 1 mean_value: 2",
-            "x: an image of 3 channels, but 2 mean_value; expected one for all, or one for",
+            "x: the image has 3 channels, but 2 mean_value; expected one for all, or one for",
         ),
-        ('mean_file: "m"', r"an image \(C, H, W\) \(3, 5, 7\), but mean_file 'm' has \(3, 5, 6\); expected the same"),
+        ('mean_file: "m"', r"the image \(C, H, W\) is \(3, 5, 7\), mean_file 'm'"),
         ('mean_file: "m" mean_value: 1', "mean_file and mean_value cannot both be given"),
-        ('mean_file: "flat"', r"mean_file 'flat' has the shape \(3,\), expected \(1, C, H, W\)"),
+        ('mean_file: "flat"', r"mean_file 'flat' has shape \(3,\), expected \(1, C, H, W\)"),
         ('mean_file: "none"', "none: cannot read the blob: No such file"),
         ("force_color: true force_gray: true", "force_color and force_gray cannot both be set"),
         ("crop: 3", r"net.prototxt:1:48: error: unknown field 'crop'"),
@@ -134,9 +134,9 @@ def test_mistakes(tmp_path, image, options, message):
 
 def test_an_image_that_does_not_fit_its_batch(image):
     """Without crop_size all must have one size; channels must always agree."""
-    with pytest.raises(netlib.LayerError, match=r"x: an image .* \(3, 5, 7\) gives \(3, 5, 7\), but the first of its"):
+    with pytest.raises(netlib.LayerError, match=r"x: the image .* \(3, 5, 7\) gives \(3, 5, 7\), the first of its"):
         transformer("").transform(image, np.zeros((3, 5, 8)), "x")
-    with pytest.raises(netlib.LayerError, match=r"gives \(3, 2, 2\), but the first of its batch \(1, 2, 2\)"):
+    with pytest.raises(netlib.LayerError, match=r"gives \(3, 2, 2\), the first of its batch \(1, 2, 2\)"):
         transformer("crop_size: 2").transform(image, np.zeros((1, 2, 2)), "x")
 
 

@@ -195,11 +195,11 @@ BOTH = "1 1 0 0 3 3 0 0 0 0 3 3"
         (None, "windows.txt: cannot read the list of windows: No such file"),
         ("", "windows.txt: the list of windows is empty"),
         ("0 a.png", "windows.txt: found '0', expected '#' and image 0"),
-        ("# 1 0.png 3 2 2 0", "image 0: has the number 1; expected images to be numbered from 0 on"),
-        ("# 0 0.png 3 2 2", "image 0: the number of windows: the list ends, expected a whole number"),
-        ("# 0 0.png 3 x", "image 0: height: found 'x', expected a whole number"),
+        ("# 1 0.png 3 2 2 0", "image 0: has number 1; expected images numbered from 0"),
+        ("# 0 0.png 3 2 2", "image 0: the number of windows: the list ends, expected an integer"),
+        ("# 0 0.png 3 x", "image 0: height: found 'x', expected an integer"),
         ("# 0 0.png 3 2 2 1 1 a", "image 0: the overlap of window 0: found 'a', expected a number"),
-        ("# 0 0.png 3 2 2 1 1 1 0 0 3.5 3", "image 0: x2 of window 0: found '3.5', expected a whole number"),
+        ("# 0 0.png 3 2 2 1 1 1 0 0 3.5 3", "image 0: x2 of window 0: found '3.5', expected an integer"),
         (f"# 0 0.png 3 2 2 2 {BOTH} 7", "windows.txt: found '7', expected '#' and image 1"),
         (f"# 0 0.png 1 2 2 2 {BOTH}", "image 0 has 1 channels; images are read in colour, expected 3"),
         ("# 0 0.png 3 2 2 1 1 1 0 0 3 3", "1 foreground and 0 background windows; expected some of both"),
@@ -207,9 +207,9 @@ BOTH = "1 1 0 0 3 3 0 0 0 0 3 3"
         ("# 0 gone.png 3 2 2 2 " + BOTH, "gone.png: cannot read the image"),
         (
             "# 0 0.png 3 2 2 2 1 1 0 0 16 3 0 0 0 0 3 3",
-            r"window \(0, 0, 16, 3\) does not lie in 0.png, which has 16 col",
+            r"window \(0, 0, 16, 3\) is outside 0.png, which has 16 col",
         ),
-        ("# 0 0.png 3 2 2 2 1 1 5 5 3 9 0 0 0 0 3 3", r"window \(5, 5, 3, 9\) of 0.png ends before it begins"),
+        ("# 0 0.png 3 2 2 2 1 1 5 5 3 9 0 0 0 0 3 3", r"window \(5, 5, 3, 9\) of 0.png ends before it starts"),
     ],
 )
 def test_lists_with_something_wrong_in_them(tmp_path, images, net_of, content, message):
@@ -226,14 +226,14 @@ def test_lists_with_something_wrong_in_them(tmp_path, images, net_of, content, m
     [
         ("batch_size: 0", "crop_size: 4", "batch_size must be at least 1"),
         ("batch_size: 1", "", "needs transform_param { crop_size: ... }, the size of its windows"),
-        ("batch_size: 1 context_pad: 2", "crop_size: 4", "context_pad 2 on both sides leaves nothing of crop_size 4"),
+        ("batch_size: 1 context_pad: 2", "crop_size: 4", "context_pad 2 on both sides exceeds crop_size 4"),
         ("batch_size: 1 fg_fraction: 1.5", "crop_size: 4", "fg_fraction 1.5 must be from 0 to 1"),
         ('batch_size: 1 crop_mode: "sqare"', "crop_size: 4", "'warp' or 'square' \\(did you mean 'square'"),
         ("batch_size: 1", "crop_size: 4 mean_value: 1 mean_value: 2", "has 2 mean_value, expected 1 or 3"),
         (
             "batch_size: 1",
             'crop_size: 9 mean_file: "m"',
-            r"mean_file 'm' has \(3, 8, 8\), which has no middle of \(3, 9",
+            r"mean_file 'm' has shape \(3, 8, 8\), too small for a crop of \(3, 9",
         ),
     ],
 )

@@ -180,5 +180,5 @@ def test_mistakes(net_of: NetOf, text: str, told: str) -> None:
 def test_no_gradient(net_of: NetOf) -> None:
     """A layer with weights before it is told to move."""
     layer = net_of(LAYER % ("y", "moved", ALL)).layers[1]
-    with pytest.raises(LayerError, match="right behind the data"):
+    with pytest.raises(LayerError, match="directly after the data"):
         layer.backward([], [True, False], [])

@@ -94,7 +94,11 @@ def test_gradient(check, rng, options):
         ("", [X, [0], H], r"labels 'bottom1' \(1,\) do not fit scores 'bottom0' \(2, 3\); expected \(2,\)"),
         ("", [X, [0, 3], H], "label 3 in 'bottom1'; expected 0 to 2"),
         ("", [X, [0, 1], np.eye(2)], r"H 'bottom2' \(2, 2\) has 4 values, expected 3 x 3"),
-        ("loss_param { normalize: true }", [X, [0, 1], H], "normalize is not known to InfogainLoss; say normalization"),
+        (
+            "loss_param { normalize: true }",
+            [X, [0, 1], H],
+            "InfogainLoss does not support normalize; expected normalization",
+        ),
         ("", [X, [0, 1]], r"needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }"),
         ('infogain_loss_param { source: "H.binaryproto" }', [X, [0, 1]], "H.binaryproto: cannot read the blob"),
         ("infogain_loss_param { axis: 2 }", [X, [0, 1], H], r"axis 2 is out of range for a blob of 2 axes \(2, 3\)"),

@@ -180,7 +180,7 @@ def test_without_items(net_of, rng):
         ({"kernel_size": 2, "group": 0}, "num_output and group must be at least 1"),
         ({"kernel_size": 2, "group": 2}, "group 2 must divide 3 channels and num_output 2"),
         ({"kernel_size": 6}, r"kernel \(6, 6\) is larger than the padded bottom 'bottom0' \(1, 3, 5, 5\)"),
-        ({"kernel_h": 2, "kernel_w": 2, "axis": 2}, "kernel_h and kernel_w are for 2 spatial axes, not 1"),
+        ({"kernel_h": 2, "kernel_w": 2, "axis": 2}, "kernel_h and kernel_w are for 2 spatial axes, found 1"),
         ({"kernel_size": "[2, 2]", "axis": 2}, "2 values of kernel_size for 1 spatial axes"),
         ({"kernel_size": 2, "axis": 4}, "axis 4 is out of range for a blob of 4 axes"),
     ],

@@ -49,11 +49,11 @@ def test_gradient(check, rng):
         (
             "offset: 3",
             (1, 1, 2, 2),
-            r"'bottom0' \(1, 1, 4, 5\) does not hold 'bottom1' \(1, 1, 2, 2\) at offset \(3, 3\)",
+            r"'bottom0' \(1, 1, 4, 5\) does not contain 'bottom1' \(1, 1, 2, 2\) at offset \(3, 3\)",
         ),
-        ("", (1, 1, 4, 6), r"does not hold 'bottom1' \(1, 1, 4, 6\) at offset \(0, 0\), from axis 2 on"),
-        ("", (1, 1, 4), r"does not hold 'bottom1' \(1, 1, 4\)"),
-        ("offset: 1 offset: 1 offset: 1", (1, 1, 2, 2), "3 values of offset for the 2 axes from axis 2 on"),
+        ("", (1, 1, 4, 6), r"does not contain 'bottom1' \(1, 1, 4, 6\) at offset \(0, 0\), from axis 2 on"),
+        ("", (1, 1, 4), r"does not contain 'bottom1' \(1, 1, 4\)"),
+        ("offset: 1 offset: 1 offset: 1", (1, 1, 2, 2), "3 values of offset for 2 axes from axis 2"),
         ("axis: 4", (1, 1, 2, 2), "axis 4 is out of range for a blob of 4 axes"),
     ],
 )

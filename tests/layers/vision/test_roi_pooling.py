@@ -117,6 +117,6 @@ def test_mistakes(run, options, x, rois, message):
 )
 def test_a_region_that_is_none(run, row, shown):
     """Names the row."""
-    message = rf"row 1 of 'bottom1' is \({shown}\); expected an item from 0 to 0, and four finite corners"
+    message = rf"row 1 of 'bottom1' is \({shown}\); expected an item from 0 to 0"
     with pytest.raises(netlib.LayerError, match=message):
         run(text(), X, [[0, 0, 0, 1, 1], row])

@@ -252,7 +252,7 @@ def test_names_that_no_module_has(squares: None, name: str) -> None:
 
 # ---------------------------------------------------------------------------------------------- not allowed
 
-REFUSED = r"^f:1:\d+: error: layer 'own' is of type 'Python', which runs code of whoever wrote the net, and that is not"
+REFUSED = r"^f:1:\d+: error: layer 'own' is of type 'Python', which executes code of the net's author"
 
 
 def text_with(layer: str) -> prototxt.Message:

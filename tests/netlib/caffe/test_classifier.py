@@ -72,14 +72,14 @@ def test_mistakes(make, tmp_path):
     """Images smaller than the input, none at all, colour among gray ones, a net that reads its own data."""
     with pytest.raises(NetlibError, match=r"image_dims \(1, 4\) are smaller than the net's input, \(2, 2\)"):
         make(image_dims=(1, 4))
-    with pytest.raises(NetlibError, match=r"predict takes images \(H, W, K\) of one K, found \[\]"):
+    with pytest.raises(NetlibError, match=r"images \(H, W, K\) .*, found \[\]"):
         make().predict([])
-    with pytest.raises(NetlibError, match=r"of one K, found \[\(4, 4, 3\), \(4, 4, 1\)\]"):
+    with pytest.raises(NetlibError, match=r"found \[\(4, 4, 3\), \(4, 4, 1\)\]"):
         make().predict([image(4, 4), image(4, 4)[..., :1]])
     (tmp_path / "net.prototxt").write_text(
         'name: "own" layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 } } }'
         'layer { name: "means" type: "InnerProduct" bottom: "x" top: "y" inner_product_param { num_output: 1 } }'
     )
     caffe.Net(str(tmp_path / "net.prototxt"), caffe.TEST).save(tmp_path / "net.caffemodel")
-    with pytest.raises(NetlibError, match="net 'own' has no input to put images into"):
+    with pytest.raises(NetlibError, match="net 'own' has no input for images"):
         make()

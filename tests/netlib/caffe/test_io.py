@@ -40,7 +40,7 @@ def test_blobproto_in_double_precision():
 def test_blobproto_without_shape():
     """Is a single number, or a ValueError."""
     assert io.blobproto_to_array(caffe_pb2.BlobProto(data=[7])).shape == ()
-    with pytest.raises(ValueError, match=r"a BlobProto has the shape \(\), but 2 values") as found:
+    with pytest.raises(ValueError, match=r"a BlobProto has shape \(\), but 2 values") as found:
         io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8]))
     assert isinstance(found.value, NetlibError)
 
@@ -73,9 +73,9 @@ def test_datum_mistakes():
     """Each says what was expected."""
     with pytest.raises(ValueError, match=r"takes \(channels, height, width\), found \(2, 2\)"):
         io.array_to_datum(np.zeros((2, 2)))
-    with pytest.raises(ValueError, match=r"a Datum has the shape \(0, 0, 0\), but 2 values"):
+    with pytest.raises(ValueError, match=r"a Datum has shape \(0, 0, 0\), but 2 values"):
         io.datum_to_array(caffe_pb2.Datum(data=b"ab"))
-    with pytest.raises(ValueError, match="holds an encoded picture"):
+    with pytest.raises(ValueError, match="holds an encoded image"):
         io.datum_to_array(caffe_pb2.Datum(data=b"ab", encoded=True))
 
 
@@ -193,7 +193,7 @@ def test_transformer_mistakes(transformer):
         transformer.set_mean("data", np.float64(3))
     with pytest.raises(ValueError, match=r"one item of 'data', found an array of shape \(4, 3, 2, 3\)"):
         transformer.deprocess("data", np.zeros((4, 3, 2, 3)))
-    with pytest.raises(ValueError, match=r"inputs \(N, K, H, W\), but 'x' has the shape \(1, 5\)"):
+    with pytest.raises(ValueError, match=r"input \(N, K, H, W\), but 'x' has shape \(1, 5\)"):
         io.Transformer({"x": (1, 5)}).preprocess("x", np.zeros((2, 3, 3)))
 
 
@@ -201,7 +201,7 @@ def test_a_mean_without_transpose():
     """The channels are last then, and the mean does not fit."""
     transformer = io.Transformer({"data": (1, 3, 2, 4)})
     transformer.set_mean("data", np.zeros((3, 2, 4)))
-    with pytest.raises(ValueError, match=r"shape \(3, 2, 4\), the array \(2, 4, 3\); is a transpose missing\?"):
+    with pytest.raises(ValueError, match=r"shape \(3, 2, 4\), the array \(2, 4, 3\); .*transpose"):
         transformer.preprocess("data", np.zeros((2, 4, 3)))
 
 
@@ -278,9 +278,9 @@ def test_ten_crops():
 
 def test_what_cannot_be_cut():
     """Crops larger than the image, images of two sizes, no image."""
-    with pytest.raises(ValueError, match=r"cannot cut \(5, 2\) out of an image of shape \(4, 4, 1\)"):
+    with pytest.raises(ValueError, match=r"crop \(5, 2\) from an image of shape \(4, 4, 1\)"):
         io.oversample([np.zeros((4, 4, 1))], (5, 2))
-    with pytest.raises(ValueError, match=r"images of one shape, found \(4, 4, 1\) and \(4, 5, 1\)"):
+    with pytest.raises(ValueError, match=r"images of the same shape, found \(4, 4, 1\) and \(4, 5, 1\)"):
         io.oversample([np.zeros((4, 4, 1)), np.zeros((4, 5, 1))], (2, 2))
     with pytest.raises(ValueError, match="at least one image"):
         io.oversample([], (2, 2))
@@ -337,5 +337,5 @@ def test_what_is_no_image(tmp_path):
         with pytest.raises(DataError, match=r"a\.png: not an image that OpenCV can decode"):
             io.load_image(tmp_path / "a.png")
     signed = written(tmp_path / "a.tiff", np.zeros((2, 2), np.int16))
-    with pytest.raises(DataError, match=r"an image of int16; expected 8 or 16 bits without sign"):
+    with pytest.raises(DataError, match=r"int16; expected 8 or 16 bits"):
         io.load_image(signed)

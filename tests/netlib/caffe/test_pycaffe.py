@@ -159,7 +159,7 @@ def test_images_in_memory() -> None:
     net.set_input_arrays(np.arange(12, dtype=np.float32).reshape(4, 1, 1, 3), np.arange(4, dtype=np.float32))
     net.forward()
     assert net.forward()["t"].ravel().tolist() == [2, 3]
-    with pytest.raises(NetlibError, match="set_input_arrays is for nets whose first layer is a MemoryData layer"):
+    with pytest.raises(NetlibError, match=r"set_input_arrays .* MemoryData layer"):
         pycaffe.Net("net.prototxt", netlib.TEST).set_input_arrays(X, X)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from netlib.blob import Blob
-from netlib.distributed.allreduce import LOOK_S, Averaging, Means
+from netlib.distributed.allreduce import POLL_S, Averaging, Means
 
 
 class Wire:
@@ -36,7 +36,7 @@ class Wire:
         if not requests:
             return True
         self.said.append("look" if seconds else "wait")
-        assert seconds in (None, LOOK_S)
+        assert seconds in (None, POLL_S)
         self.left -= 1
         return seconds is None or self.left <= 0
 
@@ -58,15 +58,15 @@ def test_a_part_begins_when_it_is_complete(looks: int) -> None:
     """Not before; rounds one after the other; and the last round is looked after, too."""
     wire, made = Wire(looks), parts()
     under_way = Averaging(Means(wire, wire.wait), made)
-    under_way.look()
-    under_way.look(0)
+    under_way.poll()
+    under_way.poll(0)
     assert wire.said == []
     for _ in range(20):
-        under_way.look(1)
+        under_way.poll(1)
     assert wire.said[: 2 * looks + 2] == ["sent", *["look"] * looks, "gathered", *["look"] * looks]
     assert set(wire.said[2 * looks + 2 :]) <= {"look"}
     for _ in range(20):
-        under_way.look(2)
+        under_way.poll(2)
     assert values(made) == [4, 1, 1, 1]  # the second is taken back with the third, or at the end
     assert [word for word in wire.said if word != "look"] == ["sent", "gathered"] * 2
     under_way.finish()

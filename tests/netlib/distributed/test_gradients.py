@@ -50,7 +50,7 @@ def test_parts_end_between_layers(least: int, expected: list[list[str]]) -> None
 def test_fixed_and_shared_parameters() -> None:
     """Fixed ones are in no part; a shared one is complete when the first layer that uses it has run."""
     net = net_of(SHARED, "", SHARED, FIXED)
-    gradients = Gradients(net.layers, net.learnable, least=1)
+    gradients = Gradients(net.layers, net.learnable, min_bytes=1)
     assert labels(net, gradients) == [["fc1/1", "fc1/0"], ["fc0/1", "fc0/0"]]
     assert [gradients.complete(net.layer_dict[f"fc{i}"]) for i in (3, 2, 1, 0)] == [0, 0, 1, 2]
 
@@ -60,7 +60,7 @@ def test_what_a_net_says_is_complete_does_not_change() -> None:
     net = net_of("", SHARED, SHARED, "")
     net.forward(x0=np.random.default_rng(0).standard_normal((2, 4)))
     net.clear_param_diffs()
-    gradients = Gradients(net.layers, net.learnable, least=1)
+    gradients = Gradients(net.layers, net.learnable, min_bytes=1)
     seen: list[list[np.ndarray]] = []
 
     def passed(layer: netlib.Layer | None) -> None:

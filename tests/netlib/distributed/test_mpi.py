@@ -20,4 +20,4 @@ def test_a_network_that_is_cut(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = ranks_started.run(2, PROGRAMS, "cut_off")
     assert done.returncode != 0
-    assert "no sign of rank 1 for 0 s; all ranks end, the last snapshot is untouched" in done.stderr.splitlines()
+    assert "no response from rank 1 for 0 s; all ranks end, the last snapshot is untouched" in done.stderr.splitlines()

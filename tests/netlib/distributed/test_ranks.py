@@ -34,7 +34,7 @@ def test_batches():
     """The prototxt's, or a part of it."""
     assert Share(1, 4).batch(6) == 6
     assert Share(1, 4, divide=True).batch(8) == 2
-    with pytest.raises(ValueError, match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple$"):
+    with pytest.raises(ValueError, match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple of 4$"):
         Share(1, 4, divide=True).batch(6)
 
 

@@ -71,7 +71,7 @@ def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkey
     try:
         assert net_of(NET).engine.name == "plain"
         assert engine.prepare() == "BLAS: as NumPy sets it up"
-        with pytest.raises(netlib.NetlibError, match="the engine 'fast' is the folder fast/, which is not there"):
+        with pytest.raises(netlib.NetlibError, match="the engine 'fast' needs the folder fast/"):
             net_of(NET, engine="fast")
     finally:
         choice._engine.cache_clear()
@@ -170,7 +170,7 @@ def test_an_empty_choice_is_no_choice(value: str) -> None:
         ("fast/__init__.py", "", "fast"),
         ("layers.py", "", "fast"),
         ("fast.py", "import fast", "plain"),
-        ("layers.py", "import layers", "layers.py: was imported as 'layers', which is this project's package"),
+        ("layers.py", "import layers", "layers.py: was imported as 'layers'"),
     ],
 )
 @needs_fast
@@ -191,7 +191,7 @@ def test_plain_has_one_thread() -> None:
     plain = engine.get("plain")
     plain.set_threads(3)
     assert plain.threads() == 1
-    with pytest.raises(ValueError, match="at least 1, not 0"):
+    with pytest.raises(ValueError, match="at least 1, got 0"):
         plain.set_threads(0)
 
 

@@ -104,7 +104,7 @@ def another_filter(file: h5py.File) -> None:
             "'/deep/x' is a link into another file, 'other.h5', which is not followed; expected all in one",
         ),
         (external_storage, "data set '/x' is kept in another file, '/etc/hostname', which is not read; expected all"),
-        (virtual, "data set '/x' is virtual, made of others, which is not followed; expected values"),
+        (virtual, "data set '/x' is virtual"),
         (never_written, "data set '/x' claims 4000000000000 bytes, but only 0 are stored; expected data"),
         (another_filter, "data set '/x' is compressed by filter 6 ("),
     ],
@@ -138,7 +138,7 @@ def test_the_library_crashes(tmp_path: Path, pretender: None) -> None:
 
 def test_the_library_never_returns(tmp_path: Path, pretender: None) -> None:
     """Neither there, and it is not waited for."""
-    with pytest.raises(DataError, match="damaged: the HDF5 library does not come to an end with it"):
+    with pytest.raises(DataError, match="damaged: the HDF5 library does not finish"):
         hdf5.File(write(tmp_path / "endless.h5", x=np.zeros(3)), ("x",))
     assert hdf5.File(write(tmp_path / "good.h5", x=np.zeros(3)), ("x",)).rows == 3
 
@@ -164,7 +164,7 @@ def test_without_a_helper(
     monkeypatch.setattr(hdf5_helper, "CHECK", tmp_path / "not there.py")
     path = write(tmp_path / "a.h5", x=np.zeros(3))
     assert hdf5.File(path, ("x",)).rows == 3
-    assert "HDF5 files are opened without a look from outside" in caplog.text
+    assert "cannot start the helper process" in caplog.text
 
 
 def test_a_file_that_is_exchanged_after_the_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -105,7 +105,7 @@ def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[
 )
 def test_inputs_without_a_fitting_shape(net_of: MakeNet, text: str) -> None:
     """The message counts."""
-    with pytest.raises(netlib.PrototxtError, match="inputs need as many input_shape"):
+    with pytest.raises(netlib.PrototxtError, match=r"inputs, but \d+ input_shape"):
         net_of(text)
 
 
@@ -120,7 +120,7 @@ def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
     [
         ('layer { name: "a" type: "Convolutoin" }', r"type 'Convolutoin' \(did you mean 'Convolution'\?\); known"),
         ('layer { name: "a" }', "layer 'a' has no type"),
-        ("", "no layer in this file; expected a net"),
+        ("", "this file has no layers; expected a net"),
         ('layers { name: "a" }', "layer 'a' has no type"),
         ('layers { name: "a" type: "RELU" }', "'type' expects .*, found \"RELU\""),
         ('layers { name: "a" type: RELUU }', r"unknown value RELUU of 'type' \(did you mean 'RELU'\?\)"),
@@ -154,7 +154,9 @@ def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
 )
 def test_a_layer_of_a_fork_of_caffe(net_of: MakeNet, text: str, found: str) -> None:
     """By its type or by its options: what there is instead. A blob may have its name."""
-    advice = r" \(the layer BN and its bn_param are of forks of Caffe.*; expected two layers, BatchNorm and Scale with"
+    advice = (
+        r" \(the layer BN and its bn_param belong to forks of Caffe.*; expected two layers, BatchNorm and Scale with"
+    )
     with pytest.raises(netlib.PrototxtError, match=found + advice):
         net_of(text)
     with pytest.raises(netlib.LayerError, match="unknown bottom blob 'BN'; known"):

@@ -97,7 +97,7 @@ def test_what_a_type_does_not_have_is_dropped_with_a_note(caplog: pytest.LogCapt
     """As Caffe does."""
     caplog.set_level(logging.WARNING, "netlib")
     assert net('layers { layer { name: "r" type: "relu" kernelsize: 3 } top: "r" }').layer[0].blocks == {}
-    assert caplog.messages == ["<text>:1:41: 'kernelsize' means nothing to a layer of type 'relu'; dropped"]
+    assert caplog.messages == ["<text>:1:41: 'kernelsize' does not apply to a layer of type 'relu'; dropped"]
 
 
 @pytest.mark.parametrize(("of_padding", "of_layer", "pad"), [("pad: 2", "pad: 0", (2,)), ("", "pad: 2", ())])

@@ -74,8 +74,8 @@ def test_double_precision_stays(net_of: Callable[..., netlib.Net]) -> None:
 
 def test_what_caffe_could_not_read_back_is_refused(net: netlib.Net, monkeypatch: pytest.MonkeyPatch) -> None:
     """Protobuf reads 2 GB at most."""
-    monkeypatch.setattr(binary_format, "LARGEST", 100)
-    with pytest.raises(WeightsError, match=r"more than Caffe's binary format can hold, 2 GB; .*HDF5.*\.h5"):
+    monkeypatch.setattr(binary_format, "MAX_BYTES", 100)
+    with pytest.raises(WeightsError, match=r"Caffe's binary format, 2 GB; .*HDF5.*\.h5"):
         image(net, "w.caffemodel")
 
 

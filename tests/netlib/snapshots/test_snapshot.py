@@ -352,8 +352,8 @@ def test_a_flipped_bit_of_a_state_is_noticed(pair: tuple[Path, Path]) -> None:
     ("name", "content", "message"),
     [
         ("gone.h5", None, "cannot read weights: No such file or directory"),
-        ("empty.h5", b"", "no layer in it; expected weights (.caffemodel); the file is empty"),
-        ("text.caffemodel", b"layer {}", "expected weights (.caffemodel); this looks like a text"),
+        ("empty.h5", b"", "expected weights (.caffemodel); the file is empty"),
+        ("text.caffemodel", b"layer {}", "expected weights (.caffemodel); it looks like a text file"),
         ("folder", "folder", "cannot read weights: Is a directory"),
     ],
 )
@@ -374,7 +374,7 @@ def test_an_hdf5_file_of_another_kind(tmp_path: Path) -> None:
     """Training data, for example."""
     with h5py.File(tmp_path / "data.h5", "w") as file:
         file["depth"] = np.zeros(3)
-    with pytest.raises(netlib.WeightsError, match="no group /data in it"):
+    with pytest.raises(netlib.WeightsError, match="no group /data"):
         snapshot.read_weights(tmp_path / "data.h5")
     with pytest.raises(netlib.WeightsError, match="not a solver state"):
         snapshot.read_state(tmp_path / "data.h5")

@@ -20,7 +20,7 @@ def test_a_module_by_its_old_name(old: str, new: str, monkeypatch: pytest.Monkey
     assert name not in sys.modules
     monkeypatch.setattr(netlib, old, None, raising=False)
     try:
-        with pytest.warns(DeprecationWarning, match=f"^{name} is now netlib.{new}; the old name goes with the next"):
+        with pytest.warns(DeprecationWarning, match=f"^{name} is now netlib.{new}; the old name will be removed"):
             assert importlib.import_module(name) is importlib.import_module(f"netlib.{new}")
     finally:
         sys.modules.pop(name, None)

@@ -72,7 +72,7 @@ def test_parameters_of_all_layers(net_of: MakeNet, machine: Callable[[float], No
     """The first that is too much."""
     machine(2_000_000)
     text = INPUT + "".join(INNER.replace("FC1", f"FC{i}").replace('"y"', f'"y{i}"') for i in range(4))
-    with pytest.raises(OutOfMemoryError, match=r"layer 'FC2': 2\.4 MB of parameters in all, 800 kB of them here; "
+    with pytest.raises(OutOfMemoryError, match=r"layer 'FC2': 2\.4 MB of parameters in total, 800 kB of them here; "
                                                "this machine has 2.0 MB: lower num_output"):  # fmt: skip
         net_of(text)
 
@@ -90,7 +90,7 @@ def test_blobs_of_a_pass(net_of: MakeNet, machine: Callable[[float], None]) -> N
     machine(1000)
     net = net_of(INPUT + 'layer { name: "r" type: "ReLU" bottom: "x" top: "y" }')
     with pytest.raises(OutOfMemoryError, match=r"layer 'x': blob 'x': 4\.0 kB, of 8\.0 kB for parameters and blobs of "
-                                               "the net in all; this machine has 1000 bytes|1.0 kB"):  # fmt: skip
+                                               "the net in total; this machine has 1000 bytes|1.0 kB"):  # fmt: skip
         net.forward()
     net.blobs["x"].reshape(1, 100)
     net.reshape()

@@ -50,7 +50,7 @@ def test_many_transactions_in_a_room_that_grows(tmp_path, monkeypatch, entries, 
     """LMDB needs a size beforehand; it is doubled until all fits."""
     monkeypatch.setattr(databases, "ENTRIES", entries)
     monkeypatch.setattr(databases, "BYTES", size)
-    monkeypatch.setattr(databases, "FIRST_SIZE", 1 << 15)
+    monkeypatch.setattr(databases, "INITIAL_SIZE", 1 << 15)
 
     def fill(writers):
         for i in range(10):
@@ -91,7 +91,7 @@ def test_a_signal_leaves_nothing(tmp_path, capsys, number, status):
 def test_names_that_are_taken(tmp_path):
     """A database is never replaced or added to."""
     (tmp_path / "a").mkdir()
-    with pytest.raises(NetlibError, match="a: is there already; a new database needs a name of its own"):
+    with pytest.raises(NetlibError, match="a: exists already"):
         write_databases([tmp_path / "b", tmp_path / "a"], put(1))
     with pytest.raises(NetlibError, match="b: is named twice"):
         write_databases([tmp_path / "b", tmp_path / "b"], put(1))
@@ -102,7 +102,7 @@ def test_names_that_are_taken(tmp_path):
 
 def test_a_key_that_is_too_long(tmp_path):
     """LMDB takes 511 bytes."""
-    with pytest.raises(DataError, match=r"the key 'x+' is too long; a database takes 511 bytes"):
+    with pytest.raises(DataError, match=r"the key 'x+' is too long; the limit is 511 bytes"):
         write_databases([tmp_path / "a"], lambda writers: writers[0].put("x" * 512, Datum()))
     assert names(tmp_path) == []
 
@@ -123,7 +123,7 @@ def test_without_the_package(tmp_path, monkeypatch):
     assert read_database(tmp_path / "a")[0] == 1
     with pytest.raises(NetlibError) as error:
         write_databases([tmp_path / "b"], put(1))
-    assert str(error.value) == "to write a database takes the package lmdb; install it: pip install lmdb"
+    assert str(error.value) == "writing a database needs the package lmdb: pip install lmdb"
 
 
 def test_backend():

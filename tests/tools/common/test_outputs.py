@@ -28,7 +28,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_input_by_whatever_name(out: str) -> None:
     """Is no output; another file is."""
     for check in (outputs.refuse_inputs, outputs.check_place):
-        with pytest.raises(NetlibError, match=r"txt: is read in this run; write to another place"):
+        with pytest.raises(NetlibError, match=r"txt: is read in this run; expected another output"):
             check(Path(out), [None, "b.txt", "a.txt"])
         check(Path(out), [None, "b.txt"])
     assert Path("a.txt").read_text() == "mine"
@@ -36,8 +36,8 @@ def test_an_input_by_whatever_name(out: str) -> None:
 
 @pytest.mark.parametrize(
     ("out", "said"),
-    [("none/b.txt", "none/b.txt: no folder none"), ("inner", "Is a directory"), ("", "Is a directory"),
-     ("/", "Is a directory"), ("a.txt/b", "no folder a.txt")],
+    [("none/b.txt", "none/b.txt: folder none does not exist"), ("inner", "Is a directory"), ("", "Is a directory"),
+     ("/", "Is a directory"), ("a.txt/b", "folder a.txt does not exist")],
 )  # fmt: skip
 def test_places_where_no_file_can_be(out: str, said: str) -> None:
     """Nothing is left there."""
@@ -89,5 +89,5 @@ def test_tools(tool: str, argv: list[str]) -> None:
         databases.write_databases([Path("db")], lambda w: w[0].put("0", Datum(1, 2, 2, bytes(4))))
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
     (line,) = run_tool(tool, *argv, status=1).err.splitlines()
-    assert line.endswith(": is read in this run; write to another place")
+    assert line.endswith(": is read in this run; expected another output")
     assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before

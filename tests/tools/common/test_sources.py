@@ -11,7 +11,7 @@ import pytest
 
 from handpose.facts.cameras import SR305, Camera
 from handpose.sources.first_look import look
-from tools.common.sources import add_source_options, opened, say_doubts, say_first_look
+from tools.common.sources import add_source_options, opened, print_first_look, print_warnings
 
 
 @pytest.fixture
@@ -50,8 +50,8 @@ def test_distortion(frames: Path) -> None:
     ("argv", "what"),
     [
         (("--camera", "sr306"), "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0"),
-        (("--unit", "0"), "expected a number of more than 0 and at most 10000, found '0'"),
-        (("--rate", "inf"), "expected a number of more than 0 and at most 10000, found 'inf'"),
+        (("--unit", "0"), "expected a number greater than 0 and at most 10000, found '0'"),
+        (("--rate", "inf"), "expected a number greater than 0 and at most 10000, found 'inf'"),
         (("--unit", "1e300"), "at most 10000, found '1e300'"),
         (("--camera", "588,588,1e300,240"), "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0"),
         (("--distortion", "1,2,3"), "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
@@ -67,16 +67,16 @@ def test_wrong_usage(argv: tuple[str, ...], what: str, capsys: pytest.CaptureFix
 
 def test_what_a_first_look_shows(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """On stdout; warnings on stderr."""
-    say_first_look(look(opened(parsed("--camera", "sr305", "--rate", "60"))))
+    print_first_look(look(opened(parsed("--camera", "sr305", "--rate", "60"))))
     assert capsys.readouterr().out.splitlines() == [
         "*.png: 2 frames, 640 x 480 pixels, 60 frames/s",
-        "  camera sr305: fx 476.007, fy 476.007, u0 313.68, v0 242.76; sees 68 x 54 degrees",
-        "  depth 500 to 500 mm, half of it below 500; 0% of the pixels empty; unit 0.125 mm",
-        "  the nearest thing is 500 mm away and 647 mm wide",
+        "  camera sr305: fx 476.007, fy 476.007, u0 313.68, v0 242.76; field of view 68 x 54 degrees",
+        "  depth 500 to 500 mm, median 500; 0% of the pixels empty; unit 0.125 mm",
+        "  nearest object: 500 mm away, 647 mm wide",
         "  frames in the order of the numbers in their names",
         "  camera sr305, by --camera",
     ]
-    say_first_look(look(opened(parsed("--camera", "sr305", "--unit", "10"))))
+    print_first_look(look(opened(parsed("--camera", "sr305", "--unit", "10"))))
     assert "warning: *.png: the nearest thing is 40 m away and 51.8 m wide" in capsys.readouterr().err
 
 
@@ -84,5 +84,5 @@ def test_a_hand_that_was_found_confirms_the_unit(capsys: pytest.CaptureFixture[s
     """A forearm that is nearer than a hand is held gives no warning, if the fit is sure of the hand."""
     depth = np.full((480, 640), 82, np.float32)
     for confidence, warnings in ((0.0, 1), (0.82, 1), (float("nan"), 1), (0.99, 0)):
-        say_doubts("frame.png", depth, SR305, 1.0, confidence)
+        print_warnings("frame.png", depth, SR305, 1.0, confidence)
         assert capsys.readouterr().err.count("check the unit, here 1 mm") == warnings

@@ -50,7 +50,7 @@ def test_a_signal_ends_the_filling(
 
     assert fill_folder(tmp_path, "whole files are", 3, fill) == status
     assert filled == [0]
-    assert capsys.readouterr() == ("", "stopped; whole files are kept, and the next run goes on after them\n")
+    assert capsys.readouterr() == ("", "stopped; whole files are kept, and the next run continues after them\n")
 
 
 def test_a_folder_that_cannot_be_filled(tmp_path: Path) -> None:

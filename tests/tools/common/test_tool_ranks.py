@@ -44,11 +44,11 @@ def test_without_mpi4py(monkeypatch, capsys, count, number):
             NetlibError,
             match=r"^3 processes were started to train together, which needs mpi4py: .*pip install mpi4py mpich$",
         ),
-        ranks.first_speaks(),
+        ranks.only_first_prints(),
     ):
         ranks.world()
     monkeypatch.setenv(number, "2")
-    with pytest.raises(SystemExit) as ended, ranks.first_speaks():
+    with pytest.raises(SystemExit) as ended, ranks.only_first_prints():
         print("a usage")
         ranks.world()
     assert ended.value.code == 0 and capsys.readouterr().out == ""

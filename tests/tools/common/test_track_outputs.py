@@ -93,7 +93,7 @@ def test_other_endings(option: str, name: str, expected: str, capsys: pytest.Cap
     with pytest.raises(SystemExit) as stopped:
         parsed(option, name)
     assert stopped.value.code == 2
-    assert f"expected a name in {expected}, found '{name}'" in capsys.readouterr().err
+    assert f"expected a file name with suffix {expected}, found '{name}'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("error", [NetlibError, KeyboardInterrupt])

@@ -1,4 +1,4 @@
-"""One sitting at Table 1: makes data, fits angles, trains and scores, until all is done or the time is over."""
+"""A campaign for Table 1: generates data, fits angles, trains and scores until all is done or time is up."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ SKELETON = skeletons.load()
 
 
 class EndedError(Exception):
-    """A signal, or a failure, ended the sitting with this exit status."""
+    """A signal or failure that ends the campaign with this exit status."""
 
     def __init__(self, status: int) -> None:
         self.status = status
 
 
 class Data(NamedTuple):
-    """The data of a setting: their name, the training files, what is known of the test frames."""
+    """The data of a setting: name, training files, and ground truth of the test frames."""
 
     name: str
     files: list[Path]
@@ -53,15 +53,15 @@ class Data(NamedTuple):
 
 
 @dataclass
-class Sitting:
-    """Where everything is, and when to stop.
+class Campaign:
+    """Runs trainings until a deadline.
 
-    ledger    the folder of the ledger
-    work      the folder of nets and snapshots
-    command   that is noted in the ledger
-    deadline  of time.monotonic()
-    longest   length, in iterations
-    threads   of training; None: as many as there are
+    ledger    folder of the recorded results
+    work      folder of nets and snapshots
+    command   command line, recorded with the results
+    deadline  in terms of time.monotonic()
+    longest   maximum length in iterations
+    threads   number of threads; None for the default
     """
 
     ledger: Path
@@ -72,15 +72,15 @@ class Sitting:
     threads: int | None = None
     entries: dict[str, list[Entry]] = field(default_factory=dict)
     data: dict[str, Data] = field(default_factory=dict)
-    labelled: set[str] = field(default_factory=set)  # settings whose training frames have fitted angles
+    labelled: set[str] = field(default_factory=set)  # settings with fitted angles of the training frames
 
     def run(self, jobs: Sequence[Job]) -> int:
-        """Do what is missing of some trainings; returns the exit status. Raises NetlibError."""
+        """Run what is missing of some trainings; returns the exit status. Raises NetlibError."""
         try:
             for number, job in enumerate(jobs, 1):
                 self._run(job, f"[{number} of {len(jobs)}]")
                 if self.is_over:
-                    say_now("the time is over; the next run goes on here")
+                    say_now("time is up; the next run continues here")
                     return DONE
         except EndedError as stopped:
             return stopped.status
@@ -88,24 +88,24 @@ class Sitting:
 
     @property
     def is_over(self) -> bool:
-        """Is the time over?"""
+        """Whether the deadline has passed."""
         return time.monotonic() >= self.deadline
 
     def ledger_of(self, setting: Setting) -> list[Entry]:
-        """The entries of a setting. Raises DataError."""
+        """The recorded results of a setting. Raises DataError."""
         if setting.name not in self.entries:
             self.entries[setting.name] = ledger.read_all(self.ledger, setting.name)
         return self.entries[setting.name]
 
     def _run(self, job: Job, which: str) -> None:
-        """Train and score one length after the other until there is none left, or no time."""
+        """Train and score one length after the other until none is left or time is up."""
         while (length := next_length(self.ledger_of(job.setting), job, self.longest)) is not None and not self.is_over:
             data = self._data(job)
             folder = trainings.work_folder(self.work, job.setting, data.name, job.network)
             _make(folder)
             one = Training(job.setting, job.network, job.recipe, job.seed, folder)
             while (step := one.next_step(length, data.files)) is not None:
-                say_now(f"{which} {job}: towards {length} iterations, {step.first} are done: {step}")
+                say_now(f"{which} {job}: {step.first} of {length} iterations done: {step}")
                 if not self._train(one, step):
                     return
             begun = time.perf_counter()
@@ -119,7 +119,7 @@ class Sitting:
     # ------------------------------------------------------------------------------------------ data
 
     def _data(self, job: Job) -> Data:
-        """The data of a job, made where they are missing; angles are fitted to the training frames only if needed."""
+        """The data of a job, generated if missing; angles of training frames are fitted only if needed."""
         setting = job.setting
         if setting.name not in self.data:
             files = self._frames(setting)
@@ -136,7 +136,7 @@ class Sitting:
         return self.data[setting.name]
 
     def _frames(self, setting: Setting) -> list[Path]:
-        """The training files of a setting, made if they are to be made."""
+        """The training files of a setting, generated if missing and possible."""
         data = setting.data_set()
         if data is not None and not data.is_whole:
             say_now(f"{setting.folder}: making {data.missing_frames} frames")
@@ -148,26 +148,26 @@ class Sitting:
         with on_missing_data():
             found = setting.files("train")
         if data is None and not is_real_nyu(setting):
-            raise DataError(f"{setting.folder}: holds frames that prepare_nyu did not make; expected NYU "
-                            f"itself, or --setting {ONE_HAND.name}")  # fmt: skip
+            raise DataError(f"{setting.folder}: holds frames that prepare_nyu did not make; expected the NYU data "
+                            f"set, or --setting {ONE_HAND.name}")  # fmt: skip
         return found
 
     def _angles(self, setting: Setting, split: Split) -> Array:
-        """The angles (N, D) of a split, fitted if that is not done yet."""
+        """The angles (N, D) of a split, fitted if missing."""
         begun = time.perf_counter()
         files = setting.files(split)
         with ProgressBar(sum(File(path, ("joint",)).rows for path in files), what=f"angles of {split}") as progress:
             inputs, residuals = fit_true_angles(split, files, setting.angles, SKELETON, progress)
-        say_now(f"{setting.folder}, {split}: the hand fitted to {len(inputs)} frames, {np.nanmean(residuals):.2f} mm "
-                f"left, {duration(time.perf_counter() - begun)}")  # fmt: skip
+        say_now(f"{setting.folder}, {split}: fitted the hand to {len(inputs)} frames, residual "
+                f"{np.nanmean(residuals):.2f} mm, {duration(time.perf_counter() - begun)}")  # fmt: skip
         return inputs
 
     # ------------------------------------------------------------------------------------------ training, scoring
 
     def _train(self, one: Training, step: Step) -> bool:
-        """Make a step; False if the time was over before its end."""
+        """Run one step of training; False if time was up before its end."""
         weights = [step.weights] if step.weights else []
-        last = step.first  # iteration that was begun
+        last = step.first  # the current iteration
 
         def watch(solver: Solver) -> None:
             nonlocal last
@@ -187,7 +187,7 @@ class Sitting:
         return not self.is_over
 
     def _score(self, one: Training, length: int, data: Data) -> Entry:
-        """Test a length, and put the figures into the ledger."""
+        """Test one length and record the results."""
         setting, network = one.setting, one.network
         net = trained(one.net, one.weights_of(length))
         predictions = predict_all(net)
@@ -214,5 +214,5 @@ def _make(folder: Path) -> None:
 
 
 def say_now(text: str) -> None:
-    """A status line."""
+    """Print a status line to stderr."""
     say(text, file=sys.stderr)
