@@ -7,6 +7,7 @@ handpose export-onnx --help
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -46,13 +47,14 @@ def commands() -> dict[str, Path]:
 
 
 def usage() -> str:
-    """The commands, each with the first line of its docstring."""
+    """The commands, each with the first sentence of its docstring."""
     lines = [f"usage: {PROGRAM} COMMAND ...", "", f"'{PROGRAM} COMMAND --help' describes a command.", ""]
     known = commands()
     width = max(map(len, known), default=0)
     for name, path in known.items():
         doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-        lines.append(f"  {name:{width}}  {doc.partition(chr(10))[0]}")
+        first = " ".join(doc.partition("\n\n")[0].split())
+        lines.append(f"  {name:{width}}  {re.split(r'(?<=[.?]) (?=[A-Z])', first, maxsplit=1)[0]}")
     return "\n".join(lines) + "\n"
 
 

@@ -17,11 +17,12 @@ def handpose(*words: str, status: int = 0) -> Done:
 
 
 def test_every_tool_is_a_command() -> None:
-    """By its name with dashes; the list shows each with what it does."""
+    """By its name with dashes; the list shows each with a sentence on what it does."""
     assert {path.name for path in (ROOT / "tools").glob("[!_]*.py")} == {path.name for path in commands().values()}
     assert {"demo", "predict", "track", "record", "train", "test", "caffe", "export-onnx"} <= set(commands())
     lines = usage().splitlines()
-    assert all(re.fullmatch(r"  [a-z0-9-]+ +[A-Z].*", line) for line in lines[4:]) and len(lines) == 4 + len(commands())
+    assert len(lines) == 4 + len(commands())
+    assert all(re.fullmatch(r"  [a-z0-9-]+ +[A-Z].*[.?]", line) for line in lines[4:])
 
 
 def test_messages_name_the_command_that_was_typed() -> None:

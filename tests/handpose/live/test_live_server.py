@@ -80,7 +80,7 @@ def test_lines(clients: Clients, serve: Serve) -> None:
             assert json.loads(client.recv(timeout=10)) == {"number": number}
         server.put(LINES, "last")
     assert list(client) == ["last"]
-    assert (client.close_code, client.close_reason) == (1000, "the recording has ended")
+    assert (client.protocol.close_code, client.protocol.close_reason) == (1000, "the recording has ended")
 
 
 def test_the_header_is_that_of_a_track(server: LiveServer) -> None:
@@ -154,7 +154,7 @@ def test_a_run_that_is_stopped(clients: Clients, serve: Serve) -> None:
         client = clients.connect(server)
         raise KeyboardInterrupt
     assert list(client) == []
-    assert (client.close_code, client.close_reason) == (1001, "the tracker was stopped")
+    assert (client.protocol.close_code, client.protocol.close_reason) == (1001, "the tracker was stopped")
 
 
 def test_a_client_that_does_not_answer_does_not_hold_up_the_end(

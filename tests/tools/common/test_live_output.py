@@ -191,4 +191,4 @@ def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None
         json.loads(client.recv(timeout=60))
         tracking.send_signal(signal.SIGTERM)
         list(client)
-    assert tracking.wait(60) == 143 and client.close_reason == "the tracker was stopped"
+    assert tracking.wait(60) == 143 and client.protocol.close_reason == "the tracker was stopped"
