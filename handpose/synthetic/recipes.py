@@ -51,7 +51,7 @@ def like_nyu() -> PosePrior:
 
 def _people() -> Recipe:
     kinect, noisy = replace(KINECT, spread=(0.0, 1.5)), replace(NOISY_KINECT, spread=(0.0, 2.0))
-    time_of_flight = replace(TIME_OF_FLIGHT, spread=(0.0, 3.0), depth_noise=(0.5, 3.0))
+    time_of_flight = replace(TIME_OF_FLIGHT, spread=(0.0, 3.0), depth_noise=(0.5, 3.0), dropout=(0.0, 0.9))
     coded_light = replace(CODED_LIGHT, spread=(0.0, 2.0), disparity_noise=(0.0, 0.08))
     views = (View(NYU, kinect), View(NYU, noisy), View(KINECT2, time_of_flight), View(SR305, coded_light),
              View(ICVL, time_of_flight), View(ICVL, coded_light))  # fmt: skip
