@@ -110,7 +110,7 @@ def _module_mistake(name: str, argv: list[str]) -> str:
     except ModuleNotFoundError:
         there = False
     if not there:
-        return f"there is no {name}"
+        return "" if name in _required() else f"there is no {name}"
     if not (ROOT / name.split(".")[0]).is_dir():
         return ""  # a program of others
     try:
@@ -157,6 +157,15 @@ def targets() -> set[str]:
     """The targets of the Makefile."""
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     return {name for line in re.findall(r"^([\w./ -]+):(?!=)", text, re.MULTILINE) for name in line.split()}
+
+
+@functools.cache
+def _required() -> set[str]:
+    """The packages that the extras install; a test does not need those of all extras."""
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg", encoding="utf-8")
+    lines = "\n".join(setup["options.extras_require"].values()).split()
+    return {name for line in lines for name in re.findall(r"^[\w-]+", line)}
 
 
 def _unknown_extras(words: list[str]) -> str:
