@@ -35,7 +35,7 @@ def _page(name: str) -> bytes:
     title, data = PAGES[name]
     colours = "".join(f"--{key.lower().replace('_', '-')}: {value}; " for key, value in _colours().items())
     style = f":root {{ {colours}}}\n" + source("common.css", BROWSER)
-    body = source("common.html", BROWSER).replace("$main", source(f"{name}.html", BROWSER))
+    body = "<h1>$title</h1>\n" + source(f"{name}.html", BROWSER)
     return assembled(title, data(), body, style, script_of(name, BROWSER)).encode()
 
 

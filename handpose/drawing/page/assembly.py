@@ -34,9 +34,9 @@ def page(title: str, data: Mapping[str, Any]) -> str:
 
 
 def assembled(title: str, data: Mapping[str, Any], body: str, style: str, script: str, connects: bool = False) -> str:
-    """A page of its HTML, with a $place for each of the other texts; one that ``connects`` may do so to its server."""
+    """A page with this HTML in its body, in which $title may stand; one that ``connects`` may do so to its server."""
     policy = _policy(script, style, connects)
-    return Template(body).substitute(
+    return Template(source("frame.html").replace("$main\n", body)).substitute(
         title=html.escape(title), policy=policy, style=style, script=script, data=escaped(data)
     )
 
