@@ -28,7 +28,7 @@ class Case:
 
     title      description of the inputs
     run        computes the results with the part
-    wanted     computes the expected results; takes the part, for finite differences of its own forward
+    wanted     computes the expected results; takes the part, for finite differences of its forward
     source     where the expected results come from, for messages: "Caffe has"
     axes       names of the axes of each result, for the index in a message
     tolerance  relative to the largest value of the same array, or to 1 if that is larger; 0: bit for bit

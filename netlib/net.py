@@ -34,7 +34,7 @@ _seeds: np.random.Generator | None = None
 
 
 def set_random_seed(seed: int) -> None:
-    """Set the seed from which nets and solvers without a seed of their own draw theirs."""
+    """Set the seed from which nets and solvers without a seed draw theirs."""
     global _seeds
     _seeds = np.random.default_rng(seed)
 

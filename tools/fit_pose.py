@@ -131,7 +131,7 @@ def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     def on_file_done(number: int, target: Path, residuals: Any) -> None:
         say(f"{number} of {len(files)}: {target}, {np.nanmean(residuals):.3f} mm", file=sys.stderr)
 
-    return fit_list(files, Path(args.out), name, skeleton, told=on_file_done,
+    return fit_list(files, Path(args.out), name, skeleton, on_done=on_file_done,
                     limits=not args.no_limits, ridge=args.ridge, starts=args.starts)  # fmt: skip
 
 

@@ -31,7 +31,7 @@ from netlib.files.paths import exists
 
 VERSION = 3  # to be raised when a change of the code changes the angles
 
-Told = Callable[[int, Path, Array], object]  # number of a companion from 1 on, the file, its residuals
+Done = Callable[[int, Path, Array], object]  # number of a companion from 1 on, the file, its residuals
 
 
 def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
@@ -54,13 +54,13 @@ def fit_list(
     name: str,
     skeleton: Skeleton,
     *,
-    told: Told = lambda number, target, residuals: None,
+    on_done: Done = lambda number, target, residuals: None,
     **options: Any,
 ) -> tuple[Array, Array]:
     """Write the companions of all files to a folder, with a list of this name. Raises DataError.
 
-    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``told`` is called with each companion when
-    it is complete; ``options`` are those of ``fit_file``. Only companions of the same files are replaced.
+    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``on_done`` is called for each companion
+    when it is complete; ``options`` are those of ``fit_file``. Only companions of the same files are replaced.
     """
     targets = companions_of(files, out)
     _refuse_others(files, targets, out / name)
@@ -68,7 +68,7 @@ def fit_list(
     for number, (path, target) in enumerate(zip(files, targets), 1):
         residuals.append(fit_file(path, target, skeleton, **options))
         inputs.append(hdf5.File(target, ("dof",)).datasets[0].numbers())
-        told(number, target, residuals[-1])
+        on_done(number, target, residuals[-1])
     atomic.replace_text(out / name, parts.list_text(targets))
     return np.concatenate(inputs), np.concatenate(residuals)
 
@@ -114,13 +114,13 @@ def fit_file(
         residuals = hdf5.File(target, ("residual_mm",)).datasets[0].numbers()
         progress(len(residuals))
         return np.asarray(residuals)
-    told = labels.read(path, [len(skeleton.parents)])
-    joints = np.where(told.seen[..., None], told.joints, np.nan)
+    found_labels = labels.read(path, [len(skeleton.parents)])
+    joints = np.where(found_labels.seen[..., None], found_labels.joints, np.nan)
     try:
         found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    residuals = found.residuals * told.half_cube[:, None]
+    residuals = found.residuals * found_labels.half_cube[:, None]
 
     rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
     try:
@@ -128,7 +128,7 @@ def fit_file(
         with hdf5.created(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
             file["residual_mm"] = residuals.astype(np.float32)
-            file.attrs.update(recipe=recipe, made_from=told.made_from, rest_in=rest)
+            file.attrs.update(recipe=recipe, made_from=found_labels.made_from, rest_in=rest)
     except OSError as error:
         raise DataError(f"{target}: {reason_of(error)}") from None
     return np.asarray(residuals)

@@ -5,7 +5,7 @@ params[0]  w  (C, O / group, kh, kw)
 params[1]  b  (O,)            unless ``bias_term: false``
 top[i]     y  (N, O, Ho, Wo)  Ho = stride (H - 1) + dilation (kh - 1) + 1 - 2 pad, same for Wo
 
-Every value of x adds a kernel, scaled by itself, to y:
+Every value of x adds a kernel, scaled by this value, to y:
 
 y              = b[o] + every x[n, c, h, w] w[c, o, i, j], added at n, o, h stride + i dilation - pad, w stride + ...
 dx[n, c, h, w] = sum over o, i, j of  w[c, o, i, j] dy[n, o, h stride + i dilation - pad, w stride + ...]

@@ -87,7 +87,7 @@ class _Helper:
         return self._process.poll() is None
 
     def kill(self) -> None:
-        """Kill the process. It does not end by itself while a forked process holds the other end of its pipe."""
+        """Kill the process. It does not end while a forked process holds the other end of its pipe."""
         self._process.kill()
 
     def end(self) -> str:

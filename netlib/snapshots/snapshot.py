@@ -154,8 +154,8 @@ def pair_of(state_path: str | Path, state: SolverState) -> Path:
     After a process was killed while it replaced the pair, they may be the backup of the old weights.
     """
     written = Path(state.learned_net)
-    beside = Path(state_path).parent / written.name
-    return weights_of(state_path, state, beside if exists(beside) or not exists(written) else written)
+    sibling = Path(state_path).parent / written.name
+    return weights_of(state_path, state, sibling if exists(sibling) or not exists(written) else written)
 
 
 def weights_of(state_path: str | Path, state: SolverState, named: Path) -> Path:

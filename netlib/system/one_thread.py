@@ -61,7 +61,7 @@ class OneThread:
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
             raise NetlibError(
-                f"net {self._name!r} is in use by another thread; give each thread a net of its own "
+                f"net {self._name!r} is in use by another thread; use a separate net in each thread "
                 "(share_params gives them the same weights), or serialize the calls"
             )
 

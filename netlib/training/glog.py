@@ -13,7 +13,7 @@ log = logging.getLogger("netlib")
 
 
 def show_printable(record: logging.LogRecord) -> bool:
-    """Logging filter that escapes arguments, so that no name can start a line of its own.
+    """Logging filter that escapes arguments, so that no name can start a new line.
 
     Numbers are not changed. A Message (a prototxt) may have several lines; its names are quoted already.
     """

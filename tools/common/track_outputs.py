@@ -68,7 +68,7 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
 
 
 def _stem(source: str) -> str:
-    """Stem of default output names; never "camera", as camera.json has a meaning of its own."""
+    """Stem of default output names; never "camera", as camera.json has another meaning."""
     path = Path(source).absolute()
     name = path.stem.strip("*_-.") or (path if path.is_dir() else path.parent).resolve().name
     name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"

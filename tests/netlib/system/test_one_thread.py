@@ -74,7 +74,7 @@ def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
     net.forward()
     [error] = said
     assert isinstance(error, netlib.NetlibError)
-    assert str(error).startswith("net 'hand' is in use by another thread; give each thread a net of its own")
+    assert str(error).startswith("net 'hand' is in use by another thread; use a separate net in each thread")
     del net.layers[0].forward
     assert in_a_thread(getattr(net, use)) is None
 
