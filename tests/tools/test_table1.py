@@ -13,7 +13,6 @@ import cv2
 import h5py
 import numpy as np
 import pytest
-from tools.common.sitting import Sitting
 
 import netlib
 from handpose.experiments.table1 import ledger, trainings
@@ -26,8 +25,8 @@ from netlib.errors import DataError
 from netlib.training.solver_parameter import read
 from tests.support.made_ledger import entry, shown, trained
 from tests.support.running import run_tool
-from tools.common import sitting as sittings
-from tools.common import training
+from tools.common import campaign, training
+from tools.common.campaign import Campaign
 
 pytest.importorskip("matplotlib")
 
@@ -54,11 +53,11 @@ def narrow(tmp_path_factory):
 
 
 def sit(folder, jobs, **options):
-    """Exit status and messages of a sitting, and the sitting."""
+    """Exit status and messages of a campaign, and the campaign."""
     with contextlib.redirect_stderr(io.StringIO()) as err:
-        one = Sitting(folder / "ledger", folder / "work", "a test", **options)
+        one = Campaign(folder / "ledger", folder / "work", "a test", **options)
         status = one.run(jobs)
-    return status, [line for line in err.getvalue().splitlines() if line.startswith(("[", "the time"))], one
+    return status, [line for line in err.getvalue().splitlines() if line.startswith(("[", "time is up"))], one
 
 
 def weights(path):
@@ -123,7 +122,7 @@ def test_every_network_is_trained_and_scored(setting, narrow, tmp_path):
     assert sit(tmp_path, jobs, longest=4)[:2] == (0, [])
 
 
-def test_a_stopped_sitting_goes_on_where_it_was(setting, narrow, tmp_path, monkeypatch):
+def test_a_stopped_campaign_continues_where_it_was(setting, narrow, tmp_path, monkeypatch):
     """After a signal in the trunk, one in the end, and with the time over: the figures are those of one go."""
     jobs = [Job(setting, narrow["ours"], RECIPES["adam"], 1)]
     assert sit(tmp_path / "one", jobs)[0] == 0
@@ -142,7 +141,7 @@ def test_a_stopped_sitting_goes_on_where_it_was(setting, narrow, tmp_path, monke
     monkeypatch.setattr(training, "train", until)
     assert [sit(tmp_path / "two", jobs)[0] for _ in range(2)] == [130, 130]
     clock = iter([0.0] * 4 + [9.0] * 9)
-    monkeypatch.setattr(sittings, "time", type("Clock", (), {"monotonic": lambda: next(clock),
+    monkeypatch.setattr(campaign, "time", type("Clock", (), {"monotonic": lambda: next(clock),
                                                              "perf_counter": time.perf_counter}))  # fmt: skip
     status, said, _ = sit(tmp_path / "two", jobs, deadline=5.0)
     assert status == 0 and said[-1] == "time is up; the next run continues here"

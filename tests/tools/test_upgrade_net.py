@@ -147,7 +147,7 @@ def test_a_solver_of_today(here):
         (b'name: "n"', [], "old:1:1: error: this file has no layers; expected a net"),
         (b"net: 'a' base_lr: 1", [], "old:1:1: error: this is a solver; add --solver"),
         (b"\x12\xff", [], "old: byte 1: truncated"),
-        (b"solver_type: SGD type: 'SGD'", ["--solver"], "old:1:1: error: both solver_type and type"),
+        (b"solver_type: SGD type: 'SGD'", ["--solver"], "old:1:1: error: found both solver_type and type"),
         (b"layer { }", ["--solver"], "old:1:1: error: unknown field 'layer'"),
     ],
 )

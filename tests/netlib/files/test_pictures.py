@@ -13,7 +13,7 @@ from netlib.errors import DataError
 from netlib.files import pictures
 from tests.support.running import run_python
 
-SIDE = 17_000  # of a square of more than MOST_PIXELS, and fewer than OpenCV's own limit
+SIDE = 17_000  # of a square with more than MAX_PIXELS, and fewer than OpenCV's own limit
 
 
 def bomb(suffix: str) -> bytes:

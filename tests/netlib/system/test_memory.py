@@ -11,7 +11,7 @@ import pytest
 
 import netlib
 from netlib.system import memory
-from netlib.system.memory import OutOfMemoryError, written
+from netlib.system.memory import OutOfMemoryError, format_bytes
 from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
@@ -38,7 +38,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
 def test_a_size_in_words() -> None:
     """Two digits."""
     sizes = [0, 999, 1000, 9_949, 9_960, 20e9, 8.64e12, 999.6e6, 5e30]
-    assert [written(int(size)) for size in sizes] == [
+    assert [format_bytes(int(size)) for size in sizes] == [
         "0 bytes", "999 bytes", "1.0 kB", "9.9 kB", "10 kB", "20 GB", "8.6 TB", "1.0 GB", "5000000000000 EB"
     ]  # fmt: skip
 
@@ -54,7 +54,7 @@ def test_parameters_of_one_layer(net_of: MakeNet, machine: Callable[[float], Non
     assert isinstance(raised.value, netlib.LayerError)
     assert isinstance(raised.value, MemoryError)
     assert str(raised.value) == (
-        "net.prototxt:3:25: error: layer 'FC1': 800 kB of parameters; this machine has 500 kB: lower num_output"
+        "net.prototxt:2:25: error: layer 'FC1': 800 kB of parameters; this machine has 500 kB: lower num_output"
     )
 
 
@@ -151,7 +151,7 @@ def test_a_layers_own_arrays(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -
         monkeypatch.setattr(net.layers[1], "forward", forward)
         with pytest.raises(OutOfMemoryError) as raised:
             net.forward()
-        assert f"net.prototxt:3:25: error: layer 'FC1': {line}" in str(raised.value)
+        assert f"net.prototxt:2:25: error: layer 'FC1': {line}" in str(raised.value)
         assert str(raised.value).endswith(": lower num_output")
 
 
