@@ -33,7 +33,7 @@ _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
 def depth_step(width: int, height: int) -> int:
-    """Which rows and columns of a frame the page gets: every so many-th."""
+    """The step between the rows and columns of a frame that the page gets."""
     return max(1, math.ceil(max(width, height) / MAX_SAMPLES))
 
 

@@ -12,7 +12,7 @@ It answers three paths, each with the query token=TOKEN, which is random:
     /view    WebSocket: a binary message for each frame; the client asks for the next one by a message of any kind
 
 No frame waits for another one: each client has a slot for the newest frame, which replaces one that was not sent yet.
-The page asks for each frame, so that none waits in the buffers between them either.
+The page requests each frame, so that none waits in the buffers between them either.
 
 At the end of the block, clients get the last frame, and the connection is closed with a reason in words: with code 1000
 at the end of the recording, 1001 when the tracker was stopped.
@@ -114,7 +114,7 @@ class LiveServer:
         return self.host not in _LOOPBACK
 
     def has_clients(self, path: str) -> bool:
-        """Is there a client of this path? If not, nobody gets what is put there."""
+        """True if this path has a client; otherwise messages for it are dropped."""
         return bool(self._clients[path])
 
     def wait_for_client(self, seconds: float) -> bool:
@@ -179,7 +179,7 @@ class LiveServer:
             while (message := await slot.take()) is not None:
                 await connection.send(message)
                 if path == VIEWS:
-                    await connection.recv()  # it has the frame, and asks for the next one
+                    await connection.recv()  # it has the frame and requests the next one
             await connection.close(*self._close_with)
         except self._websockets.exceptions.ConnectionClosed:
             pass

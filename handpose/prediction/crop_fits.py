@@ -50,7 +50,7 @@ def fit_crops(
 def fit_starts(net: Net, model: CapsuleModel, crops: NDArray[np.floating], quarters: Sequence[int]) -> list[Array]:
     """The variables (N, V) predicted in crops (N, S, S) of right hands, one array per quarter turn.
 
-    For each of ``quarters`` the crops are turned counter-clockwise by so many quarter turns, and the predictions are
+    For each of ``quarters`` the crops are turned counter-clockwise by that number of quarter turns, and predictions are
     turned back. Raises NetlibError.
     """
     poses = hand_poses(net, np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters]))

@@ -211,7 +211,7 @@ class HandPipeline:
 
 
 def _key(candidate: Candidate) -> tuple[object, ...]:
-    """What tells the crops of one frame apart: centre and side."""
+    """The key of a crop within a frame: centre and side."""
     return (*candidate.center_uvd, candidate.side)
 
 

@@ -20,7 +20,7 @@ from netlib.errors import DataError
 
 
 class TrackWriter(Protocol):
-    """Writes a track frame by frame. Whatever ends its block, the files are valid and complete so far. Raises OSError.
+    """Writes a track frame by frame. The files are valid after any end of its block. Raises OSError.
 
     files  written; complete after the block
     """

@@ -73,7 +73,7 @@ class OneEuro:
     def __call__(self, value: Array, time: float, trust: float = 1.0) -> Array:
         """The filtered value (n,) at a time in s; times ascend.
 
-        trust  in it, up to 1: by so much the cutoff is lowered
+        trust  up to 1: factor of the cutoff
         """
         kept = self._kept
         if kept is None:

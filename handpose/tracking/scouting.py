@@ -17,11 +17,11 @@ from handpose.prediction.locator import Locator, odds_of
 from handpose.tracking.looking import LIKELY
 from netlib.blob import Array
 
-ROUND, ROUND_ALONE = 0.5, 0.2  # s that a round takes, while a hand is followed, and while none is ...
-MOST, MOST_ALONE = 200.0, 1500.0  # ... but for so many places a second, which is what there is time for
-APART_MM, ARM_MM = 170.0, 100.0  # from the middles of hands that are followed, and from their arms
-TIMES = 2  # that a likely place is looked at again, from where the hand was said to be
-# A place that was no hand after all, such as an elbow, is passed over for a pause, which doubles each time.
+ROUND, ROUND_ALONE = 0.5, 0.2  # s per scan with and without a tracked hand
+MOST, MOST_ALONE = 200.0, 1500.0  # places per second at most
+APART_MM, ARM_MM = 170.0, 100.0  # minimum distances from tracked hands and from their arms
+TIMES = 2  # evaluations of a likely place, each at the predicted position
+# A rejected place, such as an elbow, is skipped for a pause, which doubles each time.
 REJECTED_MM, PAUSE, LONGEST_PAUSE = 100.0, 0.5, 4.0
 
 

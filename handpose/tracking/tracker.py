@@ -37,13 +37,13 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
-SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
-# Limits of the rejection score: of a new hand, and of one that is followed. Of 190 hands in synthetic scenes before
+SAME_MM = 70.0  # palms closer together are the same hand
+# Limits of the rejection score of new and of tracked hands. Of 190 hands in synthetic scenes with
 # three cameras 95% are below 109 mm, 99% below 127 mm.
 STRANGE_NEW_MM, STRANGE_MM = 110.0, 135.0
-CHECK, SUSPECT = 0.2, 0.08  # s between such looks, at what is sure and at what is not ...
-RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a hand that is found is one that was lost
-STRIKES = 2  # ... of which so many in a row end it
+CHECK, SUSPECT = 0.2, 0.08  # s between checks of certain and of uncertain hands
+RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a new hand is a lost one
+STRIKES = 2  # number of consecutive rejections that end a track
 
 
 def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tracker:
