@@ -52,7 +52,7 @@ def test_a_body_that_cannot_turn_with_its_picture() -> None:
 def test_a_plan_from_near(name: str) -> None:
     """One start, no tournament, few iterations, as robust as the end of the whole plan; all points."""
     plan = PLANS[name]
-    near = plan.near()
+    near = plan.refining()
     assert (near.draws, near.first, near.keep, near.points) == (0, (), 1, plan.points)
     (stage,) = near.last
     assert stage.robust == plan.last[-1].robust
