@@ -132,7 +132,7 @@ def test_sizes(pictures):
         (["p", "list.txt", "db"], "list.txt: none of its 5 images can be read; ROOTFOLDER/ is prepended to every path, "
                                   "as in 'pim 0.png'"),
         (["p/", "none.txt", "db"], "none.txt: cannot read the list of images: No such file or directory"),
-        (["p/", "list.txt", "p"], "p: exists already"),
+        (["p/", "list.txt", "p"], "p: exists already; expected a new name for each database"),
         (["-resize_width=1000000", "-resize_height=1000000", "p/", "list.txt", "db"],
          "images resized to 1000000 x 1000000 pixels; expected at most 268435456"),
         (["-encode_type=tga7", "p/", "list.txt", "db"], "p/im 0.png: OpenCV cannot encode images of type 'tga7'; "
