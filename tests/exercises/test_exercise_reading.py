@@ -155,7 +155,8 @@ def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
          "ReLU.backward takes (self, bottom, top, propagate_down); expected (self, top, propagate_down, bottom)"),
         ("    def forward", "    @staticmethod\n    def forward",
          "ReLU.forward is a staticmethod; expected a plain method"),
-        ("        top[0].data[...] =", "        yield\n        top[0].data[...] =", "ReLU.forward is a generator or coroutine"),
+        ("        top[0].data[...] =", "        yield\n        top[0].data[...] =",
+         "ReLU.forward is a generator or coroutine"),
         ("class ReLU(Layer)", "class ReLU", "ReLU: expected class ReLU(Layer), as in the stub"),
     ],
 )  # fmt: skip

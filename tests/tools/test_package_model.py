@@ -96,7 +96,7 @@ def test_too_few_frames(tmp_path, frames):
     """For a covariance that has an inverse; the line says how many are enough."""
     weights, out = str(read_card(SYNTHETIC_HAND).weights), str(tmp_path / "x.h5")
     assert run_tool("package_model", weights, "--model", DEPLOY, "--out", out, "--frames", frames, status=1).err == (
-        f"--frames {frames} is too few for the covariance of 20 inputs; expected at least 21\n"
+        f"--frames {frames} is too few for the covariance of 20 inputs; expected --frames 21 or more\n"
     )
     assert list(tmp_path.iterdir()) == []
 

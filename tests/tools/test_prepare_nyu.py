@@ -312,7 +312,7 @@ def test_leaves_foreign_files_alone(root):
     assert "train.txt: names 'precious', which is not there" in done.err and names(out) == ["train.txt"]
     (out / "test_000.h5").mkdir()
     done = prepare(root, "--force", status=1)
-    assert "test_000.h5: is no file" in done.err and (out / "train.txt").read_text() == "precious\n"
+    assert "test_000.h5: is not a file" in done.err and (out / "train.txt").read_text() == "precious\n"
     (out / "test_000.h5").rmdir()
     prepare(root, "--force")
 
