@@ -91,7 +91,7 @@ def _without_second_head(net: str) -> str:
 
 
 def _without_augmentation(net: str) -> str:
-    start = net.index("# Other views of the same hands")
+    start = net.index("# Augmentation: other views")
     return net[:start] + net[net.index("# Features") :]
 
 

@@ -85,4 +85,4 @@ def test_a_benchmark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threa
 def test_a_study_that_does_not_exist() -> None:
     """Of this recipe: one line that says which there are."""
     done = run_tool("benchmarks.ablation", "--recipe", "cameras", "--only", "sgd", status=2)
-    assert "--only sgd: expected some of recipe, nyu, no_sensor" in done.err
+    assert "--only sgd: expected recipe, nyu, no_sensor" in done.err

@@ -39,10 +39,10 @@ def test_a_benchmark(alone: bool, tmp_path: Path) -> None:
         "one image without the hand, 1 thread",
         "HandModel forward + backward, 16",
         "sgemm peak",
-        "share of the peak, training",
-        "share of the peak, forward",
+        "fraction of peak, training",
+        "fraction of peak, forward",
         "time of 16 against 8 x 2",
-        "data, log and bookkeeping",
+        "data, log and overhead",
         "peak memory, training at 16",
     ]
     lines = out.splitlines()[1 : 1 + len(rows)]
@@ -50,7 +50,7 @@ def test_a_benchmark(alone: bool, tmp_path: Path) -> None:
     assert alone == (not stored.RESULTS.exists())  # what is stored are ratios
     assert alone == (not any("peer" in row for row in rows))
     assert all(value > 0 for row in rows for key in ("value", "ours_ms", "peer_ms", "ratio")
-               if (value := row.get(key)) is not None and row["what"] != "data, log and bookkeeping")  # fmt: skip
+               if (value := row.get(key)) is not None and row["what"] != "data, log and overhead")  # fmt: skip
 
 
 def test_what_is_slower_is_named(capsys: pytest.CaptureFixture[str]) -> None:
@@ -83,7 +83,7 @@ def test_a_missing_peer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """Which says how to go on."""
     monkeypatch.setattr(bench, "MISSING", "torch")
     done = run_tool("benchmarks.bench", *SMALLEST, status=1)
-    error = "torch is missing: pip install -e '.[bench]', or time this project alone by --alone\n"
+    error = "torch is missing: pip install -e '.[bench]', or use --alone to time only this project\n"
     assert done[1:] == ("", error)
 
 

@@ -111,7 +111,7 @@ def test_caffes_command(small):
     for words in ([TRAIN, "short.prototxt"], [CAFFE, "train", "-solver", "short.prototxt"]):
         done = ranks_started.run(2, *words)
         assert done.returncode == 0, done.stderr
-        assert done.stderr.count("2 ranks × 8 = 16 a step") == done.stderr.count("lr = 0.001") == 1, done.stderr
+        assert done.stderr.count("2 ranks × 8 = 16 per step") == done.stderr.count("lr = 0.001") == 1, done.stderr
         weights.append(Path("snapshots/small_iter_20.caffemodel").read_bytes())
     assert weights[0] == weights[1]
     done = ranks_started.run(2, CAFFE, "train", "-solver", "missing.prototxt")
@@ -151,7 +151,7 @@ def test_wrong_usage_is_said_once(work):
         assert done.returncode == 2
         assert ours(done.stderr) == [
             "usage: train.py [-h] [--no-python-layers] [--snapshot STATE] [--weights FILE]",
-            "train.py: error: argument --patience: expected a number of more than 0, found '0'",
+            "train.py: error: argument --patience: expected a number greater than 0, found '0'",
         ]
 
 
