@@ -66,4 +66,4 @@ def lines_until(process: subprocess.Popen[str], wanted: str) -> list[str]:
 
 def ours(text: str) -> list[str]:
     """The lines of a program's own, without those of a log and of the launcher."""
-    return [line for line in text.splitlines() if line.startswith(("rank", "no sign", "usage", "train.py"))]
+    return [line for line in text.splitlines() if line.startswith(("rank", "no response", "usage", "train.py"))]
