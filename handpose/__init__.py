@@ -1,7 +1,7 @@
 """Hand pose from depth images: data sets, synthetic frames, predictors, fits, trackers and their scores.
 
 facts, data, importers, sources (cameras and recordings), surface, joint_formats, synthetic, sequences,
-joint_fit, depth_fit, prediction, tracking, track_files, scoring, drawing, experiments.
+joint_fit, depth_fit, prediction, gestures, tracking, track_files, live, scoring, drawing, experiments.
 setup.cfg has the order of their imports.
 """
 
