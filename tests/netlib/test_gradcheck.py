@@ -102,7 +102,10 @@ def test_a_right_layer_passes(layer: Callable[[type[Layer]], Layer]) -> None:
         (Forgets, r"Forgets: gradient of bottom 0 at \(1, 1\): backward computed nan"),
         (Adds, r"Adds: gradient of bottom 0 at .*: backward computed nan"),
         (Overwrites, r"Overwrites: gradient of parameter 0 at \(\d,\)"),
-        (Wrong, r"Wrong: gradient of bottom 0 at \(2, 0\): backward computed [-\d.]+, differences say [-\d.]+"),
+        (
+            Wrong,
+            r"Wrong: gradient of bottom 0 at \(2, 0\): backward computed [-\d.]+, central differences give [-\d.]+",
+        ),
         (IgnoresTop, "IgnoresTop: gradient of"),
     ],
 )

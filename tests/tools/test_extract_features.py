@@ -87,11 +87,11 @@ def test_mistakes(tmp_path):
         ["init.caffemodel", "net.prototxt", "ip1,ip1", f"{a},{a}", "1", "lmdb"],
     )
     assert "".join(run_tool("extract_features", *argv, status=1).err for argv in refused).splitlines() == [
-        "net.prototxt: no blob 'ip7' (did you mean 'ip2'?)",
+        "net.prototxt: the net has no blob 'ip7' (did you mean 'ip2'?)",
         "none.prototxt: cannot read the prototxt: No such file or directory",
         "none.caffemodel: cannot read weights: No such file or directory",
         f"{deep}: blob 'x' has shape (1, 1, 1, 1, 1); a Datum holds items with at most three axes",
-        f"{a}: is named twice",
+        f"{a}: is named twice; expected a new name for each database",
     ]
     assert [path.name for path in tmp_path.iterdir()] == ["deep.prototxt"]
 

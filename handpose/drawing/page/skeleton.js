@@ -22,7 +22,7 @@ export class Skeleton {
   constructor(param) {
     this.param = param;
     this.name = param.name;
-    if (!param.joint.length) throw new PrototxtError(placeOf(param), "no joint in this file; expected a skeleton");
+    if (!param.joint.length) throw new PrototxtError(placeOf(param), "this file has no joints; expected a skeleton");
     for (const [many, what] of [[param.joint, "joints"], [param.dof, "DoFs"]]) {
       if (many.length > MOST) {
         throw new PrototxtError(placeOf(many[MOST]), `${many.length} ${what}; this page shows at most ${MOST}`);

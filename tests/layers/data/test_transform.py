@@ -113,7 +113,7 @@ def test_the_same_state_gives_the_same_crops(image):
         ("crop_size: 6", r"it': x: the image \(C, H, W\) \(3, 5, 7\) is smaller than crop_size 6"),
         (
             "mean_value: 1 mean_value: 2",
-            "x: the image has 3 channels, but 2 mean_value; expected one for all, or one for",
+            "x: 3 channels, but 2 mean_value; expected one for all, or one per channel",
         ),
         ('mean_file: "m"', r"the image \(C, H, W\) is \(3, 5, 7\), mean_file 'm'"),
         ('mean_file: "m" mean_value: 1', "mean_file and mean_value cannot both be given"),

@@ -58,7 +58,7 @@ def test_threads(monkeypatch):
     """The ranks of a machine share its processors; a training alone decides as ever."""
 
     class OneOfThree(Ranks):
-        count, beside = 3, 3
+        count, on_machine = 3, 3
 
     assert ranks.threads_of(ALONE) is None
     for processors, threads in ((8, 2), (2, 1)):
