@@ -1,13 +1,12 @@
 #!/usr/bin/env python3
-"""Ablation of the recipes for synthetic hands: short trainings, each with one change.
+"""Ablation of the recipes for synthetic hands: short training runs, each with one change.
 
     python benchmarks/ablation.py --iterations 1500 --seeds 1 2
     python benchmarks/ablation.py --recipe cameras              # sensors, sleeves, distances, rotations
 
-Every training is prototxt/synthetic_solver.prototxt with one change; the learning rate rises over the first tenth of
+Every run trains with prototxt/synthetic_solver.prototxt and one change; the learning rate rises over the first tenth of
 the iterations and decays to 0 at the last. All are scored on the same held-out frames of the recipe. Data and weights
-are written to snapshots/ablation. A finished training is not repeated if its prototxt files and training data are
-unchanged.
+are written to snapshots/ablation. A finished run is not repeated if its prototxt files and training data are unchanged.
 """
 
 from __future__ import annotations
@@ -97,7 +96,7 @@ def _without_augmentation(net: str) -> str:
 
 @dataclass(frozen=True)
 class Study:
-    """A training with one change."""
+    """A training run with one change."""
 
     name: str
     title: str

@@ -25,6 +25,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
@@ -42,12 +43,12 @@ import numpy as np
 
 import netlib
 from benchmarks import stored
-from benchmarks.paper import WEIGHTS, Paper, add_batch, small
+from benchmarks.paper import WEIGHTS, Paper, add_timing, small
 from export.onnx.net import onnx_image
 from layers.hand.skeleton import load
 from netlib.errors import NetlibError
 from netlib.net import Net
-from tools.common.arguments import parser_of, positive, positive_number
+from tools.common.arguments import parser_of
 from tools.common.console import DONE, FAILED, guarded
 
 try:
@@ -70,11 +71,7 @@ Job = Callable[[], Any]
 def main(argv: list[str] | None = None) -> int:
     """Run the benchmark; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("--rounds", type=positive, default=15, help="number of timings (default: %(default)s)")
-    parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
-    parser.add_argument("--burst", type=positive_number, default=0.2, metavar="S",
-                        help="duration of a timing, at least one call (default: %(default)s)")  # fmt: skip
-    add_batch(parser)
+    add_timing(parser, rounds=15, burst=0.2)
     parser.add_argument("--alone", action="store_true", help="time only this project, without peers")
     parser.add_argument("--store", action="store_true", help="replace the stored ratios")
     parser.add_argument("--json", metavar="FILE", help="also write the results as JSON")
@@ -112,7 +109,8 @@ def compare_with_stored(facts: dict[str, Any], rows: list[stored.Row], store: bo
         print(f"stored in {path}")
         return DONE
     lines = stored.slower(rows, before["rows"])
-    print("\n".join(lines or ["nothing is slower"]) + f" than on {before['date']}, on {before['kind']}")
+    reference = f"than on {before['date']}, on {before['kind']}"
+    print("\n".join([f"slower {reference}:", *lines]) if lines else f"nothing is slower {reference}")
     return FAILED if lines else DONE
 
 
@@ -386,24 +384,35 @@ class Bench:
         return best
 
     def overhead(self) -> float:
-        """Return the overhead of solver.step over the net's passes and the update, in percent."""
+        """Return the overhead of solver.step over the net's passes, without its data, and the update, in percent."""
         solver = self.solver(self.large)
-        steps = solver.net.executor.steps
-        data = steps[0]
+        net = solver.net
         solver.step(2)
+        seconds: Counter[str] = Counter()
+
+        def timed(owner: Any, method: str, sign: int = 1) -> None:
+            call = getattr(owner, method)
+
+            def job(*args: Any, **options: Any) -> Any:
+                begin = time.perf_counter()
+                found = call(*args, **options)
+                seconds["bare"] += sign * (time.perf_counter() - begin)
+                return found
+
+            setattr(owner, method, job)
+
+        # The steps of the executor cannot be run from outside: it would see inputs written by a caller, and plan anew.
+        timed(net.executor.steps[0], "forward", -1)
+        for owner, method in ((net, "clear_param_diffs"), (net, "run_forward"), (net, "run_backward"),
+                              (solver, "apply_update")):  # fmt: skip
+            timed(owner, method)
         whole, bare = [], []
         for _ in range(self.rounds):
+            seconds.clear()
             begin = time.perf_counter()
             solver.step(1)
             whole.append(time.perf_counter() - begin)
-            begin = time.perf_counter()
-            solver.net.clear_param_diffs()
-            for step in steps:
-                if step is not data:
-                    step.forward()
-            solver.net.run_backward()
-            solver.apply_update()
-            bare.append(time.perf_counter() - begin)
+            bare.append(seconds["bare"])
         return 100 * (float(np.median(whole)) / float(np.median(bare)) - 1)
 
     def memory(self) -> float:

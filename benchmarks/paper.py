@@ -12,9 +12,18 @@ import netlib
 from netlib.files.paths import ROOT
 from netlib.net import Net
 from netlib.solver import Solver
-from tools.common.arguments import positive
+from tools.common.arguments import positive, positive_number
 
 WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
+
+
+def add_timing(parser: argparse.ArgumentParser, rounds: int, burst: float) -> None:
+    """Add the options of repeated timings, --rounds, --threads, --burst and --batch, with these defaults."""
+    parser.add_argument("--rounds", type=positive, default=rounds, help="number of timings (default: %(default)s)")
+    parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
+    parser.add_argument("--burst", type=positive_number, default=burst, metavar="S",
+                        help="duration of a timing, at least one call (default: %(default)s)")  # fmt: skip
+    add_batch(parser)
 
 
 def add_batch(parser: argparse.ArgumentParser) -> None:

@@ -38,12 +38,12 @@ import fast.plan
 import fast.row_tiles
 import netlib
 import netlib.updates
-from benchmarks.paper import Paper, add_batch, small
+from benchmarks.paper import Paper, add_timing, small
 from fast.engine import TWINS, FastEngine
 from fast.executor import WholeStep
 from fast.plan import whole
 from fast.window_tiles import WindowTiles
-from tools.common.arguments import parser_of, positive, positive_number
+from tools.common.arguments import parser_of
 from tools.common.console import DONE, guarded
 
 Off = Callable[[], contextlib.AbstractContextManager[Any]]
@@ -94,11 +94,7 @@ PARTS: dict[str, Off] = {
 def main(argv: list[str] | None = None) -> int:
     """Run the benchmark; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("--rounds", type=positive, default=7, help="number of timings (default: %(default)s)")
-    parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
-    parser.add_argument("--burst", type=positive_number, default=0.15, metavar="S",
-                        help="duration of a timing, at least one call (default: %(default)s)")  # fmt: skip
-    add_batch(parser)
+    add_timing(parser, rounds=7, burst=0.15)
     parser.add_argument("--only", nargs="+", metavar="PART", help="only optimizations whose names contain one of these")
     args = parser.parse_args(argv)
     for word in args.only or ():
@@ -128,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def step(paper: Paper, batch: int) -> Callable[[], Any]:
-    """Return a function that runs a training step."""
+    """Return a function that trains the paper's network for one iteration."""
     solver = paper.solver(batch)
     return lambda: solver.step(1)
 
