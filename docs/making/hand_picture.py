@@ -8,10 +8,8 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from docs.making.chromium import chromium
+from docs.making import page_picture
 from docs.making.hand_page import PLACE
-from netlib.errors import NetlibError
-from netlib.files import atomic
 from netlib.files.paths import ROOT
 
 if TYPE_CHECKING:
@@ -42,15 +40,8 @@ def taken(browser: Browser) -> bytes:
 
 
 def main() -> int:
-    """Take it, and say so."""
-    try:
-        with chromium() as browser:
-            atomic.replace_bytes(PICTURE, taken(browser))
-    except NetlibError as error:
-        print(error, file=sys.stderr)
-        return 1
-    print(f"wrote {PICTURE.relative_to(ROOT)}")
-    return 0
+    """Write the picture; returns the exit status."""
+    return page_picture.write(PICTURE, taken)
 
 
 if __name__ == "__main__":

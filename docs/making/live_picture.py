@@ -9,15 +9,13 @@ import re
 import sys
 from typing import TYPE_CHECKING, Any
 
-from docs.making.chromium import chromium
+from docs.making import page_picture
 from handpose.facts.cameras import NYU
 from handpose.live.messages import Messages
 from handpose.live.page import page
 from handpose.live.server import VIEWS, LiveServer
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.tracking.tracker import load_tracker
-from netlib.errors import NetlibError
-from netlib.files import atomic
 from netlib.files.paths import ROOT
 
 if TYPE_CHECKING:
@@ -49,15 +47,8 @@ def taken(browser: Browser, frames: int = FRAMES) -> bytes:
 
 
 def main() -> int:
-    """Take it, and say so."""
-    try:
-        with chromium() as browser:
-            atomic.replace_bytes(PICTURE, taken(browser))
-    except NetlibError as error:
-        print(error, file=sys.stderr)
-        return 1
-    print(f"wrote {PICTURE.relative_to(ROOT)}")
-    return 0
+    """Write the picture; returns the exit status."""
+    return page_picture.write(PICTURE, taken)
 
 
 if __name__ == "__main__":

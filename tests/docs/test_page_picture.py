@@ -1,41 +1,46 @@
-"""docs/making/hand_picture.py"""
+"""docs/making/page_picture.py, with the pictures of both pages, and docs/making/chromium.py"""
 
 from __future__ import annotations
 
 import os
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import cv2
 import numpy as np
 import pytest
 
-from docs.making import hand_picture
+from docs.making import hand_picture, live_picture, page_picture
 from docs.making.chromium import NoBrowserError, chromium
-from docs.making.hand_picture import PICTURE, SIZE
 from netlib.errors import NetlibError
 
 LARGEST = 200_000  # bytes
+PAGES = [hand_picture, live_picture]
 
 
-def test_the_picture_of_the_documents() -> None:
+@pytest.mark.parametrize("page", PAGES)
+def test_the_picture_of_the_documents(page: ModuleType) -> None:
     """It is there, small, of the size that is said, and shows something."""
-    raw = PICTURE.read_bytes()
+    raw = page.PICTURE.read_bytes()
     image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR)
-    assert len(raw) < LARGEST and image.shape == (SIZE["height"], SIZE["width"], 3)
+    assert len(raw) < LARGEST and image.shape == (page.SIZE["height"], page.SIZE["width"], 3)
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 1000
 
 
-def test_without_a_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("page", PAGES)
+def test_without_a_browser(
+    page: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """One line says what is missing, and the picture stays."""
 
     def none() -> object:
         raise NetlibError("no Chromium: install it")
 
-    monkeypatch.setattr(hand_picture, "chromium", none)
-    before = PICTURE.read_bytes()
-    assert hand_picture.main() == 1 and capsys.readouterr().err == "no Chromium: install it\n"
-    assert PICTURE.read_bytes() == before
+    monkeypatch.setattr(page_picture, "chromium", none)
+    before = page.PICTURE.read_bytes()
+    assert page.main() == 1 and capsys.readouterr().err == "no Chromium: install it\n"
+    assert page.PICTURE.read_bytes() == before
 
 
 def test_without_playwright(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -240,7 +240,7 @@ RUN_BY = {
     "docs.book.nano": "tests/docs/test_nano.py",
     "docs.making": "tests/docs/test_made.py",
     "docs.making.hand_picture": "tests/docs/test_pages.py",
-    "docs.making.live_picture": "tests/docs/test_live_document.py",
+    "docs.making.live_picture": "tests/docs/test_page_picture.py",
     "docs.making.notebooks": "tests/docs/test_notebooks.py",
     "handpose": "tests/handpose/test_main.py",
     "netlib.caffe": "tests/netlib/test_install.py",
