@@ -3,7 +3,7 @@
 
     python tools/plot_log.py snapshots/train.log --out snapshots/train.png
 
-Several logs share one figure. The log of a training resumed with --snapshot can follow the first log in one file.
+Several logs share one figure. The log of a training run resumed with --snapshot can follow the first log in one file.
 If there are many test outputs, those with the largest last values have their own panels; the others share one.
 """
 

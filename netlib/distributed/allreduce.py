@@ -1,4 +1,4 @@
-"""Means over MPI ranks, summed in the order of the ranks, so that a training is reproducible to the bit.
+"""Means over MPI ranks, summed in the order of the ranks, so that a training run is reproducible to the bit.
 
 Arrays are packed into one flat buffer of N shards. In the first round every rank sends shard r to rank r, which sums
 them from first rank to last and divides by N; in the second round it sends the mean to all. Each rank sends and

@@ -1,4 +1,4 @@
-"""The processes started by ``mpiexec``, as the ranks of one training."""
+"""The processes started by ``mpiexec``, as the ranks of one training run."""
 
 from __future__ import annotations
 
