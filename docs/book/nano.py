@@ -16,7 +16,7 @@ import numpy as np
 HAND = Path(__file__).resolve().parents[2] / "prototxt" / "hand" / "nyu.prototxt"
 FRAMES = Path(__file__).with_name("frames.npz")  # 64 rendered crops of 128 x 128 pixels, and their joints
 
-# ------------------------------------------------------------------------------------- the layers: chapters 1 to 5
+# ------------------------------------------------------------------------------------- the layers: chapters 1 to 4 and 7
 
 
 def relu(x):
@@ -64,16 +64,16 @@ def max_pool(x, k):
 
 
 def dropout(x, p, rng):
-    """Zero each value with probability p and scale up the others, so that the mean stays."""
+    """Zero each value with probability p and scale up the others, so that the mean is unchanged."""
     mask = (rng.random(x.shape) >= p) / (1 - p)
     return x * mask, lambda dy: (dy * mask, [])
 
 
-# ------------------------------------------------------------------------------------ the hand: chapters 6, 7 and 8
+# ------------------------------------------------------------------------------------ the hand: chapters 8 and 9
 
 
 class Skeleton:
-    """The file of a hand as arrays: its degrees of freedom (DoFs), and for each joint parent, motions and bone."""
+    """A hand's file as arrays: the degrees of freedom (DoFs), and the parent, motions and bone of each joint."""
 
     def __init__(self, path):
         text = re.sub(r'#.*|"', "", path.read_text(encoding="utf-8"))
@@ -139,7 +139,7 @@ def hand_model(x, hand):
     return X[:, :K], backward
 
 
-# ------------------------------------------------------------------- the network and its training: chapters 4, 5, 8
+# ------------------------------------------------------------------- the network and its training: chapters 5, 6, 10
 
 
 def new_network(rng, p):
