@@ -16,7 +16,7 @@ import numpy as np
 HAND = Path(__file__).resolve().parents[2] / "prototxt" / "hand" / "nyu.prototxt"
 FRAMES = Path(__file__).with_name("frames.npz")  # 64 rendered crops of 128 x 128 pixels, and their joints
 
-# ------------------------------------------------------------------------------------- the layers: chapters 1 to 4 and 7
+# ------------------------------------------------------------------------------------ the layers: chapters 1 to 4 and 7
 
 
 def relu(x):
@@ -69,7 +69,7 @@ def dropout(x, p, rng):
     return x * mask, lambda dy: (dy * mask, [])
 
 
-# ------------------------------------------------------------------------------------ the hand: chapters 8 and 9
+# ------------------------------------------------------------------------------------------- the hand: chapters 8 and 9
 
 
 class Skeleton:
@@ -139,7 +139,7 @@ def hand_model(x, hand):
     return X[:, :K], backward
 
 
-# ------------------------------------------------------------------- the network and its training: chapters 5, 6, 10
+# ---------------------------------------------------------------------- the network and its training: chapters 5, 6, 10
 
 
 def new_network(rng, p):

@@ -100,7 +100,7 @@ FINDINGS = (
     Finding("ours is as good on angles as direct parameter", ("ours", "direct_parameter"),
             _less(ANGLE, "ours", "direct_parameter"), DEGREES, _little(ANGLE, "direct_parameter")),
     Finding("PhysLimit keeps angles within their limits", ("ours", "no_limit"), _less(OUT, "ours", "no_limit"), POINTS),
-    Finding("... and costs nothing of the joint error", ("ours", "no_limit"),
+    Finding("... without increasing the joint error", ("ours", "no_limit"),
             _less(JOINTS, "ours", "no_limit"), MM, _little(JOINTS, "no_limit")),
 )  # fmt: skip
 

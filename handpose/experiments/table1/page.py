@@ -47,10 +47,10 @@ python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train
   those of the same fit without the ridge.
 - Out of limits: share of frames with any predicted angle beyond its limits.
 - ± is half of the difference between the seeds. The paper's columns are for NYU, so only their order can be compared.
-- Length: a training is repeated with 50% more iterations until that changes the joint error by less than {MATTERS:.0%}
-  ("converged") or increases it ("increasing"; the shorter one counts). With the paper's solver, which has 10,000
-  iterations, trainings end after {PAPER.lengths[-1]:,} ("decreasing"). "Not yet" means that longer trainings are
-  missing. Angles and frames out of limits may still change after the joint error has converged.
+- Length: a training run is repeated with 50% more iterations until that changes the joint error by less than
+  {MATTERS:.0%} ("converged") or increases it ("increasing"; the shorter run counts). With the paper's solver, which has
+  10,000 iterations, runs end after {PAPER.lengths[-1]:,} ("decreasing"). "Not yet" means that longer runs are missing.
+  Angles and frames out of limits may still change after the joint error has converged.
 - A finding is a difference, positive if it agrees with the paper. It is confirmed or refuted if at least two seeds were
   trained long enough, all have the same sign, and the mean is larger than their spread. With two seeds, this rule has a
   false-positive rate of 30% where there is no difference, so only differences many times larger than the spread are
@@ -61,7 +61,7 @@ python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train
   with weight 1) with a learning rate that is constant for the first 70% of the iterations and then decreases linearly
   to 0; without augmentation, which would invalidate the angles, and without the second head, which a network that
   predicts joints does not have. The paper's solver is nyu_solver.prototxt, with a tenth of the rate for the last tenth
-  of the iterations. Trainings of different lengths share their first iterations."""
+  of the iterations. Runs of different lengths share their first iterations."""
 
 LENGTH_WORDS = {"done": "converged", "falls": "decreasing", "rises": "increasing"}  # in the table; "not yet" stays
 
@@ -121,7 +121,7 @@ def page_of(ledger: Ledger, speed: Speed | None = None) -> str:
 
 
 def _left(ledger: Ledger, setting: Setting) -> list[str]:
-    """How many trainings are missing, or not long enough yet, by setting and recipe, and by weight of PhysLimit."""
+    """How many training runs are missing, or not long enough yet, by setting and recipe, and by weight of PhysLimit."""
     due: dict[str, list[bool]] = {}
     for job in [*order(setting), *lambdas(ledger.get(setting.name, ()), setting)]:
         entries = ledger.get(job.setting.name, ())
@@ -131,7 +131,7 @@ def _left(ledger: Ledger, setting: Setting) -> list[str]:
             what, is_due = job.recipe.title, verdict(of_job(entries, job), job.recipe.lengths).end == "not yet"
         due.setdefault(f"{job.setting.title}, {what}", []).append(is_due)
     left = [f"{where}: {sum(some)} of {len(some)}" for where, some in due.items() if any(some)]
-    return ["", f"**Missing trainings:** {'; '.join(left)}."] if left else []
+    return ["", f"**Missing training runs:** {'; '.join(left)}."] if left else []
 
 
 def _table(setting: Setting, lines: Mapping[str, Line]) -> Iterable[str]:
@@ -264,7 +264,7 @@ def _provenance(entries: Sequence[Entry]) -> list[str]:
     return [
         "",
         f"Data: {data}, {frames:,} test frames; seeds {seeds}. Sum of the training times: {times}; the actual time "
-        "is shorter, because trainings share their first iterations.",
+        "is shorter, because runs share their first iterations.",
     ]
 
 

@@ -45,7 +45,7 @@ def test_tables_findings_and_pictures() -> None:
     assert len(re.findall(r"!\[", page)) == 6 and "lambda" not in page
     left = ("one hand, as in NYU, our recipe: 6 of 12; hands of many people, our recipe: 8 of 8; "
             "one hand, as in NYU, the weight of PhysLimit: 6 of 8.")  # fmt: skip
-    assert f"**Missing trainings:** {left}" in page
+    assert f"**Missing training runs:** {left}" in page
 
 
 def test_nothing_and_nyu() -> None:
@@ -65,7 +65,7 @@ def test_nyu_comes_first() -> None:
     titles = re.findall(r"^## (.*)$", page, re.MULTILINE)
     assert [title.split(":")[0] for title in titles] == ["NYU", "NYU", ONE_HAND.title, MANY_HANDS.title, "Speed"]
     assert page.count("![") == 4 and page.count("NYU, the paper's solver](table1_") == 3
-    assert "Missing trainings:** NYU, our recipe: 10 of 10; hands of many people" in page
+    assert "Missing training runs:** NYU, our recipe: 10 of 10; hands of many people" in page
     assert "| ours minus direct joint, NYU | " in page
 
 
