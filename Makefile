@@ -5,7 +5,7 @@
 # make test    set up and run the tests
 # make kernels the tests of fits, layers and documents again, with the slowest BLAS kernels and NumPy's SIMD off
 # make faults  fault injection: tens of thousands of cases with kills, damaged files, full disks (half an hour; CASES=100: short)
-# make table1  the paper's Table 1: runs the missing trainings (days; HOURS=8 limits the time), writes docs/results
+# make table1  the paper's Table 1: runs the missing training runs (days; HOURS=8 limits the time), writes docs/results
 # make bench   compares the speed with PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make parts   the time that each part of fast/ saves, by switching it off (minutes)
 # make ranks   compares threads with MPI processes, and prints a model of many machines
@@ -97,7 +97,7 @@ endif
 WORDED := README.md CHANGELOG.md CONTRIBUTING.md docs/*.md docs/book docs/results docs/exercises/README.md models prototxt \
 	tests/caffe/README.md
 WORDED_CODE := netlib layers fast exercises export tools benchmarks
-NAMES := girth,glance,ledger,misfit,nd,twin,twins
+NAMES := girth,glance,ledger,misfit,nd,trainings,twin,twins
 lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

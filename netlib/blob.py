@@ -1,7 +1,7 @@
 """Blob: an array (``data``) and its gradient (``diff``), both of one shape.
 
 Layers exchange blobs and keep their parameters in blobs. Memory is allocated at the first access, so an unused gradient
-costs nothing.
+takes no memory.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ def _between_marks(document: Path, match: re.Match[str]) -> str:
 
 def _list() -> Iterator[str]:
     """A table in the order of the book."""
-    yield "| | exercise | what is to be written | chapter |"
+    yield "| | exercise | to implement | chapter |"
     yield "|---|---|---|---|"
     for number, e in enumerate(EXERCISES.values(), 1):
         names = ", ".join(f"`{name.rpartition('.')[2]}`" for name in e.to_do)

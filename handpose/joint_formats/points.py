@@ -42,7 +42,7 @@ def _points() -> dict[str, Point]:
     found = {
         "wrist": Point({"wrist_left": 0.5, "wrist_middle": 0.5}, "9 mm dorsal of the middle of the wrist"),
         "thumb_cmc": Point({"thumb_mcp": 1}, "by the bones' proportions up to 15 mm distal; 8 mm dorsal"),
-        "thumb_mcp": Point({"thumb_pip": 0.85, "thumb_dip": 0.15}, "0 mm distal, 2 mm dorsal; turns 7 mm before it"),
+        "thumb_mcp": Point({"thumb_pip": 0.85, "thumb_dip": 0.15}, "0 mm distal, 2 mm dorsal; the model's hinge is 7 mm proximal"),
         "thumb_ip": Point({"thumb_dip": 1}, "4 mm distal, 4 mm palmar"),
         "thumb_tip": Point({"thumb_tip": 1}, "2 mm distal, 2 mm palmar; 9 mm before the end of the thumb"),
         "thumb_skin": Point(_beyond("thumb"), "the end of the thumb in the surface model"),
@@ -53,10 +53,10 @@ def _points() -> dict[str, Point]:
         pip = {f"{finger}_base": 0.3, f"{finger}_pip_a": 0.7}
         dip = {f"{finger}_pip_b": 0.6, f"{finger}_dip": 0.4}
         found |= {
-            f"{finger}_cmc": Point(cmc, "a proportion of the palm, nothing sees it; 8 mm dorsal"),
+            f"{finger}_cmc": Point(cmc, "a fixed proportion of the palm, not observable; 8 mm dorsal"),
             f"{finger}_mcp": Point({f"{finger}_mcp": 1}, "2 mm distal, 2 mm dorsal"),
-            f"{finger}_pip": Point(pip, "2 mm proximal, 2 mm dorsal; turns 7 to 19 mm before it, at base"),
-            f"{finger}_dip": Point(dip, "2 mm proximal, 2 mm dorsal; turns 7 to 9 mm before it, at pip_b"),
+            f"{finger}_pip": Point(pip, "2 mm proximal, 2 mm dorsal; the model's hinge, base, is 7 to 19 mm proximal"),
+            f"{finger}_dip": Point(dip, "2 mm proximal, 2 mm dorsal; the model's hinge, pip_b, is 7 to 9 mm proximal"),
             f"{finger}_tip": Point({f"{finger}_tip": 1}, "4 mm distal; 9 mm before the end of the finger"),
             f"{finger}_skin": Point(_beyond(finger), "the end of the finger in the surface model"),
         }

@@ -27,7 +27,7 @@ class _TestInterruptedError(Exception):
 
 
 class InterruptibleSolver(Solver):
-    """A solver for long trainings.
+    """A solver for long training runs.
 
     ``requested`` may be set to "stop" or "snapshot" at any time, by a signal handler or another thread; it takes effect
     after the current iteration. If data ends in the middle of an iteration, the iteration is rolled back.

@@ -54,8 +54,8 @@ def test_a_figure_stands_where_its_link_leads(figure: str, file: str, anchor: st
 
 
 def test_every_claim_is_pinned_by_a_test() -> None:
-    """What says "Pinned" links to test functions only, to one at least."""
-    items = [item for item in re.split(r"\n(?=- |\n)", PAPER) if item.startswith("- Pinned")]
+    """Each item "Tests:" links to test functions only, to at least one."""
+    items = [item for item in re.split(r"\n(?=- |\n)", PAPER) if item.startswith("- Tests:")]
     assert len(items) >= 15
     for item in items:
         titles = [title for _, _, _, title in LINK.findall(item)]
