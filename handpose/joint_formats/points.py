@@ -42,7 +42,7 @@ def _points() -> dict[str, Point]:
     found = {
         "wrist": Point({"wrist_left": 0.5, "wrist_middle": 0.5}, "9 mm dorsal of the middle of the wrist"),
         "thumb_cmc": Point({"thumb_mcp": 1}, "by the bones' proportions up to 15 mm distal; 8 mm dorsal"),
-        "thumb_mcp": Point({"thumb_pip": 0.85, "thumb_dip": 0.15}, "0 mm distal, 2 mm dorsal; the model's hinge is 7 mm proximal"),
+        "thumb_mcp": Point({"thumb_pip": 0.85, "thumb_dip": 0.15}, "2 mm dorsal; the model's hinge is 7 mm proximal"),
         "thumb_ip": Point({"thumb_dip": 1}, "4 mm distal, 4 mm palmar"),
         "thumb_tip": Point({"thumb_tip": 1}, "2 mm distal, 2 mm palmar; 9 mm before the end of the thumb"),
         "thumb_skin": Point(_beyond("thumb"), "the end of the thumb in the surface model"),
