@@ -97,7 +97,7 @@ endif
 WORDED := README.md CHANGELOG.md CONTRIBUTING.md docs/*.md docs/book docs/results docs/exercises/README.md models prototxt \
 	tests/caffe/README.md
 WORDED_CODE := netlib layers fast exercises export tools benchmarks
-NAMES := girth,glance,ledger,misfit,nd,trainings,twin,twins
+NAMES := ledger,misfit,nd,trainings
 lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

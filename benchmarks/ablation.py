@@ -32,10 +32,10 @@ from handpose.experiments.table1.recipes import with_fields
 from handpose.prediction import nets
 from handpose.scoring.held_out import figures_of, predict_all
 from handpose.synthetic import prior_file, recipes, workers
-from handpose.synthetic.flesh_prior import FleshPrior
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.many import generate
 from handpose.synthetic.prior_file import BetaParameter
+from handpose.synthetic.surface_prior import SurfacePrior
 from layers.hand import skeleton
 from netlib import engine
 from netlib.errors import PrototxtError
@@ -114,14 +114,14 @@ OF_NYU = (
     Study("plain", "no augmentation", net=_without_augmentation),
     Study(
         "on_bones",
-        "flesh centred on the bones, not on the palmar side",
-        recipe=Recipe(flesh=FleshPrior(offsets=(0.0, 0.0))),
+        "surface centred on the bones, not on the palmar side",
+        recipe=Recipe(flesh=SurfacePrior(offsets=(0.0, 0.0))),
     ),
     Study("clean", "no sensor noise", recipe=Recipe(views=(View(sensor=None),))),
-    Study("armless", "no forearm", recipe=Recipe(flesh=FleshPrior(limb=(0.05, 0.05), cut=1.0, cut_at=(0.01, 0.01)))),
+    Study("armless", "no forearm", recipe=Recipe(flesh=SurfacePrior(limb=(0.05, 0.05), cut=1.0, cut_at=(0.01, 0.01)))),
     Study("narrow", "narrow rotations of the palm", recipe=Recipe(NARROW)),
     Study("uncurled", "fingers curl independently", recipe=Recipe(UNCURLED)),
-    Study("one_hand", "one hand: fixed size and bone lengths", recipe=Recipe(SAME, FleshPrior(thickness_std=0))),
+    Study("one_hand", "one hand: fixed size and bone lengths", recipe=Recipe(SAME, SurfacePrior(thickness_std=0))),
     Study("one_head", "no second head", net=_without_second_head),
     Study("dropout", "dropout 0.3", net=_with_dropout),
     Study("squares", "EuclideanLoss, the paper's", net=_with_squares),
@@ -147,7 +147,7 @@ OF_CAMERAS = (
     _before_cameras("one_camera", "NYU's camera only", views=NYU.views),
     _before_cameras("bare", "no sleeves", flesh=replace(CAMERAS.flesh, sleeve=0.0)),
     _before_cameras("uncut", "no cut forearms", flesh=replace(CAMERAS.flesh, cut=0.0)),
-    _before_cameras("same_flesh", "the flesh of `nyu`: uncut, no sleeves, one shape", flesh=NYU.flesh),
+    _before_cameras("same_flesh", "the surface of `nyu`: uncut, no sleeves, one shape", flesh=NYU.flesh),
     _before_cameras(
         "nyu_depth", "550 to 1000 mm away instead of 250 to 1200", prior=CAMERAS.prior.but(depth=NYU.prior.depth)
     ),

@@ -205,7 +205,7 @@ class Bench:
                 {
                     "what": what,
                     "peer": name,
-                    "ours_ms": float(np.median(times["ours"])) * 1e3,
+                    "netlib_ms": float(np.median(times["ours"])) * 1e3,
                     "peer_ms": float(np.median(job_times)) * 1e3,
                     "ratio": ratio,
                     "noise": (high - low) / ratio,
@@ -433,7 +433,7 @@ class Bench:
         for row in self.rows:
             if "ratio" in row:
                 goal = f"goal {row['goal']:.2f}" if row["goal"] else ""
-                lines.append(f"{row['what']:<38}{row['ours_ms']:9.2f} ms  {row['peer']:<24}{row['peer_ms']:9.2f} ms "
+                lines.append(f"{row['what']:<38}{row['netlib_ms']:9.2f} ms  {row['peer']:<24}{row['peer_ms']:9.2f} ms "
                              f"{row['ratio']:6.2f}x  {goal}")  # fmt: skip
             else:
                 goal = f"goal {row['goal']}" if row["goal"] else ""

@@ -39,7 +39,7 @@ import fast.row_tiles
 import netlib
 import netlib.updates
 from benchmarks.paper import Paper, add_timing, small
-from fast.engine import TWINS, FastEngine
+from fast.engine import FAST_CLASSES, FastEngine
 from fast.executor import WholeStep
 from fast.plan import whole
 from fast.window_tiles import WindowTiles
@@ -49,9 +49,9 @@ from tools.common.console import DONE, guarded
 Off = Callable[[], contextlib.AbstractContextManager[Any]]
 
 
-def without_twin(plain: type) -> Off:
+def without_fast_class(plain: type) -> Off:
     """Use the plain layer instead of its fast counterpart."""
-    return lambda: mock.patch.dict(TWINS, {plain: plain})
+    return lambda: mock.patch.dict(FAST_CLASSES, {plain: plain})
 
 
 def patched(target: Any, name: str, value: Any) -> Off:
@@ -72,7 +72,9 @@ def one_thread() -> Iterator[None]:
 
 ELSEWHERE = ("HandAugment", "Kinematics")  # not in this network
 PARTS: dict[str, Off] = {
-    **{f"fast {plain.__name__}": without_twin(plain) for plain in TWINS if plain.__name__ not in ELSEWHERE},
+    **{
+        f"fast {plain.__name__}": without_fast_class(plain) for plain in FAST_CLASSES if plain.__name__ not in ELSEWHERE
+    },
     "slices of the batch": patched(
         fast.executor, "plan", lambda connections, stored: [whole(at) for at in connections]
     ),

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from fast import parallel
-from fast.twin import Twin
+from fast.fast_layer import FastLayer
 from layers.hand.augment import HandAugment
 from netlib.blob import Array
 from netlib.system.memory import blocks
@@ -20,7 +20,7 @@ from netlib.system.memory import blocks
 BLOCK = 16  # crops per job, 1 MB: few enough to stay in the cache, many enough to hide the call
 
 
-class FastHandAugment(Twin, HandAugment):
+class FastHandAugment(FastLayer, HandAugment):
     """HandAugment on several threads."""
 
     def move_crops(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:

@@ -6,15 +6,15 @@ image, whose background needs no product. Other options are the plain layer's.
 
 from __future__ import annotations
 
+from fast.fast_layer import FastLayer
 from fast.row_tiles import RowTiles
 from fast.tiles import FastBlob, pitch_of, tile_of
-from fast.twin import Twin
 from fast.window_tiles import WindowTiles
 from layers.vision.convolution import Convolution
 from netlib.blob import Blobs
 
 
-class FastConvolution(Twin, Convolution):
+class FastConvolution(FastLayer, Convolution):
     """Convolution on tiles."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

@@ -1,7 +1,7 @@
-"""The fast engine: what it does in its own way, and the table of twins.
+"""The fast engine: what it does in its own way, and the table of its classes.
 
-A twin is the plain class with its computation replaced. It inherits setup, reshape, options and messages, and leaves
-options that it cannot serve to the plain layer.
+A fast class is a plain class with its computation replaced. It inherits setup, reshape, options and messages, and
+leaves options that it cannot serve to the plain layer.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ T = TypeVar("T")
 LARGE = 1 << 20  # bytes from which a copy takes longer than handing it out (some 0.1 ms)
 COPIES = 16  # parts of a large copy, for up to as many threads
 
-TWINS: dict[type, type] = {
+FAST_CLASSES: dict[type, type] = {
     Convolution: FastConvolution,
     HandAugment: FastHandAugment,
     HandModel: FastHandModel,
@@ -55,13 +55,13 @@ TWINS: dict[type, type] = {
 
 
 class FastEngine(Engine):
-    """Slices of the batch on several threads, twins of the layers that cost most."""
+    """Slices of the batch on several threads, own classes for the layers that cost most."""
 
     name = "fast"
 
-    def twin(self, cls: type[T]) -> type[T]:
-        """The twin of ``cls``, if it has one."""
-        return TWINS.get(cls, cls)
+    def implementation(self, cls: type[T]) -> type[T]:
+        """The fast class for ``cls``, otherwise ``cls``."""
+        return FAST_CLASSES.get(cls, cls)
 
     def blob(self, dtype: DTypeLike) -> Blob:
         """One that can be hidden."""

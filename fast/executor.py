@@ -19,10 +19,10 @@ from typing import cast
 
 import numpy as np
 
+from fast.fast_layer import FastLayer
 from fast.plan import Run, plan, whole
 from fast.slices import SlicedStep
 from fast.tiles import FastBlob
-from fast.twin import Twin
 from netlib.blob import Array, Blob
 from netlib.engine.plain import BackwardHook, Connection, Executor, Step, guarded
 from netlib.errors import NetlibError
@@ -38,7 +38,7 @@ class SlicedExecutor(Executor):
     def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> None:
         super().__init__(connections, outside, name)
         for at in self.connections:
-            if isinstance(at.layer, Twin):
+            if isinstance(at.layer, FastLayer):
                 at.layer.needs_backward, at.layer.needs_bottom_diff = at.needs_backward, any(at.propagate_down)
         self._stored = {id(blob) for blob in self._outside}
         self._looked = False

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fast.twin import Twin
+from fast.fast_layer import FastLayer
 from layers.activation.power import Power
 from layers.activation.relu import ReLU
 from layers.activation.sigmoid import Sigmoid
@@ -68,7 +68,7 @@ TABLE: dict[type[Layer], Facts | Callable[..., Facts]] = {  # a type, or a funct
 
 
 def facts_of(layer: Layer) -> Facts:
-    """The facts of a layer's type, or of the type that it is a twin of."""
-    lineage = type(layer).__mro__ if isinstance(layer, Twin) else [type(layer)]  # a user's subclass may differ
+    """The facts of a layer's type, or of the plain type that it implements."""
+    lineage = type(layer).__mro__ if isinstance(layer, FastLayer) else [type(layer)]  # a user's subclass may differ
     found = next((TABLE[cls] for cls in lineage if cls in TABLE), Facts())
     return found if isinstance(found, Facts) else found(layer)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from fast.fast_layer import FastLayer
 from fast.kinematics import FastKinematics
-from fast.twin import Twin
 from layers.hand.hand_model import HandModel
 from layers.hand.sized_hand_model import SizedHandModel
 from netlib.blob import Blobs
 
 
-class FastHandModel(Twin, HandModel):
+class FastHandModel(FastLayer, HandModel):
     """Forward kinematics, batch last."""
 
     kinematics_type = FastKinematics

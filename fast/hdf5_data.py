@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from fast.fast_layer import FastLayer
 from fast.parallel import Workers
 from fast.tiles import FastBlob
-from fast.twin import Twin
 from layers.data.hdf5_data import Cursor, HDF5Data
 from netlib.blob import Array, Blobs
 from netlib.system.one_thread import call_after_fork
 
 
-class FastHDF5Data(Twin, HDF5Data):
+class FastHDF5Data(FastLayer, HDF5Data):
     """Batches, one ahead."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

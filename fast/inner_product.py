@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from fast import parallel
-from fast.twin import Twin
+from fast.fast_layer import FastLayer
 from layers.common.inner_product import InnerProduct
 from netlib.blob import Blobs
 from netlib.system.memory import blocks
@@ -24,7 +24,7 @@ CACHED = 64  # outputs whose gradient is computed at a time: it is added before 
 FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/parts.py shows both
 
 
-class FastInnerProduct(Twin, InnerProduct):
+class FastInnerProduct(FastLayer, InnerProduct):
     """Fully connected layer in blocks."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

@@ -122,7 +122,7 @@ class FastKinematics(Kinematics):
         X += local
         return pose
 
-    def glance(self, inputs: Array, bones: Array | None = None) -> Pose:
+    def forward_pose(self, inputs: Array, bones: Array | None = None) -> Pose:
         """Of a few poses, with few calls."""
         if len(inputs) > FEW:
             return self.forward(inputs, bones)

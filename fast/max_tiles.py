@@ -13,8 +13,8 @@ import functools
 
 import numpy as np
 
+from fast.fast_layer import FastLayer
 from fast.tiles import FastBlob, SparseTiles, pitch_of, sparse_of, tile_into, tile_of, tiles_of, untile
-from fast.twin import Twin
 from netlib.blob import Array, Blob
 
 
@@ -24,7 +24,7 @@ class MaxTiles:
     winners   (R, L) for R rows of L = C N P windows, or (C A,) for A stored windows: the place that won, row by row
     """
 
-    def __init__(self, layer: Twin, T: int, bottom: Blob, top: Blob) -> None:
+    def __init__(self, layer: FastLayer, T: int, bottom: Blob, top: Blob) -> None:
         self.layer, self.T = layer, T
         N, C, H, W = bottom.shape
         self.columns = (pitch_of(bottom) if tile_of(bottom) == T else -(-W // T) * T) // T  # windows stored per row

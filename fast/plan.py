@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fast.facts import facts_of
-from fast.twin import Twin
+from fast.fast_layer import FastLayer
 from netlib.blob import Blob, Blobs
 from netlib.engine.plain import Connection
 
@@ -183,7 +183,7 @@ def _wish(use: Use, tiles: dict[int, int]) -> int | None:
     at = use.at
     if use.reads and use.writes:
         return ANY if facts_of(at.layer).elementwise else None
-    if not isinstance(at.layer, Twin):
+    if not isinstance(at.layer, FastLayer):
         return None
     if use.writes:
         return ANY if at.layer.writes_tiles() else None

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
+from fast.fast_layer import FastLayer
 from fast.max_tiles import MaxTiles
 from fast.tiles import pitch_of, tile_of
-from fast.twin import Twin
 from layers.vision.pooling import Pooling
 from netlib.blob import Blob, Blobs
 
@@ -17,7 +17,7 @@ Layout = tuple[tuple[int, ...], int | None, int]  # of a blob: shape, tile, pitc
 LARGEST_TILE = 15  # a winner is a byte
 
 
-class FastPooling(Twin, Pooling):
+class FastPooling(FastLayer, Pooling):
     """Max pooling on tiles."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from fast.twin import Twin
+from fast.fast_layer import FastLayer
 from layers.activation.relu import ReLU
 from netlib.blob import Blobs
 
 ROW = 1 << 14
 
 
-class FastReLU(Twin, ReLU):
+class FastReLU(FastLayer, ReLU):
     """ReLU for large contiguous blobs."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

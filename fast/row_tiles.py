@@ -19,8 +19,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from fast.fast_layer import FastLayer
 from fast.tiles import pitch_of, tile_into, tile_of, tiles_of, untile
-from fast.twin import Twin
 from netlib.blob import Array, Blob
 
 
@@ -53,7 +53,7 @@ class RowTiles:
             found = self._matrices = (w.copy(), T, toeplitz(w, T), toeplitz(flipped, T))
         return found[2], found[3]
 
-    def forward(self, layer: Twin, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
+    def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
         """y from x."""
         T = self.tile(tile_of(y), w.shape)
         N, O, Ho, Wo = y.shape
@@ -67,7 +67,7 @@ class RowTiles:
         if tile_of(y) is None:
             y.data[...] = untile(out, Ho, Wo)
 
-    def lower(self, layer: Twin, x: Blob, w: tuple[int, ...], T: int, pitch: int) -> Array:
+    def lower(self, layer: FastLayer, x: Blob, w: tuple[int, ...], T: int, pitch: int) -> Array:
         """X as (H, J C, L): ``stacked_rows`` of it are all right factors."""
         (N, C, H, _), kw = x.shape, w[3]
         J, P = T + kw - 1, pitch // T
@@ -81,7 +81,7 @@ class RowTiles:
             rows[:, j, :, :-1] = rows[:, j - T, :, 1:]
         return rows.reshape(H, J * C, N * P)
 
-    def backward(self, layer: Twin, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
+    def backward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
         """Adds to dw and db; writes dx if ``down``."""
         T = self.tile(tile_of(y), w.shape)
         (N, O, Ho, _), kh = y.shape, w.shape[2]
@@ -100,7 +100,7 @@ class RowTiles:
         if down:
             self.backward_x(layer, x, dy.reshape(Ho, T, O, -1), w, T, pitch)
 
-    def backward_x(self, layer: Twin, x: Blob, dy: Array, w: Array, T: int, pitch: int) -> None:
+    def backward_x(self, layer: FastLayer, x: Blob, dy: Array, w: Array, T: int, pitch: int) -> None:
         """dx from dy (Ho, T, O, L)."""
         (N, C, H, W), (O, _, kh, kw), (Ho, _, _, L) = x.shape, w.shape, dy.shape
         J = T + kw - 1

@@ -28,9 +28,9 @@ from functools import partial
 
 from fast import parallel
 from fast.facts import facts_of
+from fast.fast_layer import FastLayer
 from fast.plan import Run, Use, uses_of
 from fast.slice_blobs import Hidden, ParamOfLane, Window
-from fast.twin import Twin
 from netlib.blob import Array, Blob, Blobs
 from netlib.engine import memory_advice
 from netlib.engine.plain import BackwardHook, Connection, Step, guarded
@@ -183,7 +183,7 @@ class SlicedStep(Step):
 def _can_be_sparse(use: Use) -> bool:
     """Can a layer write, or read, a blob of which only some windows are stored?"""
     layer = use.at.layer
-    if not isinstance(layer, Twin):
+    if not isinstance(layer, FastLayer):
         return False
     return (layer.writes_sparse() or not use.writes) and (layer.reads_sparse() or not use.reads)
 

@@ -25,8 +25,8 @@ import functools
 import numpy as np
 import scipy
 
+from fast.fast_layer import FastLayer
 from fast.tiles import FastBlob, SparseTiles, tile_of
-from fast.twin import Twin
 from netlib.blob import Array, Blob
 
 FLAGS = {2: np.uint16, 4: np.uint32, 8: np.uint64}  # T flags of a row as one number
@@ -63,7 +63,7 @@ class WindowTiles:
         S, item = 2 * T, X.itemsize
         return np.ndarray((2, len(X), 3 * T // 2 * S), X.dtype, X, 0, (T // 2 * S * item, S * S * item, item))
 
-    def forward(self, layer: Twin, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
+    def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
         """y from x."""
         assert isinstance(y, FastBlob) and y.tile is not None
         T = y.tile
@@ -95,7 +95,7 @@ class WindowTiles:
         reads = reads[:, :, :-1] | reads[:, :, 1:]
         return np.flatnonzero(reads)
 
-    def patches(self, layer: Twin, x: Array, window: Array, T: int) -> Array:
+    def patches(self, layer: FastLayer, x: Array, window: Array, T: int) -> Array:
         """X (A, S S): what each window reads.
 
         Copied in units of 8 or 16 bytes, called complex numbers because these are the widest that ``np.take`` knows.
@@ -111,7 +111,7 @@ class WindowTiles:
         np.take(x.reshape(-1).view(unit), first[:, None] + inside, out=out, mode="clip")
         return out.view(x.dtype).reshape(A, S * S)
 
-    def backward(self, layer: Twin, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
+    def backward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
         """Adds to dw and db."""
         assert isinstance(y, FastBlob) and y.tile is not None and not down
         found = y.sparse

@@ -66,7 +66,7 @@ def make_layer(
     }
     spec = schema.changed(spec, **changes)
     chosen = engines.get(engine, default="plain")
-    layer = create(spec, phase, np.random.default_rng(seed), dtype, chosen.twin)
+    layer = create(spec, phase, np.random.default_rng(seed), dtype, chosen.implementation)
     layer.setup(_blobs(bottoms), _empty(tops))
     return layer
 

@@ -80,7 +80,7 @@ class Graph:
     def _add(self, spec: LayerParameter, name: str, seed: np.random.SeedSequence) -> None:
         """Create a layer and its tops; its bottoms exist already."""
         rng = np.random.Generator(np.random.SFC64(seed))
-        layer = create.create(spec, spec.phase or self.phase, rng, self.dtype, self.engine.twin)
+        layer = create.create(spec, spec.phase or self.phase, rng, self.dtype, self.engine.implementation)
         layer.name = name
         _check_counts(layer)
         bottom = self._bottoms(layer)

@@ -33,18 +33,18 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Tests with the marker ``both_engines`` run under every engine that differs."""
     if metafunc.definition.get_closest_marker("both_engines"):
         path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
-        engines = ENGINES if has_twin(path) else ENGINES[-1:]
+        engines = ENGINES if has_fast_class(path) else ENGINES[-1:]
         metafunc.parametrize("engine_in_use", engines, indirect=True, scope="module")
 
 
-def has_twin(path: Path) -> bool:
-    """Does the fast engine compute something of this test file otherwise? Not of a layer that has no twin in fast/."""
+def has_fast_class(path: Path) -> bool:
+    """Does the fast engine compute something of this test file otherwise? Not of a layer that has no class in fast/."""
     source = ROOT / path.with_name(path.name.removeprefix("test_"))
     if path.parts[0] != "layers" or len(ENGINES) == 1 or not source.exists():
         return True
     module = importlib.import_module(".".join(source.relative_to(ROOT).with_suffix("").parts))
     classes = [value for value in vars(module).values() if isinstance(value, type)]
-    return any(engine.get("fast").twin(cls) is not cls for cls in classes)
+    return any(engine.get("fast").implementation(cls) is not cls for cls in classes)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

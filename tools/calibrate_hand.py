@@ -135,7 +135,7 @@ def run_on_depth(args: argparse.Namespace) -> int:
     with ProgressBar((1 + len(GRID)) * len(frames)) as progress:
         hand, size = hand_of(predictor, frames, progress)
     words = (f"A {hand} hand of {size.size:.3f} +- {size.deviation:.3f} times the size of {predictor.skeleton.name}, "
-             f"with {size.girth:.2f} times its thickness, from {len(frames)} depth frames.")  # fmt: skip
+             f"with {size.thickness:.2f} times its thickness, from {len(frames)} depth frames.")  # fmt: skip
     mirrored = " The file describes its mirror image, a right hand." if is_mirrored(hand) else ""
     write_skeleton(args.out, sized(predictor.skeleton, size), words + mirrored)
     say(words)

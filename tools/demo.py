@@ -27,7 +27,7 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.drawing import flesh, hands, sheets
+from handpose.drawing import hands, sheets, surface
 from handpose.drawing.identities import percent
 from handpose.facts.cameras import NYU
 from handpose.prediction.packaged import load_predictor
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             uvd, cube = found.center_uvd, found.cube_mm
             images += [
                 hands.overlay(found.crop, found.joints, predictor.skeleton, None, uvd, cube, NYU, zoom=2),
-                flesh.over_crop(found.crop, found.fit.capsules, uvd, cube, NYU, zoom=2),
+                surface.over_crop(found.crop, found.fit.capsules, uvd, cube, NYU, zoom=2),
                 hands.view_3d(found.joints, predictor.skeleton, size=256),
             ]
             off = float(mean_errors_14(found.xyz[None], truth[None])[0])

@@ -55,7 +55,7 @@ TERMS = {  # omitted term -> weights
     "limbs' prior": replace(Weights(), limbs=0.05),
     "palm's prior": replace(Weights(), rigid=140.0),
     "size": replace(Weights(), size=0.0),
-    "girth": replace(Weights(), girth=1e-3),
+    "thickness": replace(Weights(), thickness=1e-3),
 }
 ROLLS = ((-180, -135), (-135, -45), (-45, 45), (45, 135), (135, 180))
 
@@ -123,7 +123,7 @@ def _rows(recipe: str, found: Figures, without: str, by_roll: bool) -> list[dict
         rows.append({**facts, "plan": "network", **_errors(found.network[chosen])})
         for plan, errors in found.fits.items():
             row = {**facts, "plan": plan, **_errors(errors[chosen])}
-            row["auc"] = auc(found.doubt[plan][chosen], errors[chosen] > GOOD_MM)
+            row["auc"] = auc(found.uncertainty[plan][chosen], errors[chosen] > GOOD_MM)
             row["expected"] = float(found.expected[plan][chosen].mean())
             row["confidence"] = float(found.confidence[plan][chosen].mean())
             if plan in found.right:

@@ -26,7 +26,7 @@ tools.begin(__name__)
 
 from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
-from handpose.depth_fit.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
+from handpose.depth_fit.network_errors import NetworkErrors, covariance, table_of, uncertainty_of, weights_of
 from handpose.depth_fit.search import PLANS, Plan
 from handpose.experiments import fit_figures
 from handpose.experiments.fit_figures import frames_of
@@ -106,7 +106,7 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
         errors = NetworkErrors(covariance(first.limbs), {}, {})
         found = measured(errors, list(PLANS.values()))
     weights = {plan: weights_of(found.signs[plan], found.fits[plan]) for plan in PLANS}
-    tables = {plan: table_of(doubt_of(found.signs[plan], weights[plan]), found.fits[plan]) for plan in PLANS}
+    tables = {plan: table_of(uncertainty_of(found.signs[plan], weights[plan]), found.fits[plan]) for plan in PLANS}
     write_model(net, NetworkErrors(errors.limbs, tables, weights), args.out)
     say(f"{args.frames} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
         f"{args.bits} bits {first.network.mean():.2f} mm, "

@@ -30,8 +30,8 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.experiments.table1 import ledger, speed
 from handpose.experiments.table1 import page as table1_page
+from handpose.experiments.table1 import speed, store
 from handpose.experiments.table1.networks import NETWORKS
 from handpose.experiments.table1.plan import Job, lambdas, order, report
 from handpose.experiments.table1.recipes import ADAM, RECIPES
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         raise NetlibError(f"{args.ledger}: no such folder; expected the folder of results that --list and --page show; "
                            "--ledger FOLDER selects that of a clone, docs/results/table1")  # fmt: skip
     if args.list:
-        print(aligned(report([*_jobs(args), *_lambdas(args, campaign)], campaign.ledger_of, args.longest)))
+        print(aligned(report([*_jobs(args), *_lambdas(args, campaign)], campaign.store_of, args.longest)))
         return DONE
     if args.speed:
         speed.write(args.ledger / speed.WHERE, speed.measure())
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _write(args: argparse.Namespace) -> None:
     """Write the page and its figures from the results."""
-    entries = {name: ledger.read_all(args.ledger, name) for name in SETTINGS}
+    entries = {name: store.read_all(args.ledger, name) for name in SETTINGS}
     if not any(entries.values()):
         if not args.page:  # time was up before the first length was scored
             return
@@ -123,7 +123,7 @@ def _lambdas(args: argparse.Namespace, campaign: Campaign) -> list[Job]:
     first = _first(args)
     asked = args.lambda_length or (args.networks is None and first is not MANY_HANDS)
     recipe = RECIPES[args.recipe] if args.recipe else ADAM
-    return lambdas(campaign.ledger_of(first), first, args.lambda_length, recipe) if asked and 1 in args.seeds else []
+    return lambdas(campaign.store_of(first), first, args.lambda_length, recipe) if asked and 1 in args.seeds else []
 
 
 def _first(args: argparse.Namespace) -> Setting:

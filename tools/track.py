@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         if args.look is not None:
             return _draw_first(args, seen)
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine)
-        tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, flesh=is_drawn(args))
+        tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args))
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
         try:

@@ -68,7 +68,7 @@ class Kinematics:
         # its axis in world coordinates, with the sign, and the current point p of the joint. backward needs them.
         raise NotImplementedError
 
-    def glance(self, inputs: Array, bones: Array | None = None) -> Pose:
+    def forward_pose(self, inputs: Array, bones: Array | None = None) -> Pose:
         """Like ``forward``, but without the data that ``backward`` needs."""
         return self.forward(inputs, bones)
 

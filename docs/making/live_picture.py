@@ -29,7 +29,7 @@ FRAMES = 90
 def taken(browser: Browser, frames: int = FRAMES) -> bytes:
     """The picture as PNG."""
     recording = SyntheticRecording("two_hands", NYU)
-    tracker = load_tracker(NYU, flesh=True)
+    tracker = load_tracker(NYU, surface=True)
     header = tracker.header("takes/both")
     messages = Messages(header, gestures=True)
     with LiveServer("127.0.0.1", 0, messages.header, page(header)) as server:

@@ -1,7 +1,7 @@
 """The capsule model of a body as a function of few variables, and the derivatives of the capsules' ends.
 
 The variables x (N, V) of a frame are the free inputs of the whole body, including those of the surface alone. The last
-two are the logarithms of its size, which scales bones, offsets and radii, and of its girth, which also scales the
+two are the logarithms of its size, which scales bones, offsets and radii, and of its thickness, which also scales the
 radii. With a capsule's end E_j = X_j + R_f o_j (``handpose.surface``), a rotation about the unit axis a through P moves
 
     dE_j / dx  =  [moves X_j] a x (X_j - P)  +  [turns f] a x (R_f o_j)        a translation: a
@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.surface.model import Flesh
+from handpose.surface.model import Surface
 from handpose.surface.render import Capsules
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Pose
@@ -30,7 +30,7 @@ from netlib.errors import NetlibError
 
 Floats = NDArray[np.float32]
 
-SIZE, GIRTH = -2, -1  # indices into x
+SIZE, THICKNESS = -2, -1  # indices into x
 SIZE_LIMIT = 0.3  # bound of both logarithms: 0.74 to 1.35 times the skeleton's size
 
 
@@ -39,13 +39,13 @@ class Posed(NamedTuple):
 
     ends: Floats  # (N, E, 3)
     motion: Floats  # (N, E, 3, V): derivatives of the ends
-    girth: Floats  # (N,) scale of all radii
+    thickness: Floats  # (N,) scale of all radii
 
 
 class CapsuleModel:
     """The capsules of a skeleton with a surface, for fitting.
 
-    free          (V - 2,) the DoFs of the whole body that are variables; then come log size and log girth
+    free          (V - 2,) the DoFs of the whole body that are variables; then come log size and log thickness
     lower, upper  (V,) limits
     root          indices of the variables that move the whole body
     limbs         indices of the variables that move a part of the skeleton
@@ -57,8 +57,8 @@ class CapsuleModel:
     """
 
     def __init__(self, skeleton: Skeleton, unit_mm: float) -> None:
-        self.flesh = flesh = Flesh(skeleton)
-        self.skeleton, self.whole, self.unit_mm = skeleton, flesh.whole, unit_mm
+        self.surface = surface = Surface(skeleton)
+        self.skeleton, self.whole, self.unit_mm = skeleton, surface.whole, unit_mm
         whole = self.whole
         self.free = np.unique(whole.driven)
         self._order = np.argsort(whole.driven, kind="stable")  # motions in the order of the variables
@@ -67,7 +67,7 @@ class CapsuleModel:
         self._sums = (driven[:, None] == self.free).astype(float)
         self.lower = np.append(whole.lower[self.free], [-SIZE_LIMIT] * 2)
         self.upper = np.append(whole.upper[self.free], [SIZE_LIMIT] * 2)
-        self.deviation = flesh.deviation[self.free]
+        self.deviation = surface.deviation[self.free]
         roots = np.flatnonzero(whole.parents < 0)
         slides = [(j, m) for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"]
         if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or any(j != roots[0] for j, _ in slides):
@@ -77,13 +77,13 @@ class CapsuleModel:
         self.root = np.flatnonzero(everything[:, roots[0]])
         self.own = np.flatnonzero(self.free >= len(skeleton.initial))
         self.limbs = np.setdiff1d(np.arange(len(self.free)), np.concatenate([self.root, self.own]))
-        used = np.unique(np.concatenate([flesh.start, flesh.end]))
+        used = np.unique(np.concatenate([surface.start, surface.end]))
         self._used = used
-        self.start, self.end = np.searchsorted(used, flesh.start), np.searchsorted(used, flesh.end)
-        self.radii = (flesh.radii * unit_mm).astype(np.float32)
+        self.start, self.end = np.searchsorted(used, surface.start), np.searchsorted(used, surface.end)
+        self.radii = (surface.radii * unit_mm).astype(np.float32)
         with_joint = whole.moves[:, used].T  # (E, Q): motions that move E_j with X_j
         with_axes = with_joint.copy()
-        for f, (own_joints, _) in flesh.offsets.items():
+        for f, (own_joints, _) in surface.offsets.items():
             own = np.isin(used, own_joints)
             with_axes[own] = whole.moves[:, f]
         unlike = (with_joint != with_axes) & whole.turns
@@ -151,26 +151,26 @@ class CapsuleModel:
         motion[..., Q + 1] = 0
         if not self._one_each:
             motion = np.concatenate([(motion[..., :Q] @ self._sums).astype(np.float32), motion[..., Q:]], axis=-1)
-        return Posed(ends, motion, self._girth(x).astype(np.float32))
+        return Posed(ends, motion, self._thickness(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
         """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is the position of the origin."""
         p = self.posed(x)
         ends = p.ends.astype(np.float64) + center_mm[:, None]
-        radii = self.radii.astype(np.float64) * self._girth(x)[:, None, None]
-        return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1], self.flesh.facets)
+        radii = self.radii.astype(np.float64) * self._thickness(x)[:, None, None]
+        return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1], self.surface.facets)
 
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
         """All joints (N, K, 3), the capsules' ends (N, E, 3), and their pose."""
         unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE])
-        pose = self._kinematics.glance(self.whole_inputs_of(x), self.whole.bones * size[:, None])
+        pose = self._kinematics.forward_pose(self.whole_inputs_of(x), self.whole.bones * size[:, None])
         joints = np.asarray(pose.joints, np.float32) * unit
-        rotations = {f: np.asarray(self._kinematics.rotation_of(pose, f), np.float32) for f in self.flesh.offsets}
-        return joints, self.flesh.ends_at(joints, rotations, (size * unit).astype(np.float32))[:, self._used], pose
+        rotations = {f: np.asarray(self._kinematics.rotation_of(pose, f), np.float32) for f in self.surface.offsets}
+        return joints, self.surface.ends_at(joints, rotations, (size * unit).astype(np.float32))[:, self._used], pose
 
-    def _girth(self, x: Array) -> Array:
+    def _thickness(self, x: Array) -> Array:
         """The scale of all radii (N,)."""
-        return np.asarray(np.exp(x[:, SIZE] + x[:, GIRTH]))
+        return np.asarray(np.exp(x[:, SIZE] + x[:, THICKNESS]))
 
 
 def _columns(points: Floats) -> Floats:

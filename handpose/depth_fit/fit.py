@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
+from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.depth_fit.network_errors import LOST_MM, NetworkErrors, read_errors, unknown_errors
 from handpose.depth_fit.objective import Objective, Weights
 from handpose.depth_fit.observation import Observation
@@ -29,7 +29,7 @@ from netlib.errors import DataError
 from netlib.system.memory import blocks
 
 MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the uncertainty is infinite
-STAY = 0.9  # factor of the misfit at the expected pose, so that fits do not jump between two equally good poses
+STAY = 0.9  # factor of the cost at the expected pose, so that fits do not jump between two equally good poses
 HOLD = 5.0  # precision of the expected limbs in ``follow``, relative to that of the network's limbs
 # The part of a hand beyond the image's edge is unknown, and a fit explains the rest well. So error and confidence
 # depend on the length of the edge that cuts the hand, as measured on whole hands with an artificial edge: docs/fit.md.
@@ -45,8 +45,8 @@ class DepthFit:
     size        (N,) relative to the skeleton
     joints      (N, K, 3) mm from the crops' centres
     network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow`` the expected ones
-    misfit      (N,) the cost of the fit: the sum of all terms
-    doubt       (N,) uncertainty of the fit (``network_errors``)
+    cost      (N,) the cost of the fit: the sum of all terms
+    uncertainty       (N,) uncertainty of the fit (``network_errors``)
     error_mm    (N,) expected error of the joints, by the network's table; NaN without a table
     confidence  (N,) probability that this error is below 30 mm; NaN likewise
     x           (N, V) all variables, for ``CapsuleModel``
@@ -59,8 +59,8 @@ class DepthFit:
     size: Array
     joints: Array
     network: Array
-    misfit: Array
-    doubt: Array
+    cost: Array
+    uncertainty: Array
     error_mm: Array
     confidence: Array
     x: Array
@@ -154,10 +154,10 @@ class DepthFitter:
         return self._results(found, seen, network, plan, moved_mm)
 
     def _expected(self, before: Array) -> Array:
-        """The prior for x (N, V): about x, but about the means for the girth and the surface's own variables."""
+        """The prior for x (N, V): about x, but about the means for the thickness and the surface's own variables."""
         prior = before.copy()
         prior[:, self.model.own] = 0
-        prior[:, GIRTH] = 0
+        prior[:, THICKNESS] = 0
         return prior
 
     def _searched(
@@ -192,7 +192,7 @@ class DepthFitter:
         signs = np.column_stack([found.parts, moved])
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
         signs[shown < MIN_VISIBLE] = np.inf  # an empty crop contradicts no hand
-        doubt, error_mm, confidence = self.errors.expected(plan.name, signs)
+        uncertainty, error_mm, confidence = self.errors.expected(plan.name, signs)
         error_mm = np.minimum(error_mm * np.interp(seen.cut_mm, CUT_MM, CUT_ERROR), LOST_MM)
         confidence = confidence * np.interp(seen.cut_mm, CUT_MM, CUT_CONFIDENCE)
         return DepthFit(
@@ -200,8 +200,8 @@ class DepthFitter:
             size=np.exp(found.x[:, SIZE]),
             joints=joints,
             network=network,
-            misfit=found.parts.sum(axis=1),
-            doubt=doubt,
+            cost=found.parts.sum(axis=1),
+            uncertainty=uncertainty,
             error_mm=error_mm,
             confidence=confidence,
             x=found.x,

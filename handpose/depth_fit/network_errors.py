@@ -6,10 +6,10 @@ A weights file in Caffe's HDF5 layout has a group ``data``; a group ``fit`` next
     fit/PLAN           (k, 3) for each plan, ascending: uncertainty, expected error in mm, P(error < 30 mm)
     fit/PLAN.signs     (5,) weights >= 0 with the sum 1, for the uncertainty
 
-The parts of the misfit predict failures better than their sum: a limb outside the silhouette (outline) is a worse sign
-than a thick body (surface). So the uncertainty, ``doubt``, is the weighted geometric mean of 1 + each sign. Its weights
-are those that best separate failed fits from others (logistic regression). The signs are the four parts of the cost,
-and the distance in mm by which the joints moved.
+The parts of the cost predict failures better than their sum: a limb outside the silhouette (outline) is a worse sign
+than a thick body (surface). So the uncertainty is the weighted geometric mean of 1 + each sign. Its weights are those
+that best separate failed fits from others (logistic regression). The signs are the four parts of the cost, and the
+distance in mm by which the joints moved.
 """
 
 from __future__ import annotations
@@ -55,15 +55,15 @@ class NetworkErrors:
         For a plan without a table the weights are equal, and error and probability are NaN. For an uncertainty beyond
         the table the error grows in proportion, up to LOST_MM, and the probability falls.
         """
-        doubt = doubt_of(signs, self.weights.get(plan, np.full(len(SIGNS), 1 / len(SIGNS))))
+        uncertainty = uncertainty_of(signs, self.weights.get(plan, np.full(len(SIGNS), 1 / len(SIGNS))))
         table = self.tables.get(plan)
         if table is None:
-            return doubt, np.full(len(doubt), np.nan), np.full(len(doubt), np.nan)
-        beyond = np.maximum(doubt / table[-1, 0], 1)
+            return uncertainty, np.full(len(uncertainty), np.nan), np.full(len(uncertainty), np.nan)
+        beyond = np.maximum(uncertainty / table[-1, 0], 1)
         return (
-            doubt,
-            np.minimum(np.interp(doubt, table[:, 0], table[:, 1]) * beyond, LOST_MM),
-            np.interp(doubt, table[:, 0], table[:, 2]) / beyond,
+            uncertainty,
+            np.minimum(np.interp(uncertainty, table[:, 0], table[:, 1]) * beyond, LOST_MM),
+            np.interp(uncertainty, table[:, 0], table[:, 2]) / beyond,
         )
 
 
@@ -95,7 +95,9 @@ def read_errors(path: str | Path, model: CapsuleModel) -> NetworkErrors:
     for name, table in found.items():
         good = table.ndim == 2 and table.shape[1:] == (3,) and len(table) > 1 and np.isfinite(table).all()
         if not good or table[0, 0] <= 0 or (np.diff(table[:, 0]) <= 0).any():
-            raise DataError(f"{path}: {GROUP}/{name} of shape {table.shape}, expected rows of doubt, error, chance")
+            raise DataError(
+                f"{path}: {GROUP}/{name} of shape {table.shape}, expected rows of uncertainty, error, chance"
+            )
     return NetworkErrors(limbs, found, weights)
 
 
@@ -105,7 +107,7 @@ def arrays_of(errors: NetworkErrors) -> dict[str, Array]:
     return {LIMBS: errors.limbs, **errors.tables, **weights}
 
 
-def doubt_of(signs: Array, weights: Array) -> Array:
+def uncertainty_of(signs: Array, weights: Array) -> Array:
     """The uncertainty (N,): the geometric mean of 1 + each of the signs (N, 5), weighted (5,)."""
     return np.asarray(np.exp(np.log1p(signs) @ weights))
 
@@ -139,21 +141,21 @@ def covariance(errors: Array) -> Array:
     return np.asarray(errors.T @ errors / len(errors))
 
 
-def table_of(doubt: Array, error_mm: Array) -> Array:
+def table_of(uncertainty: Array, error_mm: Array) -> Array:
     """The table (k, 3) for fits with these uncertainties (N,) and errors of their joints (N,) in mm. Raises DataError.
 
     Means of groups of equal size, made ascending by pooling neighbours in the wrong order (isotonic regression).
     """
-    shown = np.isfinite(doubt)  # crops that show nothing have no finite doubt and need no table
-    doubt, error_mm = doubt[shown], error_mm[shown]
-    order = np.argsort(doubt, kind="stable")
+    shown = np.isfinite(uncertainty)  # crops that show nothing have no finite uncertainty and need no table
+    uncertainty, error_mm = uncertainty[shown], error_mm[shown]
+    order = np.argsort(uncertainty, kind="stable")
     groups = [group for group in np.array_split(order, KNOTS) if len(group)]
-    x = np.array([doubt[g].mean() for g in groups])
+    x = np.array([uncertainty[g].mean() for g in groups])
     y = _pooled(np.array([error_mm[g].mean() for g in groups]))
     chance = 1 - _pooled(np.array([(error_mm[g] > GOOD_MM).mean() for g in groups]))
     apart = np.append(True, np.diff(x) > 0)
     if apart.sum() < 2:
-        raise DataError(f"{len(doubt)} fits with the same doubt, expected many different ones to measure")
+        raise DataError(f"{len(uncertainty)} fits with the same uncertainty, expected many different ones to measure")
     return np.stack([x, y, chance], axis=1)[apart]
 
 

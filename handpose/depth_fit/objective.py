@@ -5,7 +5,7 @@ surface  points on the capsules, robust (Geman-McClure): k q / (k + q) for the s
 outline  spheres outside the silhouette, robust likewise
 front    spheres in front of the surface, robust likewise
 prior    limbs near the start's angles (covariance of the network's errors), the palm near the network's, the surface's
-         own variables near their means, size and girth near the skeleton's
+         own variables near their means, size and thickness near the skeleton's
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Weights:
     limbs: float = 1.0
     rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
     size: float = 0.08  # deviation of the logarithm of the size; 0: it is known
-    girth: float = 0.08  # deviation of the logarithm of the girth
+    thickness: float = 0.08  # deviation of the logarithm of the thickness
 
 
 class Prior(NamedTuple):
@@ -49,7 +49,7 @@ class Prior(NamedTuple):
 
     x: Array  # (N, V) expected variables
     rigid: Floats  # (N, n, 3) mm, expected ends that move with the root
-    curvature: Array  # (V, V) precision of the limbs, the surface's own variables, size and girth
+    curvature: Array  # (V, V) precision of the limbs, the surface's own variables, size and thickness
 
 
 class Measured(NamedTuple):
@@ -77,7 +77,7 @@ class Objective:
         self.model, self.weights = model, weights
         self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
         self.spheres = spheres_of(model)
-        deviation = np.append(model.deviation, [max(weights.size, MIN_SIZE_STD), weights.girth])
+        deviation = np.append(model.deviation, [max(weights.size, MIN_SIZE_STD), weights.thickness])
         self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a deviation of their own
         self.plain_precision = deviation[self.plain] ** -2.0
 

@@ -1,15 +1,15 @@
 """Rejection score: how unlike a hand a place in an image is, in mm, to compare places after their fits.
 
-The misfit of a fit measures how far observed points are from the body. But a stick lies well on one limb of a hand
+The cost of a fit measures how far observed points are from the body. But a stick lies well on one limb of a hand
 whose rest is not there, and the end of a table lies well on one that leaves the image. So the score is the sum of
 
     unexplained  mean difference in depth between image and rendered body, over all pixels that show either
     alone        the same over the pixels that show the body without its limbs: is the whole hand visible?
     moved        half the mean distance of the joints from the network's, which was trained on hands only
     outside      100 mm times the share of the joints outside the image, and of the missing visible area
-    misfit       7 mm times its logarithm
+    cost       7 mm times its logarithm
     size         100 mm times the absolute logarithm of the size, relative to TYPICAL_SIZE; 0 if the size is known
-    girth        100 mm times its absolute logarithm: other objects fit only with a stretched hand
+    thickness        100 mm times its absolute logarithm: other objects fit only with a stretched hand
 
 No pixel's difference counts more than CAP_MM. The weights are rounded from a ranking by logistic regression on 90
 scenes (``handpose.synthetic.scenes``, seed 100).
@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
+from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import BACKGROUND, HandCrops
 from handpose.facts.cameras import Camera
@@ -29,17 +29,17 @@ from netlib.blob import Array
 
 CAP_MM = 40.0
 MIN_VISIBLE = 0.08  # minimum share of a crop that a hand fills; 10% of the hands fill less than 0.1
-MOVED, OUTSIDE_MM, MISFIT_MM, STRETCHED_MM = 0.5, 100.0, 7.0, 100.0
+MOVED, OUTSIDE_MM, COST_MM, STRETCHED_MM = 0.5, 100.0, 7.0, 100.0
 TYPICAL_SIZE = 0.92  # mean size of the recipe `people`, relative to the skeleton
 
 
 def rejection_score(model: CapsuleModel, fit: DepthFit, hands: HandCrops, *, known_size: bool = False) -> Array:
     """The scores (N,) in mm of fits to the crops of N places; ``known_size`` if the fits had a given size."""
     crops, uvd, camera, mirror = hands.crops, hands.center_uvd, hands.camera, hands.mirror
-    flesh = model.capsules(fit.x, hands.center_mm).mirrored(mirror)
-    capsules = in_front(flesh, uvd[:, 2] - model.unit_mm)  # parts nearer to the camera are not in the crop
+    surface = model.capsules(fit.x, hands.center_mm).mirrored(mirror)
+    capsules = in_front(surface, uvd[:, 2] - model.unit_mm)  # parts nearer to the camera are not in the crop
     whole = _rendered(capsules, uvd, 2 * model.unit_mm, camera, crops.shape[1])
-    own = ~model.flesh.limbs
+    own = ~model.surface.limbs
     hand = _rendered(capsules.chosen(own), uvd, 2 * model.unit_mm, camera, crops.shape[1])
     apart = np.minimum(np.abs(whole - crops) * model.unit_mm, CAP_MM)
     shown = (hand < BACKGROUND) & (hand <= whole)
@@ -51,7 +51,7 @@ def rejection_score(model: CapsuleModel, fit: DepthFit, hands: HandCrops, *, kno
     unexplained = _mean(apart, known & ((crops < BACKGROUND) | (whole < BACKGROUND)))
     shown &= known
     few = 1 - np.minimum(shown.sum(axis=(1, 2)) / (MIN_VISIBLE * crops[0].size), 1)
-    stretched = np.abs(fit.x[:, GIRTH])
+    stretched = np.abs(fit.x[:, THICKNESS])
     if not known_size:
         stretched = stretched + np.abs(fit.x[:, SIZE] - np.log(TYPICAL_SIZE))
     return np.asarray(
@@ -59,7 +59,7 @@ def rejection_score(model: CapsuleModel, fit: DepthFit, hands: HandCrops, *, kno
         + _mean(apart, shown)
         + MOVED * moved
         + OUTSIDE_MM * (outside + few)
-        + MISFIT_MM * np.log(np.maximum(fit.misfit, 1.0))
+        + COST_MM * np.log(np.maximum(fit.cost, 1.0))
         + STRETCHED_MM * stretched
     )
 

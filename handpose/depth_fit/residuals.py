@@ -8,7 +8,7 @@ of a capsule's axis,
 where w is the contribution of the radius as the body gets thicker. So each residual needs 8 numbers: z and r
 itself. Their weighted products, summed for each capsule to an 8 x 8 matrix G_m, determine the normal equations:
 
-    A  =  sum over capsules of  B_m^T G_m B_m        B_m = (dE_i/dx; dE_j/dx; 1 for size and girth), 7 x V
+    A  =  sum over capsules of  B_m^T G_m B_m        B_m = (dE_i/dx; dE_j/dx; 1 for size and thickness), 7 x V
     b  =  sum over capsules of  B_m^T g_m            g_m the last column of G_m
 
 There are several hundred residuals and 37 capsules: this takes a third of the time of the full Jacobian. Every point
@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel, Posed
+from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel, Posed
 from netlib.blob import Array
 
 Floats = NDArray[np.float32]
@@ -65,7 +65,7 @@ def cones_of(model: CapsuleModel, posed: Posed) -> Cones:
     """All M capsules."""
     ends = posed.ends.swapaxes(1, 2)
     a = ends[:, :, model.start]
-    radii = model.radii.T * posed.girth[:, None, None]
+    radii = model.radii.T * posed.thickness[:, None, None]
     return Cones(a, ends[:, :, model.end] - a, radii[:, 0], radii[:, 1] - radii[:, 0])
 
 
@@ -97,7 +97,7 @@ def normal_equations(model: CapsuleModel, posed: Posed, r: Residuals, weight: Fl
     G = (belonging(r.capsule, M) @ products.swapaxes(1, 2))[:, :, _FULL].astype(np.float64)  # (N, M, 8, 8)
     B = np.zeros((N, M, 7, V))
     B[:, :, :3], B[:, :, 3:6] = posed.motion[:, model.start], posed.motion[:, model.end]
-    B[:, :, 6, [SIZE, GIRTH]] = 1
+    B[:, :, 6, [SIZE, THICKNESS]] = 1
     transposed = B.reshape(N, M * 7, V).swapaxes(1, 2)
     A = transposed @ (G[..., :7, :7] @ B).reshape(N, M * 7, V)
     b = transposed @ np.ascontiguousarray(G[..., :7, 7]).reshape(N, M * 7, 1)

@@ -69,7 +69,7 @@ def search(
 ) -> Found:  # fmt: skip
     """The best of K starts (K, N, V); each has a prior about the prediction ``priors`` (K, N, V).
 
-    handicap  (K,) factors of the misfits that are compared
+    handicap  (K,) factors of the costs that are compared
     """
     K, N, _ = starts.shape
     every, handicaps = np.tile(np.arange(N), K), np.broadcast_to(handicap, K)
@@ -77,17 +77,17 @@ def search(
     chosen = np.arange(K * N)
     if plan.first and K > 1:
         x, cost = descend(objective, x, seen.thinned(plan.thin).take(every), own, plan.first)
-        order = (handicaps[:, None] * misfit(cost.parts).reshape(K, N)).argsort(axis=0)[: plan.keep]
+        order = (handicaps[:, None] * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)[: plan.keep]
         chosen = (order * N + np.arange(N)).reshape(-1)
     own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
     x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
-    compared = handicaps[chosen // N] * misfit(cost.parts)
+    compared = handicaps[chosen // N] * data_cost(cost.parts)
     best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
     return Found(x[best], cost.parts[best], chosen[best] // N)
 
 
-def misfit(parts: Array) -> Array:
-    """The misfit (N,) that starts are compared by: the cost without the prior."""
+def data_cost(parts: Array) -> Array:
+    """The cost (N,) that starts are compared by: the cost without the prior."""
     return np.asarray(parts[:, :3].sum(axis=1))
 
 

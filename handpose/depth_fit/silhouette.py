@@ -23,7 +23,7 @@ PLACES = (1.0,)  # positions of the spheres on each capsule's axis; another one 
 
 def spheres_of(model: CapsuleModel) -> tuple[NDArray[np.int_], Floats]:
     """The capsule of each sphere and its position on the axis, for all capsules of the skeleton's own joints."""
-    own = np.flatnonzero(~model.flesh.limbs)
+    own = np.flatnonzero(~model.surface.limbs)
     return np.repeat(own, len(PLACES)), np.tile(np.array(PLACES, np.float32), len(own))
 
 

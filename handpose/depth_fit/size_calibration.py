@@ -1,8 +1,8 @@
-"""The size and girth of one person's hand, from depth frames alone.
+"""The size and thickness of one person's hand, from depth frames alone.
 
 In one frame, a larger hand farther away looks nearly the same, and a bent limb looks like a short one. All frames of a
 person have the same size, so all frames are fitted again with every size of a grid, each from its own fit. The result
-is the size with the least total misfit, by a parabola through the three lowest. Frames count robustly, because some are
+is the size with the least total cost, by a parabola through the three lowest. Frames count robustly, because some are
 fitted wrongly at any size.
 """
 
@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handpose.depth_fit.body import GIRTH, SIZE, SIZE_LIMIT
+from handpose.depth_fit.body import SIZE, SIZE_LIMIT, THICKNESS
 from handpose.depth_fit.descent import Stage, descend
 from handpose.depth_fit.fit import STARTS_TOGETHER, DepthFitter
 from handpose.depth_fit.objective import Objective
 from handpose.depth_fit.observation import Observation
-from handpose.depth_fit.search import misfit
+from handpose.depth_fit.search import data_cost
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -34,21 +34,21 @@ class HandSize:
     """The estimated size of one hand.
 
     size       relative to the skeleton
-    girth      scale of the radii, relative to a skeleton of this size
+    thickness      scale of the radii, relative to a skeleton of this size
     deviation  standard deviation of the size, from halves of the frames
-    sizes, misfits  the sizes of the grid, and the mean misfit of a frame for each
+    sizes, costs  the sizes of the grid, and the mean cost of a frame for each
     """
 
     size: float
-    girth: float
+    thickness: float
     deviation: float
     sizes: Array
-    misfits: Array
+    costs: Array
 
     @property
     def at_the_edge(self) -> bool:
         """True if the best size is the first or last of the grid, so that the true one may be outside."""
-        return int(self.misfits.argmin()) in (0, len(self.sizes) - 1)
+        return int(self.costs.argmin()) in (0, len(self.sizes) - 1)
 
 
 def calibrate_size(
@@ -65,30 +65,30 @@ def calibrate_size(
     # Weak priors: strong ones about poses that were fitted with another size would keep that size.
     weights = replace(fitter.objective.weights, size=0.0, limbs=0.1, rigid=100.0)
     objective = Objective(fitter.model, weights)
-    left, girths = np.zeros((2, len(sizes), len(x)))
+    left, thicknesses = np.zeros((2, len(sizes), len(x)))
     for i, size in enumerate(sizes):
         for rows in blocks(len(x), STARTS_TOGETHER):
             start = x[rows].copy()
             start[:, SIZE] = np.log(size)
             prior = objective.prior_of(start, fitter.precision)
             found, cost = descend(objective, start, seen.take(rows), prior, STAGES)
-            left[i, rows], girths[i, rows] = misfit(cost.parts), found[:, GIRTH]
+            left[i, rows], thicknesses[i, rows] = data_cost(cost.parts), found[:, THICKNESS]
             progress(rows.stop - rows.start)
     bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # frames that no size explains do not count
     whole = _lowest(sizes, bounded.mean(axis=1))
     order = np.random.default_rng(0).permutation(len(x))
     halves = [_lowest(sizes, bounded[:, half].mean(axis=1)) for half in np.array_split(order, 2)]
-    girth = float(np.exp(np.median(girths[np.abs(np.log(sizes / whole)).argmin()])))
-    return HandSize(whole, girth, abs(halves[0] - halves[1]) / 2, sizes, bounded.mean(axis=1))
+    thickness = float(np.exp(np.median(thicknesses[np.abs(np.log(sizes / whole)).argmin()])))
+    return HandSize(whole, thickness, abs(halves[0] - halves[1]) / 2, sizes, bounded.mean(axis=1))
 
 
 def sized(skeleton: Skeleton, found: HandSize) -> Skeleton:
-    """The skeleton scaled to this size, with radii of this girth."""
+    """The skeleton scaled to this size, with radii of this thickness."""
     larger = skeleton.scaled(found.size).param
-    flesh = larger.flesh
-    assert flesh is not None  # it was needed for the fit
-    thicker = tuple(replace(c, radius=tuple(r * found.girth for r in c.radius)) for c in flesh.capsule)
-    return Skeleton(replace(larger, flesh=replace(flesh, capsule=thicker)))
+    surface = larger.flesh
+    assert surface is not None  # it was needed for the fit
+    thicker = tuple(replace(c, radius=tuple(r * found.thickness for r in c.radius)) for c in surface.capsule)
+    return Skeleton(replace(larger, flesh=replace(surface, capsule=thicker)))
 
 
 def _lowest(sizes: Array, values: Array) -> float:

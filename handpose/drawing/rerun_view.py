@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.crops import check_size
-from handpose.drawing.flesh import SKIN
 from handpose.drawing.hands import bones, colours
 from handpose.drawing.identities import colour_of
+from handpose.drawing.surface import SKIN
 from handpose.surface.render import Capsules
 from handpose.track_files.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
@@ -32,7 +32,7 @@ FROM_MM = np.array([1.0, -1.0, 1.0]) / 1000  # mm, y up, to metres, y down
 SHOWN_MM = (200.0, 3000.0)  # the depths from one end of the colours to the other
 BONE_M, JOINT_M = 0.0025, 0.004  # radii
 _CAMERA, _HANDS, _CONFIDENCE, _LOST = "world/camera", "world/hands", "confidence", "lost"  # entities
-_FLESH = (*SKIN[::-1], 50)  # red, green, blue, opacity
+_SURFACE = (*SKIN[::-1], 50)  # red, green, blue, opacity
 
 
 class RerunView:
@@ -126,10 +126,10 @@ class RerunView:
         self._stream.log(f"{place}/bones", rr.LineStrips3D(strips, colors=own, radii=BONE_M))
         if hand.capsules is not None:
             lengths, radii, starts, turns = capsules_in_rerun(hand.capsules)
-            flesh = rr.Capsules3D(
-                lengths=lengths, radii=radii, translations=starts, quaternions=turns, colors=_FLESH, fill_mode="solid"
+            surface = rr.Capsules3D(
+                lengths=lengths, radii=radii, translations=starts, quaternions=turns, colors=_SURFACE, fill_mode="solid"
             )
-            self._stream.log(f"{place}/flesh", flesh)
+            self._stream.log(f"{place}/flesh", surface)
         if np.isfinite(hand.confidence):
             curve = rr.SeriesLines(colors=colour_of(hand.id)[::-1], names=f"{hand.hand} {hand.id}")
             self._stream.log(f"{_CONFIDENCE}/{hand.id}", curve, static=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handpose.drawing import flesh, hands, strokes
+from handpose.drawing import hands, strokes, surface
 from handpose.drawing.strokes import Colour, Image
 from handpose.facts.cameras import Camera
 from handpose.track_files.track import TrackedHand
@@ -63,7 +63,7 @@ class Space:
             hands.draw(canvas, at[:, :2], hand.xyz[:, 1], self._skeleton, 3, _SHADOW, rim=False)
         for hand in sorted(tracked, key=lambda one: -float(self._seen(one.xyz)[:, 2].mean())):
             if hand.capsules is not None:
-                flesh.paint(
+                surface.paint(
                     canvas,
                     hand.capsules._replace(a=self._seen(hand.capsules.a), b=self._seen(hand.capsules.b)),
                     camera,

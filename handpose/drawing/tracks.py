@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.crops import check_size
-from handpose.drawing import flesh, hands, strokes
+from handpose.drawing import hands, strokes, surface
 from handpose.drawing.contrast import Contrast
 from handpose.drawing.curves import ConfidenceCurves
 from handpose.drawing.identities import colour_of, spoken, spoken_loss
@@ -87,7 +87,7 @@ class Painter:
         low, high = self._crop(hand)
         cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
         if hand.capsules is not None:
-            flesh.paint(canvas, hand.capsules, self._seen_by, opacity=0.5)
+            surface.paint(canvas, hand.capsules, self._seen_by, opacity=0.5)
         uvd = self._seen_by.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _MIN_DEPTH_MM)))
         hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2)
 

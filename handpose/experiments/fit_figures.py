@@ -51,7 +51,7 @@ class Figures:
 
     network  (N,) mean error in mm over NYU's 14 joints of the network alone
     fits     per plan, (N,) that of the fit
-    doubt, expected, confidence  per plan, (N,) of the fit
+    uncertainty, expected, confidence  per plan, (N,) of the fit
     signs    per plan, (N, 5): from which the uncertainty is computed
     right    per plan, (N,) True if the frame's fit is less uncertain than its mirror image's; if requested
     roll     (N,) degrees: rotation of the palm in the image from its mean pose, -180 to 180
@@ -60,7 +60,7 @@ class Figures:
 
     network: Array
     fits: dict[str, Array]
-    doubt: dict[str, Array]
+    uncertainty: dict[str, Array]
     signs: dict[str, Array]
     expected: dict[str, Array]
     confidence: dict[str, Array]
@@ -103,7 +103,7 @@ def measure(
             fit = fit_crops(net, fitter, right, plan)
             part |= {f"{name} {plan.name}": values for name, values in _of(fit, block).items()}
             if hands:
-                part[f"right {plan.name}"] = fit.doubt < fit_crops(net, fitter, left, plan).doubt
+                part[f"right {plan.name}"] = fit.uncertainty < fit_crops(net, fitter, left, plan).uncertainty
         parts.append(part)
         progress(len(block.crops))
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -115,7 +115,7 @@ def measure(
     return Figures(
         network=whole["network"],
         fits=per_plan("fit"),
-        doubt=per_plan("doubt"),
+        uncertainty=per_plan("uncertainty"),
         signs=per_plan("signs"),
         expected=per_plan("expected"),
         confidence=per_plan("confidence"),
@@ -145,7 +145,7 @@ def auc(score: Array, failed: NDArray[np.bool_]) -> float:
 def _of(fit: DepthFit, block: Block) -> dict[str, Array]:
     return {
         "fit": mean_errors_14(fit.joints, block.joints),
-        "doubt": fit.doubt,
+        "uncertainty": fit.uncertainty,
         "signs": fit.signs,
         "expected": fit.error_mm,
         "confidence": fit.confidence,

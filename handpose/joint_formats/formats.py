@@ -25,7 +25,7 @@ from handpose.facts.sides import Side, mirror_of
 from handpose.joint_formats.angles import turned
 from handpose.joint_formats.frames import HandFrames, hand_frames, unit
 from handpose.joint_formats.points import FINGERS, POINTS, Point, weights_of
-from handpose.surface.model import Flesh
+from handpose.surface.model import Surface
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -217,8 +217,8 @@ def _quaternions(directions: Array) -> Array:
 @functools.lru_cache(maxsize=8)
 def _radii(skeleton: Skeleton) -> Array:
     """Radii (J,) of OpenXR's joints in the skeleton's units: the surface's at the joints, with the points' weights."""
-    flesh = Flesh(skeleton)
-    ends, radii = np.concatenate([flesh.start, flesh.end]), flesh.radii.T.ravel()
+    surface = Surface(skeleton)
+    ends, radii = np.concatenate([surface.start, surface.end]), surface.radii.T.ravel()
     of_joints = np.array(
         [radii[ends == j].mean() if (ends == j).any() else np.nan for j in range(len(skeleton.joint_names))]
     )

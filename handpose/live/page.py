@@ -8,7 +8,7 @@ from handpose.drawing import identities
 from handpose.drawing.page.assembly import assembled, script_of, source
 from handpose.live.messages import depth_step
 from handpose.live.server import VIEWS
-from handpose.surface.model import Flesh
+from handpose.surface.model import Surface
 from handpose.track_files.track import TrackHeader
 
 BROWSER = Path(__file__).resolve().parent / "browser"
@@ -17,11 +17,11 @@ COLOURS = 6  # of hands; then they repeat
 
 def page(header: TrackHeader) -> str:
     """The page as HTML."""
-    flesh, camera = Flesh(header.skeleton), header.camera
+    surface, camera = Surface(header.skeleton), header.camera
     data = {
         "stream": VIEWS.removeprefix("/"), "camera": vars(camera), "step": depth_step(camera.width, camera.height),
         "skeleton": {"joints": header.skeleton.joint_names, "parents": header.skeleton.parents.tolist()},
-        "whole": flesh.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(flesh.start, flesh.end)],
+        "whole": surface.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(surface.start, surface.end)],
         "colours": [identities.colour_of(id)[::-1] for id in range(COLOURS)],
     }  # fmt: skip
     style = source("page.css") + source("live.css", BROWSER)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.flying_pixels import clear_crop
-from handpose.depth_fit.body import GIRTH
+from handpose.depth_fit.body import THICKNESS
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.observation import HandCrops
 from handpose.depth_fit.rejection import rejection_score
@@ -123,16 +123,16 @@ class HandPipeline:
             half = self.cube_mm / 2
             joints, network, model = fit.joints / half, fit.network / half, self.fitter.model
             surface = model.capsules(fit.x, np.zeros((len(hands), 3))).mirrored(hands.mirror)
-            whole, girth = model.whole_inputs_of(fit.x), np.exp(fit.x[:, GIRTH])
+            whole, thickness = model.whole_inputs_of(fit.x), np.exp(fit.x[:, THICKNESS])
             score = rejection_score(model, fit, hands)
             fits = [
                 HandFit(
                     inputs=fit.inputs[n],
                     whole=whole[n],
                     size=float(fit.size[n]),
-                    girth=float(girth[n]),
-                    misfit=float(fit.misfit[n]),
-                    doubt=float(fit.doubt[n]),
+                    thickness=float(thickness[n]),
+                    cost=float(fit.cost[n]),
+                    uncertainty=float(fit.uncertainty[n]),
                     rejection_score=float(score[n]),
                     error_mm=float(fit.error_mm[n]),
                     confidence=float(fit.confidence[n]),
@@ -224,7 +224,7 @@ def _place_score(found: tuple[Prediction, Candidate]) -> float:
 def _uncertainty(hand: Prediction) -> float:
     """The score that chooses between a right and a left hand in one crop.
 
-    On 1,024 frames the uncertainty of a fast fit finds the right side in 99%, its misfit in 93%; of an accurate fit
+    On 1,024 frames the uncertainty of a fast fit finds the right side in 99%, its cost in 93%; of an accurate fit
     either finds it in 99.6%.
     """
-    return hand.fit.doubt if hand.fit else 0.0
+    return hand.fit.uncertainty if hand.fit else 0.0

@@ -40,7 +40,7 @@ class Choices:
     def depth_between(self, before: Array, after: Array) -> Array:
         """How deep (N,) mm fingers get into each other on the way from one pose (D,) to others (N, D)."""
         way = before + np.linspace(0, 1, ON_THE_WAY + 1)[1:, None, None] * (after - before)
-        whole = np.zeros((way[..., 0].size, len(self.person.flesh.whole.initial)))
+        whole = np.zeros((way[..., 0].size, len(self.person.surface.whole.initial)))
         whole[:, : way.shape[-1]] = way.reshape(len(whole), -1)
         return np.asarray(self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0))
 
@@ -50,26 +50,26 @@ class Choices:
         before  the palm rotation to start from, if there is one
         facing  factor of pitch and yaw
         """
-        sampler, flesh = self.sampler, self.sampler.flesh
+        sampler, surface = self.sampler, self.sampler.surface
         own = len(sampler.skeleton.initial)
         palms = Rotation.from_euler("ZXY", sampler.rotations(self.rng, CANDIDATES) * (1, facing, -facing))
-        free = own + np.flatnonzero(~flesh.whole.fixed[own:])
-        arms = np.zeros((CANDIDATES, len(flesh.whole.initial)))
-        arms[:, free] = ARM_DEVIATION * flesh.deviation[free] * self.rng.standard_normal((CANDIDATES, len(free)))
-        arms = np.clip(arms, flesh.whole.lower, flesh.whole.upper)[:, own:]
+        free = own + np.flatnonzero(~surface.whole.fixed[own:])
+        arms = np.zeros((CANDIDATES, len(surface.whole.initial)))
+        arms[:, free] = ARM_DEVIATION * surface.deviation[free] * self.rng.standard_normal((CANDIDATES, len(free)))
+        arms = np.clip(arms, surface.whole.lower, surface.whole.upper)[:, own:]
         chosen = _first(self._strain(before, palms, arms), 0.0)
         return palms[chosen], arms[chosen]
 
     def _strain(self, before: Rotation | None, palms: Rotation, arms: Array) -> Array:
         """How implausible (N,) palms and forearms are, also on the way; 0 is plausible."""
-        flesh, count = self.sampler.flesh, len(arms)
+        surface, count = self.sampler.surface, len(arms)
         steps = np.zeros((count, 3)) if before is None else (before.inv() * palms).as_rotvec()
         over = np.zeros(count)
         for left in (0.0, 0.5):
             way = palms * Rotation.from_rotvec(-left * steps)
             none = np.zeros((count, len(self.sampler.skeleton.initial)))
             ends = self.person.ends(posed(self.sampler, self.person, none, way, arms))
-            limb = (ends[:, flesh.end[flesh.limbs]] - ends[:, flesh.start[flesh.limbs]])[:, 0]
+            limb = (ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]])[:, 0]
             limb = limb / np.linalg.norm(limb, axis=1, keepdims=True) * mirror_of(self.side)
             x, y, z = limb.T
             too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])

@@ -18,7 +18,7 @@ def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
     """The inputs (D,) of a gesture's fingers, otherwise 0, as far as this person's fingers move without penetration."""
     opened, formed = sampler.poses[OPEN], sampler.poses[name]
     trials = formed + np.linspace(0, 1, STEPS)[:, None] * (opened - formed)
-    whole = np.zeros((STEPS, len(person.flesh.whole.initial)))
+    whole = np.zeros((STEPS, len(person.surface.whole.initial)))
     whole[:, : trials.shape[1]] = trials
     fits = person.penetration_mm(whole) <= sampler.prior.penetration
     return np.asarray(trials[int(np.argmax(fits)) if fits.any() else -1])
@@ -26,8 +26,8 @@ def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
 
 def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
     """The limbs of every pose on the skeleton's own body: inputs by DoF."""
-    flesh, unit_mm = sampler.flesh, sampler.cube_mm / 2
-    person = Person(flesh, flesh.whole.bones, 1.0, flesh.radii, 1.0, (1.0, 0.0), unit_mm, sampler.center)
+    surface, unit_mm = sampler.surface, sampler.cube_mm / 2
+    person = Person(surface, surface.whole.bones, 1.0, surface.radii, 1.0, (1.0, 0.0), unit_mm, sampler.center)
     names = {int(d): sampler.skeleton.dof_names[int(d)] for d in sampler.limbs}
     found = {name: fingers_of(name, person, sampler) for name in sampler.poses}
     return {

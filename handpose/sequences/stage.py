@@ -77,7 +77,7 @@ class Stage:
     def shot(self, time: float) -> Shot:
         """The scene at a time in s."""
         poses = [movement.pose_at(time) for movement in self.movements]
-        limbs = self.sampler.flesh.limbs
+        limbs = self.sampler.surface.limbs
         hands, arms = [], []
         for role, pose in zip(self.script.roles, poses):
             hands.append(pose.capsules.chosen(~limbs))

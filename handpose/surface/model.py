@@ -29,7 +29,7 @@ from netlib.proto import schema
 Sphere = tuple[int, float]  # its joint and its radius
 
 
-class Flesh:
+class Surface:
     """The M capsules of a skeleton, including the edges of its wedges; the same skeleton gives the same tables.
 
     whole      the skeleton with the additional joints and DoFs of the surface
@@ -43,15 +43,15 @@ class Flesh:
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
-        self.skeleton, self.whole = skeleton, skeleton.with_flesh()
-        flesh = skeleton.param.flesh
-        assert flesh is not None  # checked by with_flesh
-        if not flesh.capsule and not flesh.wedge:
-            raise PrototxtError(schema.position_of(flesh), "no capsule and no wedge in the flesh")
+        self.skeleton, self.whole = skeleton, skeleton.with_surface()
+        surface = skeleton.param.flesh
+        assert surface is not None  # checked by with_surface
+        if not surface.capsule and not surface.wedge:
+            raise PrototxtError(schema.position_of(surface), "no capsule and no wedge in the flesh")
         spheres: list[tuple[Sphere, Sphere]] = []
         self.parts: list[str] = []
         facets = []
-        for w in flesh.wedge:
+        for w in surface.wedge:
             corners = self._wedge(w)
             for edge in itertools.combinations(corners, 2):
                 if edge not in spheres and edge[::-1] not in spheres:
@@ -59,13 +59,13 @@ class Flesh:
                     self.parts.append(w.part)
             every = [sphere for capsule in spheres for sphere in capsule]
             facets.append([every.index(corner) for corner in corners])
-        spheres += [self._capsule(c) for c in flesh.capsule]
-        self.parts += [c.part for c in flesh.capsule]
+        spheres += [self._capsule(c) for c in surface.capsule]
+        self.parts += [c.part for c in surface.capsule]
         self.start, self.end = np.array([[joint for joint, _ in capsule] for capsule in spheres]).T
         self.radii = np.array([[radius for _, radius in capsule] for capsule in spheres])
         self.facets = np.array(facets, dtype=int).reshape(-1, 3)
-        for i, o in enumerate(flesh.offset):
-            if (o.joint, o.axes) in [(other.joint, other.axes) for other in flesh.offset[:i]]:
+        for i, o in enumerate(surface.offset):
+            if (o.joint, o.axes) in [(other.joint, other.axes) for other in surface.offset[:i]]:
                 raise PrototxtError(schema.position_of(o), f"joint {o.joint!r} has two offsets along {o.axes!r}")
             if not all(abs(length) <= max_length(o) for length in (o.x, o.y, o.z)):
                 lengths = ", ".join(map(format_length, (o.x, o.y, o.z)))
@@ -77,9 +77,9 @@ class Flesh:
         bent = np.asarray(others.any(axis=0))
         self.trunk = ~bent[self.start] & ~bent[self.end]
         self.offsets: dict[int, tuple[NDArray[np.int_], Array]] = {}
-        axes = np.array([self._joint(o, "axes", o.axes) for o in flesh.offset], dtype=int)
-        joints = np.array([self._joint(o, "joint", o.joint) for o in flesh.offset], dtype=int)
-        vectors = np.array([(o.x, o.y, o.z) for o in flesh.offset]).reshape(-1, 3)
+        axes = np.array([self._joint(o, "axes", o.axes) for o in surface.offset], dtype=int)
+        joints = np.array([self._joint(o, "joint", o.joint) for o in surface.offset], dtype=int)
+        vectors = np.array([(o.x, o.y, o.z) for o in surface.offset]).reshape(-1, 3)
         for f in np.unique(axes):
             self.offsets[int(f)] = joints[axes == f], vectors[axes == f]
         self.deviation = np.array([d.deviation for d in self.whole.param.dof])

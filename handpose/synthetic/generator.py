@@ -3,7 +3,7 @@
 A frame is made in four steps, each described by one dataclass of numbers:
 
     PosePrior    poses: rotations, bent limbs, place, bone lengths (``prior_file``, ``pose_prior``)
-    FleshPrior   surfaces: thickness, limbs, sleeve (``flesh_prior``); the capsules are the skeleton file's
+    SurfacePrior   surfaces: thickness, limbs, sleeve (``surface_prior``); the capsules are the skeleton file's
     render       the depth image, along the rays of the crop's pixels (``handpose.surface.render``)
     Sensor       the errors of a depth camera (``sensor``)
 
@@ -30,10 +30,10 @@ from handpose.data.frames import Frames, empty_frames
 from handpose.facts.cameras import NYU, Camera
 from handpose.surface.render import Floats, normalise_depth, render_crop
 from handpose.synthetic import prior_file
-from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior, draw_capsules
 from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal
 from handpose.synthetic.prior_file import PosePrior
 from handpose.synthetic.sensor import KINECT, Sensor, sense
+from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior, draw_capsules
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of
 from netlib.blob import Array
@@ -70,7 +70,7 @@ class Recipe:
     """
 
     prior: PosePrior = field(default_factory=prior_file.load)
-    flesh: FleshPrior = DEFAULT_FLESH
+    flesh: SurfacePrior = DEFAULT_SURFACE  # the name in the data's files
     views: tuple[View, ...] = (View(),)
     others: tuple[Subject, ...] = ()
 
@@ -135,7 +135,7 @@ class Generator:
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)
-        capsules = draw_capsules(rng, self.recipe.flesh, sampler.flesh, bodies.inputs, bodies.bones, bodies.scale,
+        capsules = draw_capsules(rng, self.recipe.flesh, sampler.surface, bodies.inputs, bodies.bones, bodies.scale,
                                  half, center)  # fmt: skip
         depth = render_crop(capsules, center_uvd, cube_mm, camera)
         if sensor is not None:

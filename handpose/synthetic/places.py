@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from handpose.data.places import BEHIND_MM, CUBE_MM, SIZE, VOXEL_MM, place_crops, surface_places
 from handpose.facts.cameras import KINECT2, SR305
-from handpose.synthetic.flesh_prior import ANYBODY
 from handpose.synthetic.generator import BLOCK, VERSION, Split, View, body_hash, check_source, numbers_of
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import RangeParameter
 from handpose.synthetic.recipes import any_roll
 from handpose.synthetic.scenes import draw_scenes, prior_of
 from handpose.synthetic.sensor import CODED_LIGHT, TIME_OF_FLIGHT
+from handpose.synthetic.surface_prior import ANYBODY
 from netlib.blob import Array
 
 WITHIN_MM, BEYOND_MM = 100.0, 130.0  # a hand is near below, not near above; between them the place has no label

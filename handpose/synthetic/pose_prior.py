@@ -1,6 +1,6 @@
 """Bodies drawn from a prior: their poses, positions and sizes.
 
-For their surfaces see ``flesh_prior``.
+For their surfaces see ``surface_prior``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.surface.model import Flesh
+from handpose.surface.model import Surface
 from handpose.synthetic import prior_file
 from handpose.synthetic.prior_file import BendParameter, PoseParameter, PosePrior, TurnParameter
 from layers.hand.bodies import kinematics_of
@@ -47,7 +47,7 @@ class BodySampler:
         self.prior = prior = prior or prior_file.load()
         self.cube_mm = cube_mm or prior.cube_mm
         self.skeleton = skeleton or prior.body()
-        self.flesh = Flesh(self.skeleton)
+        self.surface = Surface(self.skeleton)
         self.kinematics = kinematics_of(self.skeleton)
         self.rotation = self._dofs(turn.dof for turn in prior.turn)
         self.translation = self._translation()
@@ -61,21 +61,21 @@ class BodySampler:
 
     def draw(self, rng: np.random.Generator, count: int) -> Bodies:
         """Draw ``count`` bodies in poses in which parts do not run through each other."""
-        p, sk, flesh, kinematics = self.prior, self.skeleton, self.flesh, self.flesh.kinematics
+        p, sk, surface, kinematics = self.prior, self.skeleton, self.surface, self.surface.kinematics
         scale = p.scale_mean + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
-        own = flesh.whole.bones
+        own = surface.whole.bones
         bones = own * scale[:, None] * (1 + p.bone_std * cut_normal(rng, (count, len(own)), p.scale_clip))
         for group, own_bones in zip(p.proportion, self._proportions):
             bones[:, own_bones] *= 1 + group.std * cut_normal(rng, (count, 1), p.scale_clip)
-        inputs = np.zeros((count, len(flesh.whole.initial)))
+        inputs = np.zeros((count, len(surface.whole.initial)))
         inputs[:, self.rotation] = self.rotations(rng, count) - sk.initial[self.rotation]
         todo = np.arange(count)
         depth = np.full(count, np.inf)
         for _ in range(p.redraws):
             trial = inputs[todo]
             self._draw_limbs(rng, trial)
-            ends = flesh.ends(kinematics.forward(trial, bones[todo]), scale[todo])
-            found = flesh.penetration(ends, flesh.radii * scale[todo, None, None]) * (self.cube_mm / 2)
+            ends = surface.ends(kinematics.forward(trial, bones[todo]), scale[todo])
+            found = surface.penetration(ends, surface.radii * scale[todo, None, None]) * (self.cube_mm / 2)
             better = found < depth[todo]
             inputs[todo[better]] = trial[better]
             depth[todo[better]] = found[better]
@@ -150,7 +150,7 @@ class BodySampler:
         wide = rng.random((len(inputs), 1)) < p.wide
         jitter = rng.standard_normal((len(inputs), 3)) * np.where(wide, p.center_jitter_wide, p.center_jitter)
         joint = self.skeleton.joint_names.index(p.center.joint)
-        frame = self.flesh.kinematics.rotation_of(self.flesh.kinematics.forward(inputs, bones), joint)
+        frame = self.surface.kinematics.rotation_of(self.surface.kinematics.forward(inputs, bones), joint)
         own = (p.center.x, p.center.y, p.center.z)
         center = np.einsum("nij,j->ni", frame, own) * (scale[:, None] * (self.cube_mm / p.cube_mm)) + jitter
         inputs[:, self.translation] = -center / half - self.skeleton.initial[self.translation]

@@ -12,17 +12,17 @@ import numpy as np
 from handpose.facts.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
 from handpose.facts.nyu import CUBE_MM
 from handpose.synthetic import prior_file
-from handpose.synthetic.flesh_prior import ANYBODY, OTHER_FLESH, FleshPrior
 from handpose.synthetic.generator import Generator, Recipe, Subject, View
 from handpose.synthetic.prior_file import PosePrior, RangeParameter
 from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
+from handpose.synthetic.surface_prior import ANYBODY, OTHER_SURFACE, SurfacePrior
 from netlib.errors import NetlibError
 
-ONE_THICKNESS = FleshPrior(thickness_std=0.0)
+ONE_THICKNESS = SurfacePrior(thickness_std=0.0)
 SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # like NYU's second subject: smaller, with other proportions
 # Of hands of all ages, from all sides; the surface of their skeleton has the thickness of most. An arm may come from
 # the camera's side.
-PEOPLE_FLESH = FleshPrior(
+PEOPLE_SURFACE = SurfacePrior(
     thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), limb=(0.75, 1.2), towards_camera=0.7,
     cut=0.3, sleeve=0.4,
 )  # fmt: skip
@@ -55,7 +55,7 @@ def _people() -> Recipe:
     coded_light = replace(CODED_LIGHT, spread=(0.0, 2.0), disparity_noise=(0.0, 0.08))
     views = (View(NYU, kinect), View(NYU, noisy), View(KINECT2, time_of_flight), View(SR305, coded_light),
              View(ICVL, time_of_flight), View(ICVL, coded_light))  # fmt: skip
-    return Recipe(prior_file.load(prior_file.PEOPLE_PRIOR), PEOPLE_FLESH, views)
+    return Recipe(prior_file.load(prior_file.PEOPLE_PRIOR), PEOPLE_SURFACE, views)
 
 
 def _cameras() -> Recipe:
@@ -66,7 +66,7 @@ def _cameras() -> Recipe:
 
 _RECIPES: dict[str, Callable[[], Recipe]] = {
     "nyu": Recipe,  # NYU's camera, distances and poses
-    "other_flesh": lambda: Recipe(flesh=OTHER_FLESH, views=(View(NYU, NOISY_KINECT),)),
+    "other_flesh": lambda: Recipe(flesh=OTHER_SURFACE, views=(View(NYU, NOISY_KINECT),)),
     "any_roll": lambda: Recipe(any_roll()),
     "cameras": _cameras,  # any person, any camera
     "people": _people,  # adults and children, seen from any side

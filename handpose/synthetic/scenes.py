@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.surface.render import Capsules, Floats, in_front, joined, render
-from handpose.synthetic.flesh_prior import ANYBODY, draw_capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import NormalParameter, PosePrior, RangeParameter
 from handpose.synthetic.recipes import any_roll
 from handpose.synthetic.sensor import KINECT, Sensor, sense
+from handpose.synthetic.surface_prior import ANYBODY, draw_capsules
 from netlib.blob import Array
 
 KINDS = ("forearm", "body", "clutter")
@@ -77,7 +77,7 @@ def _visible_scene(
     rng: np.random.Generator, sampler: BodySampler, camera: Camera, kind: str
 ) -> tuple[Floats, Array, Array, float]:
     """An image (1, height, width), centre and joints of its mostly visible hand, and the depth of the wall."""
-    own = ~sampler.flesh.limbs
+    own = ~sampler.surface.limbs
     while True:
         capsules, center, xyz = _hand(rng, sampler, camera, kind == "forearm")
         parts = [capsules, _body(rng, capsules, kind)]
@@ -104,8 +104,10 @@ def _hand(
     while True:
         hands = sampler.draw(rng, 1)
         center = camera.unproject(sampler.centers(rng, 1, camera))
-        capsules = draw_capsules(rng, prior, sampler.flesh, hands.inputs, hands.bones, hands.scale, CUBE_MM / 2, center)
-        arm = (capsules.b - capsules.a)[0, np.flatnonzero(sampler.flesh.limbs)[0]]
+        capsules = draw_capsules(
+            rng, prior, sampler.surface, hands.inputs, hands.bones, hands.scale, CUBE_MM / 2, center
+        )
+        arm = (capsules.b - capsules.a)[0, np.flatnonzero(sampler.surface.limbs)[0]]
         towards = -arm[2] / np.linalg.norm(arm)
         if towards <= prior.towards_camera and (towards > 0.35) == to_camera:
             return capsules, center[0], hands.joints[0] * CUBE_MM / 2 + center[0]

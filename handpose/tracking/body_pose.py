@@ -1,7 +1,7 @@
 """The variables of a fitted body, independent of the crop in which it was fitted.
 
-In ``Placed`` the root's position is in mm from the camera, and its orientation is one rotation: angles about three axes
-are discontinuous at a pole, and do not measure angular speed. A left hand is in mirrored space, as in the fit.
+In ``WorldPose`` the root's position is in mm from the camera, and its orientation is one rotation: angles about three
+axes are discontinuous at a pole, and do not measure angular speed. A left hand is in mirrored space, as in the fit.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from netlib.blob import Array
 from netlib.errors import NetlibError
 
 
-class Placed(NamedTuple):
+class WorldPose(NamedTuple):
     """A body in space.
 
     place     (3,) mm, position of the root in the axes of the (mirrored) camera
     rotation  (3, 3) world_from_root
-    others    (V - 6,) the other variables: limbs, the surface's own, logarithms of size and girth
+    others    (V - 6,) the other variables: limbs, the surface's own, logarithms of size and thickness
     """
 
     place: Array
@@ -30,8 +30,8 @@ class Placed(NamedTuple):
     others: Array
 
 
-class Placer:
-    """Converts between variables x (V,) about a crop's centre and ``Placed``.
+class PoseConverter:
+    """Converts between variables x (V,) about a crop's centre and ``WorldPose``.
 
     Raises NetlibError for a skeleton whose root does not translate along x, y, z and rotate about three different axes,
     with a free DoF each.
@@ -61,10 +61,10 @@ class Placer:
         self._parity = 1.0 if (j - i) % 3 == 1 else -1.0
         self.others = np.setdiff1d(np.arange(model.variables), np.concatenate([self._slides, self._turns]))
 
-    def placed(self, x: Array, center_mm: Array) -> Placed:
+    def world_pose(self, x: Array, center_mm: Array) -> WorldPose:
         """The body with x (V,) about the crop's centre (3,)."""
         theta = self._slide_signs * (x[self._slides] + self._slide_initial)
-        return Placed(theta * self.unit_mm + center_mm, self.rotation(x), x[self.others])
+        return WorldPose(theta * self.unit_mm + center_mm, self.rotation(x), x[self.others])
 
     def rotation(self, x: Array) -> Array:
         """The root's rotation (3, 3) for x (V,)."""
@@ -73,7 +73,7 @@ class Placer:
             result = result @ rotation(axis, angle)
         return result
 
-    def variables(self, body: Placed, center_mm: Array) -> Array:
+    def variables(self, body: WorldPose, center_mm: Array) -> Array:
         """x (V,) about the crop's centre (3,), with the root's angles between -pi and pi."""
         x = np.empty(len(self.others) + 6)
         x[self.others] = body.others
@@ -100,7 +100,7 @@ class Motion(NamedTuple):
     others: Array
 
 
-def motion_between(first: Placed, second: Placed, seconds: float) -> Motion:
+def motion_between(first: WorldPose, second: WorldPose, seconds: float) -> Motion:
     """The motion from one body to the other in this time."""
     return Motion(
         (second.place - first.place) / seconds,
@@ -109,9 +109,9 @@ def motion_between(first: Placed, second: Placed, seconds: float) -> Motion:
     )
 
 
-def moved(body: Placed, motion: Motion, seconds: float) -> Placed:
+def moved(body: WorldPose, motion: Motion, seconds: float) -> WorldPose:
     """The body after this time."""
-    return Placed(
+    return WorldPose(
         body.place + motion.place * seconds,
         turned(body.rotation, motion.turn * seconds),
         body.others + motion.others * seconds,

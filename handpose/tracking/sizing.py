@@ -8,7 +8,7 @@ from handpose.depth_fit.body import SIZE, SIZE_LIMIT
 from handpose.depth_fit.observation import HandCrops
 from handpose.depth_fit.search import FAST
 from handpose.depth_fit.size_calibration import calibrate_size
-from handpose.tracking.looking import Looker, Sight
+from handpose.tracking.pose_estimator import Estimate, PoseEstimator
 from netlib.errors import DataError
 
 FRAMES = 32  # number of poses collected
@@ -16,7 +16,7 @@ BEST = 16  # number of the least uncertain poses that are used
 EVERY = 0.1  # s between poses, which must differ
 CONFIDENT = 0.5
 NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of the sizes tried, about the median of the single fits
-# Bias of the logarithm of the size with the least misfit: the mean of 24 synthetic recordings by a time-of-flight
+# Bias of the logarithm of the size with the least cost: the mean of 24 synthetic recordings by a time-of-flight
 # camera (hands of size 0.78, 0.85 and 1: 0.032, 0.028, 0.021); without widened outlines it was 0.014 at size 0.85.
 PREFERS_LARGER = 0.027
 TIMES = 3  # maximum number of rounds, each about the best size, while it is the first or last of them
@@ -33,29 +33,29 @@ def checked(size: float) -> float:
 class SizeKeeper:
     """Collects poses of one hand until its size can be estimated."""
 
-    def __init__(self, looker: Looker) -> None:
-        self._looker = looker
-        self._sights: list[Sight] = []
+    def __init__(self, estimator: PoseEstimator) -> None:
+        self._estimator = estimator
+        self._estimates: list[Estimate] = []
         self._time = -np.inf
 
-    def take(self, sight: Sight, time: float) -> float | None:
+    def take(self, estimate: Estimate, time: float) -> float | None:
         """The size, relative to the skeleton, as soon as it is known, otherwise None."""
-        if sight.confidence < CONFIDENT or time - self._time < EVERY:
+        if estimate.confidence < CONFIDENT or time - self._time < EVERY:
             return None
-        self._sights = [*(one for one in self._sights if one.aim.side == sight.aim.side), sight]
+        self._estimates = [*(one for one in self._estimates if one.region.side == estimate.region.side), estimate]
         self._time = time
-        if len(self._sights) < FRAMES:
+        if len(self._estimates) < FRAMES:
             return None
-        sights, looker = sorted(self._sights, key=lambda one: one.doubt)[:BEST], self._looker
-        self._sights = []
-        crops, uvd = (np.stack(values) for values in zip(*((s.crop, s.aim.center_uvd) for s in sights)))
-        hands = HandCrops.of_sides(crops, uvd, looker.camera, looker.cube_mm, sight.aim.side)
+        estimates, estimator = sorted(self._estimates, key=lambda one: one.uncertainty)[:BEST], self._estimator
+        self._estimates = []
+        crops, uvd = (np.stack(values) for values in zip(*((s.crop, s.region.center_uvd) for s in estimates)))
+        hands = HandCrops.of_sides(crops, uvd, estimator.camera, estimator.cube_mm, estimate.region.side)
         seen = hands.observe(FAST.points)
-        x = np.concatenate([s.fit.x for s in sights])
+        x = np.concatenate([s.fit.x for s in estimates])
         size = float(np.exp(np.median(x[:, SIZE])))
         for _ in range(TIMES):
             middle = np.clip(np.log(size), -SIZE_LIMIT - NEAR[0], SIZE_LIMIT - NEAR[-1])
-            size = calibrate_size(looker.fitter, seen, x, sizes=np.exp(middle + NEAR)).size
+            size = calibrate_size(estimator.fitter, seen, x, sizes=np.exp(middle + NEAR)).size
             if abs(np.log(size) - middle) < NEAR[-2]:
                 break
         return size * float(np.exp(-PREFERS_LARGER))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from handpose.tracking.body_pose import Placed
+from handpose.tracking.body_pose import WorldPose
 from handpose.tracking.one_euro import Cutoff, OneEuro, OneEuroRotation
 
 # Chosen on synthetic movements with three cameras that are in no reported result.
@@ -28,13 +28,13 @@ class PoseFilter:
         self._rotation = OneEuroRotation(ROTATION)
         self._others = OneEuro(OTHERS)
 
-    def __call__(self, body: Placed, time: float, error_mm: float = math.nan) -> Placed:
+    def __call__(self, body: WorldPose, time: float, error_mm: float = math.nan) -> WorldPose:
         """The smoothed body at a time in s; times ascend.
 
         error_mm  expected error of its joints; NaN if unknown
         """
         trust = 1.0 if math.isnan(error_mm) else max((GOOD_MM / max(error_mm, GOOD_MM)) ** POWER, MIN_TRUST)
-        return Placed(
+        return WorldPose(
             self._place(body.place, time, trust),
             self._rotation(body.rotation, time, trust),
             self._others(body.others, time, trust),

@@ -27,12 +27,12 @@ from handpose.prediction.packaged import load_predictor
 from handpose.prediction.predictor import Predictor, check_whole
 from handpose.sources.recording import DepthFrame
 from handpose.track_files.track import LostHand, TrackedFrame, TrackHeader
-from handpose.tracking.following import COAST, ENOUGH, Follower
-from handpose.tracking.looking import LIKELY, Aim, Looker, Sight
+from handpose.tracking.detector import NOWHERE, Detector
+from handpose.tracking.hand_track import COAST, ENOUGH, HandTrack
+from handpose.tracking.output import tracked_hand
+from handpose.tracking.pose_estimator import LIKELY, Estimate, PoseEstimator, SearchRegion
 from handpose.tracking.reasons import NO_HAND, reason
-from handpose.tracking.scouting import NOWHERE, Scout
 from handpose.tracking.sizing import SizeKeeper, checked
-from handpose.tracking.telling import told
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
@@ -43,7 +43,7 @@ SAME_MM = 70.0  # palms closer together are the same hand
 STRANGE_NEW_MM, STRANGE_MM = 110.0, 135.0
 CHECK, SUSPECT = 0.2, 0.08  # s between checks of certain and of uncertain hands
 RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a new hand is a lost one
-STRIKES = 2  # number of consecutive rejections that end a track
+MAX_REJECTIONS = 2  # number of consecutive rejections that end a track
 
 
 def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tracker:
@@ -70,25 +70,25 @@ class Tracker:
     hands      maximum number at a time
     smooth     smooth poses over time
     size       of all hands, relative to the skeleton; by default each is estimated from its first seconds
-    flesh      output each hand's surface, too
+    surface      output each hand's surface, too
 
     Raises NetlibError for an unsuitable predictor or number of hands, DataError for a size that cannot be fitted.
     """
 
     def __init__(
         self, predictor: Predictor, *, hands: int = 2, smooth: bool = True, size: float | None = None,
-        flesh: bool = False,
+        surface: bool = False,
     ) -> None:  # fmt: skip
         if predictor.fitter is None or predictor.locator is None:
             raise NetlibError("a tracker needs a predictor with a fit and a locator")
         check_whole("hands", hands, 1, MAX_HANDS)
         refuse_other_bodies(predictor.skeleton, "only hands are followed")
         self.predictor, self.camera = predictor, predictor.camera
-        self.limit, self.smooth, self.flesh = hands, smooth, flesh
+        self.limit, self.smooth, self.surface = hands, smooth, surface
         self.size = None if size is None else checked(size)
-        self.looker = Looker(predictor, self.camera)
-        self.scout = Scout(predictor.locator, self.camera)
-        self.followers: list[Follower] = []
+        self.estimator = PoseEstimator(predictor, self.camera)
+        self.detector = Detector(predictor.locator, self.camera)
+        self.tracks: list[HandTrack] = []
         self.known: dict[int, Known] = {}
         self._time = -np.inf
         self._read = False  # was anything, in any frame?
@@ -118,20 +118,20 @@ class Tracker:
         anew, self._time = time - self._time > COAST, time
         self._drop_doubles()
         self._drop_strange(depth, time)
-        while (count := len(self.followers)) < self.limit:
-            self._scout(depth, time)
+        while (count := len(self.tracks)) < self.limit:
+            self._detect(depth, time)
             self._drop_doubles()
-            if not anew or len(self.followers) == count:
+            if not anew or len(self.tracks) == count:
                 break
-            self.scout.begin_anew()  # after a gap in time, search for all hands at once
+            self.detector.restart()  # after a gap in time, search for all hands at once
         hands = []
-        for follower in sorted(self.followers, key=lambda one: one.id):
-            if follower.time == time:
-                self._measure(follower, time)
-                self.known[follower.id].since = time
-                if follower.is_decided:
-                    self.known[follower.id].place = self._middle(follower)
-                hands.append(told(follower, self.looker, smooth=self.smooth, flesh=self.flesh))
+        for track in sorted(self.tracks, key=lambda one: one.id):
+            if track.time == time:
+                self._measure(track, time)
+                self.known[track.id].since = time
+                if track.is_decided:
+                    self.known[track.id].place = self._middle(track)
+                hands.append(tracked_hand(track, self.estimator, smooth=self.smooth, surface=self.surface))
         lost = tuple(
             LostHand(id, known.hand, known.since, known.reason)
             for id, known in sorted(self.known.items())
@@ -141,89 +141,91 @@ class Tracker:
 
     def _follow(self, depth: NDArray[np.float32], time: float) -> None:
         """Find every hand where it is expected; after a gap in time it is dropped."""
-        for follower in list(self.followers):
-            if follower.given_up(time):
-                self.followers.remove(follower)
+        for track in list(self.tracks):
+            if track.given_up(time):
+                self.tracks.remove(track)
                 if time - self._time > COAST:
-                    self.known[follower.id].reason = f"no frame for {time - self._time:.1f} s, and not found again"
-        for follower in self.followers:
-            follower.likely = self._size_beside(follower.id)
-        aims = {follower.id: follower.aims(time) for follower in self.followers}
-        sights = self._looks(depth, aims)
-        others = {follower.id: follower.other_aims(depth, sights[follower.id], time) for follower in self.followers}
-        again = self._looks(depth, others, ACCURATE)
-        for follower in list(self.followers):
-            known, seen = self.known[follower.id], [*sights[follower.id], *again[follower.id]]
-            if follower.take(sights[follower.id], again[follower.id], time):
-                known.hand = follower.best.sight.aim.side
+                    self.known[track.id].reason = f"no frame for {time - self._time:.1f} s, and not found again"
+        for track in self.tracks:
+            track.likely = self._size_beside(track.id)
+        regions = {track.id: track.regions(time) for track in self.tracks}
+        estimates = self._estimates(depth, regions)
+        others = {track.id: track.other_regions(depth, estimates[track.id], time) for track in self.tracks}
+        again = self._estimates(depth, others, ACCURATE)
+        for track in list(self.tracks):
+            known, seen = self.known[track.id], [*estimates[track.id], *again[track.id]]
+            if track.take(estimates[track.id], again[track.id], time):
+                known.hand = track.best.estimate.region.side
                 continue
-            best = min((s for s in seen if s is not None), key=lambda s: s.badness, default=None)
-            known.reason = reason(depth, self.camera, self.looker.cube_mm, aims[follower.id][0], best)
+            best = min((s for s in seen if s is not None), key=lambda s: s.selection_cost, default=None)
+            known.reason = reason(depth, self.camera, self.estimator.cube_mm, regions[track.id][0], best)
 
-    def _looks(
-        self, depth: NDArray[np.float32], aims: dict[int, list[Aim]], plan: Plan | None = None
-    ) -> dict[int, list[Sight | None]]:
+    def _estimates(
+        self, depth: NDArray[np.float32], regions: dict[int, list[SearchRegion]], plan: Plan | None = None
+    ) -> dict[int, list[Estimate | None]]:
         """The poses in regions of several hands, by their ids."""
-        sights = iter(self.looker.look(depth, [aim for own in aims.values() for aim in own], plan))
-        return {id: [next(sights) for _ in own] for id, own in aims.items()}
+        estimates = iter(self.estimator.estimate(depth, [region for own in regions.values() for region in own], plan))
+        return {id: [next(estimates) for _ in own] for id, own in regions.items()}
 
     def _drop_doubles(self) -> None:
         """Drop one of two tracks of the same hand: the one lost earlier, otherwise the worse one."""
-        for follower in sorted(self.followers, key=lambda one: (-one.time, one.best.sight.badness)):
-            if follower not in self.followers:
+        for track in sorted(self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)):
+            if track not in self.tracks:
                 continue
-            for other in list(self.followers):
-                if other is not follower and np.linalg.norm(self._middle(follower) - self._middle(other)) < SAME_MM:
-                    self.followers.remove(other)
+            for other in list(self.tracks):
+                if other is not track and np.linalg.norm(self._middle(track) - self._middle(other)) < SAME_MM:
+                    self.tracks.remove(other)
                     self.known[other.id].reason = "another hand is followed in its place"
 
     def _drop_strange(self, depth: NDArray[np.float32], time: float) -> None:
         """Drop tracks of objects that are not hands, which network and fit may resemble."""
-        for follower in list(self.followers):
-            pause = CHECK if follower.is_sure else SUSPECT
-            if follower.time < time or time - follower.checked < pause:
+        for track in list(self.tracks):
+            pause = CHECK if track.is_sure else SUSPECT
+            if track.time < time or time - track.checked < pause:
                 continue
-            follower.checked = time
-            good = self._looks_like_a_hand(depth, follower.best.sight, STRANGE_MM)
-            follower.strikes = 0 if good else follower.strikes + 1
-            if follower.strikes >= STRIKES:
-                self.followers.remove(follower)
-                sight = follower.best.sight
-                why = reason(depth, self.camera, self.looker.cube_mm, sight.aim, sight)
-                self.known[follower.id].reason = NO_HAND if why.startswith(NO_HAND) else why
+            track.checked = time
+            good = self._looks_like_a_hand(depth, track.best.estimate, STRANGE_MM)
+            track.rejections = 0 if good else track.rejections + 1
+            if track.rejections >= MAX_REJECTIONS:
+                self.tracks.remove(track)
+                estimate = track.best.estimate
+                why = reason(depth, self.camera, self.estimator.cube_mm, estimate.region, estimate)
+                self.known[track.id].reason = NO_HAND if why.startswith(NO_HAND) else why
 
-    def _looks_like_a_hand(self, depth: NDArray[np.float32], sight: Sight, strange_mm: float) -> bool:
+    def _looks_like_a_hand(self, depth: NDArray[np.float32], estimate: Estimate, strange_mm: float) -> bool:
         """True if the locator finds a hand and the rejection score is low enough."""
-        if self.scout.chance(depth, sight.center_mm * mirror_of(sight.aim.side)) < LIKELY:
+        if self.detector.probability(depth, estimate.center_mm * mirror_of(estimate.region.side)) < LIKELY:
             return False
-        return self.looker.rejection_score(sight) < strange_mm
+        return self.estimator.rejection_score(estimate) < strange_mm
 
-    def _scout(self, depth: NDArray[np.float32], time: float) -> None:
+    def _detect(self, depth: NDArray[np.float32], time: float) -> None:
         """Search for a hand that is not tracked."""
-        middles = np.array([self._middle(follower) for follower in self.followers]).reshape(-1, 3)
-        arms = [self.looker.arm(follower.best.sight) for follower in self.followers]
-        place = self.scout.look(depth, middles, time, np.concatenate([*arms, NOWHERE]))
+        middles = np.array([self._middle(track) for track in self.tracks]).reshape(-1, 3)
+        arms = [self.estimator.arm(track.best.estimate) for track in self.tracks]
+        place = self.detector.detect(depth, middles, time, np.concatenate([*arms, NOWHERE]))
         if place is None:
             return
         seen = self._hands_at(depth, place)
         if not seen:
-            self.scout.reject(place, time)
+            self.detector.reject(place, time)
             return
         returned = self._just_lost(place, time)
-        seen = [sight for sight in seen if sight.aim.side in returned] or seen
-        follower = Follower(-1, self.looker, seen, time, self.size, self._leaning(time))
-        follower.id = self._id_of(follower.hand, time)
-        known = self.known.setdefault(follower.id, Known(follower.hand, time, "", SizeKeeper(self.looker), self.size))
-        known.since, known.hand, follower.size = time, follower.hand, known.size
-        self.followers = [other for other in self.followers if other.id != follower.id] + [follower]
+        seen = [estimate for estimate in seen if estimate.region.side in returned] or seen
+        track = HandTrack(-1, self.estimator, seen, time, self.size, self._leaning(time))
+        track.id = self._id_of(track.hand, time)
+        known = self.known.setdefault(track.id, Known(track.hand, time, "", SizeKeeper(self.estimator), self.size))
+        known.since, known.hand, track.size = time, track.hand, known.size
+        self.tracks = [other for other in self.tracks if other.id != track.id] + [track]
 
-    def _hands_at(self, depth: NDArray[np.float32], place: Array) -> list[Sight]:
+    def _hands_at(self, depth: NDArray[np.float32], place: Array) -> list[Estimate]:
         """The poses near a place (3,) in mm, as hands of each side; empty if it is not a hand.
 
         A fast prediction at the place itself comes first. It rejects 70% of the other objects before the slow search.
         """
         start = self.camera.project(place)
-        if all(self.looker.rejection_score(sight) > STRANGE_MM for sight in self._sides_at(depth, start, FAST)):
+        if all(
+            self.estimator.rejection_score(estimate) > STRANGE_MM for estimate in self._sides_at(depth, start, FAST)
+        ):
             return []
         try:
             found = self.predictor.hands_at(depth, [start], [0.0])[0]
@@ -234,17 +236,17 @@ class Tracker:
         seen = self._sides_at(depth, found.center_uvd, ACCURATE)
         if not seen or max(s.confidence for s in seen) < ENOUGH:
             return []
-        best = min(seen, key=lambda s: s.doubt)
+        best = min(seen, key=lambda s: s.uncertainty)
         return seen if self._looks_like_a_hand(depth, best, STRANGE_NEW_MM) else []
 
-    def _sides_at(self, depth: NDArray[np.float32], center_uvd: Array, plan: Plan) -> list[Sight]:
+    def _sides_at(self, depth: NDArray[np.float32], center_uvd: Array, plan: Plan) -> list[Estimate]:
         """What is seen in a crop about a centre (3,), as a hand of each side; none if it is out of sight."""
-        aims = [Aim(center_uvd, side) for side in self.predictor.sides]
-        return [sight for sight in self.looker.look(depth, aims, plan) if sight is not None]
+        regions = [SearchRegion(center_uvd, side) for side in self.predictor.sides]
+        return [estimate for estimate in self.estimator.estimate(depth, regions, plan) if estimate is not None]
 
     def _missing(self, time: float) -> list[int]:
         """The ids of known hands that are not found in this frame."""
-        seen = {follower.id for follower in self.followers if follower.time == time}
+        seen = {track.id for track in self.tracks if track.time == time}
         return [id for id in self.known if id not in seen]
 
     def _just_lost(self, place: Array, time: float) -> set[Side]:
@@ -270,13 +272,13 @@ class Tracker:
         """The size of another hand, if known: both hands are usually of one person."""
         return next((known.size for other, known in self.known.items() if other != id and known.size), None)
 
-    def _measure(self, follower: Follower, time: float) -> None:
+    def _measure(self, track: HandTrack, time: float) -> None:
         """Estimate the hand's size as soon as possible."""
-        known = self.known[follower.id]
-        if follower.size is None and follower.is_decided:
-            follower.size = known.size = known.sizes.take(follower.best.sight, time)
+        known = self.known[track.id]
+        if track.size is None and track.is_decided:
+            track.size = known.size = known.sizes.take(track.best.estimate, time)
 
-    def _middle(self, follower: Follower) -> Array:
+    def _middle(self, track: HandTrack) -> Array:
         """The hand's position (3,) in mm, camera axes."""
-        sight = follower.best.sight
-        return self.camera.unproject(self.looker.center_of(sight.body, sight.aim.side))
+        estimate = track.best.estimate
+        return self.camera.unproject(self.estimator.center_of(estimate.body, estimate.region.side))

@@ -21,4 +21,4 @@ def kinematics_of(skeleton: Skeleton, dtype: DTypeLike = np.float64) -> Kinemati
 
 @functools.lru_cache(maxsize=64)
 def _made(engine_in_use: Engine, skeleton: Skeleton, dtype: np.dtype[Any]) -> Kinematics:
-    return engine_in_use.twin(Kinematics)(skeleton, dtype)
+    return engine_in_use.implementation(Kinematics)(skeleton, dtype)

@@ -77,7 +77,7 @@ class Kinematics:
             pose.joints[:, j], pose.frames[:, j] = p + along_bone * lengths[:, j, None], F
         return pose
 
-    def glance(self, inputs: Array, bones: Array | None = None) -> Pose:
+    def forward_pose(self, inputs: Array, bones: Array | None = None) -> Pose:
         """Like ``forward``, but without the data that ``backward`` needs."""
         return self.forward(inputs, bones)
 

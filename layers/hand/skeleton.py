@@ -132,7 +132,7 @@ class Skeleton:
         dofs = [replace(d, fixed=d.fixed and not slides) for d, slides in zip(self.param.dof, self.slides)]
         return Skeleton(replace(self.param, dof=tuple(dofs)))
 
-    def with_flesh(self) -> Skeleton:
+    def with_surface(self) -> Skeleton:
         """Return the body with the additional joints and DoFs of its surface appended."""
         flesh = self.param.flesh
         if flesh is None:

@@ -30,11 +30,11 @@ def create(
     phase: Phase,
     rng: np.random.Generator,
     dtype: DTypeLike,
-    twin: Callable[[type[Layer]], type[Layer]] = lambda cls: cls,
+    implementation: Callable[[type[Layer]], type[Layer]] = lambda cls: cls,
 ) -> Layer:
     """Create the layer that ``spec`` describes. Raises PrototxtError or LayerError.
 
-    ``twin`` maps the class to an equivalent one of the engine (netlib/engine/choice.py).
+    ``implementation`` maps the class to an equivalent one of the engine (netlib/engine/choice.py).
     """
     types = layer_types()
     where = schema.position_of(spec, "type")
@@ -43,7 +43,7 @@ def create(
     if spec.type == "Python":
         cls = python_layer.find_class(spec)
     elif spec.type in types:
-        cls = twin(class_of(spec.type, len(spec.bottom)))
+        cls = implementation(class_of(spec.type, len(spec.bottom)))
     else:
         advice = option_advice(spec.type, types)
         known = ", ".join(sorted([*types, "Python"]))

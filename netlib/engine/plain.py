@@ -159,7 +159,7 @@ class Engine:
 
     name = "plain"
 
-    def twin(self, cls: type[T]) -> type[T]:
+    def implementation(self, cls: type[T]) -> type[T]:
         """The class that this engine uses in place of ``cls``, with the same results."""
         return cls
 

@@ -49,14 +49,14 @@ def test_a_benchmark(alone: bool, tmp_path: Path) -> None:
     assert [row["what"] for row in rows] == [line[:38].rstrip() for line in lines]
     assert alone == (not stored.RESULTS.exists())  # what is stored are ratios
     assert alone == (not any("peer" in row for row in rows))
-    assert all(value > 0 for row in rows for key in ("value", "ours_ms", "peer_ms", "ratio")
+    assert all(value > 0 for row in rows for key in ("value", "netlib_ms", "peer_ms", "ratio")
                if (value := row.get(key)) is not None and row["what"] != "data, log and overhead")  # fmt: skip
 
 
 def test_what_is_slower_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     """The first ratios are stored; later ones are compared with them, until others are stored in their place."""
     facts = {"kind": "a processor; 2 threads; BLAS", "date": "2026-01-02"}
-    row = {"what": "training step", "peer": "PyTorch", "ratio": 2.0, "noise": 0.01, "ours_ms": 1.0, "peer_ms": 2.0}
+    row = {"what": "training step", "peer": "PyTorch", "ratio": 2.0, "noise": 0.01, "netlib_ms": 1.0, "peer_ms": 2.0}
     slow = {**row, "ratio": 1.5}
     assert bench.compare_with_stored(facts, [row, {"what": "sgemm peak", "value": 3.0}], store=False) == 0
     assert bench.compare_with_stored(facts, [{**row, "ratio": 1.95}], store=False) == 0

@@ -20,9 +20,9 @@ from handpose.prediction.predictor import Predictor
 from handpose.scoring.held_out import errors_by_joint, figures_of, predict_all
 from handpose.synthetic import prior_file
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.flesh_prior import FleshPrior
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.recipes import recipe_of
+from handpose.synthetic.surface_prior import SurfacePrior
 from handpose.tracking.tracker import Tracker
 from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError
@@ -62,9 +62,9 @@ layer {{
 
 
 def exact_recipe(prior: Path) -> Recipe:
-    """Bodies of the file's own size and flesh, before a camera without faults."""
+    """Bodies of the file's own size and surface, before a camera without faults."""
     own = prior_file.load(prior).but(scale_std=0.0, center_jitter=0.0)
-    return Recipe(own, FleshPrior(thickness_std=0.0), (View(KINECT2, None),))
+    return Recipe(own, SurfacePrior(thickness_std=0.0), (View(KINECT2, None),))
 
 
 def net_text(folder: Path, skeleton: Skeleton) -> str:
@@ -74,7 +74,7 @@ def net_text(folder: Path, skeleton: Skeleton) -> str:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_frames(tmp_path: Path, seed: int) -> None:
-    """Every joint is inside the flesh as the camera sees it, nothing floats before the body, limits are kept."""
+    """Every joint is inside the surface as the camera sees it, nothing floats before the body, limits are kept."""
     recipe = exact_recipe(write_body(tmp_path, seed))
     frames, skeleton = Generator(seed, "train", recipe).block(0), recipe.prior.body()
     assert frames.dof is not None
@@ -87,7 +87,7 @@ def test_frames(tmp_path: Path, seed: int) -> None:
     pixels = crop_pixels(seen, uvd, 2 * HALF, KINECT2, 128)
     columns, rows = np.rint(pixels).astype(int).clip(0, 127).transpose(2, 0, 1)
     surface = frames.depth[:, 0][np.arange(len(frames))[:, None], rows, columns]
-    assert (surface < joints[..., 2]).all()  # each joint has flesh before it
+    assert (surface < joints[..., 2]).all()  # each joint has surface before it
     assert (frames.depth.min(axis=(1, 2, 3)) > joints[..., 2].min(axis=1) - radius - 0.02).all()
     assert len({frame.tobytes() for frame in frames.depth}) == len(frames)
 

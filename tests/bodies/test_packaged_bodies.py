@@ -12,10 +12,10 @@ import pytest
 import netlib
 from handpose.drawing.page.content import content
 from handpose.synthetic import prior_file
-from handpose.synthetic.flesh_prior import DEFAULT_FLESH
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import recipe_of
+from handpose.synthetic.surface_prior import DEFAULT_SURFACE
 from layers.hand import skeleton as skeletons
 from netlib.proto.messages import NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
@@ -90,14 +90,14 @@ def test_which_way_limbs_bend(side: str, dof: str, joint: str, moves: tuple[obje
 def test_poses_with_a_name(name: str) -> None:
     """Keep the limits, and no part runs through another."""
     sampler = sampler_of(name)
-    skeleton, flesh = sampler.skeleton, sampler.flesh
+    skeleton, surface = sampler.skeleton, sampler.surface
     assert len(sampler.poses) > 2
-    whole = np.zeros((len(sampler.poses), len(flesh.whole.initial)))
+    whole = np.zeros((len(sampler.poses), len(surface.whole.initial)))
     whole[:, : len(skeleton.initial)] = list(sampler.poses.values())
-    inside = (whole >= flesh.whole.lower - 1e-9) & (whole <= flesh.whole.upper + 1e-9)
-    assert inside[:, ~flesh.whole.fixed].all()
-    ends = flesh.ends(flesh.kinematics.forward(whole))
-    deep = flesh.penetration(ends, np.tile(flesh.radii, (len(whole), 1, 1))) * sampler.cube_mm / 2
+    inside = (whole >= surface.whole.lower - 1e-9) & (whole <= surface.whole.upper + 1e-9)
+    assert inside[:, ~surface.whole.fixed].all()
+    ends = surface.ends(surface.kinematics.forward(whole))
+    deep = surface.penetration(ends, np.tile(surface.radii, (len(whole), 1, 1))) * sampler.cube_mm / 2
     assert deep.max() < sampler.prior.penetration
 
 
@@ -119,7 +119,7 @@ def test_frames_show_the_whole_body(name: str) -> None:
     """Its joints are in the cube, and the camera sees as much of it as there is; a sensor leaves most of that."""
     recipe = recipe_of(BODY / f"{name}_prior.prototxt")
     frames = Generator(1, "train", recipe).block(2)
-    clear = Generator(1, "train", Recipe(recipe.prior, DEFAULT_FLESH, (View(recipe.views[0].camera, None),))).block(2)
+    clear = Generator(1, "train", Recipe(recipe.prior, DEFAULT_SURFACE, (View(recipe.views[0].camera, None),))).block(2)
     assert (np.abs(frames.joint) >= 1).mean() < 0.01
     shown, there = ((some.depth < 0.999).mean(axis=(1, 2, 3)) for some in (frames, clear))
     assert there.min() > 0.02 and there.max() < 0.4

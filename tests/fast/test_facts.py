@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fast.engine import TWINS
+from fast.engine import FAST_CLASSES
 from fast.facts import TABLE, Facts, facts_of
 from layers import LAYER_TYPES
 from layers.activation.relu import ReLU
@@ -19,10 +19,10 @@ def test_every_entry_is_a_layer_type() -> None:
     assert set(TABLE) <= set(LAYER_TYPES.values())
 
 
-def test_a_twin_is_its_plain_class_with_another_computation() -> None:
+def test_a_fast_class_is_its_plain_class_with_another_computation() -> None:
     """It inherits options and messages, and has the facts of its plain class."""
-    for plain, twin in TWINS.items():
-        assert issubclass(twin, plain)
+    for plain, fast in FAST_CLASSES.items():
+        assert issubclass(fast, plain)
     assert facts_of(gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])).monotone
 
 

@@ -297,12 +297,12 @@ def make_skeletons() -> list[str]:
 
 
 def read_skeleton(path: Path) -> Any:
-    """Load it, with its flesh, and run the layers that use it."""
+    """Load it, with its surface, and run the layers that use it."""
     from layers.hand import skeleton
 
     found = skeleton.load(path)
     if found.param.flesh is not None:
-        found.with_flesh()
+        found.with_surface()
     return run_once(netlib.Net("net.prototxt", netlib.TRAIN, seed=1))
 
 
@@ -412,13 +412,13 @@ def make_fit() -> list[str]:
     table = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
     with h5py.File("model.caffemodel.h5", "w") as file:
         file["data/a/0"] = np.zeros((2, 2), np.float32)
-        file["fit/limbs"] = np.eye(len(_flesh_model().limbs)) * 0.04
+        file["fit/limbs"] = np.eye(len(_surface_model().limbs)) * 0.04
         file["fit/fast"], file["fit/fast.signs"] = table, np.full(len(SIGNS), 1 / len(SIGNS))
     return ["model.caffemodel.h5"]
 
 
 @functools.cache
-def _flesh_model() -> Any:
+def _surface_model() -> Any:
     from handpose.depth_fit.body import CapsuleModel
     from layers.hand import skeleton
 
@@ -429,7 +429,7 @@ def read_fit(path: Path) -> Any:
     """The group beside the weights."""
     from handpose.depth_fit.network_errors import read_errors
 
-    read_errors(path, _flesh_model())
+    read_errors(path, _surface_model())
 
 
 def make_card() -> list[str]:
@@ -817,23 +817,23 @@ def read_companions(path: Path) -> Any:
     _fit_companion()
 
 
-def make_ledger() -> list[str]:
-    """An entry of the ledger of Table 1, the frames that are drawn, and a speed."""
-    from handpose.experiments.table1 import ledger, speed
-    from tests.support import made_ledger
+def make_store() -> list[str]:
+    """An entry of the store of Table 1, the frames that are drawn, and a speed."""
+    from handpose.experiments.table1 import speed, store
+    from tests.support import made_store
 
-    entry = ledger.write(Path("ledger"), made_ledger.entry())
-    ledger.write_shown(Path("ledger"), "one_hand", made_ledger.shown())
-    speed.write(Path("ledger/speed.json"), speed.Speed(100.0, 1000.0, 64, "fast", 2, "a machine"))
-    return [entry.as_posix(), "ledger/one_hand/shown.json", "ledger/speed.json"]
+    entry = store.write(Path("store"), made_store.entry())
+    store.write_shown(Path("store"), "one_hand", made_store.shown())
+    speed.write(Path("store/speed.json"), speed.Speed(100.0, 1000.0, 64, "fast", 2, "a machine"))
+    return [entry.as_posix(), "store/one_hand/shown.json", "store/speed.json"]
 
 
-def read_ledger(path: Path) -> Any:
+def read_store(path: Path) -> Any:
     """As tools/table1.py --page does."""
-    from handpose.experiments.table1 import ledger, speed
+    from handpose.experiments.table1 import speed, store
 
-    return (ledger.read_all(Path("ledger"), "one_hand"), ledger.read_shown(Path("ledger"), "one_hand"),
-            speed.read(Path("ledger/speed.json")))  # fmt: skip
+    return (store.read_all(Path("store"), "one_hand"), store.read_shown(Path("store"), "one_hand"),
+            speed.read(Path("store/speed.json")))  # fmt: skip
 
 
 def make_components() -> list[str]:
@@ -1132,8 +1132,8 @@ READERS: tuple[Reader, ...] = (
     Reader("labels", ("netlib/files/hdf5.py", "handpose/data/labels.py"), make_labels, read_labels),
     Reader("companions", ("handpose/joint_fit/companions.py", "handpose/data/parts.py"),
            make_companions, read_companions),
-    Reader("ledger of table 1", ("handpose/experiments/table1/ledger.py", "handpose/experiments/table1/speed.py"),
-           make_ledger, read_ledger),
+    Reader("store of table 1", ("handpose/experiments/table1/store.py", "handpose/experiments/table1/speed.py"),
+           make_store, read_store),
     Reader("principal components", ("handpose/experiments/table1/principal_components.py",), make_components,
            read_components),
     Reader("video", ("handpose/sources/ffmpeg.py", "handpose/sources/video.py"), make_videos, read_recording),

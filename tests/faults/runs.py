@@ -186,10 +186,10 @@ def fit_companions() -> Any:
     return inputs
 
 
-def write_ledger() -> Any:
-    """The ledger of Table 1, as its runs write it; a second run finds what is there."""
-    readers.make_ledger()
-    return [path.read_bytes() for path in sorted(Path("ledger").rglob("*.json"))]
+def write_store() -> Any:
+    """The store of Table 1, as its runs write it; a second run finds what is there."""
+    readers.make_store()
+    return [path.read_bytes() for path in sorted(Path("store").rglob("*.json"))]
 
 
 TRACK_FILES = {"json": "json", "csv": "csv", "bvh": "bvh", "video": "mp4", "sheet": "png"}  # options and endings
@@ -324,7 +324,7 @@ RUNS: tuple[Run, ...] = (
     Run("database", make_database, write_database),
     Run("prepared data", readers.make_frames, prepare_data),
     Run("companions", readers.make_labels, fit_companions),
-    Run("ledger of table 1", lambda: None, write_ledger),
+    Run("store of table 1", lambda: None, write_store),
     Run("tracks", make_old_tracks, write_tracks, check_tracks),
     Run("recordings", functools.partial(write_recordings, 1), write_recordings, check_recordings),
     Run("recordings and truths", make_old_recordings, make_recordings, check_pairs_of_recordings),

@@ -7,10 +7,10 @@ import numpy as np
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.surface.render import Capsules, Floats, render
-from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior, draw_capsules
 from handpose.synthetic.pose_prior import Bodies, BodySampler
+from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior, draw_capsules
 
-ARM_BEHIND = FleshPrior(towards_camera=-0.2)  # the hand is nearer than the arm, as one holds it to a camera
+ARM_BEHIND = SurfacePrior(towards_camera=-0.2)  # the hand is nearer than the arm, as one holds it to a camera
 
 
 def render_image(capsules: Capsules, camera: Camera = NYU, background: float = np.inf) -> Floats:
@@ -22,8 +22,12 @@ def render_image(capsules: Capsules, camera: Camera = NYU, background: float = n
 
 
 def capsules_of(
-    sampler: BodySampler, rng: np.random.Generator, hands: Bodies, center_mm: object, prior: FleshPrior = DEFAULT_FLESH
+    sampler: BodySampler,
+    rng: np.random.Generator,
+    hands: Bodies,
+    center_mm: object,
+    prior: SurfacePrior = DEFAULT_SURFACE,
 ) -> Capsules:
     """Capsules in mm of hands whose crop centres (N, 3) or (3,) are given in mm."""
     center = np.broadcast_to(np.asarray(center_mm, float), (len(hands.joints), 3))
-    return draw_capsules(rng, prior, sampler.flesh, hands.inputs, hands.bones, hands.scale, CUBE_MM / 2, center)
+    return draw_capsules(rng, prior, sampler.surface, hands.inputs, hands.bones, hands.scale, CUBE_MM / 2, center)

@@ -1,4 +1,4 @@
-"""Bodies that nobody has designed: a random tree of joints with random axes, limits and flesh, and how it is held."""
+"""Bodies that nobody has designed: a random tree of joints with random axes, limits and surface, and how it is held."""
 
 from __future__ import annotations
 

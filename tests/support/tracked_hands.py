@@ -1,4 +1,4 @@
-"""Tracked hands without a tracker: an open hand with its flesh, and what a camera sees of it."""
+"""Tracked hands without a tracker: an open hand with its surface, and what a camera sees of it."""
 
 from __future__ import annotations
 

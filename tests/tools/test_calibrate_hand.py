@@ -194,8 +194,8 @@ def test_a_size_at_the_end_of_what_is_tried(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("a.png", np.full((424, 512), 700, np.uint16))
     for best, warned in ((20, True), (0, True), (19, False)):
-        misfits = np.abs(np.arange(len(GRID)) - best)
-        found = HandSize(float(GRID[best]), 1.0, 0.0, GRID, misfits)
+        costs = np.abs(np.arange(len(GRID)) - best)
+        found = HandSize(float(GRID[best]), 1.0, 0.0, GRID, costs)
         monkeypatch.setattr(calibrate_hand, "hand_of", lambda *_, size=found: ("right", size))
         command = ["a.png", "--from-depth", "--camera", "kinect2", "--out", "me.prototxt", "--force"]
         done = run_tool("calibrate_hand", *command)

@@ -59,7 +59,7 @@ def test_terms():
     """A table with a line for each term that is left out."""
     lines = run_tool("measure_fit", "--frames", "4", "--recipes", "nyu", "--plans", "fast", "--terms").out.splitlines()
     assert lines[0].startswith("4 frames per recipe, seed 0")
-    assert [line for line in lines if " silhouette " in line] and [line for line in lines if " girth " in line]
+    assert [line for line in lines if " silhouette " in line] and [line for line in lines if " thickness " in line]
 
 
 @pytest.mark.parametrize(

@@ -128,8 +128,8 @@ def hand_before(camera):
     """Depth (height, width) in whole mm of a hand 700 mm before a camera; 0 where there is none."""
     sampler, rng = BodySampler(), np.random.default_rng(1)
     hand = sampler.draw(rng, 1)
-    flesh = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
-    depth = render_image(flesh, camera)[0]
+    surface = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
+    depth = render_image(surface, camera)[0]
     return np.where(np.isfinite(depth), depth, 0).astype(np.uint16)
 
 
@@ -467,9 +467,9 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
     (shown,) = hands_in("page.html")
     np.testing.assert_allclose(shown["joints"], list(found["joints_mm"].values()), atol=0.02)
     np.testing.assert_allclose(shown["inputs"][:47], found["inputs"], atol=1e-6)
-    assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["girth"] != 1
+    assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["thickness"] != 1
     picture = cv2.imread("p/frame_hand.png")
-    assert picture.shape[1] > 3 * 512  # skeleton, flesh, space
+    assert picture.shape[1] > 3 * 512  # skeleton, surface, space
     assert json.loads(run_tool("predict", "mirrored.png", *mirrored, *arguments[2:]).out)[0]["hand"] == "left"
     first = run_tool("predict", *arguments[:-1], "--fit", "fast", "--hand", "right").out.splitlines()[0]
     assert re.match(r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; joints in mm from", first)

@@ -103,7 +103,7 @@ class TestInstalled:
         done = run_python("-c", code, cwd=tmp_path, PYTHONPATH=str(site))
         assert done.out == f"{site / 'netlib' / 'share' / 'fast'}\n"
 
-    def test_the_ledger_of_table_1(self, site: Path, tmp_path: Path) -> None:
+    def test_the_store_of_table_1(self, site: Path, tmp_path: Path) -> None:
         """Is no part of the package: one line says where it is."""
         done = self.run(site, tmp_path, "table1", "--list", status=1)
         assert done.out == "" and done.err.count("\n") == 1 and "--ledger FOLDER selects that of a clone" in done.err

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.experiments.table1 import ledger, trainings
+from handpose.experiments.table1 import store, trainings
 from handpose.experiments.table1.networks import LAMBDAS, NETWORKS
 from handpose.experiments.table1.plan import Job
 from handpose.experiments.table1.recipes import ADAM, PAPER
@@ -23,7 +23,7 @@ from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL
 from handpose.experiments.table1.trainings import Training, data_name
 from netlib.errors import DataError
 from netlib.training.solver_parameter import read
-from tests.support.made_ledger import entry, shown, trained
+from tests.support.made_store import entry, shown, trained
 from tests.support.running import run_tool
 from tools.common import campaign, training
 from tools.common.campaign import Campaign
@@ -55,7 +55,7 @@ def narrow(tmp_path_factory):
 def sit(folder, jobs, **options):
     """Exit status and messages of a campaign, and the campaign."""
     with contextlib.redirect_stderr(io.StringIO()) as err:
-        one = Campaign(folder / "ledger", folder / "work", "a test", **options)
+        one = Campaign(folder / "store", folder / "work", "a test", **options)
         status = one.run(jobs)
     return status, [line for line in err.getvalue().splitlines() if line.startswith(("[", "time is up"))], one
 
@@ -102,14 +102,14 @@ def test_trunk_and_end_are_a_training_in_one_go(setting, narrow, recipe, tmp_pat
 
 
 def test_every_network_is_trained_and_scored(setting, narrow, tmp_path):
-    """The first length of each: its entry in the ledger; old snapshots go; a second run does nothing."""
+    """The first length of each: its entry in the store; old snapshots go; a second run does nothing."""
     jobs = [Job(setting, network, RECIPES["paper"], 1) for network in narrow.values()]
     status, said, _ = sit(tmp_path, jobs, longest=4)
     assert status == 0 and len(said) == 3 * len(jobs)
     assert ["principal_components" in line for line in said if ": 0 of " in line] == [
         network == "bottleneck" for network in narrow
     ]
-    entries = {found.network: found for found in ledger.read_all(tmp_path / "ledger", "one_hand")}
+    entries = {found.network: found for found in store.read_all(tmp_path / "store", "one_hand")}
     assert set(entries) == set(narrow)
     for name, found in entries.items():
         (subject,) = found.subjects
@@ -118,7 +118,7 @@ def test_every_network_is_trained_and_scored(setting, narrow, tmp_path):
         assert np.isnan(subject.out_of_limits) == narrow[name].by_fit and subject.angle_deg > 1
         assert found.seconds > 0 and found.made_from == "synthetic" and found.command == "a test"
     assert not list(tmp_path.glob("work/*/*_of4_iter_*")) and len(list(tmp_path.glob("work/*/*.solverstate.h5"))) == 6
-    assert len(ledger.read_shown(tmp_path / "ledger", "one_hand").crops) == 4
+    assert len(store.read_shown(tmp_path / "store", "one_hand").crops) == 4
     assert sit(tmp_path, jobs, longest=4)[:2] == (0, [])
 
 
@@ -147,13 +147,13 @@ def test_a_stopped_campaign_continues_where_it_was(setting, narrow, tmp_path, mo
     assert status == 0 and said[-1] == "time is up; the next run continues here"
     monkeypatch.undo()
     assert sit(tmp_path / "two", jobs)[0] == 0
-    one, two = (ledger.read_all(tmp_path / name / "ledger", "one_hand") for name in ("one", "two"))
+    one, two = (store.read_all(tmp_path / name / "store", "one_hand") for name in ("one", "two"))
     assert len(one) >= 2 and [repr(e.subjects) for e in one] == [repr(e.subjects) for e in two]  # NaN is not itself
     assert all(np.array_equal(a.shown, b.shown) for a, b in zip(one, two))
 
 
 def test_a_scored_length_is_not_trained_again_elsewhere(setting, narrow, tmp_path):
-    """The ledger alone is enough; the trunk is then trained anew to where the next length branches off."""
+    """The store alone is enough; the trunk is then trained anew to where the next length branches off."""
     jobs = [Job(setting, narrow["ours"], RECIPES["paper"], 1)]
     assert sit(tmp_path, jobs, longest=4)[0] == 0
     (tmp_path / "work").rename(tmp_path / "elsewhere")
@@ -166,13 +166,13 @@ def test_a_shorter_length_after_a_longer_one(setting, narrow, tmp_path):
     recipe = RECIPES["paper"]
     jobs = [Job(setting, narrow["ours"], recipe, 1, only) for only in (9, 4)]
     assert sit(tmp_path, jobs)[0] == 0
-    assert [e.iterations for e in ledger.read_all(tmp_path / "ledger", "one_hand")] == [4, 9]
+    assert [e.iterations for e in store.read_all(tmp_path / "store", "one_hand")] == [4, 9]
 
 
-def test_a_ledger_of_other_data_is_refused(setting, narrow, tmp_path):
+def test_a_store_of_other_data_is_refused(setting, narrow, tmp_path):
     """One line, before anything is trained."""
-    ledger.write(tmp_path / "ledger", entry("direct_joint"))
-    with pytest.raises(DataError, match=r"ledger/one_hand: was made with the data synthetic_00000000, those in"):
+    store.write(tmp_path / "store", entry("direct_joint"))
+    with pytest.raises(DataError, match=r"store/one_hand: was made with the data synthetic_00000000, those in"):
         sit(tmp_path, [Job(setting, narrow["ours"], RECIPES["paper"], 1)])
 
 
@@ -193,24 +193,24 @@ def test_other_data_are_other_trainings(tmp_path):
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """A ledger whose figures are made up; the working directory is elsewhere."""
+    """A store whose figures are made up; the working directory is elsewhere."""
     monkeypatch.chdir(tmp_path)
     for where, recipe in ((ONE_HAND, PAPER), (ONE_HAND, ADAM), (MANY_HANDS, ADAM)):
         for one in trained(where, recipe):
-            ledger.write(tmp_path / "ledger", one)
+            store.write(tmp_path / "store", one)
     for network in LAMBDAS:
-        ledger.write(tmp_path / "ledger", entry(network.name, 17, 6000))
-    ledger.write_shown(tmp_path / "ledger", "one_hand", shown())
+        store.write(tmp_path / "store", entry(network.name, 17, 6000))
+    store.write_shown(tmp_path / "store", "one_hand", shown())
     return tmp_path
 
 
 def run(*options, status=None):
-    """The tool, on the ledger of these tests."""
-    return run_tool("table1", "--ledger", "ledger", "--out", "results", "--work", "work", *options, status=status)
+    """The tool, on the store of these tests."""
+    return run_tool("table1", "--ledger", "store", "--out", "results", "--work", "work", *options, status=status)
 
 
 def test_the_page_and_its_pictures(made):
-    """All that the page shows is there, from the ledger alone."""
+    """All that the page shows is there, from the store alone."""
     assert run("--page")[0] == 0
     page = (made / "results" / "table1.md").read_text()
     found = re.findall(r"!\[.*\]\((.*)\)", page)
@@ -241,17 +241,17 @@ def test_nyu_itself_is_taken_where_it_is(made):
     assert REAL.name == "nyu"
 
 
-def test_a_damaged_ledger_is_one_line(made):
+def test_a_damaged_store_is_one_line(made):
     """And nothing is trained or written."""
-    path = made / "ledger/one_hand/ours_paper_seed1_6000.json"
+    path = made / "store/one_hand/ours_paper_seed1_6000.json"
     path.write_text(path.read_text()[:-50])
     for options in (["--page"], ["--list"]):
         status, out, err = run(*options)
-        assert (status, out) == (1, "") and err.startswith("ledger/one_hand/ours_paper_seed1_6000.json: not whole JSON")
+        assert (status, out) == (1, "") and err.startswith("store/one_hand/ours_paper_seed1_6000.json: not whole JSON")
         assert err.count("\n") == 1
 
 
-def test_a_ledger_that_is_not_there(made):
+def test_a_store_that_is_not_there(made):
     """Is a wrong name: no empty page is written over the one there is."""
     for options in (["--page"], ["--list"]):
         status, out, err = run("--ledger", "lodger", *options)

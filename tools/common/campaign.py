@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.experiments.table1 import ledger, results, trainings
-from handpose.experiments.table1.ledger import Entry
+from handpose.experiments.table1 import results, store, trainings
 from handpose.experiments.table1.plan import Job, next_length, of_job, verdict
 from handpose.experiments.table1.results import Truth
 from handpose.experiments.table1.settings import ONE_HAND, Setting, is_real_nyu
 from handpose.experiments.table1.speed import machine
+from handpose.experiments.table1.store import Entry
 from handpose.experiments.table1.trainings import Step, Training
 from handpose.experiments.table1.true_angles import fit_true_angles
 from handpose.prediction.nets import trained
@@ -56,7 +56,7 @@ class Data(NamedTuple):
 class Campaign:
     """Runs trainings until a deadline.
 
-    ledger    folder of the recorded results
+    store    folder of the recorded results
     work      folder of nets and snapshots
     command   command line, recorded with the results
     deadline  in terms of time.monotonic()
@@ -64,7 +64,7 @@ class Campaign:
     threads   number of threads; None for the default
     """
 
-    ledger: Path
+    store: Path
     work: Path
     command: str
     deadline: float = float("inf")
@@ -91,15 +91,15 @@ class Campaign:
         """Whether the deadline has passed."""
         return time.monotonic() >= self.deadline
 
-    def ledger_of(self, setting: Setting) -> list[Entry]:
+    def store_of(self, setting: Setting) -> list[Entry]:
         """The recorded results of a setting. Raises DataError."""
         if setting.name not in self.entries:
-            self.entries[setting.name] = ledger.read_all(self.ledger, setting.name)
+            self.entries[setting.name] = store.read_all(self.store, setting.name)
         return self.entries[setting.name]
 
     def _run(self, job: Job, which: str) -> None:
         """Train and score one length after the other until none is left or time is up."""
-        while (length := next_length(self.ledger_of(job.setting), job, self.longest)) is not None and not self.is_over:
+        while (length := next_length(self.store_of(job.setting), job, self.longest)) is not None and not self.is_over:
             data = self._data(job)
             folder = trainings.work_folder(self.work, job.setting, data.name, job.network)
             _make(folder)
@@ -110,9 +110,9 @@ class Campaign:
                     return
             begun = time.perf_counter()
             entry = self._score(one, length, data)
-            self.ledger_of(job.setting).append(entry)
+            self.store_of(job.setting).append(entry)
             one.forget_end(length)
-            end = "done" if job.only else verdict(of_job(self.ledger_of(job.setting), job), job.recipe.lengths).end
+            end = "done" if job.only else verdict(of_job(self.store_of(job.setting), job), job.recipe.lengths).end
             say_now(f"{which} {job}: {length} iterations, {entry.error_mm:.2f} mm, {end}; "
                     f"scored in {duration(time.perf_counter() - begun)}")  # fmt: skip
 
@@ -124,9 +124,9 @@ class Campaign:
         if setting.name not in self.data:
             files = self._frames(setting)
             name = trainings.data_name([*files, *setting.files("test")])
-            other = sorted({entry.data for entry in self.ledger_of(setting)} - {name})
+            other = sorted({entry.data for entry in self.store_of(setting)} - {name})
             if other:
-                raise DataError(f"{self.ledger / setting.name}: was made with the data {', '.join(other)}, those in "
+                raise DataError(f"{self.store / setting.name}: was made with the data {', '.join(other)}, those in "
                                 f"{setting.folder} are {name}; choose another --ledger")  # fmt: skip
             truth = results.truth_of(setting, self._angles(setting, "test"))
             self.data[setting.name] = Data(name, files, truth)
@@ -191,8 +191,8 @@ class Campaign:
         setting, network = one.setting, one.network
         net = trained(one.net, one.weights_of(length))
         predictions = predict_all(net)
-        if not (self.ledger / setting.name / ledger.WHERE).is_file():
-            ledger.write_shown(self.ledger, setting.name, results.shown_frames(setting, predictions, net))
+        if not (self.store / setting.name / store.WHERE).is_file():
+            store.write_shown(self.store, setting.name, results.shown_frames(setting, predictions, net))
         with ProgressBar(len(predictions.joints) if network.by_fit else 0, what="angles") as progress:
             inputs = results.angles_of(predictions, SKELETON, progress)
         error, subjects = results.figures(setting, predictions, inputs, data.truth, SKELETON)
@@ -202,7 +202,7 @@ class Campaign:
             machine=machine(), data=data.name, made_from=predictions.made_from, command=self.command, subjects=subjects,
             shown=predictions.joints[results.frames_to_show(setting, predictions)],
         )  # fmt: skip
-        ledger.write(self.ledger, entry)
+        store.write(self.store, entry)
         return entry
 
 

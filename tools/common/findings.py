@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from handpose.drawing import flesh, hands, sheets
+from handpose.drawing import hands, sheets, surface
 from handpose.drawing.identities import percent
 from handpose.joint_formats.formats import FORMATS, FormatName
 from handpose.prediction.prediction import Prediction
@@ -50,7 +50,7 @@ def facts(found: Prediction, predictor: Predictor) -> dict[str, Any]:
             "size": round(found.fit.size, 4),
             "expected_error_mm": round(found.fit.error_mm, 1) if measured else None,
             "confidence": round(found.fit.confidence, 3) if measured else None,
-            "misfit": round(found.fit.misfit, 2),
+            "misfit": round(found.fit.cost, 2),
         }
     return result
 
@@ -91,6 +91,6 @@ def draw(picture: Path, found: Prediction, predictor: Predictor) -> None:
     place: dict[str, Any] = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
     drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **(place if found.in_frame else {}))]
     if found.fit:
-        drawn.append(flesh.over_crop(found.crop, found.fit.capsules, **place))
+        drawn.append(surface.over_crop(found.crop, found.fit.capsules, **place))
     drawn.append(hands.view_3d(found.joints, predictor.skeleton))
     pictures.write_image(picture, sheets.sheet(drawn, len(drawn)))

@@ -30,9 +30,9 @@ def write(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predic
 
 def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]:
     if found.fit:
-        inputs, size, girth = found.fit.whole, found.fit.size, found.fit.girth
+        inputs, size, thickness = found.fit.whole, found.fit.size, found.fit.thickness
     else:
-        inputs, size, girth = hand_inputs(predictor.net, as_right(found.crop, found.hand)[None])[0], 1.0, 1.0
+        inputs, size, thickness = hand_inputs(predictor.net, as_right(found.crop, found.hand)[None])[0], 1.0, 1.0
     words = findings.in_words(found, predictor).partition(";")[0]
     return hand(Path(image).name, words, inputs, camera=found.camera, center_uvd=found.center_uvd,
-                cube_mm=found.cube_mm, crop=found.crop, size=size, girth=girth, side=found.hand)  # fmt: skip
+                cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness, side=found.hand)  # fmt: skip

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from handpose.drawing.comparisons import side_by_side
-from handpose.experiments.table1 import ledger
 from handpose.experiments.table1 import page as table1_page
-from handpose.experiments.table1.ledger import THRESHOLDS_MM, Entry, Shown
+from handpose.experiments.table1 import store
 from handpose.experiments.table1.recipes import RECIPES
 from handpose.experiments.table1.settings import Setting
+from handpose.experiments.table1.store import THRESHOLDS_MM, Entry, Shown
 from handpose.experiments.table1.summary import Line, curve_of, spread_text, value_of
 from handpose.joint_fit.angles import rotations
 from layers.hand.skeleton import Skeleton
@@ -21,7 +21,7 @@ from tools.common import pictures
 from tools.common.plots import COLOURS
 
 
-def write_pictures(out: Path, folder: Path, entries: table1_page.Ledger, skeleton: Skeleton) -> list[Path]:
+def write_pictures(out: Path, folder: Path, entries: table1_page.Store, skeleton: Skeleton) -> list[Path]:
     """Draw the figures of the page into the folder ``out`` and return their paths. Raises NetlibError, DataError.
 
     folder   folder of the recorded results
@@ -31,7 +31,7 @@ def write_pictures(out: Path, folder: Path, entries: table1_page.Ledger, skeleto
     written: list[Path] = []
     for recipe in RECIPES.values():
         if lines := table1_page.lines_of(entries, setting, recipe):
-            shown = ledger.read_shown(folder, setting.name)
+            shown = store.read_shown(folder, setting.name)
             title = f"{setting.title}, {recipe.title}"
             places = [out / name(recipe) for name in (table1_page.joints_picture, table1_page.angles_picture,
                                                       table1_page.hands_picture)]  # fmt: skip

@@ -1,15 +1,15 @@
 /* What the page is about: a body in a pose before a camera, with forces on it. Whoever shows some of it listens. */
 
 import { backward, forward } from "./kinematics.js";
-import { Flesh } from "./flesh.js";
+import { Surface } from "./surface.js";
 import { skeletonOf } from "./skeleton.js";
 import { unproject } from "./crop.js";
 import { add, length, minus, product, times } from "./vectors.js";
 
 export class Body {
-  /* skeleton, whole   the tables of the file, and with what only its flesh has
+  /* skeleton, whole   the tables of the file, and with those of its surface alone
      inputs            of the whole body: radians, and lengths in units; of a left hand those of its mirror image
-     size, girth       factors of bones, offsets and radii; of the radii alone
+     size, thickness       factors of bones, offsets and radii; of the radii alone
      side              "right", or "left": the mirror image of the skeleton
      unit              mm that a length of 1 stands for
      camera, uvd, cube the camera, and where the crop is, which is where the origin of the inputs is
@@ -24,9 +24,9 @@ export class Body {
 
   /* Take the skeleton of a file's text. Throws PrototxtError, and is as before then. */
   open(text, source) {
-    const skeleton = skeletonOf(text, source), whole = skeleton.withFlesh();
-    const flesh = skeleton.param.flesh ? new Flesh(skeleton, whole) : null;
-    Object.assign(this, { skeleton, whole, flesh, source, side: "right", size: 1, girth: 1, points: null });
+    const skeleton = skeletonOf(text, source), whole = skeleton.withSurface();
+    const surface = skeleton.param.flesh ? new Surface(skeleton, whole) : null;
+    Object.assign(this, { skeleton, whole, surface, source, side: "right", size: 1, thickness: 1, points: null });
     this.inputs = whole.dofs.map(() => 0);
     this.forces = skeleton.joints.map(() => [0, 0, 0]);
     this.changed("skeleton");
@@ -83,7 +83,7 @@ export class Body {
     return add(this.origin, times(this.mirrored(point), this.unit));
   }
 
-  /* All joints in mm, camera axes, the flesh's own after the skeleton's. */
+  /* All joints in mm, camera axes, the surface's own after the skeleton's. */
   get joints() {
     this.placed ??= this.pose.joints.map((joint) => this.place(joint));
     return this.placed;
@@ -94,10 +94,10 @@ export class Body {
     return this.skeleton.joints.map((_, j) => this.mirrored(this.pose.joints[j]));
   }
 
-  /* The flesh in mm, camera axes. */
+  /* The surface in mm, camera axes. */
   get capsules() {
-    if (!this.flesh) return [];
-    return this.flesh.posed(this.pose, this.size, this.girth).map(({ a, b, ra, rb, ...more }) => (
+    if (!this.surface) return [];
+    return this.surface.posed(this.pose, this.size, this.thickness).map(({ a, b, ra, rb, ...more }) => (
       { a: this.place(a), b: this.place(b), ra: ra * this.unit, rb: rb * this.unit, ...more }
     ));
   }

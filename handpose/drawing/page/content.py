@@ -9,7 +9,7 @@ hands     to choose from, all of this skeleton, shown instead of it:
     name, words      of the frame; description of the hand
     place            as above
     inputs           of the whole body, including the DoFs of its surface; for a left hand those of its mirror image
-    size, girth      scale of bones, offsets and radii; of the radii alone
+    size, thickness      scale of bones, offsets and radii; of the radii alone
     side             "right" or "left"
     points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in units of step_mm
     crop             16-bit numbers in base64: the crop, -1 to 1 in steps of 1/32767
@@ -64,7 +64,7 @@ def body(name: str, skeleton: Skeleton, unit_mm: float = CUBE_MM / 2) -> dict[st
 
 def hand(
     name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
-    cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, girth: float = 1.0, side: Side = "right",
+    cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, thickness: float = 1.0, side: Side = "right",
 ) -> dict[str, Any]:  # fmt: skip
     """A hand predicted in a crop (S, S) in [-1, 1], with the depth points of the crop.
 
@@ -75,7 +75,7 @@ def hand(
     given = np.asarray(inputs, dtype=np.float64)
     return {
         "name": name, "words": words,
-        "place": _place(camera, center_uvd, cube_mm), "inputs": given.tolist(), "size": size, "girth": girth,
+        "place": _place(camera, center_uvd, cube_mm), "inputs": given.tolist(), "size": size, "thickness": thickness,
         "side": side, "points": _packed(points / step), "step_mm": step, "crop": _packed(crop * FULL),
     }  # fmt: skip
 

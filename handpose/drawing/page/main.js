@@ -14,7 +14,7 @@ const LARGEST_FILE = 5e6; // bytes of a skeleton file
 const data = JSON.parse(byId("data").textContent);
 const { skeleton: packaged } = data;
 const body = new Body(packaged.text, packaged.source, data.place);
-const boxes = ["flesh", "skeleton", "points", "names", "initial", "all"].map((name) => [name, byId(`show-${name}`)]);
+const boxes = ["surface", "skeleton", "points", "names", "initial", "all"].map((name) => [name, byId(`show-${name}`)]);
 const shows = Object.fromEntries(boxes);
 const chooseForced = showForces(body);
 const stage = new Stage(byId("stage"), body, shows, (joint) => {
@@ -89,7 +89,7 @@ function openText(text, source, place = data.place) {
     body.open(text, source);
     const { camera, center_uvd: uvd, cube_mm: cube, unit_mm: unit } = place;
     Object.assign(body, { camera, uvd, cube, unit, seen: null });
-    shows.initial.checked = !body.flesh; // lines alone say less of what has moved
+    shows.initial.checked = !body.surface; // lines alone say less of what has moved
     body.changed("skeleton");
     told.textContent = "";
     hands.value = bodies.value = "";
@@ -134,10 +134,10 @@ const isNumber = (text) => text !== "" && Math.abs(Number(text)) < 1e6;
 /* A hand that was predicted, with what the camera saw of it. */
 function showHand(hand) {
   body.open(packaged.text, packaged.source);
-  const { side, size, girth } = hand, { camera, center_uvd: uvd, cube_mm: cube } = hand.place;
+  const { side, size, thickness } = hand, { camera, center_uvd: uvd, cube_mm: cube } = hand.place;
   const points = Float64Array.from(integers(hand.points), (value) => value * hand.step_mm);
   const seen = Float64Array.from(integers(hand.crop), (value) => value / 32767);
-  Object.assign(body, { side, size, girth, points, seen, camera, uvd, cube, unit: hand.place.unit_mm });
+  Object.assign(body, { side, size, thickness, points, seen, camera, uvd, cube, unit: hand.place.unit_mm });
   hand.inputs.forEach((value, d) => (body.inputs[d] = value));
   byId("said").textContent = hand.words;
   body.changed("skeleton");

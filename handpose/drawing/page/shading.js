@@ -1,4 +1,4 @@
-/* Pictures of flesh and of points: every pixel lit by the direction of the surface that it shows. */
+/* Pictures of the surface and of points: every pixel lit by the direction of the surface that it shows. */
 
 import { length, times } from "./vectors.js";
 import { render } from "./render.js";
@@ -14,11 +14,11 @@ export function colourOf(name) {
 
 const SKIN = [235, 165, 120], TINT = 0.2, DARKEST = 0.42;
 const LIGHT = [-0.35, -0.45, -0.82]; // y down: from the upper left, behind the viewer
-const POINT = [40, 110, 235], BEHIND = 0.25; // how much of a point shows through the flesh before it
+const POINT = [40, 110, 235], BEHIND = 0.25; // how much of a point shows through the surface in front of it
 const MARGIN = 2; // mm, that a point may lie behind the surface
 
-/* The flesh as the viewer sees it, into `picture` (ImageData): {owner, depth} of every pixel. */
-export function paintFlesh(picture, capsules, names, viewer) {
+/* The surface as the viewer sees it, into `picture` (ImageData): {owner, depth} of every pixel. */
+export function paintSurface(picture, capsules, names, viewer) {
   const { width, height, data } = picture;
   const seen = capsules.map((c) => ({ ...c, a: viewer.see(c.a), b: viewer.see(c.b) }));
   const x = viewer.slopes(width, viewer.width), y = viewer.slopes(height, viewer.height);
@@ -45,7 +45,7 @@ export function paintFlesh(picture, capsules, names, viewer) {
   return image;
 }
 
-/* Points (flat x, y, z in mm) as squares of `size` px, faint where flesh is before them. */
+/* Points (flat x, y, z in mm) as squares of `size` px, faint behind the surface. */
 export function paintPoints(picture, points, viewer, image, size) {
   const { width, height, data } = picture, scale = width / viewer.width;
   for (let i = 0; i < points.length; i += 3) {

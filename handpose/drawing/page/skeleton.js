@@ -60,8 +60,8 @@ export class Skeleton {
     });
   }
 
-  /* The body with the joints and DoFs that only its flesh has, after its own. */
-  withFlesh() {
+  /* The body with the joints and DoFs of its surface alone, after its own. */
+  withSurface() {
     const { param } = this, { flesh } = param;
     if (!flesh) return this;
     const whole = { ...param, dof: [...param.dof, ...flesh.dof], joint: [...param.joint, ...flesh.joint] };

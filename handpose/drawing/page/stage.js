@@ -1,8 +1,8 @@
-/* The picture of the body: turned by dragging, with the flesh, the skeleton, the points and the forces. */
+/* The picture of the body: turned by dragging, with the surface, the skeleton, the points and the forces. */
 
 import { Viewer } from "./viewer.js";
 import { drawBones, line } from "./bones.js";
-import { paintFlesh, paintPoints } from "./shading.js";
+import { paintSurface, paintPoints } from "./shading.js";
 import { add, apply, length, times } from "./vectors.js";
 
 const AIM = 16; // px about a joint that are the joint
@@ -18,7 +18,7 @@ const STEPS = { ArrowLeft: [-12, 0], ArrowRight: [12, 0], ArrowUp: [0, -12], Arr
 export class Stage {
   /* canvas   that is drawn on
      body     a Body; or another object with what is read of it here: without push(), no force acts on it
-     shows    checkboxes by name: flesh, skeleton, points, names, initial (pose), all (forces on any joint)
+     shows    checkboxes by name: surface, skeleton, points, names, initial (pose), all (forces on any joint)
      tell     is given a line on what is under the pointer */
   constructor(canvas, body, shows, tell) {
     Object.assign(this, { canvas, body, shows, tell, viewer: new Viewer(), pointers: new Map() });
@@ -79,8 +79,8 @@ export class Stage {
     const { body, layer, shows, viewer } = this;
     Object.assign(layer, { width, height });
     const brush = layer.getContext("2d"), picture = brush.createImageData(width, height);
-    const capsules = shows.flesh.checked ? body.capsules : [];
-    const image = paintFlesh(picture, capsules, body.whole.joints, viewer);
+    const capsules = shows.surface.checked ? body.capsules : [];
+    const image = paintSurface(picture, capsules, body.whole.joints, viewer);
     if (body.points && shows.points.checked) {
       const [x, y, z] = body.origin, moved = body.points.map((mm, i) => mm + [x, y, z][i % 3]);
       paintPoints(picture, moved, viewer, image, Math.max(Math.round((POINT * width) / viewer.width), 1));

@@ -14,7 +14,7 @@ PROTOTXT = ROOT / "prototxt"
 
 
 class Published(NamedTuple):
-    """The paper's numbers for a network on NYU (Table 1), by the names of ``ledger.Figures``."""
+    """The paper's numbers for a network on NYU (Table 1), by the names of ``store.Figures``."""
 
     error_14_mm: float
     fitted_angle_deg: float

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from handpose.experiments.table1 import true_angles
 from handpose.experiments.table1.findings import FINDINGS, HALVES, decide
-from handpose.experiments.table1.ledger import Entry
 from handpose.experiments.table1.networks import LAMBDAS, NETWORKS
 from handpose.experiments.table1.plan import (
     ASKED_OF_MANY,
@@ -22,6 +21,7 @@ from handpose.experiments.table1.plan import (
 from handpose.experiments.table1.recipes import ADAM, PAPER, RECIPES, Recipe
 from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, SETTINGS, Setting
 from handpose.experiments.table1.speed import Speed
+from handpose.experiments.table1.store import Entry
 from handpose.experiments.table1.summary import Line, line_of, spread_text, value_of
 
 PAPERS_FPS = 125  # one image after the other, on a GPU
@@ -65,7 +65,7 @@ python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train
 
 LENGTH_WORDS = {"done": "converged", "falls": "decreasing", "rises": "increasing"}  # in the table; "not yet" stays
 
-Ledger = Mapping[str, Sequence[Entry]]  # by setting
+Store = Mapping[str, Sequence[Entry]]  # by setting
 
 
 def joints_picture(recipe: Recipe) -> str:
@@ -88,43 +88,43 @@ def lambda_picture(recipe: Recipe) -> str:
     return f"table1_lambda_{recipe.name}.png"
 
 
-def lines_of(ledger: Ledger, setting: Setting, recipe: Recipe) -> dict[str, Line]:
+def lines_of(store: Store, setting: Setting, recipe: Recipe) -> dict[str, Line]:
     """The lines of a setting by a recipe, by network, in the order of the table."""
-    entries = ledger.get(setting.name, ())
+    entries = store.get(setting.name, ())
     found = {network.name: line_of(entries, setting, network, recipe) for network in NETWORKS}
     return {name: line for name, line in found.items() if line.verdicts}
 
 
-def first_of(ledger: Ledger) -> Setting:
+def first_of(store: Store) -> Setting:
     """The setting that is nearest to the paper's, of those that have results: its figures are drawn."""
-    return next((setting for setting in SETTINGS.values() if ledger.get(setting.name)), ONE_HAND)
+    return next((setting for setting in SETTINGS.values() if store.get(setting.name)), ONE_HAND)
 
 
-def page_of(ledger: Ledger, speed: Speed | None = None) -> str:
+def page_of(store: Store, speed: Speed | None = None) -> str:
     """The page."""
-    first = first_of(ledger)
-    lines = [HEAD, *_left(ledger, first)]
-    for setting in (setting for setting in SETTINGS.values() if ledger.get(setting.name)):
+    first = first_of(store)
+    lines = [HEAD, *_left(store, first)]
+    for setting in (setting for setting in SETTINGS.values() if store.get(setting.name)):
         for recipe in RECIPES.values():
-            found = lines_of(ledger, setting, recipe)
+            found = lines_of(store, setting, recipe)
             if found:
                 lines += ["", f"## {setting.title}: {recipe.title}", "", *_table(setting, found)]
                 lines += _pictures(recipe, setting) if setting is first else []
                 if setting is not MANY_HANDS:
                     lines += ["", *_findings(found, setting, recipe)]
                 else:
-                    lines += ["", *_people(found, first.title, lines_of(ledger, first, recipe))]
+                    lines += ["", *_people(found, first.title, lines_of(store, first, recipe))]
         for recipe in RECIPES.values() if setting is first else ():
-            lines += _lambdas(ledger[setting.name], setting, recipe)
-        lines += _provenance(ledger[setting.name])
+            lines += _lambdas(store[setting.name], setting, recipe)
+        lines += _provenance(store[setting.name])
     return "\n".join([*lines, "", *_speed(speed)]) + "\n"
 
 
-def _left(ledger: Ledger, setting: Setting) -> list[str]:
+def _left(store: Store, setting: Setting) -> list[str]:
     """How many training runs are missing, or not long enough yet, by setting and recipe, and by weight of PhysLimit."""
     due: dict[str, list[bool]] = {}
-    for job in [*order(setting), *lambdas(ledger.get(setting.name, ()), setting)]:
-        entries = ledger.get(job.setting.name, ())
+    for job in [*order(setting), *lambdas(store.get(setting.name, ()), setting)]:
+        entries = store.get(job.setting.name, ())
         if job.only:
             what, is_due = "the weight of PhysLimit", next_length(entries, job) is not None
         else:

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from handpose.experiments.table1.ledger import Entry
 from handpose.experiments.table1.networks import LAMBDAS, NETWORKS, OURS, Network
 from handpose.experiments.table1.recipes import ADAM, RECIPES, Recipe
 from handpose.experiments.table1.settings import MANY_HANDS, Setting
+from handpose.experiments.table1.store import Entry
 
 MATTERS = 0.02  # of the error
 ASKED_OF_MANY = ("direct_joint", "ours", "ours_scale", "ours_bones")
@@ -72,15 +72,15 @@ def verdict(entries: Iterable[Entry], lengths: Sequence[int]) -> Verdict:
     return Verdict(found, found[-1] if found else None, "falls" if len(found) == len(lengths) else "not yet")
 
 
-def of_job(ledger: Iterable[Entry], job: Job) -> list[Entry]:
+def of_job(store: Iterable[Entry], job: Job) -> list[Entry]:
     """The entries of one training."""
     key = (job.setting.name, job.network.name, job.recipe.name, job.seed)
-    return [entry for entry in ledger if entry.key[:4] == key]
+    return [entry for entry in store if entry.key[:4] == key]
 
 
-def next_length(ledger: Iterable[Entry], job: Job, longest: int | None = None) -> int | None:
+def next_length(store: Iterable[Entry], job: Job, longest: int | None = None) -> int | None:
     """The next length to be trained; None if there is none."""
-    entries = of_job(ledger, job)
+    entries = of_job(store, job)
     if job.only:
         return None if any(entry.iterations == job.only for entry in entries) else job.only
     found = verdict(entries, job.recipe.lengths)
@@ -126,26 +126,26 @@ def order(
             yield from of(many, ADAM, seed)
 
 
-def lambdas(ledger: Sequence[Entry], setting: Setting, length: int | None = None, recipe: Recipe = ADAM) -> list[Job]:
+def lambdas(store: Sequence[Entry], setting: Setting, length: int | None = None, recipe: Recipe = ADAM) -> list[Job]:
     """The trainings of ours by weights of PhysLimit, all as long as ours was trained; none before that is known."""
-    ours = verdict(of_job(ledger, Job(setting, OURS, recipe, 1)), recipe.lengths)
+    ours = verdict(of_job(store, Job(setting, OURS, recipe, 1)), recipe.lengths)
     if length is None and ours.end != "not yet" and ours.counts is not None:
         length = ours.counts.iterations
     return [Job(setting, network, recipe, 1, length) for network in LAMBDAS] if length else []
 
 
 def report(
-    jobs: Sequence[Job], ledger_of: Callable[[Setting], Sequence[Entry]], longest: int | None = None
+    jobs: Sequence[Job], store_of: Callable[[Setting], Sequence[Entry]], longest: int | None = None
 ) -> list[list[str]]:
     """A row for each training: its state, and an estimate of the remaining hours from the rates in the store."""
     settings = {job.setting.name: job.setting for job in jobs}.values()
-    every = [entry for setting in settings for entry in ledger_of(setting)]
+    every = [entry for setting in settings for entry in store_of(setting)]
     rows, total = [["training", "lengths", "error, mm", "state", "hours left"]], 0.0
     for job in jobs:
-        entries = of_job(ledger_of(job.setting), job)
+        entries = of_job(store_of(job.setting), job)
         found = verdict(entries, job.recipe.lengths)
         done = [entry for entry in entries if entry.iterations == job.only] if job.only else found.entries
-        left = _hours(every, job, len(done)) if next_length(ledger_of(job.setting), job, longest) else 0.0
+        left = _hours(every, job, len(done)) if next_length(store_of(job.setting), job, longest) else 0.0
         state = ("done" if done else "missing") if job.only else found.end if done else "missing"
         total += left
         lengths = ", ".join(f"{entry.iterations}" for entry in done) or "–"
@@ -154,9 +154,9 @@ def report(
     return [*rows, ["in total", "", "", "", f"{total:.1f}" if every else "not known"]]
 
 
-def _hours(ledger: Sequence[Entry], job: Job, done: int) -> float:
+def _hours(store: Sequence[Entry], job: Job, done: int) -> float:
     """About how long the rest of a training takes, if it ends where its recipe's trainings did on the mean."""
-    alike = [entry for entry in ledger if entry.recipe == job.recipe.name]
+    alike = [entry for entry in store if entry.recipe == job.recipe.name]
     if not alike:
         return 0.0
     rate = sum(entry.seconds for entry in alike) / sum(entry.iterations for entry in alike)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.experiments.table1.ledger import DRAWN, JOINTS, THRESHOLDS_MM, Figures, Shown
 from handpose.experiments.table1.settings import NEAR, Setting
+from handpose.experiments.table1.store import DRAWN, JOINTS, THRESHOLDS_MM, Figures, Shown
 from handpose.facts import nyu
 from handpose.joint_fit import angles
 from handpose.joint_fit.levenberg_marquardt import fit_joints

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handpose.experiments.table1.ledger import Entry, Figures
 from handpose.experiments.table1.networks import Network
 from handpose.experiments.table1.plan import Job, Verdict, of_job, verdict
 from handpose.experiments.table1.recipes import Recipe
 from handpose.experiments.table1.settings import Setting
+from handpose.experiments.table1.store import Entry, Figures
 
 
 @dataclass(frozen=True)

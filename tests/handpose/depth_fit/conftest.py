@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel, Posed
+from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel, Posed
 from handpose.depth_fit.observation import Observation, observe
 from handpose.depth_fit.residuals import Residuals
 from handpose.facts.cameras import NYU
@@ -47,7 +47,7 @@ def written_out(model: CapsuleModel, posed: Posed, r: Residuals) -> np.ndarray:
     n, s = np.arange(len(posed.ends))[:, None], r.place[..., None, None]
     motion = posed.motion[n, model.start[r.capsule]] * (1 - s) + posed.motion[n, model.end[r.capsule]] * s
     J = np.einsum("nitr,nriv->ntrv", r.direction.astype(float), motion)
-    J[..., [SIZE, GIRTH]] += r.swell[..., None]
+    J[..., [SIZE, THICKNESS]] += r.swell[..., None]
     return J
 
 

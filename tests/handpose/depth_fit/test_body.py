@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
+from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
@@ -18,39 +18,39 @@ COUPLED = ARM.replace('rotate { axis: Z dof: "elbow" }', 'rotate { axis: Z dof: 
 
 
 def body(text: str) -> CapsuleModel:
-    """The flesh of a skeleton's text, a unit being 10 mm."""
+    """The surface of a skeleton's text, a unit being 10 mm."""
     return CapsuleModel(Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test")), 10.0)
 
 
 def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:
-    """The ends (N, E, 3) in mm, in float64, from the flesh itself."""
+    """The ends (N, E, 3) in mm, in float64, from the surface itself."""
     inputs = np.zeros((len(x), len(model.whole.initial)))
     inputs[:, model.free] = x[:, :SIZE]
     size, kinematics = np.exp(x[:, SIZE]), kinematics_of(model.whole)
     pose = kinematics.forward(inputs, model.whole.bones * size[:, None])
-    used = np.unique(np.concatenate([model.flesh.start, model.flesh.end]))
-    return model.flesh.ends(pose, size)[:, used] * model.unit_mm
+    used = np.unique(np.concatenate([model.surface.start, model.surface.end]))
+    return model.surface.ends(pose, size)[:, used] * model.unit_mm
 
 
 @pytest.mark.parametrize("text", [None, ARM, COUPLED], ids=["hand", "arm", "coupled"])
 def test_ends_and_how_they_move(model: CapsuleModel, text: str | None) -> None:
-    """As the flesh says, and as central differences of it, for the forearm, the offsets, the size and the girth."""
-    flesh = model if text is None else body(text)
-    x = np.random.default_rng(0).normal(0, 0.2, (5, flesh.variables))
-    posed = flesh.posed(x)
-    scale = flesh.unit_mm
-    np.testing.assert_allclose(posed.ends, exact_ends(flesh, x), atol=1e-6 * scale)
-    expected = slopes(lambda x: exact_ends(flesh, x), x, 1e-5)
+    """As the surface says, and as central differences of it, for the forearm, the offsets, size and thickness."""
+    surface = model if text is None else body(text)
+    x = np.random.default_rng(0).normal(0, 0.2, (5, surface.variables))
+    posed = surface.posed(x)
+    scale = surface.unit_mm
+    np.testing.assert_allclose(posed.ends, exact_ends(surface, x), atol=1e-6 * scale)
+    expected = slopes(lambda x: exact_ends(surface, x), x, 1e-5)
     np.testing.assert_allclose(posed.motion, expected, atol=3e-6 * scale)
-    np.testing.assert_allclose(posed.girth, np.exp(x[:, SIZE] + x[:, GIRTH]), rtol=1e-6)
-    assert (posed.motion[..., GIRTH] == 0).all()
+    np.testing.assert_allclose(posed.thickness, np.exp(x[:, SIZE] + x[:, THICKNESS]), rtol=1e-6)
+    assert (posed.motion[..., THICKNESS] == 0).all()
 
 
 def test_variables_of_the_hand(model: CapsuleModel) -> None:
-    """26 of the skeleton and 2 of the forearm, size and girth; what hangs on the palm alone, the wrist as well."""
+    """26 of the skeleton and 2 of the forearm, size and thickness; what hangs on the palm alone, the wrist as well."""
     assert model.variables == 30
     assert (len(model.root), len(model.limbs), len(model.own)) == (6, 20, 2)
-    used = np.unique(np.concatenate([model.flesh.start, model.flesh.end]))
+    used = np.unique(np.concatenate([model.surface.start, model.surface.end]))
     rigid = {model.whole.joint_names[j] for j in used[model.rigid]}
     knuckles = {f"{finger}_mcp" for finger in ("little", "ring", "middle", "index", "thumb")}
     assert rigid == {"palm", "wrist_left", "wrist_middle", "forearm"} | knuckles
@@ -74,9 +74,9 @@ def test_there_and_back(model: CapsuleModel) -> None:
 
 
 def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
-    """Moved to the centre, as thick as size and girth say."""
+    """Moved to the centre, as thick as size and thickness say."""
     x = np.zeros((1, model.variables))
-    x[0, GIRTH] = np.log(1.2)
+    x[0, THICKNESS] = np.log(1.2)
     capsules = model.capsules(x, np.array([[1.0, 2, 700]]))
     np.testing.assert_allclose(capsules.radius_a[0], model.radii[:, 0] * 1.2, rtol=1e-6)
     np.testing.assert_allclose(capsules.a[0] - (1, 2, 700), model.posed(x).ends[0, model.start], atol=1e-4)

@@ -14,7 +14,7 @@ from handpose.depth_fit.observation import observe
 from handpose.depth_fit.search import ACCURATE, FAST, Plan
 from handpose.facts.cameras import NYU
 from handpose.rounding import NETWORK_STEP, rounded
-from handpose.surface.model import Flesh
+from handpose.surface.model import Surface
 from handpose.surface.render import Capsules, normalise_depth, render_crop
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
@@ -51,7 +51,7 @@ def fitter(model: CapsuleModel) -> DepthFitter:
 
 
 def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
-    """Joints near the truth, inputs that make them, a size, a misfit, and what the table says of it."""
+    """Joints near the truth, inputs that make them, a size, a cost, and what the table says of it."""
     model = fitter.model
     start = start_of(scene, model)
     found = fitter.fit(scene.seen, [start], FAST)
@@ -59,9 +59,9 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     assert error(model, start, scene).mean() > 12
     np.testing.assert_allclose(found.joints, model.joints(found.x))
     assert ((found.size > 0.74) & (found.size < 1.36)).all() and (found.start == 0).all()
-    np.testing.assert_allclose(found.error_mm, np.interp(found.doubt, [1, 100, 1000], [2, 20, 60]))
+    np.testing.assert_allclose(found.error_mm, np.interp(found.uncertainty, [1, 100, 1000], [2, 20, 60]))
     assert np.isfinite(found.confidence).all()
-    np.testing.assert_allclose(found.misfit, found.signs[:, :4].sum(axis=1))
+    np.testing.assert_allclose(found.cost, found.signs[:, :4].sum(axis=1))
     np.testing.assert_allclose(found.network, model.joints(rounded(start, NETWORK_STEP)), atol=1e-6)
     np.testing.assert_allclose(found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1))
 
@@ -71,7 +71,7 @@ def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> 
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     fast = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST)
     accurate = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
-    assert np.log(accurate.misfit).mean() < np.log(fast.misfit).mean()
+    assert np.log(accurate.cost).mean() < np.log(fast.cost).mean()
     assert np.isnan(accurate.error_mm).all() and np.isnan(accurate.confidence).all()
 
 
@@ -113,7 +113,7 @@ def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> Non
     crops[1, 60:70, 60:70] = 0
     inputs = fitter.model.inputs_of(scene.truth[:2])
     found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [fitter.model.variables_of(inputs)], FAST)
-    assert (found.confidence == 0).all() and (found.error_mm == LOST_MM).all() and np.isinf(found.doubt).all()
+    assert (found.confidence == 0).all() and (found.error_mm == LOST_MM).all() and np.isinf(found.uncertainty).all()
 
 
 def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) -> None:
@@ -139,26 +139,26 @@ def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None
     inputs = fitter.model.inputs_of(scene.truth)
     right = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
     left = fitter.fit(scene.seen.mirrored(), [fitter.model.variables_of(inputs)] * 4, ACCURATE)
-    assert (right.misfit < left.misfit).all()
+    assert (right.cost < left.cost).all()
 
 
-def test_any_body_with_flesh() -> None:
+def test_any_body_with_surface() -> None:
     """A worm of three bones, drawn at a known pose, found again from beside it."""
     skeleton = Skeleton(schema.read(prototxt.parse(WORM), SkeletonParameter, "worm"))
-    flesh, rng = Flesh(skeleton), np.random.default_rng(0)
+    surface, rng = Surface(skeleton), np.random.default_rng(0)
     inputs = np.zeros((8, 8))
     inputs[:, 3:6] = rng.normal(0, 0.5, (8, 3))
     inputs[:, 6:] = rng.uniform(-1, 1, (8, 2))
     uvd = np.tile([320.0, 240, 700], (8, 1))
-    ends = flesh.ends(flesh.kinematics.forward(inputs)) * 150 + NYU.unproject(uvd)[:, None]
-    radii = np.tile(flesh.radii * 150, (8, 1, 1))
-    capsules = Capsules(ends[:, flesh.start], ends[:, flesh.end], radii[..., 0], radii[..., 1])
+    ends = surface.ends(surface.kinematics.forward(inputs)) * 150 + NYU.unproject(uvd)[:, None]
+    radii = np.tile(surface.radii * 150, (8, 1, 1))
+    capsules = Capsules(ends[:, surface.start], ends[:, surface.end], radii[..., 0], radii[..., 1])
     crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
     fitter = DepthFitter(CapsuleModel(skeleton, 150.0))
     start = inputs + rng.normal(0, 0.15, inputs.shape)
     found = fitter.fit(observe(crops, uvd, NYU, 300.0), [fitter.model.variables_of(start)] * 4, ACCURATE)
-    truth = flesh.kinematics.joints(inputs) * 150
-    before = np.linalg.norm(flesh.kinematics.joints(start) * 150 - truth, axis=2).mean(axis=1)
+    truth = surface.kinematics.joints(inputs) * 150
+    before = np.linalg.norm(surface.kinematics.joints(start) * 150 - truth, axis=2).mean(axis=1)
     after = np.linalg.norm(found.joints - truth, axis=2).mean(axis=1)
     assert np.median(after) < 3 and before.mean() > 15
 
@@ -194,7 +194,7 @@ def test_sizes_of_several_hands(fitter: DepthFitter, scene: Scene) -> None:
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
-    """From near the truth a little nearer, without a network; how far that was off is still a sign of doubt."""
+    """From near the truth a little nearer, without a network; how far that was off is still a sign of uncertainty."""
     model = fitter.model
     before = scene.truth + np.random.default_rng(0).normal(0, 0.05, scene.truth.shape)
     before[:, -2:] = 0
@@ -206,12 +206,12 @@ def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
     np.testing.assert_allclose(found.signs[:, 4], np.maximum(own, moved), rtol=1e-6)
     calm = fitter.follow(scene.seen, before, np.zeros(len(before)), plan)
     np.testing.assert_array_equal(calm.x, found.x)
-    assert (calm.doubt <= found.doubt).all() and calm.doubt[-1] < found.doubt[-1]
+    assert (calm.uncertainty <= found.uncertainty).all() and calm.uncertainty[-1] < found.uncertainty[-1]
     np.testing.assert_array_equal(found.x, fitter.follow(scene.seen, before, moved, plan).x)
 
 
 def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nearer to what is expected of them than by the network's errors; as signs of doubt they are counted by those."""
+    """Nearer to what is expected of them than by the network's errors; as signs they are counted by those."""
     model, objective = fitter.model, fitter.objective
     before = scene.truth + np.random.default_rng(0).normal(0, 0.1, scene.truth.shape)
     before[:, -2:] = 0

@@ -18,9 +18,9 @@ from handpose.depth_fit.network_errors import (
     NetworkErrors,
     arrays_of,
     covariance,
-    doubt_of,
     read_errors,
     table_of,
+    uncertainty_of,
     weights_of,
 )
 from netlib.errors import DataError
@@ -29,9 +29,9 @@ TABLE = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
 EVEN = np.full(len(SIGNS), 1 / len(SIGNS))
 
 
-def all_signs(doubt: list[float]) -> np.ndarray:
-    """Signs (N, 5) that are all the same, of which any weights make this doubt."""
-    return np.repeat(np.array(doubt)[:, None] - 1, len(SIGNS), axis=1)
+def all_signs(uncertainty: list[float]) -> np.ndarray:
+    """Signs (N, 5) that are all the same, of which any weights make this uncertainty."""
+    return np.repeat(np.array(uncertainty)[:, None] - 1, len(SIGNS), axis=1)
 
 
 def write(path: Path, **arrays: object) -> Path:
@@ -48,12 +48,12 @@ def test_read(model: CapsuleModel, tmp_path: Path) -> None:
     own = np.eye(20) * 0.04
     found = read_errors(write(tmp_path / "w.h5", **{"limbs": own, "fast": TABLE, "fast.signs": EVEN}), model)
     np.testing.assert_array_equal(found.limbs, own)
-    doubt, expected, chance = found.expected("fast", all_signs([1.0, 30, 125, 400]))
-    np.testing.assert_allclose(doubt, [1, 30, 125, 400])
+    uncertainty, expected, chance = found.expected("fast", all_signs([1.0, 30, 125, 400]))
+    np.testing.assert_allclose(uncertainty, [1, 30, 125, 400])
     np.testing.assert_allclose(expected, [4, 6, 24, 80])
     np.testing.assert_allclose(chance, [1, 0.95, 0.55, 0.1])
-    doubt, *unknown = found.expected("accurate", all_signs([7.0, 9]))
-    np.testing.assert_allclose(doubt, [7, 9])
+    uncertainty, *unknown = found.expected("accurate", all_signs([7.0, 9]))
+    np.testing.assert_allclose(uncertainty, [7, 9])
     assert np.isnan(unknown).all()
     again = read_errors(write(tmp_path / "again.h5", **arrays_of(found)), model)
     np.testing.assert_array_equal(again.weights["fast"], EVEN)
@@ -81,15 +81,15 @@ def test_weights_that_nobody_measured(model: CapsuleModel, tmp_path: Path) -> No
         ({"limbs": np.eye(20), "slow.signs": EVEN}, "fit: slow: a table without weights of signs, or weights without"),
         (
             {"limbs": np.eye(20), "fast": TABLE[::-1], "fast.signs": EVEN},
-            r"fit/fast of shape \(3, 3\), expected rows of doubt",
+            r"fit/fast of shape \(3, 3\), expected rows of uncertainty",
         ),
         (
             {"limbs": np.eye(20), "fast": TABLE[:, :2], "fast.signs": EVEN},
-            r"fit/fast of shape \(3, 2\), expected rows of doubt",
+            r"fit/fast of shape \(3, 2\), expected rows of uncertainty",
         ),
         (
             {"limbs": np.eye(20), "fast": TABLE * (0, 1, 1) + ((0, 0, 0), (1, 0, 0), (2, 0, 0)), "fast.signs": EVEN},
-            r"fit/fast of shape \(3, 3\), expected rows of doubt",
+            r"fit/fast of shape \(3, 3\), expected rows of uncertainty",
         ),
         (
             {"limbs": np.eye(20), "fast": TABLE, "fast.signs": -EVEN},
@@ -114,33 +114,33 @@ def test_covariance() -> None:
 @given(st.lists(st.tuples(st.floats(1, 1000), st.floats(0, 100)), min_size=2, max_size=200, unique_by=lambda p: p[0]))
 def test_a_table_is_ascending(pairs: list[tuple[float, float]]) -> None:
     """Whatever the fits were; and it keeps the mean error."""
-    doubt, error = np.array(pairs).T
-    table = table_of(doubt, error)
+    uncertainty, error = np.array(pairs).T
+    table = table_of(uncertainty, error)
     assert (np.diff(table[:, 0]) > 0).all()
     assert (np.diff(table[:, 1]) >= -1e-9).all() and (np.diff(table[:, 2]) <= 1e-9).all()
     assert error.min() - 1e-9 <= table[:, 1].min() and table[:, 1].max() <= error.max() + 1e-9
 
 
 def test_crops_that_show_nothing() -> None:
-    """Their doubt is infinite: the table is that of the others."""
-    doubt, error = np.arange(1.0, 101), np.linspace(2, 60, 100)
-    shown = table_of(doubt, error)
-    np.testing.assert_array_equal(table_of(np.append(doubt, [np.inf] * 7), np.append(error, [99.0] * 7)), shown)
+    """Their uncertainty is infinite: the table is that of the others."""
+    uncertainty, error = np.arange(1.0, 101), np.linspace(2, 60, 100)
+    shown = table_of(uncertainty, error)
+    np.testing.assert_array_equal(table_of(np.append(uncertainty, [np.inf] * 7), np.append(error, [99.0] * 7)), shown)
 
 
 def test_too_little_to_measure() -> None:
     """One fit, or many that are alike: no table that nobody could read again."""
     for count in (1, 30):
-        with pytest.raises(DataError, match=f"{count} fits with the same doubt, expected many different ones"):
+        with pytest.raises(DataError, match=f"{count} fits with the same uncertainty, expected many different ones"):
             table_of(np.full(count, 3.0), np.linspace(1, 50, count))
-    with pytest.raises(DataError, match="0 fits with the same doubt"):  # all crops show nothing
+    with pytest.raises(DataError, match="0 fits with the same uncertainty"):  # all crops show nothing
         table_of(np.full(30, np.inf), np.linspace(1, 50, 30))
 
 
 def test_a_table_of_fits_that_are_known() -> None:
-    """Errors that grow with the doubt come back."""
-    doubt = np.random.default_rng(0).uniform(1, 100, 5000)
-    errors = NetworkErrors(np.eye(1), {"fast": table_of(doubt, 3 + doubt / 2)}, {"fast": EVEN})
+    """Errors that grow with the uncertainty come back."""
+    uncertainty = np.random.default_rng(0).uniform(1, 100, 5000)
+    errors = NetworkErrors(np.eye(1), {"fast": table_of(uncertainty, 3 + uncertainty / 2)}, {"fast": EVEN})
     _, expected, chance = errors.expected("fast", all_signs([20, 50, 90]))
     np.testing.assert_allclose(expected, [13, 28, 48], atol=0.5)
     assert chance[0] == 1 and chance[2] == 0
@@ -149,7 +149,7 @@ def test_a_table_of_fits_that_are_known() -> None:
 def test_the_doubt() -> None:
     """The geometric mean of 1 + each sign."""
     signs = np.array([[0.0, 3, 8, 0, 0]])
-    np.testing.assert_allclose(doubt_of(signs, np.array([0, 0.5, 0.5, 0, 0])), [6])
+    np.testing.assert_allclose(uncertainty_of(signs, np.array([0, 0.5, 0.5, 0, 0])), [6])
 
 
 def test_the_sign_that_tells_failures_gets_the_weight() -> None:

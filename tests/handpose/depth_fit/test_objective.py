@@ -48,8 +48,8 @@ def test_the_truth_costs_little(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
-    """Limbs by their precision, the forearm by its deviation, size and girth by theirs, the palm by the ends' mm."""
-    weights = Weights(limbs=2.0, size=0.1, girth=0.2)
+    """Limbs by their precision, the forearm by its deviation, size, thickness by theirs, the palm by the ends' mm."""
+    weights = Weights(limbs=2.0, size=0.1, thickness=0.2)
     objective = Objective(model, weights)
     x = scene.truth.copy()
     x[0, model.limbs[3]] += 0.1

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
+from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import HandCrops
 from handpose.depth_fit.rejection import (
     CAP_MM,
-    MISFIT_MM,
+    COST_MM,
     MOVED,
     OUTSIDE_MM,
     STRETCHED_MM,
@@ -55,7 +55,7 @@ def test_a_hand_is_not_rejected(model: CapsuleModel, fit: DepthFit, crop: np.nda
 
 
 def test_each_figure(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
-    """An empty picture, a prediction 20 mm away, a hand beside the image, a misfit, a larger hand."""
+    """An empty picture, a prediction 20 mm away, a hand beside the image, a cost, a larger hand."""
 
     def of(fit: DepthFit = fit, crop: np.ndarray = crop, uvd: np.ndarray = UVD) -> float:
         return score(model, fit, crop, uvd)
@@ -63,8 +63,8 @@ def test_each_figure(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> No
     assert of(crop=np.ones_like(crop)) == pytest.approx(2 * CAP_MM, abs=1)
     assert of(replace(fit, network=fit.joints + (20, 0, 0))) == pytest.approx(MOVED * 20 + of())
     assert of(crop=np.ones_like(crop), uvd=np.array([[-300.0, 240, 700]])) >= OUTSIDE_MM
-    assert of(replace(fit, misfit=np.array([np.e**3]))) == pytest.approx(3 * MISFIT_MM + of())
-    for variable in (SIZE, GIRTH):
+    assert of(replace(fit, cost=np.array([np.e**3]))) == pytest.approx(3 * COST_MM + of())
+    for variable in (SIZE, THICKNESS):
         larger = fit.x.copy()
         larger[0, variable] -= 0.2
         assert of(replace(fit, x=larger)) > 0.2 * STRETCHED_MM

@@ -30,7 +30,7 @@ def test_points_between_the_ends(model: CapsuleModel) -> None:
     for place, ends in ((0, model.start), (1, model.end)):
         c, radius = cones.at(np.full((2, M), place, np.float32))
         np.testing.assert_allclose(c, posed.ends[:, ends].swapaxes(1, 2), atol=1e-4)
-        np.testing.assert_allclose(radius, model.radii[:, place] * posed.girth[:, None], rtol=1e-5)
+        np.testing.assert_allclose(radius, model.radii[:, place] * posed.thickness[:, None], rtol=1e-5)
         some, own = cones.of(belonging(chosen, M)).at(np.full((2, 3), place, np.float32))
         np.testing.assert_array_equal(some, np.take_along_axis(c, chosen[:, None], axis=2))
         np.testing.assert_array_equal(own, np.take_along_axis(radius, chosen, axis=1))

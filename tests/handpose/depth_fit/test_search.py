@@ -7,7 +7,7 @@ import pytest
 
 from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.objective import Objective, Weights
-from handpose.depth_fit.search import ACCURATE, PLANS, drawn, misfit, search, turned_back
+from handpose.depth_fit.search import ACCURATE, PLANS, data_cost, drawn, search, turned_back
 from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError
 from tests.handpose.depth_fit.conftest import Scene
@@ -85,4 +85,4 @@ def test_the_best_explained_start_wins(model: CapsuleModel, scene: Scene) -> Non
     found = search(objective, scene.seen, starts, starts, precision, ACCURATE)
     assert (found.start == 1).mean() > 0.7
     alone = search(objective, scene.seen, starts[:1], starts[:1], precision, ACCURATE)
-    assert misfit(found.parts).mean() < 0.6 * misfit(alone.parts).mean() and (alone.start == 0).all()
+    assert data_cost(found.parts).mean() < 0.6 * data_cost(alone.parts).mean() and (alone.start == 0).all()

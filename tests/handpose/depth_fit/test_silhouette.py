@@ -15,7 +15,7 @@ from tests.handpose.depth_fit.conftest import Scene, written_out
 def test_spheres_are_on_the_skeletons_own_capsules(model: CapsuleModel) -> None:
     """Not on the forearm, whose end nobody knows."""
     capsule, place = spheres_of(model)
-    assert not model.flesh.limbs[capsule].any() and len(capsule) == (~model.flesh.limbs).sum()
+    assert not model.surface.limbs[capsule].any() and len(capsule) == (~model.surface.limbs).sum()
     assert (place == 1).all()
 
 

@@ -5,31 +5,31 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
+from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.observation import observe
 from handpose.depth_fit.size_calibration import GRID, HandSize, calibrate_size, sized
 from handpose.facts.cameras import NYU
-from handpose.surface.model import Flesh
+from handpose.surface.model import Surface
 from handpose.surface.render import normalise_depth, render_crop
 from netlib.errors import DataError
 from tests.handpose.depth_fit.conftest import Scene
 
 
-@pytest.mark.parametrize(("size", "girth"), [(0.92, 1.15), (0.761, 1.0), (1.329, 1.0)])
-def test_the_size_of_a_hand(model: CapsuleModel, scene: Scene, size: float, girth: float) -> None:
+@pytest.mark.parametrize(("size", "thickness"), [(0.92, 1.15), (0.761, 1.0), (1.329, 1.0)])
+def test_the_size_of_a_hand(model: CapsuleModel, scene: Scene, size: float, thickness: float) -> None:
     """Twelve frames of a hand that is so large and so thick, fitted with some other size."""
     truth = scene.truth.copy()
-    truth[:, SIZE], truth[:, GIRTH] = np.log(size), np.log(girth)
+    truth[:, SIZE], truth[:, THICKNESS] = np.log(size), np.log(thickness)
     capsules = model.capsules(truth, NYU.unproject(scene.center_uvd))
     depth = render_crop(capsules, scene.center_uvd, 300.0)
     seen = observe(normalise_depth(depth, scene.center_uvd[:, 2], 300.0), scene.center_uvd, NYU, 300.0, 200)
     fitted = scene.truth + np.random.default_rng(0).normal(0, 0.03, scene.truth.shape)
     done: list[int] = []
     found = calibrate_size(DepthFitter(model), seen, fitted, done.append)
-    assert found.size == pytest.approx(size, abs=0.012) and found.girth == pytest.approx(girth, abs=0.05)
+    assert found.size == pytest.approx(size, abs=0.012) and found.thickness == pytest.approx(thickness, abs=0.05)
     assert found.deviation < 0.02 and sum(done) == 12 * len(GRID)
-    assert found.misfits.argmin() == np.abs(GRID - size).argmin() and not found.at_the_edge
+    assert found.costs.argmin() == np.abs(GRID - size).argmin() and not found.at_the_edge
 
 
 def test_sizes_that_are_tried(model: CapsuleModel, scene: Scene) -> None:
@@ -43,9 +43,9 @@ def test_sizes_that_are_tried(model: CapsuleModel, scene: Scene) -> None:
     found = calibrate_size(fitter, seen, truth, sizes=near)
     assert found.size == pytest.approx(0.95, abs=0.015)
     np.testing.assert_array_equal(found.sizes, near)
-    assert found.misfits.shape == (6,)
+    assert found.costs.shape == (6,)
     larger = calibrate_size(fitter, seen, truth, sizes=1.05 * near[-3:] / near[-3])
-    assert larger.size <= 1.05 and larger.misfits.argmin() == 0 and larger.at_the_edge
+    assert larger.size <= 1.05 and larger.costs.argmin() == 0 and larger.at_the_edge
 
 
 def test_too_few_frames(model: CapsuleModel, scene: Scene) -> None:
@@ -59,4 +59,4 @@ def test_a_skeleton_of_that_size(model: CapsuleModel) -> None:
     found = HandSize(1.1, 1.2, 0.0, GRID, GRID)
     person = sized(model.skeleton, found)
     np.testing.assert_allclose(person.bones, 1.1 * model.skeleton.bones)
-    np.testing.assert_allclose(Flesh(person).radii, 1.32 * model.flesh.radii)
+    np.testing.assert_allclose(Surface(person).radii, 1.32 * model.surface.radii)

@@ -99,7 +99,7 @@ def test_points_find_their_capsules(model: CapsuleModel, scene: Scene) -> None:
     cones = cones_at(model, scene.truth)
     capsule = nearest_capsules(cones, scene.seen)
     off = np.linalg.norm(point_residuals(cones, scene.seen, capsule).value, axis=1)
-    hand = ~model.flesh.limbs[capsule]
+    hand = ~model.surface.limbs[capsule]
     assert hand.mean() > 0.5 and np.median(off[hand]) < 1.5
 
 

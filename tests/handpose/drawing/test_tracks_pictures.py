@@ -42,19 +42,19 @@ def test_joints_are_where_the_camera_sees_them(hand: TrackedHand) -> None:
         assert tuple(picture[y, x]) == colour, finger
 
 
-def test_flesh_lies_over_the_depth_that_it_explains() -> None:
+def test_surface_lies_over_the_depth_that_it_explains() -> None:
     """Skin where the hand was seen, the grey picture everywhere else but for crop and words."""
     without = replace(RIGHT, capsules=None)
     rows, columns = slice(HEAD, HEAD + 528), slice(0, 704)
     depth = seen([RIGHT])
-    bare, fleshed = (annotated(depth, of(hand), HEADER)[rows, columns].astype(int) for hand in (without, RIGHT))
+    bare, with_surface = (annotated(depth, of(hand), HEADER)[rows, columns].astype(int) for hand in (without, RIGHT))
     alone = np.kron(depth < 1500, np.ones((1, 1))) > 0
-    changed = (bare != fleshed).any(axis=2)
+    changed = (bare != with_surface).any(axis=2)
     x, y = (np.rint((np.arange(n) + 0.5) / ZOOM - 0.5).astype(int).clip(0) for n in (704, 528))
     hand = alone[y.clip(max=119)][:, x.clip(max=159)]
     assert changed[hand].mean() > 0.7  # the rest is under bones
     assert changed[~hand].mean() < 0.03
-    blue, _, red = np.moveaxis(fleshed[changed & hand], -1, 0)
+    blue, _, red = np.moveaxis(with_surface[changed & hand], -1, 0)
     assert (red > blue + 10).mean() > 0.9
 
 

@@ -32,10 +32,10 @@ def test_the_joints_of_a_finger_follow_each_other() -> None:
 
 def test_the_skin_is_a_radius_beyond_the_last_joint() -> None:
     """The packaged numbers are the skeleton file's radius at the tip, relative to its last bone."""
-    flesh = PEOPLE.param.flesh
-    assert flesh is not None
+    surface = PEOPLE.param.flesh
+    assert surface is not None
     for finger, part in SKIN.items():
-        last = next(capsule for capsule in flesh.capsule if capsule.to == f"{finger}_tip")
+        last = next(capsule for capsule in surface.capsule if capsule.to == f"{finger}_tip")
         assert part == pytest.approx(
             last.radius[-1] / PEOPLE.bones[PEOPLE.joint_names.index(f"{finger}_tip")], abs=0.01
         )

@@ -50,8 +50,8 @@ def frame() -> np.ndarray:
     """Depth (424, 512) in mm of a hand some 700 mm before a Kinect v2 and a wall behind it."""
     sampler, rng = BodySampler(), np.random.default_rng(1)
     hand = sampler.draw(rng, 1)
-    flesh = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
-    return render_image(flesh, KINECT2, background=1500.0)[0]
+    surface = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
+    return render_image(surface, KINECT2, background=1500.0)[0]
 
 
 def some_crop() -> np.ndarray:

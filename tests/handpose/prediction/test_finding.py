@@ -32,8 +32,8 @@ def whole_frames(camera, count=COUNT):
     sampler, rng = BodySampler(), np.random.default_rng(7)
     hands = sampler.draw(rng, count)
     center = camera.unproject(sampler.centers(rng, count, camera))
-    flesh = capsules_of(sampler, rng, hands, center, ARM_BEHIND)
-    return render_image(flesh, camera), center
+    surface = capsules_of(sampler, rng, hands, center, ARM_BEHIND)
+    return render_image(surface, camera), center
 
 
 @pytest.fixture(scope="module")

@@ -94,7 +94,7 @@ def test_the_place_that_looks_most_like_a_hand(frame: np.ndarray) -> None:
 
 
 def test_a_speck_is_no_hand() -> None:
-    """Nothing contradicts a hand where little is to be seen: not the doubt chooses between places."""
+    """Nothing contradicts a hand where little is to be seen: not the uncertainty chooses between places."""
     depth = draw_scenes(np.random.default_rng(77), 1).depth[0].copy()
     predictor = load_predictor(fit="fast", hand="right")
     hand = predictor.in_frame(depth).center_mm

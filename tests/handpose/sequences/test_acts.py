@@ -100,7 +100,7 @@ def test_elbows_stay_on_their_side() -> None:
         movement = played(Act("moving", 6), seconds=6, side=side, outward=outward)
         for time in np.arange(0, 6, 0.5):
             pose = movement.pose_at(time)
-            limb = (pose.capsules.b - pose.capsules.a)[0, SAMPLER.flesh.limbs][0]
+            limb = (pose.capsules.b - pose.capsules.a)[0, SAMPLER.surface.limbs][0]
             limb /= np.linalg.norm(limb)
             assert limb[0] * outward > -0.75 and limb[1] < 0.6 and limb[2] > -0.6
 
@@ -127,7 +127,7 @@ def test_gestures_differ_and_keep_the_limits() -> None:
     for pose in SAMPLER.prior.pose:
         bent = np.array([part.part for part in pose.bend])
         inputs = fingers_of(pose.name, person, SAMPLER)
-        whole = np.zeros((1, len(person.flesh.whole.initial)))
+        whole = np.zeros((1, len(person.surface.whole.initial)))
         whole[0, : len(inputs)] = inputs
         joints = person.joints(whole)[0]
         assert person.penetration_mm(whole)[0] <= SAMPLER.prior.penetration

@@ -18,7 +18,7 @@ from handpose.synthetic.pose_prior import BodySampler
 SAMPLER = BodySampler()
 PERSON = Person.draw(np.random.default_rng(3), SAMPLER)
 HAND = SAMPLER.draw(np.random.default_rng(4), 2)
-ARM = np.zeros(len(PERSON.flesh.whole.initial) - len(SAMPLER.skeleton.initial))
+ARM = np.zeros(len(PERSON.surface.whole.initial) - len(SAMPLER.skeleton.initial))
 
 
 def test_a_stroke() -> None:
@@ -88,7 +88,7 @@ def test_posed_hands_have_their_middle_at_the_origin() -> None:
     palm = Rotation.random(2, np.random.default_rng(2))
     fingers = HAND.inputs.copy()
     whole = posed(SAMPLER, PERSON, fingers, palm, np.stack([ARM, ARM]))
-    kinematics = PERSON.flesh.kinematics
+    kinematics = PERSON.surface.kinematics
     pose = kinematics.forward(whole, np.stack([PERSON.bones, PERSON.bones]))
     joint = SAMPLER.skeleton.joint_names.index("palm")
     np.testing.assert_allclose(kinematics.rotation_of(pose, joint), palm.as_matrix(), atol=1e-9)
@@ -97,7 +97,7 @@ def test_posed_hands_have_their_middle_at_the_origin() -> None:
 
 
 def test_a_left_hand_is_the_mirror_image() -> None:
-    """About the middle of its crop, which is not mirrored; joints and flesh alike."""
+    """About the middle of its crop, which is not mirrored; joints and surface alike."""
     place, palm = np.array([100.0, 50.0, 600.0]), Rotation.from_euler("z", 0.3)
     right, left = (
         Movement(SAMPLER, PERSON, side, HAND.inputs[0], palm, ARM, place).pose_at(1.0) for side in ("right", "left")
@@ -108,4 +108,4 @@ def test_a_left_hand_is_the_mirror_image() -> None:
     ends = np.concatenate([right.capsules.a[0], right.capsules.b[0]])
     radii = np.concatenate([right.capsules.radius_a[0], right.capsules.radius_b[0]])
     inside = np.linalg.norm(right.xyz[:, None] - ends, axis=2) < radii
-    assert inside.any(axis=1).all()  # joints are in their flesh
+    assert inside.any(axis=1).all()  # joints are in their surface

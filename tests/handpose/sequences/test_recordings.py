@@ -46,7 +46,7 @@ def test_a_camera_keeps_its_noise_and_its_background() -> None:
 
 
 def test_the_truth_is_what_is_seen() -> None:
-    """Its flesh, rendered, is what a camera without faults sees; joints are those of the inputs."""
+    """Its surface, rendered, is what a camera without faults sees; joints are those of the inputs."""
     for script in ("moving", "left"):
         recording = SyntheticRecording(script, NYU, seconds=4, rate=1, sensor=None)
         header = recording.header

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import NYU
-from handpose.surface.model import Flesh
+from handpose.surface.model import Surface
 from handpose.surface.render import Capsules
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
@@ -16,7 +16,7 @@ from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import render_image
 
 HAND = skeletons.load()
-FLESH = Flesh(HAND)
+SURFACE_BLOCK = Surface(HAND)
 ARM = """name: "arm"
 dof { name: "x" } dof { name: "shoulder" } dof { name: "elbow" }
 joint { name: "root" translate { axis: X dof: "x" } rotate { axis: Z dof: "shoulder" } }
@@ -38,12 +38,12 @@ def body(text: str) -> Skeleton:
 
 
 def test_the_table_of_an_arm() -> None:
-    """Names become numbers; the flesh's own joint and DoF come after the skeleton's."""
-    flesh = Flesh(body(ARM))
-    assert flesh.whole.joint_names == ["root", "end", "tip"] and flesh.skeleton.joint_names == ["root", "end"]
-    assert (flesh.start.tolist(), flesh.end.tolist(), flesh.limbs.tolist()) == ([0, 1], [1, 2], [False, True])
-    np.testing.assert_array_equal(flesh.radii, [[0.2, 0.2], [0.2, 0.1]])
-    np.testing.assert_array_equal(flesh.deviation, [np.inf, np.inf, np.inf, 0.5])
+    """Names become numbers; the surface's own joint and DoF come after the skeleton's."""
+    surface = Surface(body(ARM))
+    assert surface.whole.joint_names == ["root", "end", "tip"] and surface.skeleton.joint_names == ["root", "end"]
+    assert (surface.start.tolist(), surface.end.tolist(), surface.limbs.tolist()) == ([0, 1], [1, 2], [False, True])
+    np.testing.assert_array_equal(surface.radii, [[0.2, 0.2], [0.2, 0.1]])
+    np.testing.assert_array_equal(surface.deviation, [np.inf, np.inf, np.inf, 0.5])
 
 
 def test_the_table_of_wedges() -> None:
@@ -51,34 +51,34 @@ def test_the_table_of_wedges() -> None:
     wedges = """wedge { joint: "root" joint: "end" joint: "tip" radius: 0.3 radius: 0.2 radius: 0.1 part: "web" }
       wedge { joint: "tip" joint: "end" joint: "side" radius: 0.1 radius: 0.2 radius: 0.4 }
       joint { name: "side" parent: "root" bone { axis: Y length: 1 } }"""
-    flesh = Flesh(body(ARM.replace("  offset", wedges + "\n  offset", 1)))
-    ends = list(zip(flesh.start.tolist(), flesh.end.tolist()))
+    surface = Surface(body(ARM.replace("  offset", wedges + "\n  offset", 1)))
+    ends = list(zip(surface.start.tolist(), surface.end.tolist()))
     assert ends == [(0, 1), (0, 2), (1, 2), (2, 3), (1, 3), (0, 1), (1, 2)]
-    assert flesh.parts == ["web", "web", "web", "", "", "upper", ""]
-    spheres = np.stack([flesh.start, flesh.end], axis=1).reshape(-1), flesh.radii.reshape(-1)
-    assert [spheres[0][corner].tolist() for corner in flesh.facets] == [[0, 1, 2], [2, 1, 3]]
-    assert [spheres[1][corner].tolist() for corner in flesh.facets] == [[0.3, 0.2, 0.1], [0.1, 0.2, 0.4]]
+    assert surface.parts == ["web", "web", "web", "", "", "upper", ""]
+    spheres = np.stack([surface.start, surface.end], axis=1).reshape(-1), surface.radii.reshape(-1)
+    assert [spheres[0][corner].tolist() for corner in surface.facets] == [[0, 1, 2], [2, 1, 3]]
+    assert [spheres[1][corner].tolist() for corner in surface.facets] == [[0.3, 0.2, 0.1], [0.1, 0.2, 0.4]]
 
 
 def test_offsets_turn_with_their_axes() -> None:
     """By hand: the shoulder turned a quarter, the elbow back; the tip's own axes are then the world's."""
-    flesh = Flesh(body(ARM))
-    pose = flesh.kinematics.forward(np.array([[0, np.pi / 2, -np.pi / 2, 0.0]]))
-    np.testing.assert_allclose(flesh.ends(pose)[0], [[0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]], atol=1e-12)
-    np.testing.assert_allclose(flesh.ends(pose, size=2.0, offset=0.5)[0, 1], [1.5, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(flesh.ends(pose, offset=0.0), pose.joints, atol=1e-12)
+    surface = Surface(body(ARM))
+    pose = surface.kinematics.forward(np.array([[0, np.pi / 2, -np.pi / 2, 0.0]]))
+    np.testing.assert_allclose(surface.ends(pose)[0], [[0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]], atol=1e-12)
+    np.testing.assert_allclose(surface.ends(pose, size=2.0, offset=0.5)[0, 1], [1.5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(surface.ends(pose, offset=0.0), pose.joints, atol=1e-12)
 
 
-def test_flesh_lies_towards_the_palm() -> None:
+def test_surface_lies_towards_the_palm() -> None:
     """A hand seen from its palm has more before its wrist than one seen from its back; its joints are the same."""
-    inputs = np.zeros((2, len(FLESH.whole.initial)))
+    inputs = np.zeros((2, len(SURFACE_BLOCK.whole.initial)))
     inputs[:, :47] = -HAND.initial
     inputs[1, HAND.dof_names.index("palm_rot_y")] += np.pi
-    pose = FLESH.kinematics.forward(inputs)
-    ends, joints = FLESH.ends(pose) * 150 + (0, 0, 800), pose.joints * 150 + (0, 0, 800)
-    own = ~FLESH.limbs  # a forearm would hide the wrist
-    radii = np.stack([FLESH.radii[own] * 150] * 2)
-    hand = Capsules(ends[:, FLESH.start[own]], ends[:, FLESH.end[own]], radii[..., 0], radii[..., 1])
+    pose = SURFACE_BLOCK.kinematics.forward(inputs)
+    ends, joints = SURFACE_BLOCK.ends(pose) * 150 + (0, 0, 800), pose.joints * 150 + (0, 0, 800)
+    own = ~SURFACE_BLOCK.limbs  # a forearm would hide the wrist
+    radii = np.stack([SURFACE_BLOCK.radii[own] * 150] * 2)
+    hand = Capsules(ends[:, SURFACE_BLOCK.start[own]], ends[:, SURFACE_BLOCK.end[own]], radii[..., 0], radii[..., 1])
     at = NYU.project(joints)
     for joint, least, most in (("wrist_middle", 14, 24), ("ring_mcp", 8, 18), ("ring_tip", -3, 3)):
         k = HAND.joint_names.index(joint)
@@ -91,8 +91,11 @@ def test_flesh_lies_towards_the_palm() -> None:
 
 def test_what_keeps_apart() -> None:
     """Parts of different digits, and digits and the palm; not what is together at rest, nor what has no part."""
-    name = [f"{FLESH.whole.joint_names[a]}-{FLESH.whole.joint_names[b]}" for a, b in zip(FLESH.start, FLESH.end)]
-    pairs = {frozenset((name[i], name[j])) for i, j in zip(*FLESH.apart)}
+    name = [
+        f"{SURFACE_BLOCK.whole.joint_names[a]}-{SURFACE_BLOCK.whole.joint_names[b]}"
+        for a, b in zip(SURFACE_BLOCK.start, SURFACE_BLOCK.end)
+    ]
+    pairs = {frozenset((name[i], name[j])) for i, j in zip(*SURFACE_BLOCK.apart)}
     for one, other in (
         ("index_dip-index_tip", "middle_base-middle_pip_a"),
         ("thumb_pip-thumb_dip", "index_base-index_pip_a"),
@@ -119,22 +122,22 @@ def test_penetration_of_two_arms() -> None:
         flesh { joint { name: "f" parent: "e" bone { axis: X length: 2 } }
         capsule { from: "a" to: "b" radius: 0.3 part: "one" } capsule { from: "e" to: "f" radius: 0.5 part: "two" } }"""
     )
-    flesh = Flesh(crossed)
-    ends = flesh.ends(flesh.kinematics.forward(np.array([[0.0], [-4.4]])))
-    np.testing.assert_allclose(flesh.penetration(ends, np.stack([flesh.radii] * 2)), [-4.2, 0.2])
-    alone = Flesh(body(ARM))
+    surface = Surface(crossed)
+    ends = surface.ends(surface.kinematics.forward(np.array([[0.0], [-4.4]])))
+    np.testing.assert_allclose(surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2])
+    alone = Surface(body(ARM))
     assert alone.penetration(np.zeros((1, 3, 3)), alone.radii[None]) == -np.inf
 
 
-def test_flesh_is_written_and_scaled_with_its_body() -> None:
-    """The text reads back the same; twice the body has twice the flesh."""
+def test_surface_is_written_and_scaled_with_its_body() -> None:
+    """The text reads back the same; twice the body has twice the surface."""
     assert body(text_of(HAND.param, "hand", "")).param.flesh == HAND.param.flesh
-    flesh, twice = Flesh(body(ARM)), Flesh(body(ARM).scaled(2))
+    surface, twice = Surface(body(ARM)), Surface(body(ARM).scaled(2))
     inputs = np.full((1, 4), 0.3)
     inputs[:, 0] = 0
-    np.testing.assert_allclose(twice.radii, 2 * flesh.radii)
+    np.testing.assert_allclose(twice.radii, 2 * surface.radii)
     np.testing.assert_allclose(
-        twice.ends(twice.kinematics.forward(inputs)), 2 * flesh.ends(flesh.kinematics.forward(inputs))
+        twice.ends(twice.kinematics.forward(inputs)), 2 * surface.ends(surface.kinematics.forward(inputs))
     )
 
 
@@ -178,12 +181,12 @@ def test_mistakes(old: str, new: str, message: str) -> None:
     """Each says its place in the file."""
     assert ARM.count(old) == 1
     with pytest.raises(PrototxtError, match=message):
-        Flesh(body(ARM.replace(old, new)))
+        Surface(body(ARM.replace(old, new)))
 
 
-def test_a_skeleton_without_flesh() -> None:
+def test_a_skeleton_without_surface() -> None:
     """Is a skeleton, but nothing to be seen."""
     with pytest.raises(NetlibError, match=r"skeleton 'arm' has no flesh"):
-        Flesh(body(ARM[: ARM.index("flesh")]))
+        Surface(body(ARM[: ARM.index("flesh")]))
     with pytest.raises(PrototxtError, match="no capsule"):
-        Flesh(body(ARM[: ARM.index("flesh")] + "flesh { }"))
+        Surface(body(ARM[: ARM.index("flesh")] + "flesh { }"))

@@ -64,7 +64,7 @@ def test_the_scene_of_a_block(generator: Generator, frames: Frames) -> None:
     np.testing.assert_array_equal(scene.center_uvd, frames.center_uvd)
 
 
-def test_joints_are_inside_the_flesh() -> None:
+def test_joints_are_inside_the_surface() -> None:
     """Along the ray through a joint the surface is in front of it; mostly no more than a finger or palm in front."""
     frames = Generator(seed=3, recipe=Recipe(views=(View(NYU, None),))).block(0)
     joints = frames.joint.reshape(-1, 31, 3).astype(float)
@@ -117,19 +117,19 @@ def test_every_roll_and_every_camera() -> None:
 
 @pytest.mark.parametrize("frame", [0, 772])
 def test_real_hands(nyu_data: Path, generator: Generator, frame: int) -> None:
-    """Flesh on the annotated joints of a real frame covers the real hand and lies at its depth."""
+    """Surface on the annotated joints of a real frame covers the real hand and lies at its depth."""
     published = cv2.imread(str(nyu_data / "crops" / f"{frame}.png"), cv2.IMREAD_GRAYSCALE)
     assert published is not None
     real = published / 127.5 - 1
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][frame].astype(float)
     joints = NYU.unproject(uvd[list(ANNOTATION_OF_JOINT)])[None]
-    flesh = generator.sampler.flesh
+    surface = generator.sampler.surface
     palm = palm_frame(joints[0], generator.sampler.skeleton)[None]
-    joints = np.concatenate([joints, np.zeros((1, len(flesh.whole.joint_names) - 31, 3))], axis=1) / 150
-    ends = flesh.ends_at(joints, dict.fromkeys(flesh.offsets, palm)) * 150
-    own = ~flesh.limbs  # without the forearm, whose direction is not annotated
-    radii = flesh.radii[None, own] * 150
-    hand = Capsules(ends[:, flesh.start[own]], ends[:, flesh.end[own]], radii[..., 0], radii[..., 1])
+    joints = np.concatenate([joints, np.zeros((1, len(surface.whole.joint_names) - 31, 3))], axis=1) / 150
+    ends = surface.ends_at(joints, dict.fromkeys(surface.offsets, palm)) * 150
+    own = ~surface.limbs  # without the forearm, whose direction is not annotated
+    radii = surface.radii[None, own] * 150
+    hand = Capsules(ends[:, surface.start[own]], ends[:, surface.end[own]], radii[..., 0], radii[..., 1])
     center = uvd[None, CENTER_JOINT]
     made = normalise_depth(render_crop(hand, center, 300.0), center[:, 2], 300.0)[0]
     wrist = int(crop_pixels(uvd[None, 30:32], center, 300.0)[0, :, 1].min())

@@ -48,10 +48,10 @@ def test_parameters_are_the_models(sampler: BodySampler) -> None:
 def test_fingers_rarely_run_through_each_other(sampler: BodySampler) -> None:
     """Hardly a hand has parts deeper in each other than the prior allows."""
     hands = sampler.draw(np.random.default_rng(0), 500)
-    flesh, inputs = sampler.flesh, np.zeros((500, len(sampler.flesh.whole.initial)))
+    surface, inputs = sampler.surface, np.zeros((500, len(sampler.surface.whole.initial)))
     inputs[:, : hands.inputs.shape[1]] = hands.inputs
-    ends = flesh.ends(flesh.kinematics.forward(inputs, hands.bones), hands.scale)
-    depth = flesh.penetration(ends, flesh.radii * hands.scale[:, None, None]) * 150
+    ends = surface.ends(surface.kinematics.forward(inputs, hands.bones), hands.scale)
+    depth = surface.penetration(ends, surface.radii * hands.scale[:, None, None]) * 150
     assert (depth > prior_file.load().penetration + 1).mean() < 0.01
 
 
@@ -69,7 +69,7 @@ def test_bones_of_a_group_differ_together() -> None:
     group = ProportionParameter(("index_pip_a", "index_pip_b"), 0.1)
     prior = prior_file.load().but(scale_mean=0.8, scale_std=0.0, bone_std=0.0, proportion=(group,))
     sampler = BodySampler(prior)
-    bones, own = sampler.draw(np.random.default_rng(0), 500).bones, sampler.flesh.whole.bones
+    bones, own = sampler.draw(np.random.default_rng(0), 500).bones, sampler.surface.whole.bones
     index = [sampler.skeleton.joint_names.index(joint) for joint in group.joint]
     others = np.setdiff1d(np.arange(len(own)), index)
     np.testing.assert_allclose(bones[:, others], np.tile(0.8 * own[others], (500, 1)))

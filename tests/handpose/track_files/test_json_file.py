@@ -61,7 +61,7 @@ def test_what_is_written_can_be_read(tmp_path_factory: pytest.TempPathFactory, l
 
 @both
 def test_the_packaged_hand(tmp_path: Path, layout: str) -> None:
-    """With its flesh; bones stand in the file where they are new."""
+    """With its surface; bones stand in the file where they are new."""
     frames = any_track(HAND, 3, 8)
     track = written(tmp_path / f"a.{layout}", HAND, frames)
     check_same(track, HAND, frames)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.depth_fit.body import SIZE, CapsuleModel
-from handpose.tracking.body_pose import Placed, Placer, motion_between, moved
+from handpose.tracking.body_pose import PoseConverter, WorldPose, motion_between, moved
 from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError
 from tests.support.made_tracks import skeleton_of
@@ -56,12 +56,12 @@ def any_x(model: CapsuleModel, seed: int) -> np.ndarray:
 
 def check_round_trip(model: CapsuleModel, x: np.ndarray, first: np.ndarray, second: np.ndarray) -> None:
     """The joints, in space, are the same about another centre; the root's angles are within half a turn."""
-    placer = Placer(model)
-    body = placer.placed(x, first)
-    again = placer.variables(body, second)
+    converter = PoseConverter(model)
+    body = converter.world_pose(x, first)
+    again = converter.variables(body, second)
     np.testing.assert_allclose(model.joints(again[None])[0] + second, model.joints(x[None])[0] + first, atol=1e-3)
-    np.testing.assert_array_equal(again[placer.others], x[placer.others])
-    turns = np.setdiff1d(model.root, placer._slides)
+    np.testing.assert_array_equal(again[converter.others], x[converter.others])
+    turns = np.setdiff1d(model.root, converter._slides)
     assert (np.abs(again[turns]) <= np.pi).all()
 
 
@@ -71,7 +71,7 @@ def test_there_and_back(model: CapsuleModel, seed: int, first: tuple[float, ...]
     check_round_trip(model, any_x(model, seed), np.array(first), np.array(second))
 
 
-@pytest.mark.parametrize("made", ROOTS, ids=lambda made: " ".join(str(m) for m in Placer(made)._axes))
+@pytest.mark.parametrize("made", ROOTS, ids=lambda made: " ".join(str(m) for m in PoseConverter(made)._axes))
 def test_roots_of_all_kinds(made: CapsuleModel) -> None:
     """Whatever the order of its axes, and their signs; also where two of them coincide."""
     for seed in range(30):
@@ -89,16 +89,16 @@ def test_roots_of_all_kinds(made: CapsuleModel) -> None:
 def test_place_and_rotation(model: CapsuleModel, made: CapsuleModel | None) -> None:
     """Are the root's, as the kinematics have them."""
     own = made or model
-    kinematics, placer, center = kinematics_of(own.skeleton), Placer(own), np.array([5.0, -30, 650])
+    kinematics, converter, center = kinematics_of(own.skeleton), PoseConverter(own), np.array([5.0, -30, 650])
     for seed in range(20):
         x = any_x(own, seed)
         x[SIZE] = 0
         pose = kinematics.forward(own.inputs_of(x[None]))
         root = int(np.flatnonzero(own.skeleton.parents < 0)[0])
-        placed = placer.placed(x, center)
+        placed = converter.world_pose(x, center)
         np.testing.assert_allclose(placed.place, pose.joints[0, root] * 150 + center)
         np.testing.assert_allclose(placed.rotation, kinematics.rotation_of(pose, root)[0], atol=1e-12)
-        np.testing.assert_array_equal(placed.rotation, placer.rotation(x))
+        np.testing.assert_array_equal(placed.rotation, converter.rotation(x))
 
 
 @pytest.mark.parametrize(
@@ -110,14 +110,14 @@ def test_place_and_rotation(model: CapsuleModel, made: CapsuleModel | None) -> N
 def test_other_roots(kind: tuple[str, ...]) -> None:
     """Cannot be followed."""
     with pytest.raises(NetlibError, match="skeleton 'made up': its root does not translate along x, y, z and turn"):
-        Placer(body(*kind))
+        PoseConverter(body(*kind))
 
 
 @given(seed=SEEDS, seconds=st.floats(0.01, 2))
 def test_motion_leads_there(model: CapsuleModel, seed: int, seconds: float) -> None:
     """From one pose to another; half of the time is half of the way, and none is none."""
-    placer, center = Placer(model), np.zeros(3)
-    first, second = (placer.placed(any_x(model, seed + i), center) for i in range(2))
+    converter, center = PoseConverter(model), np.zeros(3)
+    first, second = (converter.world_pose(any_x(model, seed + i), center) for i in range(2))
     motion = motion_between(first, second, seconds)
     there, half, stay = (moved(first, motion, part * seconds) for part in (1, 0.5, 0))
     for found, expected in ((there, second), (stay, first)):
@@ -129,8 +129,8 @@ def test_motion_leads_there(model: CapsuleModel, seed: int, seconds: float) -> N
 
 def test_how_fast() -> None:
     """A quarter turn about y in half a second, 10 mm along x."""
-    first = Placed(np.zeros(3), np.eye(3), np.zeros(2))
-    second = Placed(np.array([10.0, 0, 0]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0, 0.1]))
+    first = WorldPose(np.zeros(3), np.eye(3), np.zeros(2))
+    second = WorldPose(np.array([10.0, 0, 0]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0, 0.1]))
     motion = motion_between(first, second, 0.5)
     np.testing.assert_allclose(motion.place, [20, 0, 0])
     np.testing.assert_allclose(motion.turn, [0, np.pi, 0], atol=1e-9)

@@ -7,17 +7,17 @@ import pytest
 
 from handpose.facts.cameras import Camera
 from handpose.track_files.track import HIDDEN, LEFT
-from handpose.tracking.looking import Aim
+from handpose.tracking.pose_estimator import SearchRegion
 from handpose.tracking.reasons import NO_HAND, reason
-from tests.handpose.tracking.test_following import sight
+from tests.handpose.tracking.test_hand_track import estimate
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
 
 
 def why(depth: np.ndarray, u: float = 80, v: float = 60, d: float = 600, confidence: float | None = 0.2) -> str:
     """The reason for a hand that was expected there."""
-    seen = None if confidence is None else sight(confidence=confidence)
-    return reason(depth.astype(np.float32), CAMERA, 300.0, Aim(np.array([u, v, d]), "right"), seen)
+    seen = None if confidence is None else estimate(confidence=confidence)
+    return reason(depth.astype(np.float32), CAMERA, 300.0, SearchRegion(np.array([u, v, d]), "right"), seen)
 
 
 def wall(mm: float = 1500) -> np.ndarray:

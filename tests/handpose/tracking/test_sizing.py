@@ -14,16 +14,16 @@ from handpose.facts.cameras import NYU
 from handpose.surface.render import normalise_depth, render_crop
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
-from handpose.tracking.looking import Aim, Sight
+from handpose.tracking.pose_estimator import Estimate, SearchRegion
 from handpose.tracking.sizing import PREFERS_LARGER, SizeKeeper
 
 TRUE, COUNT = 0.93, 60
-# Of the model's own pictures the least misfit has the true size; what is found allows for other surfaces and cameras.
+# Of the model's own pictures the least cost has the true size; what is found allows for other surfaces and cameras.
 FOUND = TRUE * np.exp(-PREFERS_LARGER)
 
 
 @pytest.fixture(scope="module")
-def looker(model: CapsuleModel) -> Any:
+def estimator(model: CapsuleModel) -> Any:
     """What of it is needed."""
     return SimpleNamespace(fitter=DepthFitter(model), camera=NYU, cube_mm=300.0)
 
@@ -41,52 +41,54 @@ def hands(model: CapsuleModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return normalise_depth(depth, uvd[:, 2], 300.0), uvd, fitted
 
 
-def sights(hands: tuple[np.ndarray, np.ndarray, np.ndarray], side: str, confidence: float = 1.0) -> list[Sight]:
+def estimates(hands: tuple[np.ndarray, np.ndarray, np.ndarray], side: str, confidence: float = 1.0) -> list[Estimate]:
     """Of these hands, or of their mirror images."""
     found = []
     for crop, uvd, x in zip(*hands):
         if side == "left":
             crop, uvd = crop[:, ::-1], np.array([2 * NYU.u0 - uvd[0], *uvd[1:]])
-        fit: Any = SimpleNamespace(x=x[None], confidence=np.array([confidence]), doubt=np.ones(1))
-        found.append(Sight(Aim(uvd, side), np.zeros(3), crop, fit, None))  # type: ignore[arg-type]
+        fit: Any = SimpleNamespace(x=x[None], confidence=np.array([confidence]), uncertainty=np.ones(1))
+        found.append(Estimate(SearchRegion(uvd, side), np.zeros(3), crop, fit, None))  # type: ignore[arg-type]
     return found
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_the_size_of_a_hand(looker: Any, hands: Any, side: str) -> None:
+def test_the_size_of_a_hand(estimator: Any, hands: Any, side: str) -> None:
     """Is told once, after some seconds of frames."""
-    keeper, told = SizeKeeper(looker), []
-    for n, sight in enumerate(sights(hands, side)):
-        told.append(keeper.take(sight, n / 5))
+    keeper, told = SizeKeeper(estimator), []
+    for n, estimate in enumerate(estimates(hands, side)):
+        told.append(keeper.take(estimate, n / 5))
         if told[-1] is not None:
             break
     assert len(told) > 5 and told[:-1] == [None] * (len(told) - 1)
     assert told[-1] == pytest.approx(FOUND, abs=0.02)
 
 
-def test_a_size_far_from_what_was_expected(looker: Any, hands: Any) -> None:
+def test_a_size_far_from_what_was_expected(estimator: Any, hands: Any) -> None:
     """Hands that were fitted as another's, a fifth smaller: the sizes that are tried go on to the true one."""
     crops, uvd, x = hands
     wrong = x.copy()
     wrong[:, SIZE] = np.log(0.8)
-    keeper, told = SizeKeeper(looker), []
-    for n, sight in enumerate(sights((crops, uvd, wrong), "right")):
-        told.append(keeper.take(sight, n / 5))
+    keeper, told = SizeKeeper(estimator), []
+    for n, estimate in enumerate(estimates((crops, uvd, wrong), "right")):
+        told.append(keeper.take(estimate, n / 5))
     assert [one for one in told if one] == [pytest.approx(FOUND, abs=0.03)]
 
 
-def test_sights_as_the_other_hand_say_nothing(looker: Any, hands: Any) -> None:
+def test_sights_as_the_other_hand_say_nothing(estimator: Any, hands: Any) -> None:
     """Of the one that it was taken for before."""
-    keeper, told = SizeKeeper(looker), []
-    for n, sight in enumerate([*sights(hands, "left")[:20], *sights(hands, "right")]):
-        told.append(keeper.take(sight, n / 5))
+    keeper, told = SizeKeeper(estimator), []
+    for n, estimate in enumerate([*estimates(hands, "left")[:20], *estimates(hands, "right")]):
+        told.append(keeper.take(estimate, n / 5))
         if told[-1] is not None:
             break
     assert told[-1] == pytest.approx(FOUND, abs=0.02)
 
 
-def test_frames_that_say_nothing(looker: Any, hands: Any) -> None:
+def test_frames_that_say_nothing(estimator: Any, hands: Any) -> None:
     """Those that are unsure, and those that follow one another too soon to differ."""
-    keeper = SizeKeeper(looker)
-    assert [keeper.take(sight, n / 5) for n, sight in enumerate(sights(hands, "right", 0.3))] == [None] * COUNT
-    assert [keeper.take(sight, 10 + n / 1000) for n, sight in enumerate(sights(hands, "right"))] == [None] * COUNT
+    keeper = SizeKeeper(estimator)
+    assert [keeper.take(estimate, n / 5) for n, estimate in enumerate(estimates(hands, "right", 0.3))] == [None] * COUNT
+    assert [keeper.take(estimate, 10 + n / 1000) for n, estimate in enumerate(estimates(hands, "right"))] == [
+        None
+    ] * COUNT

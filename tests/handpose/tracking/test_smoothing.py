@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.depth_fit.body import CapsuleModel
-from handpose.tracking.body_pose import Placer
+from handpose.tracking.body_pose import PoseConverter
 from handpose.tracking.smoothing import PoseFilter
 
 TIMES = np.arange(90) / 30
@@ -15,8 +15,10 @@ CENTER = np.array([20.0, -30, 700])
 
 def smoothed(model: CapsuleModel, poses: np.ndarray) -> np.ndarray:
     """Joints (N, K, 3) in mm of variables (N, V), smoothed."""
-    placer, one = Placer(model), PoseFilter()
-    found = [placer.variables(one(placer.placed(x, CENTER), float(time)), CENTER) for x, time in zip(poses, TIMES)]
+    converter, one = PoseConverter(model), PoseFilter()
+    found = [
+        converter.variables(one(converter.world_pose(x, CENTER), float(time)), CENTER) for x, time in zip(poses, TIMES)
+    ]
     return model.joints(np.array(found))
 
 
@@ -64,14 +66,14 @@ def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:
 
 def test_a_pose_that_is_not_sure_moves_little(model: CapsuleModel, trembling: np.ndarray) -> None:
     """The worse it is said to be, the less it counts, but never nothing; where nobody knows, as if it were good."""
-    placer = Placer(model)
+    converter = PoseConverter(model)
     other = trembling[0].copy()
     other[model.limbs] += 0.5
     ways = []
     for error in (float("nan"), 3.0, 14.0, 24.0, 60.0, 600.0):
         one = PoseFilter()
-        first = one(placer.placed(trembling[0], CENTER), 0.0, 4.0)
-        second = one(placer.placed(other, CENTER), 1 / 30, error)
+        first = one(converter.world_pose(trembling[0], CENTER), 0.0, 4.0)
+        second = one(converter.world_pose(other, CENTER), 1 / 30, error)
         ways.append(np.abs(second.others - first.others).max())
     assert ways[0] == ways[1] == ways[2] > 1.5 * ways[3] > 1.5 * ways[4] > 0
     assert ways[4] == ways[5]

@@ -14,7 +14,7 @@ from handpose.prediction.packaged import load_predictor
 from handpose.prediction.predictor import Predictor
 from handpose.sources.recording import DepthFrame
 from handpose.track_files.track import LEFT, LostHand, TrackedFrame, TrackedHand, joints_of
-from handpose.tracking.following import Follower
+from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError, NetlibError
 from tests.handpose.tracking.conftest import RATE, Take, tracked
@@ -121,10 +121,10 @@ def test_the_same_again(shown: Take, predictor: Predictor) -> None:
                 np.testing.assert_array_equal(getattr(own, field.name), getattr(same, field.name))
 
 
-def test_flesh(shown: Take, leaving: Take, predictor: Predictor) -> None:
+def test_surface(shown: Take, leaving: Take, predictor: Predictor) -> None:
     """If it is asked for: about the joints, of a left hand as well."""
     for take in (shown, leaving):
-        hand = again(predictor, take, 4, flesh=True)[-1].hands[0]
+        hand = again(predictor, take, 4, surface=True)[-1].hands[0]
         assert hand.capsules is not None
         ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])
         nearest = np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)
@@ -186,8 +186,8 @@ def test_what_does_not_look_like_a_hand_is_dropped(
 ) -> None:
     """Soon, though not at once, and also if the fit is sure."""
     tracker = begun(predictor, shown)
-    monkeypatch.setattr(tracker.scout, "chance", lambda depth, middle: 0.0)
-    monkeypatch.setattr(tracker.scout, "look", lambda *what: None)
+    monkeypatch.setattr(tracker.detector, "probability", lambda depth, middle: 0.0)
+    monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
     told = [tracker.step(frame) for frame in shown.frames[6:24]]
     assert told[0].hands and not told[-1].hands
     assert told[-1].lost[0].reason.startswith("what is seen where it was does not look like a hand")
@@ -208,8 +208,8 @@ def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
 def test_what_no_fit_is_sure_of(shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
     """Is not followed, though the locator sees a hand."""
     tracker = Tracker(predictor)
-    monkeypatch.setattr(tracker.scout, "look", lambda *what: shown.truth[0].hands[0].origin_mm)
-    monkeypatch.setattr(tracker.looker, "look", lambda depth, aims, plan=None: [None] * len(aims))
+    monkeypatch.setattr(tracker.detector, "detect", lambda *what: shown.truth[0].hands[0].origin_mm)
+    monkeypatch.setattr(tracker.estimator, "estimate", lambda depth, regions, plan=None: [None] * len(regions))
     assert not tracker.step(shown.frames[0]).hands
 
 
@@ -219,7 +219,7 @@ def test_what_the_locator_takes_for_a_hand(
 ) -> None:
     """Is none if the fit does not say so as well."""
     tracker = Tracker(predictor)
-    monkeypatch.setattr(tracker.scout, "look", lambda *what: np.array(place))
+    monkeypatch.setattr(tracker.detector, "detect", lambda *what: np.array(place))
     image = np.full((240, 320), 1380, np.float32)
     assert tracker.step(DepthFrame(0, 0.0, image)) == TrackedFrame(0, 0.0, (), ())
 
@@ -256,7 +256,7 @@ def test_a_second_hand_is_taken_to_be_as_large(two: Take, predictor: Predictor) 
             break
     else:
         pytest.fail("no second hand whose size is not known yet")
-    tracker.known[0].size = tracker.followers[0].size = 0.97
+    tracker.known[0].size = tracker.tracks[0].size = 0.97
     later = two.frames[two.frames.index(frame) + 1]
     by_id = {hand.id: hand for hand in tracker.step(later).hands}
     np.testing.assert_allclose(by_id[1].bones, 0.97 * predictor.skeleton.bones, rtol=2e-3)
@@ -274,8 +274,8 @@ def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
 def test_one_hand_is_not_two(shown: Take, predictor: Predictor) -> None:
     """Two that are followed and come to the same place: one of them goes on, the other is lost."""
     tracker = begun(predictor, shown)
-    last = tracker.followers[0].best.sight
-    tracker.followers.append(Follower(1, tracker.looker, [last], shown.frames[5].time, None))
+    last = tracker.tracks[0].best.estimate
+    tracker.tracks.append(HandTrack(1, tracker.estimator, [last], shown.frames[5].time, None))
     tracker.known[1] = dataclasses.replace(tracker.known[0])
     told = tracker.step(shown.frames[6])
     assert len(told.hands) == len(told.lost) == 1 and told.hands[0].id != told.lost[0].id

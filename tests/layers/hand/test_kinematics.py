@@ -297,18 +297,18 @@ def test_rotations():
         assert np.allclose(many[0, 1], rotation(axis, -2.0))
 
 
-# ------------------------------------------------------------------------------------------------ a glance
+# ------------------------------------------------------------------------------------------------ a forward_pose
 
 
 @pytest.mark.parametrize("N", [1, 4, 40])
 @pytest.mark.parametrize("own", [False, True], ids=["packaged bones", "own bones"])
-def test_a_glance_is_a_pose(rng, N, own):
+def test_forward_pose_is_a_pose(rng, N, own):
     """Joints, axes, points on them, rotations: as of the plain pose, with and without bones of each pose's own."""
-    skeleton = HAND.with_flesh()
+    skeleton = HAND.with_surface()
     made, plain = kinematics_of(skeleton), Kinematics(skeleton)
     inputs = rng.normal(0, 0.5, (N, len(skeleton.initial)))
     bones = skeleton.bones * rng.uniform(0.8, 1.2, (N, len(skeleton.bones))) if own else None
-    found, expected = made.glance(inputs, bones), plain.forward(inputs, bones)
+    found, expected = made.forward_pose(inputs, bones), plain.forward(inputs, bones)
     assert np.allclose(found.joints, expected.joints)
     axis, pivot = made.axes(found)
     assert np.allclose(axis, expected.axis)
@@ -318,12 +318,12 @@ def test_a_glance_is_a_pose(rng, N, own):
         assert np.allclose(made.rotation_of(found, joint), plain.rotation_of(expected, joint))
 
 
-def test_a_glance_at_an_arm_that_slides(body, arm_text, rng):
+def test_forward_pose_of_an_arm_that_slides(body, arm_text, rng):
     """Children before their parents, translations of the root, a turn in between."""
     made = body(arm_text)
     inputs = rng.normal(size=(3, 4))
     plain = Kinematics(made.skeleton)
-    found, expected = made.glance(inputs), plain.forward(inputs)
+    found, expected = made.forward_pose(inputs), plain.forward(inputs)
     assert np.allclose(found.joints, expected.joints)
     assert np.allclose(made.axes(found)[0], expected.axis)
     assert np.allclose(made.axes(found)[1][:, made.skeleton.turns], expected.pivot[:, made.skeleton.turns])

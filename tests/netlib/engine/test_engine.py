@@ -195,7 +195,7 @@ def test_plain_has_one_thread() -> None:
         plain.set_threads(0)
 
 
-def test_a_process_of_the_plain_engine_loads_no_twins() -> None:
+def test_a_process_of_the_plain_engine_loads_no_fast_classes() -> None:
     """NETLIB_ENGINE=plain: what runs is what stands in netlib/ and layers/, with BLAS set up as for both engines."""
     code = (
         "import sys, netlib; net = netlib.Net('prototxt/nyu_deploy.prototxt', netlib.TEST); net.forward(); "

@@ -77,7 +77,7 @@ def test_nothing_is_asked() -> None:
     [(["--json", "-"], False), (["--csv", "a.csv"], False), (["--bvh", "A.BVH"], False), (["--sheet", "a.jpg"], True),
      (["--video", "a.mp4"], True), (["--rerun"], True), (["--rerun", "a.rrd"], True)],
 )  # fmt: skip
-def test_what_shows_flesh(argv: list[str], drawn: bool) -> None:
+def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
     """Pictures do; only for them it has to be told."""
     assert is_drawn(parsed(*argv)) == drawn
 

@@ -20,7 +20,7 @@ from tests.support.chromium_tabs import browser, visit, visits
 
 __all__ = ["browser", "visit"]  # fixtures
 
-# Two bones in a plane, without flesh; a DoF that drives two joints, the second one the other way round.
+# Two bones in a plane, without surface; a DoF that drives two joints, the second one the other way round.
 ARM = """name: "arm"
 dof { name: "x" } dof { name: "shoulder" initial: 0.25 lower: -1 upper: 1 } dof { name: "elbow" lower: 0 upper: 2.5 }
 joint { name: "hand" parent: "elbow" rotate { axis: Z dof: "elbow" } bone { axis: X length: 0.5 } }
@@ -36,7 +36,7 @@ def body_of(text: str, name: str = "body.prototxt") -> Skeleton:
 
 
 def any_body(seed: int) -> str:
-    """The file of a body that nobody has: joints in any order, all axes, motions, fixed and shared DoFs, flesh."""
+    """The file of a body that nobody has: joints in any order, all axes, motions, fixed and shared DoFs, surface."""
     rng = np.random.default_rng(seed)
     axes, K, D = ["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"], 12, 15
 
@@ -61,10 +61,10 @@ def any_body(seed: int) -> str:
         f'capsule {{ from: "j{rng.integers(K)}" to: "{to}" radius: {rng.uniform(0.05, 0.2):.3f} radius: 0.08 }}'
         for to in [*(f"j{i}" for i in range(K)), "own"]
     ]
-    flesh = [dof("own"), joint("own", "j3", ["own", "d2"]), 'offset { joint: "j4" axes: "j2" x: 0.1 z: -0.2 }',
+    surface = [dof("own"), joint("own", "j3", ["own", "d2"]), 'offset { joint: "j4" axes: "j2" x: 0.1 z: -0.2 }',
              'offset { joint: "j4" axes: "own" y: 0.1 }', *capsules]  # fmt: skip
     shuffled = [joints[i] for i in rng.permutation(K)]
-    return "\n".join([f'name: "any {seed}"', *(dof(f"d{d}") for d in range(D)), *shuffled, "flesh {", *flesh, "}"])
+    return "\n".join([f'name: "any {seed}"', *(dof(f"d{d}") for d in range(D)), *shuffled, "flesh {", *surface, "}"])
 
 
 def ask(tab: Any, function: str, question: object) -> Any:

@@ -23,7 +23,7 @@ Visit = Callable[..., Any]
 
 
 def test_a_skeleton_file_is_chosen(visit: Visit, bare: Path, tmp_path: Path) -> None:
-    """Its joints, sliders and limits; it has no flesh, and the page says so. And back."""
+    """Its joints, sliders and limits; it has no surface, and the page says so. And back."""
     tab, file = visit(bare), tmp_path / "arm.prototxt"
     file.write_text(ARM)
     tab.locator("#file").set_input_files(file)
@@ -31,9 +31,9 @@ def test_a_skeleton_file_is_chosen(visit: Visit, bare: Path, tmp_path: Path) -> 
     slider(tab, "elbow").fill("90")
     expected = Kinematics(body_of(ARM)).joints(np.array([[0, 0, np.pi / 2]]))[0]
     np.testing.assert_allclose(joints_in(tab)[:, 3:], expected, atol=6e-5)
-    assert tab.locator("#no-flesh").is_visible() and not tab.get_by_role("button", name="a pose").count()
+    assert tab.locator("#no-surface").is_visible() and not tab.get_by_role("button", name="a pose").count()
     tab.get_by_role("button", name="This page's skeleton").click()
-    assert len(joints_in(tab)) == 31 and not tab.locator("#no-flesh").is_visible()
+    assert len(joints_in(tab)) == 31 and not tab.locator("#no-surface").is_visible()
 
 
 def test_skeleton_files_are_dropped(visit: Visit, bare: Path) -> None:
@@ -110,12 +110,12 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
     hands = []
     for side, flip in (("right", 1), ("left", -1)):
         center, mirror = KINECT2.unproject(uvd), np.array([flip, 1, 1])
-        flesh = model.capsules(x, np.zeros((1, 3)))
-        seen = flesh._replace(a=flesh.a * mirror + center, b=flesh.b * mirror + center)
+        surface = model.capsules(x, np.zeros((1, 3)))
+        seen = surface._replace(a=surface.a * mirror + center, b=surface.b * mirror + center)
         crop = normalise_depth(render_crop(seen, uvd[None], cube, KINECT2), uvd[2:], cube)[0]
         hands.append(hand(
             f"{side}.png", f"{side} hand, 90% sure", model.whole_inputs_of(x)[0], camera=KINECT2, center_uvd=uvd,
-            cube_mm=cube, crop=crop, size=float(np.exp(x[0, -2])), girth=float(np.exp(x[0, -1])), side=side,
+            cube_mm=cube, crop=crop, size=float(np.exp(x[0, -2])), thickness=float(np.exp(x[0, -1])), side=side,
         ))  # fmt: skip
     out = tmp_path_factory.mktemp("found") / "found.html"
     out.write_text(page("Hands", content(HAND, hands)), encoding="utf-8")
@@ -166,7 +166,7 @@ def test_the_text_of_a_skeleton_in_a_page_is_the_skeleton(visit: Visit, bare: Pa
 
 
 BIG = "\n".join(f'joint {{ name: "j{i}" }}' for i in range(1001))
-FLESHY = ARM + "flesh { %s }"
+WITH_SURFACE = ARM + "flesh { %s }"
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ FLESHY = ARM + "flesh { %s }"
         (ARM.replace("initial: 0.25", "fixed: constructor"), ":2:49: error: 'fixed' expects true or false, found con"),
         (BIG, ":1001:7: error: 1001 joints; this page shows at most 1000"),
         (BIG.replace("joint", "dof") + ARM, ":1001:5: error: 1004 DoFs; this page shows at most 1000"),
-        (FLESHY % ('capsule { from: "hand" to: "hand" radius: 1 } ' * 1001), "1001 capsules; this"),
+        (WITH_SURFACE % ('capsule { from: "hand" to: "hand" radius: 1 } ' * 1001), "1001 capsules; this"),
         (f'name: "{"x" * 10000}"', ":1:7: error: string of 10002 characters; at most 10000 are read"),
         ("\t# é\n é", ":2:2: error: unexpected character 'é'"),
         ("y" * 5000, ":1:5001: error: expected ':' or '{' after '" + "y" * 100),

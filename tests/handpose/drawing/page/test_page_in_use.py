@@ -18,9 +18,9 @@ Visit = Callable[..., Any]
 
 
 def test_there_is_a_labelled_slider_for_every_free_dof(visit: Visit, bare: Path) -> None:
-    """26, and two of the forearm, which only the flesh has; the fixed ones on demand, as numbers."""
+    """26, and two of the forearm, which only the surface has; the fixed ones on demand, as numbers."""
     tab = visit(bare)
-    free = [d.name for d in HAND.with_flesh().param.dof if not d.fixed]
+    free = [d.name for d in HAND.with_surface().param.dof if not d.fixed]
     names = tab.locator("input[type=range]").evaluate_all("(all) => all.map((one) => one.dataset.dof)")
     assert sorted(names) == sorted(free) and len(free) == 28
     unlabelled = "(all) => all.filter((one) => !one.labels.length && !one.ariaLabel).map((one) => one.outerHTML)"
@@ -134,7 +134,7 @@ def test_the_mouse_and_the_keyboard_turn_the_picture(visit: Visit, bare: Path) -
     np.testing.assert_array_equal(joints_in(tab), table)
 
 
-def test_the_flesh_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
+def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
     """Skin in the picture, and with the box unchecked only lines; the name of the joint under the mouse is told."""
     tab = visit(bare)
     assert 0.05 < (colours(tab)[:, 3] == 255).mean() < 0.5

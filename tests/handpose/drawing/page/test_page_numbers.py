@@ -1,4 +1,4 @@
-"""The page's modules compute what this project computes: poses, torques, flesh, depth, and what a file says."""
+"""The page's modules compute what this project computes: poses, torques, surface, depth, and what a file says."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from handpose.depth_fit.body import CapsuleModel
 from handpose.facts.cameras import CAMERAS, KINECT2, NYU, Camera
-from handpose.surface.model import Flesh
+from handpose.surface.model import Surface
 from handpose.surface.render import CLEAR_MM, Capsules, in_front, render_crop
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
@@ -44,7 +44,7 @@ FILES = {"hand": HAND, "icvl": ICVL, "arm": ARM, **{f"any body {seed}": any_body
 def test_joints_and_torques(tab: Any, name: str, side: str) -> None:
     """200 random poses: joints to 1e-6, torques to 1e-6 of the largest, the limits' loss; a left hand in its mirror."""
     skeleton, rng = body_of(FILES[name]), np.random.default_rng(1)
-    whole = skeleton.with_flesh() if skeleton.param.flesh else skeleton
+    whole = skeleton.with_surface() if skeleton.param.flesh else skeleton
     K, D = len(skeleton.joint_names), len(skeleton.dof_names)
     poses, forces = rng.normal(0, 1.2, (200, len(whole.initial))), rng.normal(0, 3, (200, K, 3))
     mirror = np.array([-1 if side == "left" else 1, 1, 1])
@@ -93,7 +93,7 @@ def check_depth(found: np.ndarray, expected: np.ndarray) -> None:
 
 @pytest.mark.parametrize("camera", [NYU, KINECT2, Camera("own", 400.5, 380.25, 100.0, 90.0, 320, 240)])
 def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
-    """Of any pose, size and girth, with the forearm's own DoFs, wherever the crop is: as the renderer has it."""
+    """Of any pose, size and thickness, with the forearm's own DoFs, wherever the crop is: as the renderer has it."""
     rng, sampler = np.random.default_rng(2), BodySampler()
     hands, cube = sampler.draw(rng, 6), 300.0
     model = CapsuleModel(sampler.skeleton, cube / 2)
@@ -106,8 +106,8 @@ def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
     expected = render_crop(near, uvd, cube, camera)
     sizes = np.exp(x[:, -2:])
     bodies = [
-        [{"inputs": inputs, "size": size, "girth": girth}, vars(camera), middle, cube]
-        for inputs, (size, girth), middle in zip(model.whole_inputs_of(x).tolist(), sizes.tolist(), uvd.tolist())
+        [{"inputs": inputs, "size": size, "thickness": thickness}, vars(camera), middle, cube]
+        for inputs, (size, thickness), middle in zip(model.whole_inputs_of(x).tolist(), sizes.tolist(), uvd.tolist())
     ]
     for n, (ends, depth) in enumerate(drawn(tab, HAND, bodies)):
         np.testing.assert_allclose(ends, _rows(capsules, n), atol=0.01)  # the model is in float32
@@ -120,7 +120,7 @@ def test_the_edges_of_wedges(tab: Any) -> None:
     model, uvd = CapsuleModel(skeletons.load(people), 150.0), np.array([[300.0, 250, 700]])
     x = model.variables_of(np.random.default_rng(0).normal(0, 0.2, (1, 47)))
     inputs = model.whole_inputs_of(x)[0].tolist()
-    bodies = [[{"inputs": inputs, "size": 1, "girth": 1}, vars(NYU), uvd[0].tolist(), 300.0]]
+    bodies = [[{"inputs": inputs, "size": 1, "thickness": 1}, vars(NYU), uvd[0].tolist(), 300.0]]
     ((ends, _),) = drawn(tab, people.read_text(encoding="utf-8"), bodies)
     np.testing.assert_allclose(ends, _rows(model.capsules(x, NYU.unproject(uvd)), 0), atol=0.01)
 
@@ -129,11 +129,11 @@ def test_the_edges_of_wedges(tab: Any) -> None:
 def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     """Spheres in one another, cones seen from their tip, parts behind the camera: as the renderer has it."""
     skeleton, rng = body_of(any_body(seed)), np.random.default_rng(seed)
-    flesh, uvd = Flesh(skeleton), np.array([300.0, 250, 280 + 200 * seed])
-    inputs = rng.normal(0, 0.8, (8, len(flesh.whole.initial)))
-    ends = flesh.ends(kinematics_of(flesh.whole).forward(inputs)) * MM + NYU.unproject(uvd)
-    radii = np.broadcast_to(flesh.radii * MM, (8, *flesh.radii.shape))
-    capsules = Capsules(ends[:, flesh.start], ends[:, flesh.end], radii[..., 0], radii[..., 1])
+    surface, uvd = Surface(skeleton), np.array([300.0, 250, 280 + 200 * seed])
+    inputs = rng.normal(0, 0.8, (8, len(surface.whole.initial)))
+    ends = surface.ends(kinematics_of(surface.whole).forward(inputs)) * MM + NYU.unproject(uvd)
+    radii = np.broadcast_to(surface.radii * MM, (8, *surface.radii.shape))
+    capsules = Capsules(ends[:, surface.start], ends[:, surface.end], radii[..., 0], radii[..., 1])
     expected = render_crop(in_front(capsules, CLEAR_MM), np.tile(uvd, (8, 1)), 2 * MM, NYU)
     bodies = [[{"inputs": one}, vars(NYU), uvd.tolist(), 2 * MM] for one in inputs.tolist()]
     for n, (found, depth) in enumerate(drawn(tab, any_body(seed), bodies)):
@@ -220,7 +220,7 @@ def test_mistakes_in_skeleton_files(tab: Any) -> None:
     for text, line in zip(texts, ask(tab, opened, texts)):
         with pytest.raises(PrototxtError) as refused:
             skeleton = body_of(text, "arm.prototxt")
-            Flesh(skeleton)
+            Surface(skeleton)
         assert _without_advice(line) == _without_advice(str(refused.value)), text
 
 

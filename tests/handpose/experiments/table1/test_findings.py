@@ -11,7 +11,7 @@ from handpose.experiments.table1.networks import NETWORKS
 from handpose.experiments.table1.recipes import PAPER
 from handpose.experiments.table1.settings import ONE_HAND
 from handpose.experiments.table1.summary import Line, curve_of, line_of, spread_text, value_of
-from tests.support.made_ledger import PAPERS, entry, trained
+from tests.support.made_store import PAPERS, entry, trained
 
 OURS_OR_JOINT = FINDINGS[0]
 

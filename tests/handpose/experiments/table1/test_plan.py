@@ -6,7 +6,7 @@ from handpose.experiments.table1.networks import DIRECT_JOINT, NO_LIMIT, OURS
 from handpose.experiments.table1.plan import Job, lambdas, next_length, order, report, verdict
 from handpose.experiments.table1.recipes import ADAM, PAPER
 from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND
-from tests.support.made_ledger import entry
+from tests.support.made_store import entry
 
 JOB = Job(ONE_HAND, OURS, PAPER, 1)
 LENGTHS = PAPER.lengths
@@ -81,7 +81,7 @@ def test_lambdas_are_as_long_as_ours() -> None:
 
 
 def test_what_is_left() -> None:
-    """By the rates of the ledger: an entry of made_ledger takes an hour."""
+    """By the rates of the store: an entry of made_store takes an hour."""
     rows = report([JOB, Job(ONE_HAND, DIRECT_JOINT, PAPER, 1)], lambda setting: series(24, 23.9))
     assert [row[1:4] for row in rows[1:3]] == [["4000, 6000", "25.00, 24.90", "done"], ["–", "–", "missing"]]
     rate = 2 / 10000  # hours of an iteration

@@ -7,20 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from handpose.experiments.table1 import ledger, speed
 from handpose.experiments.table1 import page as table1_page
+from handpose.experiments.table1 import speed, store
 from handpose.experiments.table1.networks import LAMBDAS
 from handpose.experiments.table1.recipes import ADAM, PAPER
 from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS
 from netlib.errors import DataError
-from tests.support.made_ledger import entry, trained
+from tests.support.made_store import entry, trained
 
 RESULTS = Path(__file__).resolve().parents[4] / "docs" / "results"
 
 
-def test_the_page_that_is_there_is_that_of_the_ledger_that_is_there() -> None:
+def test_the_page_that_is_there_is_that_of_the_store_that_is_there() -> None:
     """To be made again by tools/table1.py --page."""
-    entries = {name: ledger.read_all(RESULTS / "table1", name) for name in SETTINGS}
+    entries = {name: store.read_all(RESULTS / "table1", name) for name in SETTINGS}
     page = table1_page.page_of(entries, speed.read(RESULTS / "table1" / speed.WHERE))
     assert (RESULTS / "table1.md").read_text(encoding="utf-8") == page
     for picture in re.findall(r"!\[.*\]\((.*)\)", page):

@@ -1,4 +1,4 @@
-"""handpose/experiments/table1/ledger.py"""
+"""handpose/experiments/table1/store.py"""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose.experiments.table1 import ledger
+from handpose.experiments.table1 import store
 from handpose.joint_fit.angles import rotations
 from layers.hand import skeleton
 from netlib.errors import DataError
-from tests.support.made_ledger import entry, shown
+from tests.support.made_store import entry, shown
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     """With what is not known; numbers have four digits, and the same entry is the same bytes."""
     one = replace(entry(error=20.00004, broken=float("nan")), seconds=12.5)
-    path = ledger.write(tmp_path, one)
+    path = store.write(tmp_path, one)
     assert path == tmp_path / "one_hand" / "ours_paper_seed1_4000.json" and path.stat().st_size < 10_000
-    (found,) = ledger.read_all(tmp_path, "one_hand")
+    (found,) = store.read_all(tmp_path, "one_hand")
     assert found.key == one.key and found.subjects[0].error_14_mm == 20 and np.isnan(found.subjects[1].out_of_limits)
     assert np.array_equal(found.shown, one.shown) and found.seconds == 12.5 and found.machine == one.machine
     before = path.read_bytes()
-    assert ledger.write(tmp_path, found).read_bytes() == before
-    assert ledger.read_all(tmp_path, "many_hands") == []
+    assert store.write(tmp_path, found).read_bytes() == before
+    assert store.read_all(tmp_path, "many_hands") == []
 
 
 def test_the_frames_that_are_drawn(tmp_path: Path) -> None:
     """Their crops come back to half of a grey level."""
-    ledger.write_shown(tmp_path, "one_hand", shown())
-    found = ledger.read_shown(tmp_path, "one_hand")
+    store.write_shown(tmp_path, "one_hand", shown())
+    found = store.read_shown(tmp_path, "one_hand")
     assert found.numbers == [0, 1, 2, 3] and found.truth.shape == (4, 31, 3)
     assert np.abs(np.array(found.crops) - np.array(shown().crops)).max() <= 1 / 255 + 1e-6
 
@@ -53,48 +53,48 @@ def test_the_frames_that_are_drawn(tmp_path: Path) -> None:
 )
 def test_a_damaged_entry_is_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     """It names the file and what is wrong."""
-    path = ledger.write(tmp_path, entry())
+    path = store.write(tmp_path, entry())
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(DataError) as caught:
-        ledger.read_all(tmp_path, "one_hand")
+        store.read_all(tmp_path, "one_hand")
     assert str(caught.value).startswith(f"{path}: ") and message in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_entries_of_other_data(tmp_path: Path) -> None:
     """Are not compared."""
-    ledger.write(tmp_path, entry())
-    other = ledger.write(tmp_path, replace(entry(iterations=6000), data="synthetic_11111111"))
+    store.write(tmp_path, entry())
+    other = store.write(tmp_path, replace(entry(iterations=6000), data="synthetic_11111111"))
     with pytest.raises(DataError, match=f"^{other}: was made with the data 'synthetic_11111111'"):
-        ledger.read_all(tmp_path, "one_hand")
+        store.read_all(tmp_path, "one_hand")
 
 
 def test_other_frames_than_are_drawn(tmp_path: Path) -> None:
     """As many as there are, of hands of some size."""
     found = shown()
-    ledger.write_shown(tmp_path, "one_hand", replace(found, half_cube=-found.half_cube))
+    store.write_shown(tmp_path, "one_hand", replace(found, half_cube=-found.half_cube))
     with pytest.raises(DataError, match="half-cubes from -"):
-        ledger.read_shown(tmp_path, "one_hand")
+        store.read_shown(tmp_path, "one_hand")
     more = replace(found, numbers=[*found.numbers, 1], crops=[*found.crops, found.crops[0]])
-    ledger.write_shown(tmp_path, "one_hand", more)
+    store.write_shown(tmp_path, "one_hand", more)
     with pytest.raises(DataError, match=f"{len(more.crops)} frames, .*expected {len(found.crops)}"):
-        ledger.read_shown(tmp_path, "one_hand")
+        store.read_shown(tmp_path, "one_hand")
 
 
 def test_a_damaged_crop_is_one_line(tmp_path: Path) -> None:
     """Also one that is whole, but no picture."""
-    ledger.write_shown(tmp_path, "one_hand", shown())
-    path = tmp_path / "one_hand" / ledger.WHERE
+    store.write_shown(tmp_path, "one_hand", shown())
+    path = tmp_path / "one_hand" / store.WHERE
     text = path.read_text()
     crop = text.split('"crop": "')[1].split('"')[0]
     for wrong in ("?", "", "AAAA"):
         path.write_text(text.replace(crop, wrong, 1))
         with pytest.raises(DataError, match="a crop is not"):
-            ledger.read_shown(tmp_path, "one_hand")
+            store.read_shown(tmp_path, "one_hand")
 
 
 def test_sizes_are_the_hand_s() -> None:
     """Those that the files are checked with."""
     hand = skeleton.load()
-    assert len(hand.joint_names) == ledger.JOINTS and len(rotations(hand)) == ledger.ROTATIONS
+    assert len(hand.joint_names) == store.JOINTS and len(rotations(hand)) == store.ROTATIONS

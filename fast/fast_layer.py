@@ -1,4 +1,4 @@
-"""What all twins of layers have: working memory, and what is asked of them backwards."""
+"""What all fast layers have: working memory, and what is asked of them backwards."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from netlib.blob import Array
 from netlib.layer import Layer
 
 
-class Twin(Layer):
+class FastLayer(Layer):
     """A layer that computes what its plain class computes, faster.
 
     needs_backward     will backward be called at all; set by the executor before the first pass
@@ -30,7 +30,7 @@ class Twin(Layer):
         """Working memory of the calling thread: zeros at first, then whatever was left in it."""
         return buffer_of(self._buffers, key, shape, dtype or self.dtype)
 
-    # For twins that can handle tiles (tiles.py)
+    # For layers that can handle tiles (tiles.py)
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
         """The tile in which this layer would like its bottoms if its top has ``top_tile``; None: plain."""

@@ -148,7 +148,7 @@ def read_shown(folder: Path, setting: str) -> Shown:
 
 
 def _fields(path: Path) -> Fields:
-    return Fields(parsed(files.read_text(path, "the ledger of Table 1"), str(path)), str(path))
+    return Fields(parsed(files.read_text(path, "the results of Table 1"), str(path)), str(path))
 
 
 def _figures(of: Fields) -> Figures:

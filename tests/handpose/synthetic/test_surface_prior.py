@@ -1,4 +1,4 @@
-"""handpose/synthetic/flesh_prior.py"""
+"""handpose/synthetic/surface_prior.py"""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 from handpose.data.crops import crop
 from handpose.facts.cameras import NYU
 from handpose.surface.render import CLEAR_MM, Capsules, normalise_depth, render_crop
-from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior
 from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior
 from tests.handpose.whole_images import capsules_of, render_image
 
-EXACT = replace(DEFAULT_FLESH, thickness_std=0)
+EXACT = replace(DEFAULT_SURFACE, thickness_std=0)
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def sampler() -> BodySampler:
     return BodySampler()
 
 
-def drawn(sampler: BodySampler, prior: FleshPrior, count: int = 300, depth: float = 800) -> Capsules:
+def drawn(sampler: BodySampler, prior: SurfacePrior, count: int = 300, depth: float = 800) -> Capsules:
     """The capsules of hands before a camera."""
     rng = np.random.default_rng(0)
     return capsules_of(sampler, rng, sampler.draw(rng, count), (0, 0, depth), prior)
@@ -34,29 +34,29 @@ def test_rendered_hand_equals_its_cropped_image(sampler: BodySampler) -> None:
     rng = np.random.default_rng(5)
     hands = sampler.draw(rng, 3)
     centers = sampler.centers(rng, 3, NYU)
-    flesh = capsules_of(sampler, rng, hands, NYU.unproject(centers))
-    direct = normalise_depth(render_crop(flesh, centers, 300.0), centers[:, 2], 300.0)
-    for n, whole in enumerate(render_image(flesh, NYU, background=9999.0)):
+    surface = capsules_of(sampler, rng, hands, NYU.unproject(centers))
+    direct = normalise_depth(render_crop(surface, centers, 300.0), centers[:, 2], 300.0)
+    for n, whole in enumerate(render_image(surface, NYU, background=9999.0)):
         assert (np.abs(direct[n] - crop(whole, centers[n], 300.0)) > 1e-3).sum() <= 5
 
 
 def test_forearms_do_not_point_at_the_camera(sampler: BodySampler) -> None:
     """The last capsule, the forearm, keeps to the side where the wrist can bend so far."""
-    flesh = drawn(sampler, DEFAULT_FLESH)
-    arm = flesh.b[:, -1] - flesh.a[:, -1]
+    surface = drawn(sampler, DEFAULT_SURFACE)
+    arm = surface.b[:, -1] - surface.a[:, -1]
     towards = -arm[:, 2] / np.linalg.norm(arm, axis=1)
-    assert (towards > DEFAULT_FLESH.towards_camera).mean() < 0.02
-    assert (drawn(sampler, replace(DEFAULT_FLESH, redraws=0)).b[:, -1, 2] < 700).mean() > 0.1
+    assert (towards > DEFAULT_SURFACE.towards_camera).mean() < 0.02
+    assert (drawn(sampler, replace(DEFAULT_SURFACE, redraws=0)).b[:, -1, 2] < 700).mean() > 0.1
 
 
 def test_thickness_and_single_radii(sampler: BodySampler) -> None:
     """Radii are the file's times a hand's thickness, and times a factor of each."""
     rng = np.random.default_rng(0)
     size = sampler.draw(rng, 300).scale
-    own = sampler.flesh.radii[:, 0] * 150
+    own = sampler.surface.radii[:, 0] * 150
     exact = drawn(sampler, EXACT).radius_a / size[:, None]
     np.testing.assert_allclose(exact, np.broadcast_to(own, exact.shape))
-    together = drawn(sampler, DEFAULT_FLESH).radius_a / size[:, None] / own
+    together = drawn(sampler, DEFAULT_SURFACE).radius_a / size[:, None] / own
     assert np.ptp(together, axis=1).max() < 1e-12 and together[:, 0].std() == pytest.approx(0.08, rel=0.15)
     single = drawn(sampler, replace(EXACT, radius_std=0.1)).radius_a / size[:, None] / own
     assert single.std(axis=1).mean() == pytest.approx(0.1, rel=0.1)
@@ -67,8 +67,8 @@ def test_offsets(sampler: BodySampler) -> None:
     rng = np.random.default_rng(0)
     hands = sampler.draw(rng, 10)
     capsules = capsules_of(sampler, rng, hands, (0, 0, 800), replace(EXACT, offsets=(0.0, 0.0)))
-    own = ~sampler.flesh.limbs
-    joints = hands.joints[:, sampler.flesh.start[own]] * 150 + (0, 0, 800)
+    own = ~sampler.surface.limbs
+    joints = hands.joints[:, sampler.surface.start[own]] * 150 + (0, 0, 800)
     np.testing.assert_allclose(capsules.a[:, own], joints, atol=1e-9)
 
 
@@ -92,10 +92,10 @@ def test_a_forearm_ends_before_the_camera(sampler: BodySampler) -> None:
 
 
 def test_palms_are_thicker_than_fingers(sampler: BodySampler) -> None:
-    """Their radii have a factor of their own; a finger's and an arm's are those of the whole flesh."""
+    """Their radii have a factor of their own; a finger's and an arm's are those of the whole surface."""
     prior = replace(EXACT, thickness_mean=1.5, trunk_mean=2.0)
     thin, thick = (drawn(sampler, own, count=20) for own in (EXACT, prior))
     factor = np.concatenate([thick.radius_a / thin.radius_a, thick.radius_b / thin.radius_b])
-    parts = np.array(sampler.flesh.parts)
+    parts = np.array(sampler.surface.parts)
     np.testing.assert_allclose(factor[:, parts == "palm"], 3.0)
-    np.testing.assert_allclose(factor[:, (parts == "thumb") | (parts == "index") | sampler.flesh.limbs], 1.5)
+    np.testing.assert_allclose(factor[:, (parts == "thumb") | (parts == "index") | sampler.surface.limbs], 1.5)

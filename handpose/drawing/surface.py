@@ -1,4 +1,4 @@
-"""Flesh drawn over the depth that it explains."""
+"""Surface drawn over the depth that it explains."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from handpose.data.places import surface_places
 from handpose.facts.cameras import Camera
 from handpose.prediction.locator import Locator, odds_of
-from handpose.tracking.looking import LIKELY
+from handpose.tracking.pose_estimator import LIKELY
 from netlib.blob import Array
 
 ROUND, ROUND_ALONE = 0.5, 0.2  # s per scan with and without a tracked hand
@@ -36,7 +36,7 @@ class Rejected(NamedTuple):
     until: float
 
 
-class Scout:
+class Detector:
     """Scans the places of an image, some per frame."""
 
     def __init__(self, locator: Locator, camera: Camera) -> None:
@@ -54,17 +54,17 @@ class Scout:
         others = [r for r, is_near in zip(recent, near) if not is_near]
         self._rejected = [*others, Rejected(place, pause, time + pause)]
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Scan all places of the next image at once."""
         self._left = self._left[:0]
         self._begun = self._last = -np.inf
 
-    def chance(self, depth: NDArray[np.float32], middle: Array) -> float:
+    def probability(self, depth: NDArray[np.float32], middle: Array) -> float:
         """The probability of a hand at a place (3,) in mm."""
         found, _ = self.locator.at(depth, middle[None], self.camera)
         return float(found.max(initial=0.0))
 
-    def look(self, depth: NDArray[np.float32], followed: Array, time: float, arms: Array = NOWHERE) -> Array | None:
+    def detect(self, depth: NDArray[np.float32], followed: Array, time: float, arms: Array = NOWHERE) -> Array | None:
         """The middle (3,) in mm of what may be a hand; mostly None.
 
         followed, arms  (H, 3), (A, 3) mm: the middles of hands that are followed, and places on their arms

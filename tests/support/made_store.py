@@ -1,4 +1,4 @@
-"""A ledger of Table 1 whose figures are made up, by a rule that a test can know."""
+"""A store of Table 1 whose figures are made up, by a rule that a test can know."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from handpose.experiments.table1.ledger import DRAWN, JOINTS, ROTATIONS, THRESHOLDS_MM, Entry, Figures, Shown
 from handpose.experiments.table1.networks import NETWORKS
 from handpose.experiments.table1.recipes import PAPER, Recipe
 from handpose.experiments.table1.settings import ONE_HAND, Setting
+from handpose.experiments.table1.store import DRAWN, JOINTS, ROTATIONS, THRESHOLDS_MM, Entry, Figures, Shown
 
 # Joint error in mm, angle error in degrees, frames out of limits: as the paper has them, and of the others anything.
 PAPERS = {

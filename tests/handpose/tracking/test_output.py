@@ -1,4 +1,4 @@
-"""handpose/tracking/telling.py: from a pose that was found to the words of a track"""
+"""handpose/tracking/output.py: from a pose that was found to the words of a track"""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from handpose.depth_fit.body import SIZE, CapsuleModel
 from handpose.facts.cameras import NYU
 from handpose.facts.sides import mirror_of
 from handpose.track_files.track import joints_of
-from handpose.tracking.body_pose import Placer
-from handpose.tracking.looking import Aim, Sight
-from handpose.tracking.telling import told
+from handpose.tracking.body_pose import PoseConverter
+from handpose.tracking.output import tracked_hand
+from handpose.tracking.pose_estimator import Estimate, SearchRegion
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
 
 
 @pytest.fixture(scope="module")
-def looker(model: CapsuleModel) -> Any:
+def estimator(model: CapsuleModel) -> Any:
     """What of it is needed."""
-    return SimpleNamespace(fitter=SimpleNamespace(model=model), placer=Placer(model), cube_mm=300.0)
+    return SimpleNamespace(fitter=SimpleNamespace(model=model), converter=PoseConverter(model), cube_mm=300.0)
 
 
 def variables(model: CapsuleModel) -> np.ndarray:
@@ -32,20 +32,20 @@ def variables(model: CapsuleModel) -> np.ndarray:
     return x
 
 
-def follower(model: CapsuleModel, looker: Any, side: str = "right", size: float | None = None) -> Any:
+def track(model: CapsuleModel, estimator: Any, side: str = "right", size: float | None = None) -> Any:
     """That saw this pose, and smoothed it to one 6 mm farther along x."""
     center = NYU.unproject(CENTER) * mirror_of(side)
-    body = looker.placer.placed(variables(model), center)
+    body = estimator.converter.world_pose(variables(model), center)
     fit: Any = SimpleNamespace(confidence=np.array([0.9]), error_mm=np.array([7.0]))
-    seen = Sight(Aim(CENTER, side), center, np.zeros((128, 128), np.float32), fit, body)
+    seen = Estimate(SearchRegion(CENTER, side), center, np.zeros((128, 128), np.float32), fit, body)
     smooth = body._replace(place=body.place + (6, 0, 0))
-    return SimpleNamespace(id=4, size=size, best=SimpleNamespace(sight=seen, smooth=smooth))
+    return SimpleNamespace(id=4, size=size, best=SimpleNamespace(estimate=seen, smooth=smooth))
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_a_hand(model: CapsuleModel, looker: Any, side: str) -> None:
+def test_a_hand(model: CapsuleModel, estimator: Any, side: str) -> None:
     """Its joints are where the body was found, and those of the inputs that are told; all else is as it was seen."""
-    hand = told(follower(model, looker, side), looker, smooth=False, flesh=False)
+    hand = tracked_hand(track(model, estimator, side), estimator, smooth=False, surface=False)
     mirror = mirror_of(side)
     expected = model.joints(variables(model)[None])[0] * mirror + NYU.unproject(CENTER)
     np.testing.assert_allclose(hand.xyz, expected, atol=1e-4)
@@ -58,24 +58,24 @@ def test_a_hand(model: CapsuleModel, looker: Any, side: str) -> None:
 
 
 @pytest.mark.parametrize(("side", "x"), [("right", 6), ("left", -6)])
-def test_smoothed(model: CapsuleModel, looker: Any, side: str, x: float) -> None:
+def test_smoothed(model: CapsuleModel, estimator: Any, side: str, x: float) -> None:
     """The other pose is told, about the same crop; a left hand's is its mirror image."""
-    one = follower(model, looker, side)
-    raw, smooth = (told(one, looker, smooth=smooth, flesh=False) for smooth in (False, True))
+    one = track(model, estimator, side)
+    raw, smooth = (tracked_hand(one, estimator, smooth=smooth, surface=False) for smooth in (False, True))
     np.testing.assert_allclose(smooth.xyz - raw.xyz, np.tile([x, 0, 0], (31, 1)), atol=1e-6)
     np.testing.assert_array_equal(smooth.origin_mm, raw.origin_mm)
 
 
-def test_a_known_size(model: CapsuleModel, looker: Any) -> None:
+def test_a_known_size(model: CapsuleModel, estimator: Any) -> None:
     """Is that of the bones, whatever was found in this frame."""
-    hand = told(follower(model, looker, size=1.08), looker, smooth=True, flesh=False)
+    hand = tracked_hand(track(model, estimator, size=1.08), estimator, smooth=True, surface=False)
     np.testing.assert_allclose(hand.bones, 1.08 * model.skeleton.bones)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_flesh(model: CapsuleModel, looker: Any, side: str) -> None:
+def test_surface(model: CapsuleModel, estimator: Any, side: str) -> None:
     """About the joints that are told: ends of capsules that are joints are just there."""
-    hand = told(follower(model, looker, side), looker, smooth=True, flesh=True)
+    hand = tracked_hand(track(model, estimator, side), estimator, smooth=True, surface=True)
     assert hand.capsules is not None
     ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])
     nearest = np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)

@@ -1,4 +1,4 @@
-"""handpose/tracking/scouting.py: with a locator that takes every block of a hand's width for a hand"""
+"""handpose/tracking/detector.py: with a locator that takes every block of a hand's width for a hand"""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from handpose.data.places import CUBE_MM, SIZE
 from handpose.facts.cameras import NYU
 from handpose.prediction.locator import Locator
-from handpose.tracking.scouting import Scout
+from handpose.tracking.detector import Detector
 
 FRAME = 1 / 30
 NOBODY = np.zeros((0, 3))
@@ -55,18 +55,18 @@ def middle(u: int, v: int, d: float) -> np.ndarray:
     return NYU.unproject(np.array([u, v, d]))
 
 
-def scout() -> tuple[Scout, Any]:
+def detector() -> tuple[Detector, Any]:
     """And its locator."""
     locator: Any = Blocks()
-    return Scout(locator, NYU), locator
+    return Detector(locator, NYU), locator
 
 
 def first_found(
-    one: Scout, depth: np.ndarray, followed: np.ndarray, frames: int = 200
+    one: Detector, depth: np.ndarray, followed: np.ndarray, frames: int = 200
 ) -> tuple[int, np.ndarray] | None:
     """In which frame something is found, and what."""
     for n in range(frames):
-        place = one.look(depth, followed, n * FRAME)
+        place = one.detect(depth, followed, n * FRAME)
         if place is not None:
             return n, place
     return None
@@ -77,14 +77,14 @@ LEFT_BLOCK, RIGHT_BLOCK = (180, 240, 700.0), (460, 200, 800.0)
 
 def test_a_hand_is_found() -> None:
     """In few frames, and where it is said to be, not where the surface was looked at."""
-    found = first_found(scout()[0], room(LEFT_BLOCK), NOBODY)
+    found = first_found(detector()[0], room(LEFT_BLOCK), NOBODY)
     assert found is not None and found[0] < 8
     np.testing.assert_allclose(found[1], middle(*LEFT_BLOCK), atol=12)
 
 
 def test_the_nearest_is_found_first() -> None:
     """A hand is held towards the camera."""
-    found = first_found(scout()[0], room(LEFT_BLOCK, RIGHT_BLOCK), NOBODY)
+    found = first_found(detector()[0], room(LEFT_BLOCK, RIGHT_BLOCK), NOBODY)
     assert found is not None
     np.testing.assert_allclose(found[1], middle(*LEFT_BLOCK), atol=12)
 
@@ -92,8 +92,8 @@ def test_the_nearest_is_found_first() -> None:
 def test_a_further_hand_is_found_beside_one_that_is_followed() -> None:
     """And that one is not found again."""
     known = middle(*LEFT_BLOCK)[None]
-    assert first_found(scout()[0], room(LEFT_BLOCK), known) is None
-    found = first_found(scout()[0], room(LEFT_BLOCK, RIGHT_BLOCK), known)
+    assert first_found(detector()[0], room(LEFT_BLOCK), known) is None
+    found = first_found(detector()[0], room(LEFT_BLOCK, RIGHT_BLOCK), known)
     assert found is not None
     np.testing.assert_allclose(found[1], middle(*RIGHT_BLOCK), atol=12)
 
@@ -104,10 +104,10 @@ def test_no_frame_waits() -> None:
     """
 
     def places(followed: np.ndarray, rate: int, seconds: int = 3) -> list[int]:
-        one, locator = scout()
+        one, locator = detector()
         counts = []
         for n in range(seconds * rate):
-            one.look(room(), followed, n / rate)
+            one.detect(room(), followed, n / rate)
             counts.append(locator.count)
         return counts
 
@@ -116,29 +116,29 @@ def test_no_frame_waits() -> None:
     assert 0 < max(beside[1:]) < max(alone[1:]) < whole / 5
     slow = places(middle(*LEFT_BLOCK)[None], 10)
     assert max(beside[1:]) < max(slow[1:]) < whole / 5 and sum(slow[1:]) == pytest.approx(sum(beside[1:]), rel=0.2)
-    rounds, locator = scout()
+    rounds, locator = detector()
     few = np.zeros((480, 640), np.float32)
     few[:200, :200] = 700  # places that are over soon
     counts = []
     for n in range(90):
-        rounds.look(few, middle(*RIGHT_BLOCK)[None], n * FRAME)
+        rounds.detect(few, middle(*RIGHT_BLOCK)[None], n * FRAME)
         counts.append(locator.count)
     assert np.mean(np.array(counts) > 0) < 0.6 and sum(counts[60:]) > 0
 
 
 def test_nothing_to_be_seen() -> None:
     """No place, no hand, no error."""
-    assert first_found(scout()[0], np.zeros((480, 640), np.float32), NOBODY, 3) is None
-    assert first_found(scout()[0], room(), NOBODY, 50) is None
+    assert first_found(detector()[0], np.zeros((480, 640), np.float32), NOBODY, 3) is None
+    assert first_found(detector()[0], room(), NOBODY, 50) is None
 
 
 def test_the_chance_of_a_place() -> None:
     """Of a block, of the wall, and of what is out of sight."""
-    one, _ = scout()
+    one, _ = detector()
     depth = room(LEFT_BLOCK)
-    assert one.chance(depth, middle(*LEFT_BLOCK)) == pytest.approx(0.9)
-    assert one.chance(depth, np.array([300.0, 0, 1500])) == 0
-    assert one.chance(depth, np.array([0.0, 0, -500])) == one.chance(depth, np.array([9e4, 0, 700])) == 0
+    assert one.probability(depth, middle(*LEFT_BLOCK)) == pytest.approx(0.9)
+    assert one.probability(depth, np.array([300.0, 0, 1500])) == 0
+    assert one.probability(depth, np.array([0.0, 0, -500])) == one.probability(depth, np.array([9e4, 0, 700])) == 0
 
 
 def test_nothing_is_looked_for_on_an_arm() -> None:
@@ -146,8 +146,8 @@ def test_nothing_is_looked_for_on_an_arm() -> None:
     left, right = (200, 240, 700.0), (440, 240, 700.0)
     depth, followed = room(left, right), middle(*left)[None]
     for arms, found in ((middle(*right)[None] + (30, 0, 0), False), (middle(*right)[None] + (0, 300, 0), True)):
-        one, _ = scout()
-        places = [one.look(depth, followed, n * FRAME, arms) for n in range(45)]
+        one, _ = detector()
+        places = [one.detect(depth, followed, n * FRAME, arms) for n in range(45)]
         assert any(place is not None for place in places) == found
 
 
@@ -155,18 +155,18 @@ def test_a_place_that_was_no_hand() -> None:
     """Is passed over for half a second, then for a second, while a hand is followed; where none is, it is not."""
     left, right = (200, 240, 700.0), (440, 240, 700.0)
     depth, followed = room(left, right), middle(*left)[None]
-    one, _ = scout()
+    one, _ = detector()
     found = []
     for n in range(100):
-        place = one.look(depth, followed, n * FRAME)
+        place = one.detect(depth, followed, n * FRAME)
         if place is not None:
             one.reject(place, n * FRAME)
             found.append(n * FRAME)
     pauses = np.diff(found)
     assert len(pauses) >= 2 and pauses[0] >= 0.5 and pauses[1] >= 1.0
-    alone, _ = scout()
+    alone, _ = detector()
     for n in range(45):
-        place = alone.look(room(right), NOBODY, n * FRAME)
+        place = alone.detect(room(right), NOBODY, n * FRAME)
         if place is not None:
             alone.reject(place, n * FRAME)
             found.append(n)

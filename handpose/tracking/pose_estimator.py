@@ -22,7 +22,7 @@ from handpose.facts.sides import Side, mirror_of
 from handpose.prediction.crop_fits import fit_starts
 from handpose.prediction.finding import recenter
 from handpose.prediction.predictor import Predictor
-from handpose.tracking.body_pose import Placed, Placer
+from handpose.tracking.body_pose import PoseConverter, WorldPose
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -31,7 +31,7 @@ ARM_PLACES = 5  # along a forearm
 TIMES = 2  # number of evaluations of the locator, each at the predicted position
 
 
-class Aim(NamedTuple):
+class SearchRegion(NamedTuple):
     """A search region.
 
     center_uvd  (3,) px, px, mm: centre of the crop
@@ -43,15 +43,15 @@ class Aim(NamedTuple):
 
     center_uvd: Array
     side: Side
-    before: Placed | None = None
+    before: WorldPose | None = None
     size: float | None = None
     moved_mm: float | None = None
 
 
-class Sight(NamedTuple):
+class Estimate(NamedTuple):
     """The pose found in a search region.
 
-    aim         the region
+    region         the region
     center_mm   (3,) centre of the crop, mirrored for left hands
     crop        (128, 128) in [-1, 1], not mirrored
     fit         of this body alone
@@ -59,22 +59,22 @@ class Sight(NamedTuple):
     goes_on     True if the fit started from the expected body
     """
 
-    aim: Aim
+    region: SearchRegion
     center_mm: Array
     crop: NDArray[np.float32]
     fit: DepthFit
-    body: Placed
+    body: WorldPose
     goes_on: bool = False
 
     @property
-    def doubt(self) -> float:
+    def uncertainty(self) -> float:
         """The uncertainty of the fit."""
-        return float(self.fit.doubt[0])
+        return float(self.fit.uncertainty[0])
 
     @property
-    def badness(self) -> float:
-        """Compares poses of different plans: the expected error in mm, or the misfit if it is unknown."""
-        return float(np.nan_to_num(self.error_mm, nan=self.fit.misfit[0]))
+    def selection_cost(self) -> float:
+        """Compares poses of different plans: the expected error in mm, or the cost if it is unknown."""
+        return float(np.nan_to_num(self.error_mm, nan=self.fit.cost[0]))
 
     @property
     def error_mm(self) -> float:
@@ -85,10 +85,10 @@ class Sight(NamedTuple):
     def confidence(self) -> float:
         """Probability that the error of the joints is below 30 mm; 1 or 0 if it was not measured."""
         known = float(self.fit.confidence[0])
-        return known if np.isfinite(known) else float(np.isfinite(self.doubt))
+        return known if np.isfinite(known) else float(np.isfinite(self.uncertainty))
 
 
-class Looker:
+class PoseEstimator:
     """Predicts and fits hands with the network, the fitter and the plan of a predictor."""
 
     def __init__(self, predictor: Predictor, camera: Camera) -> None:
@@ -97,96 +97,100 @@ class Looker:
         self.cube_mm, self.plan, self.sides = predictor.cube_mm, predictor.plan, predictor.sides
         assert predictor.locator is not None
         self.locator = predictor.locator
-        self.placer = Placer(self.fitter.model)
+        self.converter = PoseConverter(self.fitter.model)
         self._middle = self._middle_of_crops()
 
-    def look(self, depth: NDArray[np.float32], aims: Sequence[Aim], plan: Plan | None = None) -> list[Sight | None]:
+    def estimate(
+        self, depth: NDArray[np.float32], regions: Sequence[SearchRegion], plan: Plan | None = None
+    ) -> list[Estimate | None]:
         """The pose in each region; None if it is outside the image. Raises NetlibError.
 
         plan  of the fit; by default the predictor's
         """
         crops: list[NDArray[np.float32] | None] = []
         alike: dict[tuple[bool, ...], list[int]] = {}
-        for i, aim in enumerate(aims):
+        for i, region in enumerate(regions):
             try:
-                crops.append(clear_crop(depth, aim.center_uvd, self.cube_mm, self.camera))
+                crops.append(clear_crop(depth, region.center_uvd, self.cube_mm, self.camera))
             except DataError:
                 crops.append(None)
                 continue
-            kind = (aim.size is not None, aim.before is not None, aim.moved_mm is not None)
+            kind = (region.size is not None, region.before is not None, region.moved_mm is not None)
             alike.setdefault(kind, []).append(i)
-        found: list[Sight | None] = [None] * len(aims)
+        found: list[Estimate | None] = [None] * len(regions)
         for own in alike.values():
             shown = np.stack([seen for i in own if (seen := crops[i]) is not None])
-            for i, sight in zip(own, self._look([aims[i] for i in own], shown, plan or self.plan)):
-                found[i] = sight
+            for i, estimate in zip(own, self._estimate([regions[i] for i in own], shown, plan or self.plan)):
+                found[i] = estimate
         return found
 
-    def center_of(self, body: Placed, side: Side) -> Array:
+    def center_of(self, body: WorldPose, side: Side) -> Array:
         """The crop centre (3,) of a body, px, px, mm."""
         center = body.place + body.rotation @ self._middle
         return self.camera.project(center * mirror_of(side))
 
-    def hand_near(self, depth: NDArray[np.float32], sight: Sight) -> Array:
+    def hand_near(self, depth: NDArray[np.float32], estimate: Estimate) -> Array:
         """The crop centre (3,) by the locator, px, px, mm; otherwise by the network, if it was run."""
-        middle, side = self.camera.unproject(sight.aim.center_uvd)[None], sight.aim.side
+        middle, side = self.camera.unproject(estimate.region.center_uvd)[None], estimate.region.side
         for _ in range(TIMES):
             chance, middle = self.locator.at(depth, middle, self.camera)
             if not len(chance) or chance[0] < LIKELY:
                 break
         else:
             return self.camera.project(middle[0])
-        if sight.aim.moved_mm is not None:
-            return sight.aim.center_uvd
-        joints = sight.fit.network[0] / (self.cube_mm / 2)
-        return recenter(joints, self.fitter.model.skeleton, sight.aim.center_uvd, self.cube_mm, self.camera, side)
+        if estimate.region.moved_mm is not None:
+            return estimate.region.center_uvd
+        joints = estimate.fit.network[0] / (self.cube_mm / 2)
+        return recenter(joints, self.fitter.model.skeleton, estimate.region.center_uvd, self.cube_mm, self.camera, side)
 
-    def rejection_score(self, sight: Sight) -> float:
+    def rejection_score(self, estimate: Estimate) -> float:
         """The rejection score of the fit in mm: how unlike a hand the place is."""
-        hand = self._hands([sight.aim], sight.crop[None])
-        known_size = sight.aim.size is not None
-        return float(rejection_score(self.fitter.model, sight.fit, hand, known_size=known_size)[0])
+        hand = self._hands([estimate.region], estimate.crop[None])
+        known_size = estimate.region.size is not None
+        return float(rejection_score(self.fitter.model, estimate.fit, hand, known_size=known_size)[0])
 
-    def arm(self, sight: Sight) -> Array:
+    def arm(self, estimate: Estimate) -> Array:
         """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the forearm of a hand."""
         model = self.fitter.model
-        capsules, limbs = model.capsules(sight.fit.x, sight.center_mm[None]), model.flesh.limbs
+        capsules, limbs = model.capsules(estimate.fit.x, estimate.center_mm[None]), model.surface.limbs
         a, b = capsules.a[0, limbs], capsules.b[0, limbs]
         places = a[:, None] + np.linspace(0, 1, ARM_PLACES)[:, None] * (b - a)[:, None]
-        return np.asarray(places.reshape(-1, 3) * mirror_of(sight.aim.side))
+        return np.asarray(places.reshape(-1, 3) * mirror_of(estimate.region.side))
 
     def _middle_of_crops(self) -> Array:
         """The crop centre (3,) in mm, from the root's position and in its axes."""
         model, far = self.fitter.model, np.array([0.0, 0.0, 1000.0])
         x = np.zeros((1, model.variables))
-        root = self.placer.placed(x[0], far)
+        root = self.converter.world_pose(x[0], far)
         uvd = self.camera.project(far)
         center = recenter(model.joints(x)[0] / (self.cube_mm / 2), model.skeleton, uvd, self.cube_mm, self.camera)
         return np.asarray(root.rotation.T @ (self.camera.unproject(center) - root.place))
 
-    def _hands(self, aims: Sequence[Aim], crops: NDArray[np.float32]) -> HandCrops:
+    def _hands(self, regions: Sequence[SearchRegion], crops: NDArray[np.float32]) -> HandCrops:
         """The crops (N, S, S) of these regions."""
-        uvd = np.stack([aim.center_uvd for aim in aims])
-        return HandCrops.of_sides(crops, uvd, self.camera, self.cube_mm, [aim.side for aim in aims])
+        uvd = np.stack([region.center_uvd for region in regions])
+        return HandCrops.of_sides(crops, uvd, self.camera, self.cube_mm, [region.side for region in regions])
 
-    def _look(self, aims: Sequence[Aim], crops: NDArray[np.float32], plan: Plan) -> list[Sight]:
+    def _estimate(self, regions: Sequence[SearchRegion], crops: NDArray[np.float32], plan: Plan) -> list[Estimate]:
         """``look`` for regions with the same known values."""
-        hands = self._hands(aims, crops)
+        hands = self._hands(regions, crops)
         seen, centers = hands.observe(plan.points), hands.center_mm
-        placed = [(aim.before, center) for aim, center in zip(aims, centers) if aim.before is not None]
+        placed = [(region.before, center) for region, center in zip(regions, centers) if region.before is not None]
         before, model = None, self.fitter.model
         if placed:
-            before = np.clip(np.stack([self.placer.variables(*one) for one in placed]), model.lower, model.upper)
-        sizes = np.array([aim.size for aim in aims]) if aims[0].size is not None else None
-        goes_on = np.full(len(aims), before is not None)
-        if before is not None and aims[0].moved_mm is not None:
-            fit = self.fitter.follow(seen, before, np.array([aim.moved_mm for aim in aims]), plan, size=sizes)
+            before = np.clip(np.stack([self.converter.variables(*one) for one in placed]), model.lower, model.upper)
+        sizes = np.array([region.size for region in regions]) if regions[0].size is not None else None
+        goes_on = np.full(len(regions), before is not None)
+        if before is not None and regions[0].moved_mm is not None:
+            fit = self.fitter.follow(seen, before, np.array([region.moved_mm for region in regions]), plan, size=sizes)
         else:
             starts = fit_starts(self.net, model, hands.as_right, plan.quarters)
             fit = self.fitter.fit(seen, starts, plan, size=sizes, before=before)
             goes_on &= fit.start == len(plan.quarters)
-        sights = []
-        for i, (aim, center) in enumerate(zip(aims, centers)):
+        estimates = []
+        for i, (region, center) in enumerate(zip(regions, centers)):
             own = fit.take(slice(i, i + 1))
-            sights.append(Sight(aim, center, crops[i], own, self.placer.placed(own.x[0], center), bool(goes_on[i])))
-        return sights
+            estimates.append(
+                Estimate(region, center, crops[i], own, self.converter.world_pose(own.x[0], center), bool(goes_on[i]))
+            )
+        return estimates

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handpose.surface.model import Flesh
+from handpose.surface.model import Surface
 from handpose.surface.render import Capsules, in_front
 from handpose.synthetic.pose_prior import cut_normal
 from netlib.blob import Array
 
 
 @dataclass(frozen=True)
-class FleshPrior:
+class SurfacePrior:
     """How surfaces differ from the skeleton file's. A limb is a part of the surface alone, such as a hand's arm."""
 
     thickness_mean: float = 1.0  # normal: all radii of a body together, relative to its size
@@ -34,15 +34,17 @@ class FleshPrior:
     sleeve_mm: tuple[float, float] = (2.0, 15.0)  # ... uniform: additional thickness
 
 
-DEFAULT_FLESH = FleshPrior()
+DEFAULT_SURFACE = SurfacePrior()
 # A body unlike the model of the fit: to test fits on unknown bodies.
-OTHER_FLESH = FleshPrior(thickness_std=0.1, radius_std=0.1, offsets=(0.3, 1.5), limb=(0.7, 1.1), cut=0.3, sleeve=0.4)
+OTHER_SURFACE = SurfacePrior(
+    thickness_std=0.1, radius_std=0.1, offsets=(0.3, 1.5), limb=(0.7, 1.1), cut=0.3, sleeve=0.4
+)
 # People in front of a camera.
-ANYBODY = FleshPrior(radius_std=0.05, offsets=(0.6, 1.4), limb=(0.75, 1.1), towards_camera=0.5, cut=0.3, sleeve=0.4)
+ANYBODY = SurfacePrior(radius_std=0.05, offsets=(0.6, 1.4), limb=(0.75, 1.1), towards_camera=0.5, cut=0.3, sleeve=0.4)
 
 
 def draw_capsules(
-    rng: np.random.Generator, prior: FleshPrior, flesh: Flesh, inputs: Array, bones: Array, scale: Array,
+    rng: np.random.Generator, prior: SurfacePrior, surface: Surface, inputs: Array, bones: Array, scale: Array,
     unit_mm: float, origin: Array,
 ) -> Capsules:  # fmt: skip
     """The capsules of N bodies and their limbs, in mm, camera axes.
@@ -53,40 +55,46 @@ def draw_capsules(
     unit_mm  length unit
     origin   (N, 3) mm, origin of the inputs
     """
-    N, M = len(inputs), len(flesh.radii)
+    N, M = len(inputs), len(surface.radii)
     offset = rng.uniform(*prior.offsets, N)
-    ends = _least_towards_camera(rng, prior, flesh, inputs, bones, scale, offset)
+    ends = _least_towards_camera(rng, prior, surface, inputs, bones, scale, offset)
     thickness = scale * (prior.thickness_mean + prior.thickness_std * cut_normal(rng, (N,), prior.clip))
-    radii = flesh.radii * thickness[:, None, None]
+    radii = surface.radii * thickness[:, None, None]
     if (prior.trunk_mean, prior.trunk_std) != (1.0, 0.0):
         thicker = prior.trunk_mean + prior.trunk_std * cut_normal(rng, (N, 1, 1), prior.clip)
-        radii[:, flesh.trunk] *= thicker
+        radii[:, surface.trunk] *= thicker
     if prior.radius_std:
         radii = radii * (1 + prior.radius_std * cut_normal(rng, (N, M, 2), prior.clip))
-    radii[:, flesh.limbs] *= rng.uniform(*prior.limb, (N, 1, 1))
-    a, b = (origin[:, None] + ends[:, joints] * unit_mm for joints in (flesh.start, flesh.end))
+    radii[:, surface.limbs] *= rng.uniform(*prior.limb, (N, 1, 1))
+    a, b = (origin[:, None] + ends[:, joints] * unit_mm for joints in (surface.start, surface.end))
     radii *= unit_mm
     cut = np.where(rng.random(N) < prior.cut, rng.uniform(*prior.cut_at, N), 1.0)
     worn = rng.random(N) < prior.sleeve
     sleeve_from = rng.uniform(*prior.sleeve_from, N)
     thicker = np.where(worn, rng.uniform(*prior.sleeve_mm, N), 0.0)
     sleeves = []
-    for m in np.flatnonzero(flesh.limbs):
+    for m in np.flatnonzero(surface.limbs):
         a[:, m], b[:, m], radii[:, m] = _piece(a[:, m], b[:, m], radii[:, m], np.zeros(N), cut)
         if prior.sleeve:
             sleeves.append(_piece(a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)))
     for start, end, r in sleeves:  # bodies without a sleeve have a second arm in the same place
         a, b = np.concatenate([a, start[:, None]], axis=1), np.concatenate([b, end[:, None]], axis=1)
         radii = np.concatenate([radii, r[:, None]], axis=1)
-    return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1], flesh.facets))
+    return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1], surface.facets))
 
 
 def _least_towards_camera(
-    rng: np.random.Generator, prior: FleshPrior, flesh: Flesh, inputs: Array, bones: Array, scale: Array, offset: Array
+    rng: np.random.Generator,
+    prior: SurfacePrior,
+    surface: Surface,
+    inputs: Array,
+    bones: Array,
+    scale: Array,
+    offset: Array,
 ) -> Array:
     """Ends (N, K, 3) with drawn limbs: of the first draw that does not point at the camera, or the best."""
-    whole, own = flesh.whole, len(flesh.skeleton.initial)
-    free = own + np.flatnonzero(~whole.fixed[own:] & np.isfinite(flesh.deviation[own:]))
+    whole, own = surface.whole, len(surface.skeleton.initial)
+    free = own + np.flatnonzero(~whole.fixed[own:] & np.isfinite(surface.deviation[own:]))
     posed = np.zeros((len(inputs), len(whole.initial)))
     posed[:, :own] = inputs[:, :own]
     least = np.full(len(inputs), np.inf)
@@ -94,10 +102,10 @@ def _least_towards_camera(
     todo = np.arange(len(inputs))
     for wider in np.linspace(1, prior.redraw_wider, 1 + prior.redraws):
         trial = posed[todo]
-        drawn = wider * flesh.deviation[free] * rng.standard_normal((len(todo), len(free)))
+        drawn = wider * surface.deviation[free] * rng.standard_normal((len(todo), len(free)))
         trial[:, free] = np.clip(drawn, whole.lower[free], whole.upper[free])
-        ends = flesh.ends(flesh.kinematics.forward(trial, bones[todo]), scale[todo], offset[todo])
-        limb = ends[:, flesh.end[flesh.limbs]] - ends[:, flesh.start[flesh.limbs]]
+        ends = surface.ends(surface.kinematics.forward(trial, bones[todo]), scale[todo], offset[todo])
+        limb = ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]]
         towards = (-limb[..., 2] / np.linalg.norm(limb, axis=-1)).max(axis=1, initial=-1.0)
         better = towards < least[todo]
         best[todo[better]], least[todo[better]] = ends[better], towards[better]

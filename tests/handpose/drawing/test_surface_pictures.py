@@ -1,4 +1,4 @@
-"""handpose/drawing/flesh.py"""
+"""handpose/drawing/surface.py"""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ import pytest
 
 from handpose.depth_fit.body import CapsuleModel
 from handpose.drawing import hands
-from handpose.drawing.flesh import over_crop, paint
+from handpose.drawing.surface import over_crop, paint
 from handpose.facts.cameras import NYU, Camera
 from handpose.surface.render import Capsules, normalise_depth, render_crop
 from layers.hand import skeleton
 
 
-def test_flesh_over_its_own_picture() -> None:
-    """Where the flesh is, the picture is skin-coloured; elsewhere it is the crop's; reddish where nothing was seen."""
+def test_surface_over_its_own_picture() -> None:
+    """The surface is skin-coloured in the picture; elsewhere it is the crop's; reddish where nothing was seen."""
     model, uvd = CapsuleModel(skeleton.load(), 150.0), np.array([[320.0, 240, 700]])
     x = np.zeros((1, model.variables))
     depth = render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0)
     crop = normalise_depth(depth, uvd[:, 2], 300.0)[0]
     drawn = over_crop(crop, model.capsules(x, np.zeros((1, 3))), uvd, 300.0, NYU, zoom=2)
     assert drawn.shape == (256, 256, 3) and drawn.dtype == np.uint8
-    flesh = np.kron(crop < 1, np.ones((2, 2))) > 0
+    surface = np.kron(crop < 1, np.ones((2, 2))) > 0
     blue, _, red = np.moveaxis(drawn.astype(int), -1, 0)
-    assert (red[flesh] > blue[flesh] + 5).mean() > 0.95
-    np.testing.assert_array_equal(drawn[~flesh], hands.picture(crop, 2)[~flesh])
+    assert (red[surface] > blue[surface] + 5).mean() > 0.95
+    np.testing.assert_array_equal(drawn[~surface], hands.picture(crop, 2)[~surface])
     alone = over_crop(np.ones_like(crop), model.capsules(x, np.zeros((1, 3))), uvd, 300.0, NYU, zoom=2)
-    assert alone[flesh][:, 1].mean() < 0.6 * drawn[flesh][:, 1].mean()  # less green: red
+    assert alone[surface][:, 1].mean() < 0.6 * drawn[surface][:, 1].mean()  # less green: red
 
 
 BALL = Capsules(np.array([[[20.0, 10, 500]]]), np.array([[[20.0, 10, 500]]]), np.array([[60.0]]), np.array([[60.0]]))
 
 
 @pytest.mark.parametrize("size", [100, 1000], ids=["every pixel", "one of many"])
-def test_flesh_is_painted_where_a_camera_sees_it(size: int) -> None:
+def test_surface_is_painted_where_a_camera_sees_it(size: int) -> None:
     """A ball is a disc about its middle, lit from the upper left; the rest of the picture is as it was."""
     camera = Camera("any", size, size, size / 2, size / 2, size, size)
     canvas = np.full((size, size, 3), 90, np.uint8)
@@ -48,7 +48,7 @@ def test_flesh_is_painted_where_a_camera_sees_it(size: int) -> None:
     assert light[middle_row - quarter, middle_column - quarter] > light[middle_row + quarter, middle_column + quarter]
 
 
-def test_flesh_beside_the_picture_or_behind_the_camera_is_not_painted() -> None:
+def test_surface_beside_the_picture_or_behind_the_camera_is_not_painted() -> None:
     """Nothing to see, no error."""
     camera, canvas = Camera("any", 100, 100, 50, 50, 100, 100), np.zeros((100, 100, 3), np.uint8)
     for away in ((2000, 0, 0), (0, 0, -1000), (0, -2000, -480)):

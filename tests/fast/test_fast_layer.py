@@ -1,4 +1,4 @@
-"""Working memory of twins."""
+"""Working memory of fast layers."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import threading
 
 import numpy as np
 
-from fast.twin import Twin
+from fast.fast_layer import FastLayer
 from netlib import gradcheck
 
 
 def test_a_buffer_keeps_its_memory_for_each_thread() -> None:
     """Zeros at first and in a new shape; another thread has its own."""
     layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
-    assert isinstance(layer, Twin)
+    assert isinstance(layer, FastLayer)
     buffer = layer.buffer("b", (2, 3))
     assert not buffer.any()
     assert layer.buffer("b", (2, 3)) is buffer

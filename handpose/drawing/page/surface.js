@@ -1,4 +1,4 @@
-/* The flesh of a skeleton: capsules, which are round cones between two joints, as handpose/surface/model.py has them.
+/* The surface of a skeleton: capsules, which are round cones between two joints, as handpose/surface/model.py has them.
 
    A wedge is drawn as its three edges, which are capsules; the facets between them are left out.
    Where a capsule ends beside its joint j, the offset o_j says how far, along axes that turn with a joint f:
@@ -10,8 +10,8 @@ import { indexOf, LENGTHS, LONGEST, MOST, said } from "./skeleton.js";
 import { toWorld } from "./kinematics.js";
 import { add, times } from "./vectors.js";
 
-export class Flesh {
-  /* capsules  {from, to: joints of the whole body, radii: at both, limb: it ends at a joint that only the flesh has}
+export class Surface {
+  /* capsules  {from, to: joints of the whole body, radii: at both, limb: it ends at a joint of the surface alone}
      offsets   {joint, axes: joints of the whole body, vector} */
   constructor(skeleton, whole) {
     const { flesh } = skeleton.param, joint = (owner, field) => indexOf(whole.joints, owner, field, "joint");
@@ -44,13 +44,13 @@ export class Flesh {
   }
 
   /* The capsules {a, b, ra, rb, from, to, limb} in a pose of the whole body, in the unit of its bones. */
-  posed(pose, size = 1, girth = 1) {
+  posed(pose, size = 1, thickness = 1) {
     const ends = [...pose.joints];
     for (const { joint, axes, vector } of this.offsets) {
       ends[joint] = add(ends[joint], times(toWorld(pose, axes, vector), size));
     }
     return this.capsules.map(({ from, to, radii, limb }) => (
-      { a: ends[from], b: ends[to], ra: radii[0] * size * girth, rb: radii[1] * size * girth, from, to, limb }
+      { a: ends[from], b: ends[to], ra: radii[0] * size * thickness, rb: radii[1] * size * thickness, from, to, limb }
     ));
   }
 }

@@ -1,0 +1,225 @@
+"""The state of one tracked hand: its next search regions, its side, and when it is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.facts.sides import SIDES, Side
+from handpose.tracking.body_pose import Motion, WorldPose, motion_between, moved
+from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
+from handpose.tracking.smoothing import PoseFilter
+
+ENOUGH = 0.3  # minimum confidence of a hand
+SURE = 0.985  # confidence below which a full fit is run
+PAUSE, LONGEST_PAUSE = 0.25, 1.0  # s between full fits; doubled after each without improvement
+SOON = 0.06  # s between full fits after an alarm, or if the side is uncertain
+TROUBLE, ALARM = 1.4, 2.0  # selection_cost relative to its average: run the network; run a full fit
+HABIT = 0.1  # weight of the last frame in the average selection_cost
+BETTER = 0.9  # ratio of selection_cost that counts as an improvement
+ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
+COAST = 0.4  # s without a pose after which a hand is lost
+KEPT = 0.7  # damping of the expected motion
+NEW = 0.6  # weight of the last two frames in the velocity
+COMPARE = 0.1  # s between comparisons of the sides, until the side is decided
+DECIDED = 3.0  # sum of the log-ratios of uncertainties that decides the side
+MAX_EVIDENCE = 1.2  # maximum contribution of one comparison
+SETTLED = 6.0  # maximum evidence for the decided side, which delays a revision
+MAX_COMPARISONS = 6  # number of comparisons after which the sign of the sum decides
+
+
+class SideState:
+    """The state of a hand as one side: its last pose, its motion, and its filter."""
+
+    def __init__(self, estimate: Estimate, time: float) -> None:
+        self.estimate, self.time = estimate, time
+        self.motion: Motion | None = None
+        self.filter = PoseFilter()
+        self.smooth = self.filter(estimate.body, time, estimate.error_mm)
+
+    def expected(self, time: float) -> WorldPose:
+        """The expected body at a time."""
+        if self.motion is None:
+            return self.estimate.body
+        return moved(self.estimate.body, self.motion, KEPT * (time - self.time))
+
+    def take(self, estimate: Estimate, time: float) -> None:
+        """Add a pose. A jump to another pose does not change the motion."""
+        if estimate.goes_on:
+            new = motion_between(self.estimate.body, estimate.body, time - self.time)
+            old = self.motion or new
+            self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, old)))
+        self.estimate, self.time = estimate, time
+        self.smooth = self.filter(estimate.body, time, estimate.error_mm)
+
+
+class HandTrack:
+    """A tracked hand.
+
+    id       of the hand
+    sides    state for each side; both until the side is decided
+    time     s, of its last pose
+    rejections  number of consecutive checks that rejected it
+    checked  s, time of the last check
+    size     relative to the skeleton, once it is known
+    likely   assumed size until then, or None
+    """
+
+    def __init__(
+        self,
+        id: int,
+        estimator: PoseEstimator,
+        estimates: Sequence[Estimate],
+        time: float,
+        size: float | None,
+        leaning: float = 0.0,
+    ) -> None:
+        """``leaning``: prior evidence for a right hand (above 0) or a left one."""
+        self.id, self.time, self.size = id, time, size
+        self.likely: float | None = None
+        self.rejections, self.checked = 0, time
+        self._estimator = estimator
+        self.sides = {estimate.region.side: SideState(estimate, time) for estimate in estimates}
+        self._asked = self._looked = time
+        self._pause, self._missed = PAUSE, False
+        self._usual = min(estimate.selection_cost for estimate in estimates)
+        self._evidence, self._comparisons = leaning, 0
+        self._weigh(estimates)
+
+    @property
+    def hand(self) -> Side:
+        """The likelier side."""
+        if self.is_decided:
+            return next(iter(self.sides))
+        return "right" if self._evidence >= 0 else "left"
+
+    @property
+    def best(self) -> SideState:
+        """The state of the likelier side."""
+        return self.sides[self.hand]
+
+    @property
+    def is_decided(self) -> bool:
+        """True if the side is decided."""
+        return len(self.sides) == 1
+
+    @property
+    def is_sure(self) -> bool:
+        """True if the side is decided and the confidence is high."""
+        return self.is_decided and self.best.estimate.confidence >= SURE
+
+    def regions(self, time: float) -> list[SearchRegion]:
+        """The search regions in a frame; with and without the network, whose last use is recorded."""
+        troubled = self._missed or self.best.estimate.selection_cost > TROUBLE * self._usual
+        asked = troubled or not self.is_decided or time - self._asked >= ASK
+        self._asked = time if asked else self._asked
+        regions = [self._region(side, seen.expected(time)) for side, seen in self.sides.items()]
+        return regions if asked else [region._replace(moved_mm=self._moved(region.side)) for region in regions]
+
+    def other_regions(
+        self, depth: NDArray[np.float32], estimates: Sequence[Estimate | None], time: float
+    ) -> list[SearchRegion]:
+        """Further search regions for a full fit, if the pose or the side is uncertain.
+
+        These are the last pose, and the hand found by the locator, or else the palm predicted by the network, there as
+        either side: a side decided in bad conditions may be wrong.
+        """
+        sure = max((estimate.confidence for estimate in estimates if estimate is not None), default=0.0)
+        alarmed = (
+            min((estimate.selection_cost for estimate in estimates if estimate is not None), default=np.inf)
+            > ALARM * self._usual
+        )
+        pause = COMPARE if not self.is_decided else SOON if alarmed else self._pause
+        if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
+            return []
+        self._looked = time
+        regions = []
+        for side, estimate in ((estimate.region.side, estimate) for estimate in estimates if estimate is not None):
+            center = self._estimator.hand_near(depth, estimate)
+            regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self._size))
+            if self.is_decided:
+                others = (other for other in self._estimator.sides if other != side)
+                regions += [SearchRegion(center, other, None, self._size) for other in others]
+        return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
+
+    def take(self, estimates: Sequence[Estimate | None], others: Sequence[Estimate | None], time: float) -> bool:
+        """Add the poses found in its regions and in others, the best for each side; True if it is still the hand."""
+        first, second = _best(estimates), _best(others)
+        if max((estimate.confidence for estimate in second.values()), default=0.0) >= ENOUGH:
+            self._weigh(list(second.values()))
+        before = min((estimate.selection_cost for estimate in first.values()), default=np.inf)
+        best = _best([*first.values(), *second.values()])
+        own = [best[side] for side in self.sides if side in best]
+        if second and self.is_decided:
+            # The accurate plan expects smaller errors of the same pose, so only another pose can be a better one.
+            better = any(not estimate.goes_on and estimate.selection_cost < BETTER * before for estimate in own)
+            doubted = self._evidence > 0  # it may be a hand of the other side
+            self._pause = SOON if doubted else PAUSE if better else min(2 * self._pause, LONGEST_PAUSE)
+        self._missed = not own or max(estimate.confidence for estimate in own) < ENOUGH
+        if self._missed:
+            return False
+        for estimate in own:
+            self.sides[estimate.region.side].take(estimate, time)
+        self.time = time
+        self._usual += HABIT * (self.best.estimate.selection_cost - self._usual)
+        if self.is_sure:
+            self._pause = PAUSE
+        return True
+
+    def given_up(self, time: float) -> bool:
+        """True if it was lost for too long."""
+        return time - self.time > COAST
+
+    def _region(self, side: Side, body: WorldPose) -> SearchRegion:
+        return SearchRegion(self._estimator.center_of(body, side), side, body, self._size)
+
+    @property
+    def _size(self) -> float | None:
+        return self.likely if self.size is None else self.size
+
+    def _moved(self, side: Side) -> float:
+        """The distance of the last fit from the network's joints, mm."""
+        return float(self.sides[side].estimate.fit.signs[0, -1])
+
+    def _weigh(self, estimates: Sequence[Estimate]) -> None:
+        """Update the evidence for the side: its sum decides, and later evidence for the other side can revise it."""
+        uncertainty = {estimate.region.side: estimate.uncertainty for estimate in estimates}
+        known = np.array(list(uncertainty.values()))
+        if len(uncertainty) < 2 or np.isnan(known).any() or np.isinf(known).all():  # no evidence without a visible hand
+            return
+        right, left = (np.log(np.clip(uncertainty[side], 1e-9, 1e9)) for side in SIDES)
+        says = float(np.clip(left - right, -MAX_EVIDENCE, MAX_EVIDENCE))
+        if self.is_decided:
+            self._reconsider(says, estimates)
+            return
+        self._evidence += says
+        self._comparisons += 1
+        if abs(self._evidence) > DECIDED or self._comparisons >= MAX_COMPARISONS:
+            self.sides = {self.hand: self.best}
+            self._evidence = 0.0
+
+    def _reconsider(self, says: float, estimates: Sequence[Estimate]) -> None:
+        """Sum up the evidence for the other side, less that for this one."""
+        side = self.hand
+        against = -says if side == "right" else says
+        self._evidence = max(self._evidence + against, -SETTLED)
+        if self._evidence > DECIDED:
+            self.sides = {
+                estimate.region.side: SideState(estimate, self.time)
+                for estimate in estimates
+                if estimate.region.side != side
+            }
+            self._evidence = 0.0
+
+
+def _best(estimates: Sequence[Estimate | None]) -> dict[Side, Estimate]:
+    """The best pose of each side."""
+    best: dict[Side, Estimate] = {}
+    for estimate in estimates:
+        if estimate is not None and (
+            estimate.region.side not in best or estimate.selection_cost < best[estimate.region.side].selection_cost
+        ):
+            best[estimate.region.side] = estimate
+    return best

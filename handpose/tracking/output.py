@@ -1,0 +1,41 @@
+"""The output of the tracker for one hand, as in ``handpose.track_files``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.depth_fit.body import SIZE
+from handpose.facts.sides import mirror_of
+from handpose.track_files.track import TrackedHand
+from handpose.tracking.hand_track import HandTrack
+from handpose.tracking.pose_estimator import PoseEstimator
+
+
+def tracked_hand(track: HandTrack, estimator: PoseEstimator, *, smooth: bool, surface: bool) -> TrackedHand:
+    """A hand at its last pose.
+
+    smooth  use the smoothed pose
+    surface   include the surface
+    """
+    seen, model = track.best, estimator.fitter.model
+    estimate, side = seen.estimate, seen.estimate.region.side
+    mirror = mirror_of(side)
+    x = estimator.converter.variables(seen.smooth if smooth else estimate.body, estimate.center_mm)[None]
+    if track.size is not None:
+        x[0, SIZE] = np.log(track.size)  # the known size, instead of a filtered one
+    capsules = None
+    if surface:
+        capsules = model.capsules(x, estimate.center_mm[None]).mirrored(mirror)
+    return TrackedHand(
+        id=track.id,
+        hand=side,
+        confidence=float(estimate.fit.confidence[0]),
+        error_mm=float(estimate.fit.error_mm[0]),
+        inputs=model.inputs_of(x)[0],
+        bones=model.skeleton.bones * float(np.exp(x[0, SIZE])),
+        origin_mm=estimate.center_mm * mirror,
+        xyz=(model.joints(x)[0] + estimate.center_mm) * mirror,
+        center_uvd=estimate.region.center_uvd,
+        cube_mm=estimator.cube_mm,
+        capsules=capsules,
+    )

@@ -1,0 +1,322 @@
+"""handpose/tracking/hand_track.py: by estimates that were made by hand"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.depth_fit.fit import DepthFit
+from handpose.facts.sides import SIDES
+from handpose.tracking.body_pose import WorldPose
+from handpose.tracking.hand_track import HandTrack
+from handpose.tracking.pose_estimator import Estimate, SearchRegion
+
+FRAME = 1 / 30
+
+
+class FakeEstimator:
+    """Its crops are at the palm, and its locator sees the hand 7 mm farther right."""
+
+    sides = SIDES
+
+    def center_of(self, body: WorldPose, side: str) -> np.ndarray:
+        """The place itself."""
+        return body.place
+
+    def hand_near(self, depth: np.ndarray, estimate: Estimate) -> np.ndarray:
+        """Beside it."""
+        return estimate.body.place + (7, 0, 0)
+
+
+ESTIMATOR: Any = FakeEstimator()
+DEPTH = np.zeros((1, 1), np.float32)  # which it does not look at
+
+
+def estimate(
+    side: str = "right",
+    x: float = 0.0,
+    uncertainty: float = 1.0,
+    confidence: float = 1.0,
+    error: float = 5.0,
+    goes_on: bool = True,
+) -> Estimate:
+    """A hand at x mm."""
+    one, none = np.ones(1), np.zeros((1, 3))
+    fit = DepthFit(none, one, none, none, one, uncertainty * one, error * one, confidence * one, none,
+                   np.full((1, 5), 3.0), one)  # fmt: skip
+    body = WorldPose(np.array([x, 0, 600]), np.eye(3), np.zeros(4))
+    return Estimate(SearchRegion(body.place, side), body.place, np.zeros((128, 128), np.float32), fit, body, goes_on)
+
+
+def both(x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float) -> list[Estimate]:
+    """One place seen as a right hand and as a left one, with these uncertainties."""
+    return [estimate("right", x, right, **said), estimate("left", x, left, **said)]
+
+
+def followed(
+    one: HandTrack, estimates: list[list[Estimate]], first: int = 1, beside: list[Estimate] | None = None
+) -> None:
+    """Frame by frame at 30 frames/s, as the sides that are still looked for; ``beside``: second looks at each."""
+    for n, seen in enumerate(estimates, first):
+        assert one.take([own for own in seen if own.region.side in one.sides], beside or [], n * FRAME)
+
+
+def compared(one: HandTrack, looks: list[list[Estimate]], first: int = 1) -> None:
+    """Second looks at both sides, one in each frame."""
+    for n, seen in enumerate(looks, first):
+        followed(one, [both()], n, seen)
+
+
+# --------------------------------------------------------------------------------------------- which hand
+
+
+@pytest.mark.parametrize(("right", "left", "side"), [(1.0, 9.0, "right"), (9.0, 1.0, "left")])
+def test_which_hand_is_decided_and_kept(right: float, left: float, side: str) -> None:
+    """Both are followed until looks enough have spoken; then one, whatever a single look says."""
+    one = HandTrack(0, ESTIMATOR, both(right=right, left=left), 0.0, None)
+    assert set(one.sides) == set(SIDES) and not one.is_decided
+    assert one.best.estimate.region.side == side and {region.side for region in one.regions(FRAME)} == set(SIDES)
+    n = 0
+    while not one.is_decided:
+        n += 1
+        compared(one, [both(right=right, left=left)], n)
+        assert n < 30
+    assert list(one.sides) == [side] and {region.side for region in one.regions(1.0)} == {side}
+    says, other = both(right=right, left=left), both(right=left, left=right)
+    compared(one, [other, says] * 30, n + 1)
+    assert list(one.sides) == [side]
+
+
+def test_the_sum_decides() -> None:
+    """No look alone, however sure it is: most looks said right."""
+    one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    compared(one, [both(right=1e9, left=1e-9)])
+    assert not one.is_decided and one.best.estimate.region.side == "left"
+    for n in range(2, 60):
+        compared(one, [both(right=1, left=4)], n)
+        if one.is_decided:
+            break
+    assert list(one.sides) == ["right"]
+
+
+def test_at_last_the_many_decide() -> None:
+    """Where every look says little."""
+    one = HandTrack(0, ESTIMATOR, both(right=1.01), 0.0, None)
+    compared(one, [both(right=1.01)] * 29)
+    assert list(one.sides) == ["left"]
+
+
+def test_who_decided_in_bad_light_may_be_wrong() -> None:
+    """If all looks say the other hand from then on, it becomes that one."""
+    one = HandTrack(0, ESTIMATOR, both(right=9), 0.0, None)
+    compared(one, [both(right=9)] * 20)
+    assert list(one.sides) == ["left"]
+    compared(one, [both(left=9)], 21)
+    assert list(one.sides) == ["left"]
+    compared(one, [both(left=9, x=5)] * 20, 22)
+    assert list(one.sides) == ["right"] and one.best.estimate.body.place[0] in (0, 5)
+
+
+@pytest.mark.parametrize(("leaning", "side"), [(1.0, "right"), (-1.0, "left")])
+def test_what_else_is_known(leaning: float, side: str) -> None:
+    """Decides where pictures do not."""
+    one = HandTrack(0, ESTIMATOR, both(), 0.0, None, leaning)
+    assert one.best.estimate.region.side == side
+    compared(one, [both()] * 29)
+    assert list(one.sides) == [side]
+
+
+def test_a_side_that_is_not_seen_says_nothing() -> None:
+    """Where one place is out of sight the other is followed; what shows nothing at all speaks against its side."""
+    one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    followed(one, [[estimate("left")]] * 29, beside=[estimate("left")])
+    assert not one.is_decided
+    compared(one, [[estimate("right", uncertainty=np.inf, confidence=0), estimate("left")]], 30)
+    assert one.best.estimate.region.side == "left"
+    nothing = both(right=np.inf, left=np.inf, confidence=0)
+    for n in range(31, 60):
+        assert not one.take(nothing, nothing, n * FRAME)
+    assert not one.is_decided
+
+
+def test_a_side_that_was_right_for_long() -> None:
+    """The more looks spoke for it, the more it takes to change it."""
+    needed = []
+    for looks in (0, 2, 20):
+        one = HandTrack(0, ESTIMATOR, both(left=9), 0.0, None)
+        compared(one, [both(left=9)] * 3)
+        assert one.is_decided and one.hand == "right"
+        compared(one, [both(left=9)] * looks, 4)
+        n = 0
+        while one.hand == "right":
+            n += 1
+            compared(one, [both(right=9)], 100 + n)
+        needed.append(n)
+    assert needed[0] < needed[1] < needed[2] < 12
+
+
+def test_only_one_side_is_looked_for() -> None:
+    """Then there is nothing to be decided."""
+    one = HandTrack(3, ESTIMATOR, [estimate("left")], 0.0, 1.1)
+    assert one.is_decided and one.id == 3 and [region.size for region in one.regions(FRAME)] == [1.1]
+
+
+# --------------------------------------------------------------------------------------------- where next
+
+
+def test_where_to_look_next() -> None:
+    """First where it was; then farther in the direction that it moves, but not farther than it goes."""
+    one = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
+    (region,) = one.regions(FRAME)
+    np.testing.assert_array_equal(region.center_uvd, [0, 0, 600])
+    assert region.before is one.best.estimate.body
+    followed(one, [[estimate(x=10.0 * n)] for n in range(1, 10)])
+    (region,) = one.regions(10 * FRAME)
+    assert (
+        90 < region.center_uvd[0] <= 100
+        and region.before is not None
+        and region.before.place[0] == region.center_uvd[0]
+    )
+    (later,) = one.regions(12 * FRAME)
+    assert region.center_uvd[0] < later.center_uvd[0] <= 120
+
+
+def test_the_network_is_asked_now_and_then() -> None:
+    """While all is well, sure or not; always while the hand is in trouble. In between the last one's answer counts."""
+    one = HandTrack(0, ESTIMATOR, [estimate()], 0.0, None)
+    asked = []
+    for n in range(1, 31):
+        (region,) = one.regions(n * FRAME)
+        asked.append(region.moved_mm is None)
+        assert asked[-1] or region.moved_mm == 3
+        followed(one, [[estimate()]], n)
+    assert 0 < sum(asked) < 15
+    for n in range(31, 40):
+        followed(one, [[estimate(confidence=0.7, error=30)]], n)
+        assert not one.is_sure and one.regions((n + 1) * FRAME)[0].moved_mm is None
+    undecided = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    assert all(region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME))
+
+
+def test_a_second_look() -> None:
+    """Where nothing sure was seen: where a hand is seen near, as both hands; where it was, if nothing was seen."""
+    one = HandTrack(0, ESTIMATOR, [estimate(x=5)], 0.0, 0.9)
+    assert one.other_regions(DEPTH, [estimate()], 1.0) == []
+    unsure = [estimate(x=20, confidence=0.6)]
+    first = one.other_regions(DEPTH, unsure, 1.0)
+    assert [(region.center_uvd[0], region.side) for region in first] == [(27, "right"), (27, "left")]
+    assert all(region.size == 0.9 for region in first) and first[0].before is one.best.estimate.body
+    assert one.other_regions(DEPTH, unsure, 1.0 + FRAME) == []
+    assert [region.center_uvd[0] for region in one.other_regions(DEPTH, [None], 9.0)] == [5]
+
+
+def test_a_second_look_at_both_sides() -> None:
+    """While it is not decided, however sure what was seen is."""
+    one = HandTrack(0, ESTIMATOR, both(x=5), 0.0, None)
+    regions = one.other_regions(DEPTH, both(x=20), 1.0)
+    assert sorted((region.center_uvd[0], region.side) for region in regions) == [(27, "left"), (27, "right")]
+    assert all(region.before is one.sides[region.side].estimate.body for region in regions)
+
+
+@pytest.mark.parametrize(
+    ("error", "goes_on", "least", "most"),
+    [(1.0, False, 12, 60), (5.0, False, 3, 11), (1.0, True, 3, 11)],
+    ids=["helps", "does not", "finds the same pose"],
+)
+def test_second_looks_are_rare(error: float, goes_on: bool, least: int, most: int) -> None:
+    """In ten seconds of 300 unsure frames; rarer where they find no better pose."""
+    one, looks = HandTrack(0, ESTIMATOR, [estimate()], 0.0, None), 0
+    for n in range(1, 301):
+        seen = [estimate(confidence=0.6)]
+        regions = one.other_regions(DEPTH, seen, n * FRAME)
+        looks += bool(regions)
+        assert one.take(seen, [estimate(confidence=0.6, error=error, goes_on=goes_on)] if regions else [], n * FRAME)
+    assert least <= looks <= most
+
+
+def test_the_other_hand_is_looked_for_soon() -> None:
+    """While looks find it better: who was decided as the wrong hand is that for half a second, not for seconds."""
+    one = HandTrack(0, ESTIMATOR, [estimate("left")], 0.0, None)
+    for n in range(1, 200):
+        seen = [estimate("left", confidence=0.6, error=15)]
+        regions = one.other_regions(DEPTH, seen, n * FRAME)
+        right = estimate("right", uncertainty=4.0, error=5)
+        assert one.take(seen, [right, estimate("left", uncertainty=9.0, error=15)] if regions else [], n * FRAME)
+        if one.hand == "right":
+            break
+    assert n * FRAME < 0.6
+
+
+def test_a_hand_in_trouble() -> None:
+    """It fits much worse than this hand usually does: the network is asked, and soon it is looked at anew."""
+    one = HandTrack(0, ESTIMATOR, [estimate(error=4)], 0.0, None)
+    followed(one, [[estimate(error=4)]] * 9)
+    assert one.other_regions(DEPTH, [estimate(error=5)], 10 * FRAME) == []
+    bad = [estimate(error=30)]
+    assert one.other_regions(DEPTH, bad, 10 * FRAME)
+    assert one.other_regions(DEPTH, bad, 10 * FRAME + 1e-3) == []
+    assert one.other_regions(DEPTH, bad, 10 * FRAME + 0.2)
+    followed(one, [bad], 10)
+    assert one.is_sure and all(one.regions((11 + n) * FRAME)[0].moved_mm is None for n in range(3))
+    often = HandTrack(0, ESTIMATOR, [estimate(error=30)], 0.0, None)
+    followed(often, [bad] * 30)
+    assert often.other_regions(DEPTH, bad, 9.0) == []
+
+
+def test_of_several_looks_the_best_counts() -> None:
+    """The one with the least expected error; a side of which nothing was seen stays as it was."""
+    one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    assert one.take(
+        [estimate("right", 1, error=9), None], [estimate("right", 2, error=4), estimate("right", 3, error=6)], FRAME
+    )
+    assert one.sides["right"].estimate.body.place[0] == 2 and one.sides["left"].estimate.body.place[0] == 0
+    assert one.time == one.sides["right"].time == FRAME and one.sides["left"].time == 0
+
+
+# ------------------------------------------------------------------------------------------------- losing
+
+
+@pytest.mark.parametrize("seen", [[], [None, None], [estimate(confidence=0.1), None]], ids=["nothing", "out", "unlike"])
+def test_losing(seen: list[Estimate | None]) -> None:
+    """A frame without it is no end: it is looked for where it was, and given up after a while."""
+    one = HandTrack(0, ESTIMATOR, [estimate()], 0.0, None)
+    followed(one, [[estimate(x=1)]])
+    assert not one.take(seen, seen, 2 * FRAME)
+    assert one.time == FRAME and one.best.estimate.body.place[0] == 1 and not one.given_up(2 * FRAME)
+    assert one.take([estimate(x=2)], [], 3 * FRAME) and one.time == 3 * FRAME
+    assert not one.given_up(4 * FRAME) and one.given_up(4 * FRAME + 2)
+
+
+def test_smoothing_begins_with_the_first_pose() -> None:
+    """And follows what was seen, not what was not."""
+    one = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
+    assert one.best.smooth.place[0] == 0
+    followed(one, [[estimate(x=10)], [estimate(x=10)]])
+    before = one.best.smooth.place[0]
+    assert 0 < before < 10
+    one.take([None], [], 3 * FRAME)
+    assert one.best.smooth.place[0] == before
+
+
+def test_a_jump_is_no_movement() -> None:
+    """A pose that was found anew, elsewhere, says nothing of speed: the hand goes on as it moved, from there."""
+    one = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
+    followed(one, [[estimate(x=10.0 * n)] for n in range(1, 10)])
+    followed(one, [[estimate(x=250.0, goes_on=False)]], 10)
+    (region,) = one.regions(11 * FRAME)
+    assert 256 < region.center_uvd[0] <= 260
+    rests = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
+    followed(rests, [[estimate(x=0)], [estimate(x=0)], [estimate(x=80, goes_on=False)]])
+    assert rests.regions(4 * FRAME)[0].center_uvd[0] == 80
+
+
+def test_a_likely_size() -> None:
+    """Is looked for until the hand's own is known."""
+    one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    assert {region.size for region in one.regions(FRAME)} == {None}
+    one.likely = 0.9
+    assert {region.size for region in one.regions(2 * FRAME)} == {0.9}
+    one.size = 1.1
+    assert {region.size for region in one.regions(3 * FRAME)} == {1.1}

@@ -1,0 +1,200 @@
+"""handpose/tracking/pose_estimator.py: by the packaged network and fit, in frames of a hand that is known"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from handpose.depth_fit.search import ACCURATE
+from handpose.facts.cameras import ICVL, Camera
+from handpose.facts.sides import MIRROR, mirror_of
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.predictor import Predictor
+from handpose.sequences.acts import Act
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sequences.scripts import Role, Script
+from handpose.tracking import pose_estimator
+from handpose.tracking.body_pose import WorldPose
+from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
+from tests.handpose.tracking.conftest import Take
+
+FAR_OFF = np.array([-900.0, 120, 700])  # px, px, mm: nothing of its cube is in the image
+ASIDE = Camera("aside", 240.0, 241.0, 130.0, 110.0, 320, 240)
+
+
+@pytest.fixture(scope="module")
+def estimator(predictor: Predictor) -> PoseEstimator:
+    """At ICVL's camera."""
+    return PoseEstimator(predictor, ICVL)
+
+
+@pytest.fixture
+def depth(shown: Take) -> np.ndarray:
+    """A frame with a right hand."""
+    return shown.frames[20].depth
+
+
+@pytest.fixture
+def center(shown: Take) -> np.ndarray:
+    """Where it is, (3,) px, px, mm."""
+    return shown.truth[20].hands[0].center_uvd
+
+
+def joints(estimator: PoseEstimator, estimate: Estimate | None) -> np.ndarray:
+    """(K, 3) in mm, camera axes."""
+    assert estimate is not None
+    mirror = mirror_of(estimate.region.side)
+    return (estimator.fitter.model.joints(estimate.fit.x)[0] + estimate.center_mm) * mirror
+
+
+def error(estimator: PoseEstimator, estimate: Estimate | None, shown: Take) -> float:
+    """Of all joints, mm."""
+    return float(np.linalg.norm(joints(estimator, estimate) - shown.truth[20].hands[0].xyz, axis=1).mean())
+
+
+def test_a_hand_is_seen(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, shown: Take) -> None:
+    """Where it is, and by the accurate plan, too; surely, and not strange."""
+    for plan in (None, ACCURATE):
+        (estimate,) = estimator.estimate(depth, [SearchRegion(center, "right")], plan)
+        assert estimate is not None and error(estimator, estimate, shown) < 15
+        assert estimate.confidence > 0.7 and estimate.selection_cost < 15 and estimator.rejection_score(estimate) < 90
+        np.testing.assert_allclose(estimate.center_mm, ICVL.unproject(center))
+
+
+def test_the_wrong_hand_is_doubted(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+    """More than the right one."""
+    right, left = estimator.estimate(depth, [SearchRegion(center, side) for side in ("right", "left")])
+    assert right is not None and left is not None and right.uncertainty < left.uncertainty
+
+
+def test_no_hand_is_strange(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+    """More than a hand is: the forearm beside the image's edge, or a place beside the hand."""
+    there, beside = estimator.estimate(
+        depth, [SearchRegion(center, "right"), SearchRegion(center + (0, 75, 0), "right")]
+    )
+    assert there is not None and beside is not None
+    assert estimator.rejection_score(beside) > estimator.rejection_score(there) + 15
+
+
+def test_places_of_all_kinds_together(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+    """In their order: each as when it is looked at alone, None where it is out of sight."""
+    (before,) = estimator.estimate(depth, [SearchRegion(center, "right")])
+    assert before is not None
+    regions = [
+        SearchRegion(FAR_OFF, "left"),
+        SearchRegion(center, "right", before.body, 1.0),
+        SearchRegion(center + (5, 0, 0), "left"),
+        SearchRegion(center, "right"),
+        SearchRegion(center, "right", before.body, None, 4.0),
+        SearchRegion(center, "right", before.body, 0.95, 4.0),
+        SearchRegion(center + (2, 0, 0), "right", before.body),
+        SearchRegion(FAR_OFF, "right", before.body),
+    ]
+    together = estimator.estimate(depth, regions)
+    assert [estimate is None for estimate in together] == [True] + [False] * 6 + [True]
+    for region, estimate in zip(regions[1:-1], together[1:-1]):
+        (alone,) = estimator.estimate(depth, [region])
+        assert estimate is not None and estimate.region is region
+        np.testing.assert_allclose(joints(estimator, estimate), joints(estimator, alone), atol=3)
+    assert estimator.estimate(depth, []) == [] and estimator.estimate(depth, regions[:1]) == [None]
+
+
+def test_a_known_size(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+    """Of each its own."""
+    estimates = estimator.estimate(depth, [SearchRegion(center, "right", size=size) for size in (0.9, 1.1)])
+    assert [float(estimate.fit.size[0]) for estimate in estimates if estimate] == pytest.approx([0.9, 1.1], abs=5e-3)
+
+
+def test_from_the_pose_before(
+    estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, shown: Take, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also about another centre; without asking the network, if its last answer is given, which counts as before."""
+    (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
+    assert first is not None
+    monkeypatch.setattr(pose_estimator, "fit_starts", None)  # whoever calls it fails
+    where = ((0, 0, 0), (0, 0, 0), (8, -6, 20))
+    regions = [
+        SearchRegion(center + by, "right", first.body, None, moved) for by, moved in zip(where, (1.0, 25.0, 25.0))
+    ]
+    near, far, aside = estimator.estimate(depth, regions)
+    assert near is not None and far is not None and aside is not None
+    assert not first.goes_on and near.goes_on and far.goes_on and aside.goes_on
+    assert max(error(estimator, estimate, shown) for estimate in (near, far, aside)) < 15
+    assert near.fit.signs[0, -1] >= 1 and far.fit.signs[0, -1] >= 25 and far.uncertainty > near.uncertainty
+    with pytest.raises(TypeError):
+        estimator.estimate(depth, [SearchRegion(center, "right", first.body)])
+
+
+def test_does_it_go_on(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+    """Where both compete, what the network sees and what was expected: only if that is what won."""
+    (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
+    assert first is not None
+    far = first.body._replace(others=-first.body.others, rotation=first.body.rotation @ np.diag([-1.0, 1, -1]))
+    goes_on, anew = estimator.estimate(depth, [SearchRegion(center, "right", body) for body in (first.body, far)])
+    assert goes_on is not None and goes_on.goes_on and anew is not None and not anew.goes_on
+
+
+def test_a_left_hand_is_the_mirror_image() -> None:
+    """In the mirrored image of the mirrored camera, which does not look from its middle.
+
+    The accurate plan finds the same in both, though the window of a crop is rounded towards the left of the image.
+    """
+    recording = SyntheticRecording(Script(3, (Role("right", (Act("gestures", 3),)),)), ASIDE, rate=15, seed=2)
+    depth, center = recording.frame(20).depth, recording.truth(20).hands[0].center_uvd
+    in_mirror = dataclasses.replace(ASIDE, u0=ASIDE.width - 1 - ASIDE.u0)
+    right, left = (PoseEstimator(load_predictor(own, fit="accurate"), own) for own in (ASIDE, in_mirror))
+    place = np.array([ASIDE.width - 1 - center[0], *center[1:]])
+    (one,) = right.estimate(depth, [SearchRegion(center, "right")])
+    (other,) = left.estimate(np.ascontiguousarray(depth[:, ::-1]), [SearchRegion(place, "left")])
+    assert one is not None and other is not None
+    assert np.linalg.norm(joints(left, other) * MIRROR - joints(right, one), axis=1).mean() < 4
+    assert left.rejection_score(other) == pytest.approx(right.rejection_score(one), rel=0.25)
+    np.testing.assert_allclose(left.center_of(other.body, "left")[1:], right.center_of(one.body, "right")[1:], atol=5)
+
+
+def test_where_the_next_crop_is(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+    """About the middle of the palm, as the fit has it and as the locator has it."""
+    (estimate,) = estimator.estimate(depth, [SearchRegion(center + (10, 0, 0), "right")])
+    assert estimate is not None
+    for found in (estimator.center_of(estimate.body, "right"), estimator.hand_near(depth, estimate)):
+        assert np.linalg.norm(ICVL.unproject(found) - ICVL.unproject(center)) < 25
+
+
+@given(place=st.tuples(st.floats(-200, 200), st.floats(-150, 150), st.floats(400, 900)))
+def test_crops_move_with_the_body(estimator: PoseEstimator, place: tuple[float, ...]) -> None:
+    """As far as it; those of a left hand in the mirror image."""
+    body = WorldPose(np.array(place), np.eye(3), np.zeros(len(estimator.converter.others)))
+    moved = body._replace(place=body.place + (10, 20, -30))
+    first, second = (ICVL.unproject(estimator.center_of(one, "right")) for one in (body, moved))
+    np.testing.assert_allclose(second - first, (10, 20, -30), atol=1e-6)
+    np.testing.assert_allclose(ICVL.unproject(estimator.center_of(body, "left")), first * MIRROR, atol=1e-6)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_where_the_locator_sees_no_hand(
+    estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, side: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The network's joints tell where the palm is, and it moves with them."""
+    (estimate,) = estimator.estimate(depth, [SearchRegion(center, side)])
+    assert estimate is not None
+    monkeypatch.setattr(estimator.locator, "look", lambda crops: (np.zeros(len(crops)), np.ones((len(crops), 3))))
+    beside = dataclasses.replace(estimate.fit, network=estimate.fit.network + (10, 20, 30))
+    first, second = (
+        ICVL.unproject(estimator.hand_near(depth, estimate._replace(fit=fit))) for fit in (estimate.fit, beside)
+    )
+    np.testing.assert_allclose(second - first, np.array((10, 20, 30)) * mirror_of(side), atol=1e-3)
+
+
+def test_what_nobody_measured(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+    """A network without a table of its errors: the cost compares looks, and all that is seen is believed."""
+    (estimate,) = estimator.estimate(depth, [SearchRegion(center, "right")])
+    assert estimate is not None
+    unknown = np.full(1, np.nan)
+    estimate = estimate._replace(fit=dataclasses.replace(estimate.fit, error_mm=unknown, confidence=unknown))
+    assert estimate.confidence == 1 and estimate.selection_cost == estimate.fit.cost[0]
+    empty = estimate._replace(fit=dataclasses.replace(estimate.fit, uncertainty=np.full(1, np.inf)))
+    assert empty.confidence == 0
