@@ -96,8 +96,8 @@ endif
 # in the code.
 WORDED := README.md CHANGELOG.md CONTRIBUTING.md docs/*.md docs/book docs/results docs/exercises/README.md models prototxt \
 	tests/caffe/README.md
-WORDED_CODE := netlib layers fast exercises export tools benchmarks
-NAMES := ledger,misfit,nd,trainings
+WORDED_CODE := netlib layers fast handpose exercises export tools benchmarks docs/making
+NAMES := ledger,misfit,mot,nd,trainings
 lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -34,7 +34,7 @@ def current(text: str, document: Path) -> str:
 def _told(document: Path, match: re.Match[str]) -> str:
     try:
         if match[3] is None and match.string.startswith("```", match.end()):
-            raise ValueError("the block under this mark has no end: expected ``` on a line of its own")
+            raise ValueError("the block under this mark has no end: expected ``` alone on a line")
         if match[3] and re.search(r"^```.", match[3].partition("\n")[2], re.MULTILINE):  # the next one begins in it
             raise ValueError("the block under this mark has no end before the next begins")
         return _shown(match)

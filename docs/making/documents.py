@@ -12,7 +12,7 @@ from docs.making.made import Made
 from netlib.errors import reason_of
 from netlib.files.paths import ROOT
 
-# What tells that a document has something to be made, and the change that makes it: (text, document) -> text.
+# The pattern of documents with generated content, and the change that makes it: (text, document) -> text.
 CHANGES: tuple[tuple[re.Pattern[str], Callable[[str, Path], str]], ...] = (
     (code_blocks.MARK, code_blocks.current),
     (exercises.MARK, exercises.current),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 PICTURE = ROOT / "docs" / "images" / "hand_page.png"
-SIZE: Any = {"width": 1280, "height": 800}  # a type of its own in playwright, if that is installed
+SIZE: Any = {"width": 1280, "height": 800}  # playwright has a type for it, if installed
 SHOWN = """async () => {
   const { body, data, stage } = hand, { dofs, joints } = body.skeleton;
   const pose = Object.entries({ ...data.poses.point, palm_rot_y: 0.5 });

@@ -24,8 +24,8 @@ def current(text: str, document: Path) -> str:
     def with_line(link: Link) -> str:
         name, _, anchor = link.target.partition("#")
         path = document.parent / name
-        wanted = re.fullmatch(r"[\w.]+", link.title) and re.fullmatch(r"(L\d+)?", anchor)
-        if not wanted or path.suffix not in symbols.SUFFIXES or not path.is_file():
+        is_symbol = re.fullmatch(r"[\w.]+", link.title) and re.fullmatch(r"(L\d+)?", anchor)
+        if not is_symbol or path.suffix not in symbols.SUFFIXES or not path.is_file():
             return link.target  # one that leads nowhere is another test's
         try:
             return f"{name}#L{symbols.line_of(path, link.title)}"

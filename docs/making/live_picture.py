@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 PICTURE = ROOT / "docs" / "images" / "live_page.png"
-SIZE: Any = {"width": 1280, "height": 800}  # a type of its own in playwright, if that is installed
+SIZE: Any = {"width": 1280, "height": 800}  # playwright has a type for it, if installed
 FRAMES = 90
 
 

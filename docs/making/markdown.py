@@ -20,7 +20,7 @@ OUTSIDE = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]*:|//")
 
 
 class Link(NamedTuple):
-    """Where a link or an image leads, as it stands there, and its title; empty without one."""
+    """The target of a link or an image, unchanged, and its title; empty without one."""
 
     target: str
     title: str

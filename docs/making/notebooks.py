@@ -3,7 +3,7 @@
 python -m docs.making.notebooks
 
 Text becomes Markdown cells, ``python`` and ``pycon`` blocks become code cells without prompts. Blocks of other kinds
-and those that are marked as not run stay text. A statement that is to raise has a cell of its own, tagged
+and those that are marked as not run stay text. A statement that should raise is in a separate cell, tagged
 ``raises-exception``, so that the cells after it run.
 """
 

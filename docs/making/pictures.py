@@ -83,7 +83,7 @@ def _near(a: Any, b: Any, key: str) -> bool:
 
 
 def _drawn(commands: tuple[str, ...], written: str) -> bytes:
-    """What the commands write, with the numbers beside it in the picture's description, if they write any."""
+    """The picture that the commands write; numbers that they write next to it are stored in its description."""
     with tempfile.TemporaryDirectory() as folder:
         for command in commands:
             tool, *options = command.split()

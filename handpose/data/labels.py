@@ -30,7 +30,7 @@ APART_PX = 20.0  # centres closer together than this do not determine a camera
 
 @dataclass(frozen=True)
 class Labels:
-    """The labels of one file, in arrays of their own.
+    """The labels of one file, in separate arrays.
 
     joints     (n, K, 3) half-cubes from the crop centre
     half_cube  (n,) mm

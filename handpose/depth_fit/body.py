@@ -145,8 +145,8 @@ class CapsuleModel:
         moved += shift[:, :, None]
         np.multiply(moved, self._with_joint, out=by_axis)
         if len(self._apart):
-            beside = ends[:, self._apart] - joints[:, self._used[self._apart]]
-            by_axis[:, :, self._apart] += _cross(turn, _columns(beside)) * self._only_axes
+            offsets = ends[:, self._apart] - joints[:, self._used[self._apart]]
+            by_axis[:, :, self._apart] += _cross(turn, _columns(offsets)) * self._only_axes
         motion[..., Q] = ends - joints[:, [self._root_joint]]
         motion[..., Q + 1] = 0
         if not self._one_each:

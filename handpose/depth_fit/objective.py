@@ -1,4 +1,4 @@
-"""The objective of a fit: the sum of its terms, each in units of its own variance.
+"""The objective of a fit: the sum of its terms, each in units of its variance.
 
 surface  points on the capsules, robust (Geman-McClure): k q / (k + q) for the squared distance q, with k the square of
          ``robust``. Errors of neighbouring points are correlated, so all of a frame count as ``independent`` points.
@@ -78,7 +78,7 @@ class Objective:
         self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
         self.spheres = spheres_of(model)
         deviation = np.append(model.deviation, [max(weights.size, MIN_SIZE_STD), weights.thickness])
-        self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a deviation of their own
+        self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a finite deviation
         self.plain_precision = deviation[self.plain] ** -2.0
 
     def of_known_size(self) -> Objective:

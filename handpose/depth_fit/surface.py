@@ -46,7 +46,7 @@ def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     rows[:, :M, :3], rows[:, :M, 3], rows[:, :M, 4] = d.swapaxes(1, 2), -(a * d).sum(axis=1), 0
     rows[:, M:, :3], rows[:, M:, 3], rows[:, M:, 4] = -2 * a.swapaxes(1, 2), (a * a).sum(axis=1), 1
     both = rows @ np.concatenate([p, ones, (p * p).sum(axis=1, keepdims=True)], axis=1)
-    along, beside = both[:, :M], both[:, M:]
+    along, across = both[:, :M], both[:, M:]
     rows[:, :M, 3], rows[:, M:, :3], rows[:, M:, 3] = 0, -a.swapaxes(1, 2), 1
     both = rows[:, :, :4] @ np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)
     away, behind = both[:, :M], both[:, M:]
@@ -55,20 +55,20 @@ def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     along += along
     along -= t
     along *= t
-    beside -= along  # |y|²
+    across -= along  # |y|²
     away *= t
     behind -= away
     np.maximum(behind, 0, out=behind)
     behind *= behind  # f²
-    beside -= behind
-    np.maximum(beside, 0, out=beside)
-    np.sqrt(beside, out=beside)  # rho
+    across -= behind
+    np.maximum(across, 0, out=across)
+    np.sqrt(across, out=across)  # rho
     t *= (cones.wider / length)[..., None]
-    beside -= t
-    beside -= cones.radius[..., None]
-    beside *= beside
-    beside += behind
-    return beside.argmin(axis=1)
+    across -= t
+    across -= cones.radius[..., None]
+    across *= across
+    across += behind
+    return across.argmin(axis=1)
 
 
 def _on_grid(values: Floats, step: np.float32 | Floats) -> Floats:

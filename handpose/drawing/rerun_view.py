@@ -113,9 +113,9 @@ class RerunView:
         views = self._rr.blueprint
         confidence = views.TimeSeriesView(origin=_CONFIDENCE, axis_y=views.ScalarAxis(range=(0.0, 1.0)))
         camera = views.Spatial2DView(origin=_CAMERA, contents="world/**")
-        beside = views.Vertical(camera, confidence, views.TextLogView(origin=_LOST), row_shares=[5, 2, 1])
+        panel = views.Vertical(camera, confidence, views.TextLogView(origin=_LOST), row_shares=[5, 2, 1])
         space = views.Spatial3DView(origin="world")
-        return views.Blueprint(views.Horizontal(space, beside, column_shares=[3, 2]), collapse_panels=True)
+        return views.Blueprint(views.Horizontal(space, panel, column_shares=[3, 2]), collapse_panels=True)
 
     def _hand(self, hand: TrackedHand) -> None:
         """Log joints, bones, surface and confidence."""

@@ -33,7 +33,7 @@ _MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far out
 
 
 class Painter:
-    """Draws the frames of one track in the order of time; contrast, space and curves go on from frame to frame.
+    """Draws the frames of one track in the order of time; contrast, space and curves continue from frame to frame.
 
     header  of the track; its camera has the frames' size
     width   of the pictures in pixels; their height follows from the camera

@@ -106,20 +106,20 @@ def follow(
 
     Raises DataError, NetlibError.
     """
-    told: list[TrackedFrame] = []
+    tracked: list[TrackedFrame] = []
     true: list[TrackedFrame] = []
     singles: dict[int, dict[int, Array]] = {}
     seconds = 0.0
     for number in range(recording.count):
         frame, truth = recording.frame(number), recording.truth(number)
         begun = time.perf_counter()
-        told.append(tracker.step(frame))
+        tracked.append(tracker.step(frame))
         seconds += time.perf_counter() - begun
         true.append(truth)
         if alone is not None and number % every == 0:
             singles[number] = alone(frame.depth, truth.hands)
         progress(1)
-    scores, matched = score(tracker.header(recording.name), told, true), match(told, true)
+    scores, matched = score(tracker.header(recording.name), tracked, true), match(tracked, true)
     hands = [_figures(scores.hands[id], hand.seen, singles) for id, hand in matched.hands.items()]
     return Tracked(hands, scores.invented, recording.count, seconds)
 
@@ -165,7 +165,7 @@ def summary(hands: Sequence[HandFigures]) -> dict[str, float | None]:
 
 def _figures(scores: HandScores, seen: Sequence[Seen], singles: dict[int, dict[int, Array]]) -> HandFigures:
     joints = len(seen[0].true.xyz) if seen else 0
-    found = [(one.number, _off(one.told.xyz, one.true.xyz)) for one in seen if one.told is not None]
+    found = [(one.number, _off(one.tracked.xyz, one.true.xyz)) for one in seen if one.tracked is not None]
     looked = [one.number for one in seen if one.number in singles]
     both = [(off, singles[n][scores.id]) for n, off in found if n in singles and scores.id in singles[n]]
     return HandFigures(

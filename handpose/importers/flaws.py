@@ -10,7 +10,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Flaw:
-    """Something wrong with a data set, in one line."""
+    """One error of a data set: its message."""
 
     text: str
     fatal: bool = True  # the run cannot continue

@@ -145,8 +145,8 @@ def _no_labels(root: Path, folder: Path, labels: Path) -> str:
     if (root / "Depth").is_dir() or (root / labels.name).is_file():
         return f"{root}: is itself a split; give the folder above it, which holds Training and Testing"
     advice = "; use the command prepare_nyu" if held and "NYU" in held else ""
-    told = f"looks like {held}{advice}" if held else "does not look like any data set known here"
-    return f"{root}: no folder {folder.name!r} with ICVL labels; it {told}"
+    guess = f"looks like {held}{advice}" if held else "does not look like any data set known here"
+    return f"{root}: no folder {folder.name!r} with ICVL labels; it {guess}"
 
 
 def _first_frame(path: Path) -> list[Flaw]:

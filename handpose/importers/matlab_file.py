@@ -27,14 +27,14 @@ def read_variables(path: Path, names: Sequence[str], optional: Sequence[str] = (
     """
     stream, arrays = io.BytesIO(_run_worker(path, [*names, *optional])), {}
     while line := stream.readline():
-        told = json.loads(line)
-        if "fault" in told:
-            raise DataError(f"{path}: {told['fault']}")
-        if "variables" in told and (missing := [name for name in names if name not in told["variables"]]):
-            there = ", ".join(sorted(told["variables"])) or "none"
+        header = json.loads(line)
+        if "fault" in header:
+            raise DataError(f"{path}: {header['fault']}")
+        if "variables" in header and (missing := [name for name in names if name not in header["variables"]]):
+            there = ", ".join(sorted(header["variables"])) or "none"
             raise DataError(f"{path}: no variable {missing[0]!r}; it has {there}")
-        if "name" in told:
-            arrays[told["name"]] = np.lib.format.read_array(stream, allow_pickle=False)
+        if "name" in header:
+            arrays[header["name"]] = np.lib.format.read_array(stream, allow_pickle=False)
     return arrays
 
 

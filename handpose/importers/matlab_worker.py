@@ -45,8 +45,8 @@ def main(path: str, names: Sequence[str], out: BinaryIO) -> None:
         _line(out, {"fault": f"not a readable MATLAB file, perhaps truncated: {' '.join(str(error).split())[:120]}"})
 
 
-def _line(out: BinaryIO, told: dict[str, object]) -> None:
-    out.write(json.dumps(told).encode() + b"\n")
+def _line(out: BinaryIO, header: dict[str, object]) -> None:
+    out.write(json.dumps(header).encode() + b"\n")
     out.flush()
 
 

@@ -72,8 +72,8 @@ def read_annotation(path: Path) -> NyuAnnotation:
     except NetlibError:
         raise
     except Exception as error:  # of a damaged file, a reader may raise anything
-        told = " ".join(str(error).split())[:120]
-        raise DataError(f"{path}: not a readable MATLAB file, perhaps truncated: {told}") from None
+        reason = " ".join(str(error).split())[:120]
+        raise DataError(f"{path}: not a readable MATLAB file, perhaps truncated: {reason}") from None
     for name in ("joint_uvd", "joint_xyz"):
         array = found[name]
         if array.ndim != 4 or array.shape[2:] != (ANNOTATED_JOINTS, 3) or array.dtype.kind not in "fiu":
@@ -219,8 +219,8 @@ def _no_split(root: Path, split: str) -> str:
     if held == "the NYU hand pose data set":
         return f"{root}: no folder {split!r}; the data set has train and test"
     advice = "; use the command prepare_icvl" if held and "ICVL" in held else ""
-    told = f"looks like {held}{advice}" if held else "does not look like any data set known here"
-    return f"{root}: no folder {split!r} with NYU frames; it {told}"
+    guess = f"looks like {held}{advice}" if held else "does not look like any data set known here"
+    return f"{root}: no folder {split!r} with NYU frames; it {guess}"
 
 
 def _no_frames(folder: Path, names: set[str]) -> str:
@@ -231,7 +231,7 @@ def _no_frames(folder: Path, names: set[str]) -> str:
         "depth_3_": "frames of camera 3; those of camera 1 are needed",
     }
     only = next(
-        (told for start, told in kinds.items() if any(name.startswith(start) for name in names)), "none of them"
+        (content for start, content in kinds.items() if any(name.startswith(start) for name in names)), "none of them"
     )
     return f"{folder}: no depth frames such as {frame_name(0)}; found {only}"
 

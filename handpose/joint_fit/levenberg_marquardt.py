@@ -8,7 +8,7 @@ accepts the step if it lowers the cost, and then decreases mu (mu / 3), otherwis
 steps are clipped to them, and an angle at a limit whose step would leave it is held.
 
 ``fit_joints`` starts several times (``starts``): first from the initial pose of the limbs in the best rotation of the
-whole body; then in turn from the best so far with some limbs drawn anew, and as at first but with all limbs drawn.
+whole body; then in turn from the best so far with some limbs drawn again, and as at first but with all limbs drawn.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def fit_joints(
     seed: int = 0,
     progress: Progress = lambda done: None,
 ) -> JointFit:
-    """Fit every frame by itself. Results do not depend on the number of threads. Raises DataError.
+    """Fit every frame independently. Results do not depend on the number of threads. Raises DataError.
 
     targets     (N, K, 3) joint positions; NaN for a joint that is unknown in a frame
     joints      indices of the K joints in the skeleton; by default all

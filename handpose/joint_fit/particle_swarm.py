@@ -31,7 +31,7 @@ def fit_joints_by_swarm(
     seed: int = 0,
     progress: Callable[[int], None] = lambda done: None,
 ) -> JointFit:
-    """Fit every frame by itself, within the limits. Raises DataError.
+    """Fit every frame independently, within the limits. Raises DataError.
 
     A particle is attracted to its own best position and to the best of all, with the constriction of Clerc and Kennedy
     (2002): v <- 0.7298 (v + 2.05 u1 (own best - x) + 2.05 u2 (best - x)). The cost is the sum of squared distances.

@@ -70,7 +70,7 @@ class _Slot:
 
 
 class LiveServer:
-    """Serves one track in a thread of its own, which is ready when the block begins.
+    """Serves one track in a separate thread, which is ready when the block begins.
 
     host, port  where it listens; port 0: any that is free
     header      of the track as JSON, the first message to programs
@@ -188,7 +188,7 @@ class LiveServer:
             self._handlers.pop(task)
 
     def _answer(self, connection: Any, request: Any) -> Any:
-        """The page, a refusal, or None to go on with a WebSocket."""
+        """The page, a refusal, or None to continue with a WebSocket."""
         asked = urlsplit(request.path)
         given = parse_qs(asked.query).get("token", [""])[0]
         if not hmac.compare_digest(given.encode(), self.token.encode()):

@@ -1,7 +1,7 @@
 """The locator: a small network that finds hands in a depth image.
 
 It evaluates places all over the visible surface: the probability of a hand near each, and the position of its middle.
-The likeliest places are evaluated again at these positions, and of places close together the likeliest is kept. It does
+The most likely places are evaluated again at these positions; of places close together the most likely is kept. It does
 not distinguish left from right.
 """
 
@@ -21,7 +21,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
 
-LIKELIEST = 12  # number of places that are evaluated again
+MAX_RECHECKED = 12  # number of places that are evaluated again
 TIMES = 3  # number of further evaluations, each at the predicted position
 APART_MM = 60.0  # hands closer than this are one
 HANDS = 4  # maximum number of hands returned, in addition to the nearest object
@@ -32,7 +32,7 @@ SURE = 1e-5  # probabilities are clipped to [SURE, 1 - SURE]
 
 
 class Located(NamedTuple):
-    """Places of hands, the likeliest first; the last is the nearest object, unless it is one of the others."""
+    """Places of hands, the most likely first; the last is the nearest object, unless it is one of the others."""
 
     center: Array  # (C, 3) mm, camera axes: centres of crops about them
     odds: Array  # (C,) log-odds of a hand: the net's, less 1 for each FARTHER_MM of depth
@@ -63,8 +63,8 @@ class Locator:
             raise DataError(f"nothing as large as a hand is seen nearer than {FAR_MM:.0f} mm")
         chance, where = self.look(crops)
         for _ in range(TIMES):
-            likeliest = np.argsort(-odds_of(chance, centers), kind="stable")[:LIKELIEST]
-            crops, centers = place_crops(image, (centers + where)[likeliest], camera)
+            best = np.argsort(-odds_of(chance, centers), kind="stable")[:MAX_RECHECKED]
+            crops, centers = place_crops(image, (centers + where)[best], camera)
             if not len(centers):
                 raise DataError("what may be a hand is out of sight")
             chance, where = self.look(crops)
@@ -122,7 +122,7 @@ def _in_sight(center: Array, camera: Camera) -> NDArray[np.bool_]:
 
 
 def _apart(odds: Array, center: Array, count: int) -> Located:
-    """The likeliest of places (N, 3) that are not close to a likelier one."""
+    """The most likely of places (N, 3) that are not close to a more likely one."""
     kept: list[int] = []
     for i in np.argsort(-odds, kind="stable"):
         if all(np.linalg.norm(center[i] - center[j]) > APART_MM for j in kept):

@@ -149,7 +149,7 @@ class Predictor:
         """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.
 
         center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the place that the locator finds
-                likeliest, or the nearest surface
+                most likely, or the nearest surface
         """
         return self._start(_in_mm(depth), center)
 

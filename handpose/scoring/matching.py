@@ -20,21 +20,21 @@ BOUND_MM = 100.0  # on the joints' mean error of a hand that is found; a hand is
 
 
 class Seen(NamedTuple):
-    """A true hand in a frame in which it is visible; ``told`` is None if it was not found."""
+    """A true hand in a frame in which it is visible; ``tracked`` is None if it was not found."""
 
     number: int
     time: float
     true: TrackedHand
-    told: TrackedHand | None
+    tracked: TrackedHand | None
     said_lost: bool  # True if it was not found and the track lists it as lost
 
 
 class Gone(NamedTuple):
-    """A true hand in a frame in which it is not visible; ``told`` is None if the track does not list it as lost."""
+    """A true hand in a frame in which it is not visible; ``tracked`` is None if the track does not list it as lost."""
 
     number: int
     true: LostHand
-    told: LostHand | None
+    tracked: LostHand | None
 
 
 @dataclass
@@ -54,21 +54,21 @@ class Matched(NamedTuple):
     invented: dict[int, int]
 
 
-def match(told: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_mm: float = BOUND_MM) -> Matched:
+def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_mm: float = BOUND_MM) -> Matched:
     """Match all frames of the truth. A frame missing from the track has no hands.
 
     Where a true hand is partly visible, tracked hands near it do not count. Raises DataError for frames of the track
     that the truth does not have, and for two frames of the same number.
     """
-    told_frames, true_frames = _by_number(told, "track"), _by_number(true, "truth")
-    foreign = sorted(set(told_frames) - set(true_frames))
+    tracked_frames, true_frames = _by_number(tracked, "track"), _by_number(true, "truth")
+    foreign = sorted(set(tracked_frames) - set(true_frames))
     if foreign:
         raise DataError(f"frame {foreign[0]} of the track is not in the truth; expected a track of the same recording")
     hands: dict[int, Followed] = {}
     invented = {}
     last: dict[int, int] = {}  # the tracked id of each true hand
     for number, frame in sorted(true_frames.items()):
-        other = told_frames.get(number, TrackedFrame(number, frame.time, ()))
+        other = tracked_frames.get(number, TrackedFrame(number, frame.time, ()))
         pairs = _pairs(frame.hands, other.hands, bound_mm)
         lost = {one.id: one for one in other.lost}
         for n, hand in enumerate(frame.hands):
@@ -91,17 +91,17 @@ def match(told: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_mm: 
     return Matched(dict(sorted(hands.items())), invented)
 
 
-def _pairs(true: tuple[TrackedHand, ...], told: tuple[TrackedHand, ...], bound_mm: float) -> dict[int, int]:
+def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...], bound_mm: float) -> dict[int, int]:
     """The tracked hand of each true one that has one, by index."""
     from scipy.optimize import linear_sum_assignment  # imported here: it takes a third of a second
 
-    if not true or not told:
+    if not true or not tracked:
         return {}
-    for hand in told:
+    for hand in tracked:
         if hand.xyz.shape != true[0].xyz.shape:
             raise DataError(f"a track of joints {hand.xyz.shape}, its truth has {true[0].xyz.shape}; "
                             "expected one skeleton")  # fmt: skip
-    apart = np.array([[np.linalg.norm(a.xyz - b.xyz, axis=1).mean() for b in told] for a in true])
+    apart = np.array([[np.linalg.norm(a.xyz - b.xyz, axis=1).mean() for b in tracked] for a in true])
     rows, columns = linear_sum_assignment(np.minimum(apart, 10 * bound_mm))
     return {int(n): int(m) for n, m in zip(rows, columns) if apart[n, m] <= bound_mm}
 

@@ -33,7 +33,7 @@ class Jitter(NamedTuple):
     frames: int
 
 
-def jitter(numbers: Array, times: Array, told: Array, true: Array) -> Jitter:
+def jitter(numbers: Array, times: Array, tracked: Array, true: Array) -> Jitter:
     """The jitter at rest. Frames (N,) with their numbers; a missing frame ends a rest.
 
     The mean is removed window by window, which is a high-pass filter: a wrong length of a bone is an error, but no
@@ -42,7 +42,7 @@ def jitter(numbers: Array, times: Array, told: Array, true: Array) -> Jitter:
     squares = steps = 0.0
     freedom = frames = 0
     for window in _windows(numbers, times, true):
-        off = told[window] - true[window]
+        off = tracked[window] - true[window]
         squares += float(((off - off.mean(axis=0)) ** 2).sum())
         steps += float((np.diff(off, axis=0) ** 2).sum())
         freedom += (len(window) - 1) * off.shape[1]
@@ -69,7 +69,7 @@ def rests(numbers: Array, true: Array) -> list[tuple[int, int]]:
     return [(first, last + 1) for first, last in _runs(still & (np.diff(numbers) == 1))]
 
 
-def lag_s(numbers: Array, times: Array, told: Array, true: Array) -> float:
+def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
     """The delay in s of the tracked joints that minimises the squared difference to the true ones.
 
     Over frames in which the hand moves; the true joints between frames are a cubic spline. A constant error in a run of
@@ -88,7 +88,7 @@ def lag_s(numbers: Array, times: Array, told: Array, true: Array) -> float:
         if not used.any():
             continue
         for n, lag in enumerate(LAGS_S):
-            off = told[first:last][used] - spline(t[used] - lag)
+            off = tracked[first:last][used] - spline(t[used] - lag)
             squares[n] += float(((off - off.mean(axis=0)) ** 2).sum())
     best = int(squares.argmin())
     if not squares.any() or best in (0, len(LAGS_S) - 1):
@@ -97,9 +97,9 @@ def lag_s(numbers: Array, times: Array, told: Array, true: Array) -> float:
     return float(LAGS_S[best] + (LAGS_S[1] - LAGS_S[0]) * (before - after) / (2 * (before - 2 * least + after)))
 
 
-def bone_changes(told: Array, parents: Array) -> Array:
+def bone_changes(tracked: Array, parents: Array) -> Array:
     """The largest deviation (K,) of each bone's length from its median over time, mm; 0 for a root."""
-    lengths = np.linalg.norm(told - told[:, parents], axis=2)
+    lengths = np.linalg.norm(tracked - tracked[:, parents], axis=2)
     return np.asarray(np.where(parents >= 0, np.abs(lengths - np.median(lengths, axis=0)).max(axis=0), 0.0))
 
 

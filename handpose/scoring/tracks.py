@@ -120,13 +120,15 @@ def score(
 
 
 def _scores(header: TrackHeader, hand: Followed) -> HandScores:
-    found = [one for one in hand.seen if one.told is not None]
-    told = [one.told for one in hand.seen if one.told is not None]
-    said = [(one.true.reason, one.told.reason) for one in hand.gone if one.told is not None]
-    right = [other.hand == hand.hand for other in told]
+    found = [one for one in hand.seen if one.tracked is not None]
+    tracked = [one.tracked for one in hand.seen if one.tracked is not None]
+    reasons = [(one.true.reason, one.tracked.reason) for one in hand.gone if one.tracked is not None]
+    right = [other.hand == hand.hand for other in tracked]
     numbers, times = np.array([one.number for one in found]), np.array([one.time for one in found])
     shape = (len(found), len(header.skeleton.joint_names), 3)
-    xyz, true = (np.array([one.xyz for one in hands]).reshape(shape) for hands in (told, [one.true for one in found]))
+    xyz, true = (
+        np.array([one.xyz for one in hands]).reshape(shape) for hands in (tracked, [one.true for one in found])
+    )
     off = np.linalg.norm(xyz - true, axis=2)
     shakes = jitter(numbers, times, xyz, true)
     return HandScores(
@@ -136,11 +138,11 @@ def _scores(header: TrackHeader, hand: Followed) -> HandScores:
         found=len(found),
         said_lost=sum(one.said_lost for one in hand.seen),
         gone=len(hand.gone),
-        said_gone=len(said),
-        right_reason=sum(reason.startswith(true_reason) for true_reason, reason in said),
+        said_gone=len(reasons),
+        right_reason=sum(reason.startswith(true_reason) for true_reason, reason in reasons),
         errors=_errors(off),
         errors14=_errors(off[:, EVALUATION_JOINTS] if off.shape[1] == len(ANNOTATION_OF_JOINT) else off[:0]),
-        id_switches=_changes([other.id for other in told]),
+        id_switches=_changes([other.id for other in tracked]),
         wrong_side=right.count(False),
         side_switches=_changes(right),
         side_after=float(right.index(True)) if any(right) else NAN,
@@ -148,7 +150,7 @@ def _scores(header: TrackHeader, hand: Followed) -> HandScores:
         step_mm=shakes.step_mm,
         rest_frames=shakes.frames,
         lag_ms=1000 * lag_s(numbers, times, xyz, true),
-        bone_change_mm=tuple(bone_changes(xyz, header.skeleton.parents).tolist()) if told else (),
+        bone_change_mm=tuple(bone_changes(xyz, header.skeleton.parents).tolist()) if tracked else (),
     )
 
 

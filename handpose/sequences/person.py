@@ -10,10 +10,10 @@ from handpose.facts.sides import Side, mirror_of
 from handpose.surface.model import Surface
 from handpose.surface.render import Capsules
 from handpose.synthetic.pose_prior import BodySampler, cut_normal
-from handpose.synthetic.surface_prior import ANYBODY, SurfacePrior
+from handpose.synthetic.surface_prior import PERSON_SURFACE, SurfacePrior
 from netlib.blob import Array
 
-WHOLE_ARM = replace(ANYBODY, cut=0.0)  # arms do not end in empty space
+WHOLE_ARM = replace(PERSON_SURFACE, cut=0.0)  # arms do not end in empty space
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Person:
 
     @staticmethod
     def draw(rng: np.random.Generator, sampler: BodySampler, prior: SurfacePrior = WHOLE_ARM) -> Person:
-        """Anybody."""
+        """A random person."""
         hand, surface = sampler.draw(rng, 1), sampler.surface
         size, unit_mm = float(hand.scale[0]), sampler.cube_mm / 2
         radii = surface.radii * size * (1 + prior.thickness_std * cut_normal(rng, (), prior.clip))

@@ -47,5 +47,5 @@ class Volume(NamedTuple):
         """The position (3,) outside the image next to another one, at the closer side."""
         c, z = self.camera, place[2]
         u, v, _ = c.project(place)
-        beside = GONE_MM * c.fx / z
-        return c.unproject((-beside if u < (c.width - 1) / 2 else c.width + beside, v, z))
+        margin = GONE_MM * c.fx / z
+        return c.unproject((-margin if u < (c.width - 1) / 2 else c.width + margin, v, z))

@@ -45,15 +45,15 @@ KNOWN = (*RANGES, "name", *LENS, *IGNORED)
 KEYS = (*KNOWN, *SAME)  # every word that is understood
 
 
-def beside(source: Path) -> Given:
+def next_to(source: Path) -> Given:
     """The camera.json of a recording: in a folder, next to a file as NAME.camera.json or camera.json.
 
     Raises DataError.
     """
-    return next((read(place) for place in places_beside(source) if exists(place)), Given())
+    return next((read(place) for place in places_next_to(source) if exists(place)), Given())
 
 
-def places_beside(source: Path) -> list[Path]:
+def places_next_to(source: Path) -> list[Path]:
     """The possible paths of a camera.json, the most specific first."""
     return [source / NAME] if source.is_dir() else [source.with_suffix(f".{NAME}"), source.with_name(NAME)]
 

@@ -52,7 +52,7 @@ class Contained(Recording):
 
 
 class Clock:
-    """Seconds since the first frame; raises DataError where the clock was set anew.
+    """Seconds since the first frame; raises DataError where the clock was set back or forward.
 
     late  how many frames were not later than the one before them
     """

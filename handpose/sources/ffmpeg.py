@@ -73,9 +73,7 @@ def missing(path: Path) -> str:
     end = _end(head)
     if end is None or size >= end:
         return ""
-    return (
-        "whoever wrote it did not come to the end" if end == math.inf else f"the file ends at byte {size} of {end:.0f}"
-    )
+    return "its writer was interrupted" if end == math.inf else f"the file ends at byte {size} of {end:.0f}"
 
 
 def _end(head: bytes) -> float | None:

@@ -152,7 +152,7 @@ def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]
     if not 1 / RATES[1] <= step <= 1 / RATES[0]:
         yield f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
     elif rate and abs(step * rate - 1) > OFF_RATE:
-        yield f"{rate:g} frames a second are told, but by their times {1 / step:.3g} come; the times count"
+        yield f"{rate:g} frames per second given, but {1 / step:.3g} by their times; the times are used"
 
 
 def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:

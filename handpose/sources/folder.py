@@ -38,15 +38,15 @@ def open_folder(source: Path, given: Given = NOTHING) -> FolderRecording:
     if data_set is not None:
         names = data_set.frames(names)
     own = NOTHING if data_set is None else data_set.given
-    beside = camera_file.beside(folder)
-    known = given.else_by(own).else_by(beside)
+    camera_json = camera_file.next_to(folder)
+    known = given.else_by(own).else_by(camera_json)
     packed = known.camera == NYU or own.camera == NYU
     frames = in_order(names, str(folder))
     path, image = _first_whole(folder, frames)
     raw = _grey(image, packed, path)
     if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
         raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-    settled = settle(given, own, beside, raw.shape, raw.dtype, str(path))
+    settled = settle(given, own, camera_json, raw.shape, raw.dtype, str(path))
     return FolderRecording(source, folder, frames, settled, packed, data_set)
 
 
@@ -62,13 +62,13 @@ class FolderRecording(Recording):
         self.name = str(source)
         self.camera, self.unit_mm, self.count = settled.camera, settled.unit_mm, len(frames.names)
         self.rate = settled.rate
-        told = [frames.told, *settled.remarks]
+        remarks = [frames.interpretation, *settled.remarks]
         if data_set is not None:
-            told.insert(0, f"frames of {data_set.name}, by their names")
+            remarks.insert(0, f"frames of {data_set.name}, by their names")
         if not frames.ticks and len(frames.names) > 1:
             self.rate, assumed = settled.paced()
-            told += assumed
-        self.remarks = self._told = tuple(told)
+            remarks += assumed
+        self.remarks = self._remarks = tuple(remarks)
         self.folder, self._frames, self._packed = folder, frames, packed
         self._develop = settled.developer(self.name)
 
@@ -82,7 +82,7 @@ class FolderRecording(Recording):
                 image = _read(path)
             except DataError as error:
                 damaged, first = damaged + 1, first or str(error)
-                self.remarks = (*self._told, f"{damaged} damaged frames are left out, the first: {first}")
+                self.remarks = (*self._remarks, f"{damaged} damaged frames are left out, the first: {first}")
                 continue
             yield DepthFrame(number, time / ticks, self._develop(_grey(image, self._packed, path), str(path)))
 

@@ -46,13 +46,13 @@ class NamedFrames:
     names   of the files
     times   of each, in ticks from the first frame on; ascend
     ticks   per second; 0 if they count frames
-    told    how the names were interpreted
+    interpretation  of the names
     """
 
     names: tuple[str, ...]
     times: tuple[int, ...]
     ticks: int
-    told: str
+    interpretation: str
 
 
 def in_order(names: Iterable[str], where: str) -> NamedFrames:
@@ -67,18 +67,20 @@ def in_order(names: Iterable[str], where: str) -> NamedFrames:
     return _sorted(names, *_numbers(names, stems, where), where)
 
 
-def _sorted(names: Sequence[str], times: Sequence[int], ticks: int, told: str, where: str) -> NamedFrames:
+def _sorted(names: Sequence[str], times: Sequence[int], ticks: int, interpretation: str, where: str) -> NamedFrames:
     order = sorted(range(len(names)), key=lambda i: times[i])
     for a, b in itertools.pairwise(order):
         if times[a] == times[b]:
             raise DataError(f"{where}: {names[a]} and {names[b]} are frames of the same moment; remove one of them")
     first = times[order[0]]
     if not ticks and (missing := times[order[-1]] - first + 1 - len(names)):
-        told = f"{told}; numbers missing between {first} and {times[order[-1]]}: {missing}, which stay gaps in time"
+        interpretation += (
+            f"; numbers missing between {first} and {times[order[-1]]}: {missing}, which stay gaps in time"
+        )
     if ticks and len(names) > 1:
         step = median(times[b] - times[a] for a, b in itertools.pairwise(order))
-        told = f"{told}: a frame every {1000 * step / ticks:.3g} ms"
-    return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, told)
+        interpretation += f": a frame every {1000 * step / ticks:.3g} ms"
+    return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, interpretation)
 
 
 Found = tuple[list[int], int, str]  # times, ticks, interpretation
@@ -151,9 +153,9 @@ def _numbers(names: list[str], stems: list[str], where: str) -> Found:
             raise DataError(f"{where}: {name}: a number of {len(run[0])} digits; expected a frame's number or time")
         sequences[f"{stem[: run.start()]}*{stem[run.end() :]}{PurePath(name).suffix}"].append(int(run[0]))
     if len(sequences) > 1:
-        told = [f"{pattern} ({len(numbers)})" for pattern, numbers in sorted(sequences.items())]
-        more = f" and {len(told) - MAX_SHOWN} more" if len(told) > MAX_SHOWN else ""
-        raise DataError(f"{where}: holds {len(told)} sequences: {', '.join(told[:MAX_SHOWN])}{more}; name one, "
+        patterns = [f"{pattern} ({len(numbers)})" for pattern, numbers in sorted(sequences.items())]
+        more = f" and {len(patterns) - MAX_SHOWN} more" if len(patterns) > MAX_SHOWN else ""
+        raise DataError(f"{where}: holds {len(patterns)} sequences: {', '.join(patterns[:MAX_SHOWN])}{more}; name one, "
                         f"as '{where}/{min(sequences)}'")  # fmt: skip
     numbers = next(iter(sequences.values()))
     for unit, ticks in (("s", 1), *((unit, UNITS[unit]) for unit in ("ms", "us", "ns"))):

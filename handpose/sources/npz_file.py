@@ -38,8 +38,10 @@ class NpzFile:
         stacks = [name for name, header in self._headers.items() if len(header.shape) == 3]
         name = "depth" if "depth" in self._headers else stacks[0] if len(stacks) == 1 else ""
         if not name:
-            told = ", ".join(f"{name} {header.shape}" for name, header in self._headers.items())
-            raise DataError(f"{self.path}: holds {told or 'nothing'}; expected an array depth (frames, height, width)")
+            content = ", ".join(f"{name} {header.shape}" for name, header in self._headers.items())
+            raise DataError(
+                f"{self.path}: holds {content or 'nothing'}; expected an array depth (frames, height, width)"
+            )
         return name, self._headers[name]
 
     def small(self) -> dict[str, NDArray[Any]]:

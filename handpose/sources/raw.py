@@ -1,6 +1,6 @@
 """From stored values to depth, for all sources: unit, holes, size, lens.
 
-settled = settle(given, own, beside, raw.shape, raw.dtype, "take.mkv")   # parameters, by order of precedence
+settled = settle(given, own, camera_json, raw.shape, raw.dtype, "take.mkv")   # parameters, by order of precedence
 develop = settled.developer("take.mkv")
 develop(raw)                                                             # (height, width) mm
 """
@@ -100,20 +100,20 @@ class Settled:
 
 
 def settle(
-    given: Given, own: Given, beside: Given, shape: tuple[int, ...], dtype: np.dtype[Any], where: str
+    given: Given, own: Given, camera_json: Given, shape: tuple[int, ...], dtype: np.dtype[Any], where: str
 ) -> Settled:
     """The parameters of frames of a shape and type: from the user, else the file itself, else a camera.json.
 
     Raises DataError if the camera is unknown, or the unit of numbers that may be metres.
     """
     check_values(dtype, where)
-    known = given.else_by(own).else_by(beside)
+    known = given.else_by(own).else_by(camera_json)
     if known.camera is None:
         raise DataError(f"{where}: the camera of these frames is unknown; write {EXAMPLE} into a file camera.json "
                         f"next to them, or give --camera, {', '.join(CAMERAS)} or FX,FY,U0,V0")  # fmt: skip
     remarks = []
     if own.camera is None:
-        remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else beside.origin}")
+        remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else camera_json.origin}")
     unit = known.unit_mm
     if unit is None and dtype.kind != "f" and CAMERAS.get(known.camera.name) == known.camera:
         unit = UNIT_MM.get(known.camera.name, 1.0)

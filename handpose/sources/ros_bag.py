@@ -2,7 +2,7 @@
 
 PATH is a .bag, a .db3, an .mcap or a folder of ROS 2; PATH#TOPIC selects the images if several topics have depth.
 
-Messages are read as the ROS types of their topics. A bag also contains definitions of its own, from which the library
+Messages are read as the ROS types of their topics. A bag also contains definitions, from which the library
 would generate code: they are ignored.
 """
 
@@ -27,7 +27,7 @@ from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
 from netlib.files.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
-REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` mends it"
+REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` repairs it"
 
 
 class Bag(NamedTuple):
@@ -128,7 +128,7 @@ def open_bag(path: Path, given: Given) -> Recording:
         image = bag.first(topic, *messages.IMAGES)
         values = messages.values_of(image, where)
         own = _own(bag, topic, messages.encoding_of(image))
-        settled = settle(given, own, camera_file.beside(path), values.shape, values.dtype, where)
+        settled = settle(given, own, camera_file.next_to(path), values.shape, values.dtype, where)
         return _BagRecording(path, settled, topic, bag.topics(*messages.IMAGES)[topic])
 
 

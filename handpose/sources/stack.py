@@ -41,12 +41,12 @@ class StackRecording(Recording):
     """The frames of an array."""
 
     def __init__(self, path: Path, frames: _Frames, given: Given) -> None:
-        settled = settle(given, frames.own, camera_file.beside(path), frames.shape[1:], frames.dtype, str(path))
+        settled = settle(given, frames.own, camera_file.next_to(path), frames.shape[1:], frames.dtype, str(path))
         self.name, self.camera, self.unit_mm = str(path), settled.camera, settled.unit_mm
         self.count, self.rate, self.remarks = frames.shape[0], settled.rate, settled.remarks
         if frames.times is None and self.count > 1:
-            self.rate, told = settled.paced()
-            self.remarks += told
+            self.rate, remarks = settled.paced()
+            self.remarks += remarks
         self._frames, self._develop = frames, settled.developer(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:

@@ -38,7 +38,7 @@ def open_video(path: Path, given: Given) -> Recording:
         context = stream.codec_context
         if context.width * context.height > pictures.MAX_PIXELS:
             raise DataError(f"{path}: {context.width} x {context.height} pixels; expected those of a depth camera")
-        settled = settle(given, own, camera_file.beside(path), (context.height, context.width), dtype, str(path))
+        settled = settle(given, own, camera_file.next_to(path), (context.height, context.width), dtype, str(path))
         return _Video(path, settled, stream.index, dtype)
 
 

@@ -64,7 +64,7 @@ class DataSet:
 
     out      the folder
     sources  a generator for each split, and how many of its rows
-    force    write everything anew, and replace data of another origin
+    force    write everything again, and replace data of another origin
 
     Raises DataError where data of another origin or kind would be replaced, and where no room is left.
     """

@@ -19,11 +19,11 @@ from handpose.synthetic.prior_file import RangeParameter
 from handpose.synthetic.recipes import any_roll
 from handpose.synthetic.scenes import draw_scenes, prior_of
 from handpose.synthetic.sensor import CODED_LIGHT, TIME_OF_FLIGHT
-from handpose.synthetic.surface_prior import ANYBODY
+from handpose.synthetic.surface_prior import PERSON_SURFACE
 from netlib.blob import Array
 
 WITHIN_MM, BEYOND_MM = 100.0, 130.0  # a hand is near below, not near above; between them the place has no label
-NOBODY = -1.0
+UNKNOWN = -1.0
 PER_SCENE = 16  # places
 REFINED, WITH_HAND = 4, 4  # numbers of places moved as by a locator, and of others with a hand
 REFINED_MM, JITTER_MM = 25.0, 15.0  # deviations
@@ -37,7 +37,7 @@ class PlaceRows:
     """n places; the names are those of the data sets in the files.
 
     depth   (n, 1, SIZE, SIZE) crops in [-1, 1]
-    hand    (n,) 1, 0, or NOBODY
+    hand    (n,) 1, 0, or UNKNOWN
     offset  (n, 3) from the crop's centre to the hand's, in half-cubes; 0 without a hand
     near    (n, 3) 1 with a hand, else 0
     index   (n,) number of the place in its split
@@ -89,7 +89,7 @@ class PlaceGenerator:
         near = np.repeat((apart < WITHIN_MM)[:, None], 3, axis=1)
         return PlaceRows(
             depth=depth[:, None],
-            hand=np.select([apart < WITHIN_MM, apart > BEYOND_MM], [1.0, 0.0], NOBODY).astype(np.float32),
+            hand=np.select([apart < WITHIN_MM, apart > BEYOND_MM], [1.0, 0.0], UNKNOWN).astype(np.float32),
             offset=np.where(near, middle / (CUBE_MM / 2), 0).astype(np.float32),
             near=near.astype(np.float32),
             index=np.arange(number * BLOCK, (number + 1) * BLOCK),
@@ -114,7 +114,7 @@ class PlaceGenerator:
             ],
             "body": body_hash(BodySampler(any_roll()).skeleton),
             "prior": asdict(any_roll()),
-            "flesh": asdict(ANYBODY),
+            "flesh": asdict(PERSON_SURFACE),
             "crop": [CUBE_MM, SIZE, VOXEL_MM, BEHIND_MM],
             "drawn": [WITHIN_MM, BEYOND_MM, PER_SCENE, REFINED, WITH_HAND, REFINED_MM, JITTER_MM],
         }

@@ -104,7 +104,7 @@ class SpreadParameter:
 
 @dataclass(frozen=True)
 class BetweenParameter:
-    """A ``between { ... }``: DoFs anywhere between their limits, each by itself."""
+    """A ``between { ... }``: DoFs anywhere between their limits, each independently."""
 
     dof: tuple[str, ...]
     a: Double = 1.0  # Beta
@@ -172,7 +172,7 @@ class PosePrior:
     scale_mean: Double = 1.0  # normal: the whole body, relative to the skeleton ...
     scale_std: Double = 0.0
     proportion: tuple[ProportionParameter, ...] = ()  # ... groups of bones, relative to the body's size ...
-    bone_std: Double = 0.0  # ... and each bone by itself
+    bone_std: Double = 0.0  # ... and each bone independently
     scale_clip: Double = 2.5  # all are clipped at this many standard deviations
 
     def turned(self, dof: str, **changes: float | None) -> PosePrior:
@@ -186,8 +186,8 @@ class PosePrior:
     def body(self) -> Skeleton:
         """The skeleton. Raises PrototxtError, NetlibError."""
         place = schema.position_of(self, "skeleton")
-        beside = Path(place.source).parent / self.skeleton
-        return skeletons.load(beside if self.skeleton and exists(beside) else find(self.skeleton, place.source))
+        sibling = Path(place.source).parent / self.skeleton
+        return skeletons.load(sibling if self.skeleton and exists(sibling) else find(self.skeleton, place.source))
 
 
 def load(path: str | Path = NYU_PRIOR) -> PosePrior:

@@ -15,7 +15,7 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, Subject, View
 from handpose.synthetic.prior_file import PosePrior, RangeParameter
 from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
-from handpose.synthetic.surface_prior import ANYBODY, OTHER_SURFACE, SurfacePrior
+from handpose.synthetic.surface_prior import OTHER_SURFACE, PERSON_SURFACE, SurfacePrior
 from netlib.errors import NetlibError
 
 ONE_THICKNESS = SurfacePrior(thickness_std=0.0)
@@ -61,7 +61,7 @@ def _people() -> Recipe:
 def _cameras() -> Recipe:
     views = (View(), View(NYU, NOISY_KINECT), View(KINECT2, TIME_OF_FLIGHT), View(SR305, CODED_LIGHT),
              View(ICVL, TIME_OF_FLIGHT))  # fmt: skip
-    return Recipe(any_roll(), ANYBODY, views)
+    return Recipe(any_roll(), PERSON_SURFACE, views)
 
 
 _RECIPES: dict[str, Callable[[], Recipe]] = {

@@ -15,7 +15,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import NormalParameter, PosePrior, RangeParameter
 from handpose.synthetic.recipes import any_roll
 from handpose.synthetic.sensor import KINECT, Sensor, sense
-from handpose.synthetic.surface_prior import ANYBODY, draw_capsules
+from handpose.synthetic.surface_prior import PERSON_SURFACE, draw_capsules
 from netlib.blob import Array
 
 KINDS = ("forearm", "body", "clutter")
@@ -100,7 +100,7 @@ def _hand(
     rng: np.random.Generator, sampler: BodySampler, camera: Camera, to_camera: bool
 ) -> tuple[Capsules, Array, Array]:
     """Capsules of a hand with its arm (1, M), its centre (3,) and its joints (K, 3) in mm."""
-    prior = replace(ANYBODY, towards_camera=0.85 if to_camera else 0.3, cut=0.0)
+    prior = replace(PERSON_SURFACE, towards_camera=0.85 if to_camera else 0.3, cut=0.0)
     while True:
         hands = sampler.draw(rng, 1)
         center = camera.unproject(sampler.centers(rng, 1, camera))
@@ -136,8 +136,8 @@ def _things(rng: np.random.Generator, center: Array) -> Capsules:
     while len(ends) < 3:
         depth = center[2] + rng.uniform(-200, 300)
         angle = rng.uniform(0, 2 * np.pi)
-        beside = np.array([np.cos(angle), np.sin(angle), 0]) * rng.uniform(230, 420)
-        place = (center + beside) * depth / center[2]
+        sideways = np.array([np.cos(angle), np.sin(angle), 0]) * rng.uniform(230, 420)
+        place = (center + sideways) * depth / center[2]
         along = rng.normal(size=3)
         length, radius = rng.choice([[180.0, 35.0], [1.0, 80.0], [250.0, 15.0]])
         half = along / np.linalg.norm(along) * length / 2

@@ -20,7 +20,7 @@ class SurfacePrior:
     thickness_std: float = 0.08
     trunk_mean: float = 1.0  # normal: additional scale of the radii of capsules that only the root moves
     trunk_std: float = 0.0
-    radius_std: float = 0.0  # normal: each radius by itself
+    radius_std: float = 0.0  # normal: each radius independently
     clip: float = 2.5  # all are clipped at this many standard deviations
     offsets: tuple[float, float] = (1.0, 1.0)  # uniform: factor of the file's offsets of capsules from their joints
     limb: tuple[float, float] = (1.0, 1.0)  # uniform: radii of limbs, of the file's
@@ -40,7 +40,9 @@ OTHER_SURFACE = SurfacePrior(
     thickness_std=0.1, radius_std=0.1, offsets=(0.3, 1.5), limb=(0.7, 1.1), cut=0.3, sleeve=0.4
 )
 # People in front of a camera.
-ANYBODY = SurfacePrior(radius_std=0.05, offsets=(0.6, 1.4), limb=(0.75, 1.1), towards_camera=0.5, cut=0.3, sleeve=0.4)
+PERSON_SURFACE = SurfacePrior(
+    radius_std=0.05, offsets=(0.6, 1.4), limb=(0.75, 1.1), towards_camera=0.5, cut=0.3, sleeve=0.4
+)
 
 
 def draw_capsules(

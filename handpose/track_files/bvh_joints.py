@@ -5,7 +5,7 @@ its parent, and then rotates. So a BVH joint has the name and the rotations of t
 parent joint as OFFSET; an End Site has the bone of a joint without children.
 
 A BVH joint rotates about each axis once. A joint of the skeleton that rotates about an axis twice becomes several at
-the same position, NAME_turn1 ... and at last NAME.
+the same position, NAME_turn1 ... and finally NAME.
 
 BVH is right-handed. With ``signs`` G (3,), a point p of the skeleton is at G p in BVH, and a rotation by t about the
 axis a is one by det(G) G[a] t: the mirror image of the left-handed camera axes, mirrored again for a left hand.

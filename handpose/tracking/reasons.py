@@ -1,4 +1,4 @@
-"""The reason why a hand is not found at its expected place, in one line."""
+"""The reason why a hand is not found at its expected place."""
 
 from __future__ import annotations
 

@@ -115,13 +115,13 @@ class Tracker:
         if not time > self._time:
             raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
         self._follow(depth, time)
-        anew, self._time = time - self._time > COAST, time
+        after_gap, self._time = time - self._time > COAST, time
         self._drop_doubles()
         self._drop_strange(depth, time)
         while (count := len(self.tracks)) < self.limit:
             self._detect(depth, time)
             self._drop_doubles()
-            if not anew or len(self.tracks) == count:
+            if not after_gap or len(self.tracks) == count:
                 break
             self.detector.restart()  # after a gap in time, search for all hands at once
         hands = []

@@ -81,7 +81,7 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     """
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
-    inputs = [source, *camera_file.places_beside(frames or source), *own]
+    inputs = [source, *camera_file.places_next_to(frames or source), *own]
     for name in filter(None, (getattr(args, name) for name in (*FILES, *DRAWN, "look"))):
         outputs.refuse_inputs(name, inputs)
         place = Path(os.path.realpath(name))

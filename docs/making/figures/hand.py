@@ -69,8 +69,8 @@ def lever() -> Any:
         if abs(torque) > 1e-9:
             _arc(axes, pivot, 0.8, 2.4, 2.4 + np.sign(torque) * 1.8, FORCE, arrow=True)
         x, y = np.round(wrist - pivot, 6) + 0.0
-        told = f"{name}: lever ({x:g}, {y:g})\ntorque {round(torque, 6) + 0.0:g}"
-        axes.text(*(pivot + (0.35, -0.55)), told, fontsize=9)
+        label = f"{name}: lever ({x:g}, {y:g})\ntorque {round(torque, 6) + 0.0:g}"
+        axes.text(*(pivot + (0.35, -0.55)), label, fontsize=9)
     axes.set(xlim=(-1.2, 6.8), ylim=(-1.2, 8.6), title="torque = lever × force")
     return figure
 

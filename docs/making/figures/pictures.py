@@ -31,7 +31,7 @@ class Stage:
 
 
 def stages(net: netlib.Net) -> list[Stage]:
-    """The blobs in the order of their layers; layers in place write none of their own."""
+    """The blobs in the order of their layers; in-place layers have no blob."""
     found = []
     for at in net.connections:
         if at.layer.spec.top == at.layer.spec.bottom:

@@ -1,8 +1,8 @@
-"""The Markdown of GitHub, for which the documents are written, as Python-Markdown wants it, which makes the site.
+"""The Markdown of GitHub, for which the documents are written, converted for Python-Markdown, which builds the site.
 
     a list, a table        may follow a paragraph at once: here a blank line is put between them
     inside an item         two or three columns deeper are enough: here they become four per level
-    ``<details>``          has Markdown inside: here it is told so
+    ``<details>``          has Markdown inside: here it is marked as such
 
 Code stays as it is.
 """
@@ -40,7 +40,7 @@ def _line(line: str, after: str, made: list[str], levels: list[int]) -> list[str
     if not line.strip():
         return [""]
     if follows and not item and levels and _indent(line) < levels[-1] and not HEADING.match(line):
-        return [line]  # the paragraph of an item goes on further to the left
+        return [line]  # the paragraph of an item continues further to the left
     moved = " " * max(0, _indent(line) + _shift_of(line, levels)) + line.lstrip(" ")
     apart = False
     if item:

@@ -1,7 +1,7 @@
 """What MkDocs calls while it makes the site (``hooks`` in mkdocs.yml): its files and its pages.
 
-The documents lie all over the project, not in the one folder that MkDocs reads by itself: ``on_files`` says what
-there is.
+The documents lie all over the project, not in the one folder that MkDocs reads: ``on_files`` lists
+them.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """GitHub's Markdown as Python-Markdown wants it, with links to pages instead of files."""
+    """GitHub's Markdown converted for Python-Markdown, with links to pages instead of files."""
     site = SITE["now"]
     linked = with_links(markdown, lambda link: site.link(page.file.src_uri, link.target))
     return EMBEDDED.sub(_frame, github.for_python_markdown(linked))

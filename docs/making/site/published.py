@@ -2,7 +2,7 @@
 
 A file has the same place in the site as in the project: ``docs/layers.md`` is ``docs/layers.html``,
 ``layers/hand/skeleton.py`` is ``layers/hand/skeleton.py.html``, a folder is its ``index.html``. MkDocs makes pages of
-Markdown only, so it is told of the last two as ``skeleton.py.md`` and ``index.md``.
+Markdown only, so it receives the last two as ``skeleton.py.md`` and ``index.md``.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Published:
         return path
 
     def link(self, document: str, target: str) -> str:
-        """A link of a document, as it has to be for MkDocs. What is not published stays, and MkDocs will say so."""
+        """A link of a document in the form that MkDocs needs; unchanged for unpublished files, which MkDocs reports."""
         path, _, anchor = target.partition("#")
         if not path:
             return target

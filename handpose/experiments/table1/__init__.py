@@ -1,1 +1,1 @@
-"""The networks of the paper's Table 1: trainings, results and the page that shows them."""
+"""The networks of the paper's Table 1: training runs, results and the page that shows them."""

@@ -1,10 +1,10 @@
-"""The conclusions of the paper from its Table 1 (Sec. 4.1), and whether the trainings here confirm them.
+"""The conclusions of the paper from its Table 1 (Sec. 4.1), and whether the training runs here confirm them.
 
 Each finding is a difference whose sign decides; where two networks are to be equally good, a small deficit passes. It
 is decided when at least two seeds were trained long enough, all have the same sign, and the mean is larger than the
 spread between them. Where an error still falls at the longest length, the mean must keep its sign for some more
-increments of all trainings involved, each of which changes it as much as the last did. The mean of all seeds is used,
-because the change of a single one is mostly chance, and five times that would decide.
+increments of all training runs involved, each of which changes it as much as the last did. The mean of all seeds is
+used, because the change of a single one is mostly chance, and five times that would decide.
 """
 
 from __future__ import annotations

@@ -138,8 +138,8 @@ def _table(setting: Setting, lines: Mapping[str, Line]) -> Iterable[str]:
     names = list(setting.subjects) if len(setting.subjects) > 1 else []
     heads = ["network", "joint error, mm", *names, "angle error, fitted", "exact", "out of limits", "max ≤ 40 mm",
              "iterations", "length"]  # fmt: skip
-    beside = setting is not MANY_HANDS  # which the paper does not have
-    heads += ["paper: joints", "paper: angles"] if beside else []
+    with_paper = setting is not MANY_HANDS  # which the paper does not have
+    heads += ["paper: joints", "paper: angles"] if with_paper else []
     yield f"| {' | '.join(heads)} |"
     yield "|" + "---|" * len(heads)
     for line in lines.values():
@@ -155,7 +155,7 @@ def _table(setting: Setting, lines: Mapping[str, Line]) -> Iterable[str]:
             ", ".join(f"{length:,}" for length in line.lengths),
             ", ".join(_words_of(line)),
         ]
-        if beside:
+        if with_paper:
             cells += ["–", "–"] if paper is None else [f"{paper.error_14_mm} mm", f"{paper.fitted_angle_deg}°"]
         yield f"| {' | '.join(cells)} |"
 

@@ -127,7 +127,7 @@ def order(
 
 
 def lambdas(store: Sequence[Entry], setting: Setting, length: int | None = None, recipe: Recipe = ADAM) -> list[Job]:
-    """The trainings of ours by weights of PhysLimit, all as long as ours was trained; none before that is known."""
+    """The training runs of ours by weights of PhysLimit, all as long as ours was trained; none before that is known."""
     ours = verdict(of_job(store, Job(setting, OURS, recipe, 1)), recipe.lengths)
     if length is None and ours.end != "not yet" and ours.counts is not None:
         length = ours.counts.iterations
@@ -155,7 +155,7 @@ def report(
 
 
 def _hours(store: Sequence[Entry], job: Job, done: int) -> float:
-    """About how long the rest of a training takes, if it ends where its recipe's trainings did on the mean."""
+    """About how long the rest of a training takes, if it ends where its recipe's training runs did on the mean."""
     alike = [entry for entry in store if entry.recipe == job.recipe.name]
     if not alike:
         return 0.0

@@ -5,8 +5,8 @@ A training of N iterations is a trunk with a constant rate and an end with a dec
     paper   the solver of nyu_solver.prototxt: a tenth of the rate for the last tenth
     adam    that of synthetic_solver.prototxt: linearly to 0 for the last 30%
 
-The trunk does not depend on N, so trainings of several lengths share it: it continues where the last end branched off.
-Each length is 1.5 times the one before.
+The trunk does not depend on N, so training runs of several lengths share it: it continues where the last end branched
+off. Each length is 1.5 times the one before.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Recipe:
 
 
 def lengths(base: int, count: int) -> tuple[int, ...]:
-    """So many lengths from ``base`` on, whole numbers as long as they are."""
+    """``count`` lengths from ``base`` on, each ``GROWTH`` times the one before, rounded down."""
     return tuple(int(base * GROWTH**k) for k in range(count))
 
 

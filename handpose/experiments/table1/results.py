@@ -57,23 +57,25 @@ def _column(files: list[Path], name: str, width: int) -> Array:
     return np.concatenate(parts)
 
 
-def angles_of(predictions: Predictions, skeleton: Skeleton, told: Callable[[int], None] = lambda done: None) -> Array:
+def angles_of(
+    predictions: Predictions, skeleton: Skeleton, progress: Callable[[int], None] = lambda done: None
+) -> Array:
     """Inputs (N, D) of the hand that a network predicts: its own, or fitted within the limits to its joints."""
     if predictions.dof is not None:
         return np.where(skeleton.fixed, 0.0, predictions.dof.astype(np.float64))
     joints = predictions.joints.astype(np.float64)
-    return fit_joints(skeleton, joints, limits=True, starts=4, progress=told).inputs
+    return fit_joints(skeleton, joints, limits=True, starts=4, progress=progress).inputs
 
 
 def subjects_of(setting: Setting, half_cube: Array) -> dict[str, NDArray[np.bool_]]:
     """The test frames (N,) of each subject. Raises DataError for a frame of an unknown subject."""
     found = {name: np.full(len(half_cube), True) if size is None else np.abs(half_cube - size) < NEAR
              for name, size in setting.subjects.items()}  # fmt: skip
-    nobody = ~np.any(list(found.values()), axis=0)
-    if nobody.any():
+    unknown = ~np.any(list(found.values()), axis=0)
+    if unknown.any():
         known = ", ".join(f"{size:g} ({name})" for name, size in setting.subjects.items())
-        raise DataError(f"{setting.list_of('test')}: half_cube of frame {nobody.argmax()} is "
-                        f"{half_cube[nobody][0]:g} mm, expected one of {known}")  # fmt: skip
+        raise DataError(f"{setting.list_of('test')}: half_cube of frame {unknown.argmax()} is "
+                        f"{half_cube[unknown][0]:g} mm, expected one of {known}")  # fmt: skip
     return {name: rows for name, rows in found.items() if rows.any()}
 
 

@@ -2,8 +2,8 @@
 
     docs/results/table1/one_hand/ours_paper_seed1_4000.json
 
-It has everything that the page and the pictures need. Its trainings are never repeated, whether their snapshots exist
-or not. ``shown.json`` in the same folder has the frames that are drawn: their crops, and the true joints.
+It has everything that the page and the pictures need. Its training runs are never repeated, whether their snapshots
+exist or not. ``shown.json`` in the same folder has the frames that are drawn: their crops, and the true joints.
 """
 
 from __future__ import annotations

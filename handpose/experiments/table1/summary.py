@@ -41,7 +41,7 @@ class Line:
 
     @property
     def ends(self) -> list[str]:
-        """How the trainings ended, without repetition."""
+        """How the training runs ended, without repetition."""
         return sorted({v.end for v in self.verdicts.values()})
 
 

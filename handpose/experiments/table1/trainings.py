@@ -1,7 +1,7 @@
 """Train the networks of Table 1 in resumable steps.
 
 A training is a network in a setting, with a recipe and a seed. Its trunk runs to the iteration where a length branches
-off; then the end of that length is trained from there, with snapshots of its own (see recipes.py). Its files:
+off; then the end of that length is trained from there, with separate snapshots (see recipes.py). Its files:
 
     ours_paper_seed1_net.prototxt           the net
     ours_paper_seed1_trunk_iter_3600...     the trunk's snapshots
@@ -161,7 +161,7 @@ def data_name(files: Sequence[Path]) -> str:
 
 
 def work_folder(work: Path, setting: Setting, data: str, network: Network) -> Path:
-    """Where the files of a network's trainings are: those on other data, or labels, are other trainings."""
+    """Where the files of a network's training runs are: those on other data, or labels, are other trainings."""
     labels = f"_{true_angles.RECIPE}" if network.labels == "fitted" else ""
     return work / f"{setting.name}_{data}{labels}"
 

@@ -34,7 +34,7 @@ class MadeRecording(SyntheticRecording):
 
 
 class MadeTracker:
-    """Tells the truth, some mm beside it; one frame is missed, and a hand is told to be where none is."""
+    """Tells the truth, some mm beside it; one frame is missed, and a hand is tracked to be where none is."""
 
     def __init__(self, beside: float) -> None:
         self.beside = beside
@@ -44,7 +44,7 @@ class MadeTracker:
         return HEADER
 
     def step(self, frame: DepthFrame) -> TrackedFrame:
-        """What is told of a frame."""
+        """What is tracked of a frame."""
         there = tracked(at=(10.0 * frame.number, self.beside, 600), id=7)
         return TrackedFrame(frame.number, frame.time, () if frame.number == 1 else (there,))
 
@@ -106,7 +106,7 @@ def test_single_frames_by_the_predictor():
 
 
 def test_predictors_that_move_the_crop():
-    """They would not look where they are told to."""
+    """They would not look where they are tracked to."""
     right = load_predictor(ICVL, hand="right", fit="fast")
     with pytest.raises(NetlibError, match="for right hands that moves its crop 3 times; expected one for right hands"):
         Alone(right, right)

@@ -44,14 +44,14 @@ def net_of(folder: Path, batch: int = 7, extra: str = "") -> netlib.Net:
 @pytest.mark.parametrize("batch", [1, 3, 7, 50])
 def test_every_frame_counts_once(frames: Path, batch: int) -> None:
     """Whatever the batch size: the error is 10 mm, and the loss that of the seven frames."""
-    told: list[int] = []
-    found = held_out.predict_all(net_of(frames, batch), progress=told.append)
+    tracked: list[int] = []
+    found = held_out.predict_all(net_of(frames, batch), progress=tracked.append)
     figures = held_out.figures_of(found, skeleton.load())
     assert figures["error_mm"] == pytest.approx(10, rel=1e-5)
     assert figures["error_14_mm"] == pytest.approx(10, rel=1e-5)
     assert (figures["within_20_mm"], figures["out_of_limits"] > 0) == (1.0, True)
     assert found.outputs["loss"] == pytest.approx(31 * (10 / 150) ** 2 / 2, rel=1e-5)
-    assert told[-1] == 7
+    assert tracked[-1] == 7
     assert found.skeleton is not None and np.allclose(found.skeleton, found.joints)
 
 

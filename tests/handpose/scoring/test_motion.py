@@ -55,9 +55,9 @@ def test_jitter_is_the_deviation_of_the_noise() -> None:
 def test_jitter_by_hand() -> None:
     """Every other frame 1 mm to the right: a window of 15 has 7 of them."""
     still = np.broadcast_to(BASE, (42, 31, 3))
-    told = still.copy()
-    told[::2, :, 0] += 1.0
-    found = jitter(np.arange(42), np.arange(42) / RATE, told, still)
+    tracked = still.copy()
+    tracked[::2, :, 0] += 1.0
+    found = jitter(np.arange(42), np.arange(42) / RATE, tracked, still)
     assert found.frames == 30 and found.step_mm == pytest.approx(1.0)
     assert found.deviation_mm == pytest.approx((2 * 15 * (7 / 15) * (8 / 15) / 28) ** 0.5)
 
@@ -83,7 +83,7 @@ def test_a_missing_frame_ends_a_rest() -> None:
 def test_bones() -> None:
     """How far each is from its median; the root has none."""
     parents = np.array([-1, 0, 1])
-    told = np.zeros((5, 3, 3))
-    told[:, 1, 0], told[:, 2, 0] = 30, 50
-    told[3, 2, 0] = 53
-    np.testing.assert_allclose(bone_changes(told + np.arange(5)[:, None, None], parents), [0, 0, 3])
+    tracked = np.zeros((5, 3, 3))
+    tracked[:, 1, 0], tracked[:, 2, 0] = 30, 50
+    tracked[3, 2, 0] = 53
+    np.testing.assert_allclose(bone_changes(tracked + np.arange(5)[:, None, None], parents), [0, 0, 3])

@@ -103,7 +103,7 @@ def test_benchmarks() -> None:
 
 
 def test_score() -> None:
-    """Figures of three frames with two joints, by hand; some frames of a test set are not told apart further."""
+    """Figures of three frames with two joints, by hand; some frames of a test set are not tracked apart further."""
     benchmark = published.Benchmark("two joints", ICVL, ("a", "b"), 3, {"first": slice(1), "others": slice(1, None)})
     errors = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])
     found = published.score_on(benchmark, errors)

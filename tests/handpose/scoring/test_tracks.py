@@ -54,24 +54,24 @@ def test_the_truth_is_without_fault() -> None:
 
 def test_errors() -> None:
     """3, 4 and 0 mm are 5 mm, of all joints and of the 14; one joint alone counts a 31st of all."""
-    told = [frame._replace(hands=tuple(moved(one, 3, 4, 0) for one in frame.hands)) for frame in TRUTH]
-    assert score(HEADER, told, TRUTH).hands[0].errors.mean == pytest.approx(5)
-    assert score(HEADER, told, TRUTH).hands[1].errors14.median == pytest.approx(5)
+    tracked = [frame._replace(hands=tuple(moved(one, 3, 4, 0) for one in frame.hands)) for frame in TRUTH]
+    assert score(HEADER, tracked, TRUTH).hands[0].errors.mean == pytest.approx(5)
+    assert score(HEADER, tracked, TRUTH).hands[1].errors14.median == pytest.approx(5)
     off = np.zeros((31, 3))
     off[1, 0] = 31  # little_dip, which is not among the 14
-    told = [frame._replace(hands=tuple(replace(one, xyz=one.xyz + off) for one in frame.hands)) for frame in TRUTH]
-    own = score(HEADER, told, TRUTH).hands[0]
+    tracked = [frame._replace(hands=tuple(replace(one, xyz=one.xyz + off) for one in frame.hands)) for frame in TRUTH]
+    own = score(HEADER, tracked, TRUTH).hands[0]
     assert own.errors.mean == pytest.approx(1) and own.errors.median == 0 and own.errors14.mean == 0
 
 
 def test_ids_may_have_any_number_but_must_not_change() -> None:
     """Two ids that are swapped half way are two switches; there is no order of the hands."""
-    told = [
+    tracked = [
         frame._replace(hands=tuple(replace(one, id=7 + (one.id + (frame.number >= 40)) % 2) for one in frame.hands))
         for frame in TRUTH
     ]
-    reversed_ = [frame._replace(hands=frame.hands[::-1]) for frame in told]
-    for track in (told, reversed_):
+    reversed_ = [frame._replace(hands=frame.hands[::-1]) for frame in tracked]
+    for track in (tracked, reversed_):
         scores = score(HEADER, track, TRUTH)
         assert scores.found == 1 and scores.id_switches == 2
         assert [own.id_switches for own in scores.hands.values()] == [1, 1]
@@ -80,8 +80,8 @@ def test_ids_may_have_any_number_but_must_not_change() -> None:
 def test_sides() -> None:
     """How long it takes until the side is right, and how often it changes."""
     sides = ["left"] * 3 + ["right"] * 50 + ["left"] + ["right"] * 36
-    told = frames([[hand(0, RIGHT, side, n / 30)] for n, side in enumerate(sides)])
-    own = score(HEADER, told, TRUTH).hands[0]
+    tracked = frames([[hand(0, RIGHT, side, n / 30)] for n, side in enumerate(sides)])
+    own = score(HEADER, tracked, TRUTH).hands[0]
     assert (own.side_after, own.wrong_side, own.side_switches) == (3, 4, 3)
     wrong = frames([[hand(0, RIGHT, "left", n / 30)] for n in range(90)])
     assert np.isnan(score(HEADER, wrong, TRUTH).hands[0].side_after)
@@ -89,12 +89,12 @@ def test_sides() -> None:
 
 def test_a_hand_far_from_all_is_invented() -> None:
     """And the true one is missed; the bound is the caller's."""
-    told = [frame._replace(hands=(moved(frame.hands[0], 0, 0, 120),)) for frame in TRUTH]
-    scores = score(HEADER, told, TRUTH)
+    tracked = [frame._replace(hands=(moved(frame.hands[0], 0, 0, 120),)) for frame in TRUTH]
+    scores = score(HEADER, tracked, TRUTH)
     assert scores.found == 0 and scores.invented == 90
     assert scores.hands[0].missed == scores.hands[1].missed == 90 and scores.hands[0].bone_change_mm == ()
     assert np.isnan(scores.hands[0].errors.mean) and np.isnan(scores.hands[0].side_after)
-    assert score(HEADER, told, TRUTH, bound_mm=150).found == 0.5
+    assert score(HEADER, tracked, TRUTH, bound_mm=150).found == 0.5
 
 
 def test_lost_hands() -> None:
@@ -105,9 +105,9 @@ def test_lost_hands() -> None:
                    [[LostHand(0, "right", 1 / 30, why)] if why else [] for why in reasons])  # fmt: skip
     said = ["", "", "", "", LEFT, "nothing like a hand there", "hidden by another hand", "", "no hand", ""]
     shown = [True, True, True, True, False, False, False, False, False, True]
-    told = frames([[hand(5, RIGHT)] if there else [] for there in shown],
+    tracked = frames([[hand(5, RIGHT)] if there else [] for there in shown],
                   [[LostHand(5, "right", 0.1, why)] if why else [] for why in said])  # fmt: skip
-    scores = score(HEADER, told, truth)
+    scores = score(HEADER, tracked, truth)
     own = scores.hands[0]
     assert (own.in_sight, own.found, own.said_lost) == (4, 3, 1)
     assert (own.gone, own.said_gone, own.right_reason) == (4, 3, 2)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from handpose.facts.cameras import Camera
 from handpose.sources import camera_file
-from handpose.sources.camera_file import beside, parse, read, to_text, write
+from handpose.sources.camera_file import next_to, parse, read, to_text, write
 from handpose.sources.given import NOTHING, Given
 from handpose.sources.lens import Lens
 from netlib.errors import DataError
@@ -118,8 +118,8 @@ def test_a_file(tmp_path: Path) -> None:
 def test_beside(tmp_path: Path) -> None:
     """A folder holds its own; a file's own name is looked for first."""
     take = tmp_path / "take.npz"
-    assert beside(tmp_path) == beside(take) == NOTHING
+    assert next_to(tmp_path) == next_to(take) == NOTHING
     write(tmp_path / "camera.json", Given(unit_mm=1.0))
-    assert beside(tmp_path).unit_mm == beside(take).unit_mm == 1
+    assert next_to(tmp_path).unit_mm == next_to(take).unit_mm == 1
     write(tmp_path / "take.camera.json", Given(unit_mm=2.0))
-    assert (beside(tmp_path).unit_mm, beside(take).unit_mm) == (1, 2)
+    assert (next_to(tmp_path).unit_mm, next_to(take).unit_mm) == (1, 2)

@@ -61,7 +61,7 @@ def test_a_rate_that_is_not_that_of_the_times() -> None:
     taken = Taken(moving(), step=1 / 30)
     taken.rate = 60.0
     (warning,) = look(taken).warnings
-    assert warning == "60 frames a second are told, but by their times 30 come; the times count"
+    assert warning == "60 frames per second given, but 30 by their times; the times are used"
     taken.rate = 28.0
     assert not look(taken).warnings
 

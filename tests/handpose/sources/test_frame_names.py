@@ -15,7 +15,7 @@ NANO = 10**9
 
 
 @pytest.mark.parametrize(
-    ("names", "times", "ticks", "told"),
+    ("names", "times", "ticks", "interpretation"),
     [
         (["10.png", "9.png", "007.png"], (0, 2, 3), 0, "names; numbers missing between 7 and 10: 1, which"),
         (["a_1_depth.png", "a_2_depth.png"], (0, 1), 0, "numbers"),
@@ -52,11 +52,11 @@ NANO = 10**9
         (["790154000.png", "790187333.png"], (0, 33333), 0, "numbers"),
     ],
 )  # fmt: skip
-def test_what_names_tell(names: list[str], times: tuple[int, ...], ticks: int, told: str) -> None:
+def test_what_names_tell(names: list[str], times: tuple[int, ...], ticks: int, interpretation: str) -> None:
     """Numbers, stamps of any unit, dates; from the first on."""
     found = in_order(names, "here")
     assert (found.times, found.ticks) == (times, ticks)
-    assert told in found.told
+    assert interpretation in found.interpretation
     assert sorted(found.names) == sorted(names)
 
 

@@ -188,7 +188,7 @@ def test_a_writer_that_was_killed(tmp_path: Path) -> None:
     path.write_bytes(content)
     recording = open_video(path, Given())
     assert len(list(recording)) == 10
-    assert "whoever wrote it did not come to the end" in recording.cut
+    assert "its writer was interrupted" in recording.cut
 
 
 def test_a_damaged_frame_is_no_frame(tmp_path: Path) -> None:

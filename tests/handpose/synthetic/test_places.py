@@ -13,7 +13,7 @@ from handpose.facts.cameras import Camera
 from handpose.synthetic import places, scenes
 from handpose.synthetic.generator import BLOCK
 from handpose.synthetic.many import generate
-from handpose.synthetic.places import BEYOND_MM, NOBODY, PER_SCENE, WITHIN_MM, PlaceGenerator, PlaceRows
+from handpose.synthetic.places import BEYOND_MM, PER_SCENE, UNKNOWN, WITHIN_MM, PlaceGenerator, PlaceRows
 from handpose.synthetic.recipes import any_roll
 from netlib.errors import DataError
 
@@ -27,7 +27,7 @@ def block() -> PlaceRows:
 def test_labels(block: PlaceRows) -> None:
     """Hands that are near, with their offsets; none where none is; neither where one is half near."""
     hand, offset = block.hand, np.linalg.norm(block.offset, axis=1) * CUBE_MM / 2
-    assert {0.0, 1.0} <= set(hand.tolist()) <= {0.0, 1.0, NOBODY}
+    assert {0.0, 1.0} <= set(hand.tolist()) <= {0.0, 1.0, UNKNOWN}
     assert 0.3 < (hand == 1).mean() < 0.7
     assert (offset[hand == 1] < WITHIN_MM).all() and (offset[hand == 1] > 0).all() and (offset[hand != 1] == 0).all()
     np.testing.assert_array_equal(block.near, np.repeat((hand == 1)[:, None], 3, axis=1))
