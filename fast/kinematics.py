@@ -156,10 +156,15 @@ class FastKinematics(Kinematics):
         return np.asarray((self.bone_directions(pose).transpose(1, 2, 0) * force).sum(axis=1).T)
 
     def jacobian(self, pose: Pose, joints: Sequence[int] | None = None) -> Array:
-        """Component by component of the cross product."""
-        assert isinstance(pose, FastPose)
+        """Component by component of the cross product; of a few poses, as products with skew-symmetric matrices."""
         sk = self.skeleton
         chosen = list(range(len(sk.parents))) if joints is None else list(joints)
+        if not isinstance(pose, FastPose):
+            arm = pose.joints[:, None, chosen] - pose.pivot[:, :, None]
+            moved = arm @ np.cross(pose.axis[:, :, None], np.eye(3))
+            moved[:, ~sk.turns] = pose.axis[:, ~sk.turns, None]
+            moved *= sk.moves[:, chosen, None]
+            return moved.reshape(*moved.shape[:2], 3 * len(chosen))
         Q, N = len(self.free), pose.X.shape[-1]
         X, a, P = pose.local[chosen], pose.axis[self.free][:, None], pose.pivot[self.free][:, None]
         arm = np.where(sk.turns[:, None, None, None], X - P, 0.0)

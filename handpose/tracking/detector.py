@@ -18,7 +18,7 @@ from handpose.tracking.pose_estimator import LIKELY
 from netlib.blob import Array
 
 ROUND, ROUND_ALONE = 0.5, 0.2  # s per scan with and without a tracked hand
-MOST, MOST_ALONE = 200.0, 1500.0  # places per second at most
+MOST, MOST_ALONE = 120.0, 1500.0  # places per second at most
 APART_MM, ARM_MM = 170.0, 100.0  # minimum distances from tracked hands and from their arms
 TIMES = 2  # evaluations of a likely place, each at the predicted position
 # A rejected place, such as an elbow, is skipped for a pause, which doubles each time.
@@ -78,11 +78,11 @@ class Detector:
                 return None
             self._left, self._begun = self._places(depth), time
             self._a_second = len(self._left) / lasts
-        count = min(seconds, lasts) * min(self._a_second, most) if np.isfinite(seconds) else np.inf
-        count = int(min(max(np.ceil(count), 1), len(self._left)))
-        some, self._left = self._left[:count], self._left[count:]
         rejected = np.array([r.place for r in self._rejected if time < r.until and len(followed)]).reshape(-1, 3)
-        some = some[_apart(some, followed, APART_MM) & _apart(some, rejected, REJECTED_MM)]
+        left = self._left[_apart(self._left, followed, APART_MM) & _apart(self._left, rejected, REJECTED_MM)]
+        count = min(seconds, lasts) * min(self._a_second, most) if np.isfinite(seconds) else np.inf
+        count = int(min(max(np.ceil(count), 1), len(left)))
+        some, self._left = left[:count], left[count:]
         known = ((followed, APART_MM), (arms, ARM_MM), (rejected, REJECTED_MM)) if len(followed) else ()
         for _ in range(1 + TIMES):
             chance, middle = self.locator.at(depth, some, self.camera)

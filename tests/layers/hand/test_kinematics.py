@@ -316,6 +316,9 @@ def test_forward_pose_is_a_pose(rng, N, own):
     assert np.allclose(apart, 0, atol=1e-12)
     for joint in (0, skeleton.joint_names.index("palm"), len(skeleton.joint_names) - 1):
         assert np.allclose(made.rotation_of(found, joint), plain.rotation_of(expected, joint))
+    few = [3, 0]
+    assert np.allclose(made.jacobian(found), plain.jacobian(expected))
+    assert np.allclose(made.jacobian(found, few), plain.jacobian(expected, few))
 
 
 def test_forward_pose_of_an_arm_that_slides(body, arm_text, rng):
