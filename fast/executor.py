@@ -47,6 +47,7 @@ class SlicedExecutor(Executor):
         self._watched: list[FastBlob] = []
         self._kept: dict[int, tuple[Blob, Array]] = {}  # by id: blobs a caller has accessed, their data in forward
         self._kept_back: dict[int, Halves] = {}  # the same of the last backward, data and diff
+        self._planned_for: list[tuple[bool, tuple[int, ...]]] = []
         self._plan()
 
     def _plan(self) -> None:
@@ -58,10 +59,15 @@ class SlicedExecutor(Executor):
         runs = [whole(at) for at in self.connections]
         if not self._by_layer:
             runs = plan(self.connections, lambda blob: id(blob) in self._stored)
-        self.steps = [_step_of(run) for run in runs]
+        self.steps, self._planned_for = [_step_of(run) for run in runs], self._item_shapes()
         for blob in self.hidden():
             assert isinstance(blob, FastBlob)
             blob.on_look = partial(_look, weakref.ref(self), blob)
+
+    def _item_shapes(self) -> list[tuple[bool, tuple[int, ...]]]:
+        """What a plan depends on: the shape of an item of each blob, and whether it has as many items as the first."""
+        blobs = [blob for at in self.connections for blob in [*at.bottom, *at.top]]
+        return [(blob.shape[:1] == blobs[0].shape[:1], blob.shape[1:]) for blob in blobs]
 
     def hidden(self) -> list[Blob]:
         """Blobs that do not exist for the whole batch."""
@@ -87,6 +93,7 @@ class SlicedExecutor(Executor):
             if isinstance(step, SlicedStep) and not step.is_even():
                 parts = self._divided(step)
                 self.steps = [*self.steps[:number], *parts, *self.steps[number + 1 :]]
+                self._planned_for = []
                 end += len(parts) - 1
                 continue
             yield step
@@ -123,7 +130,8 @@ class SlicedExecutor(Executor):
             if changed:
                 self._seen = [False, False]
                 self.forget_last_pass()
-                self._plan()
+                if self._item_shapes() != self._planned_for:
+                    self._plan()
         return changed
 
     @staticmethod

@@ -290,6 +290,18 @@ def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet, expected:
     check_blob(net, "p1", "diff", expected)
 
 
+def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
+    """Which depends on the shape of an item alone. The results are those of a net that has seen no other batch."""
+    net, other = net_of(PAPER), net_of(PAPER)
+    everything(net, batch(5))
+    steps = net.executor.steps
+    found = everything(net, batch(19))
+    assert net.executor.steps is steps
+    assert_equal(found, everything(other, batch(19)))
+    for name in HIDDEN:
+        assert np.array_equal(net.blobs[name].data, other.blobs[name].data), name
+
+
 def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
     """It says so; zeros would be a lie."""
 
