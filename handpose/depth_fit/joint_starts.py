@@ -43,7 +43,7 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
     def evaluate(columns_of_x: Array, rows: NDArray[np.int_]) -> tuple[Array, Array, Array]:
         trial = found[rows]
         trial[:, columns] = columns_of_x
-        pose = kinematics.glance(model.inputs_of(trial), skeleton.bones * np.exp(trial[:, [SIZE]]))
+        pose = kinematics.forward_pose(model.inputs_of(trial), skeleton.bones * np.exp(trial[:, [SIZE]]))
         grows = (pose.joints - pose.joints[:, [root]]).reshape(len(trial), 1, -1)
         J = np.concatenate([sums.T @ kinematics.jacobian(pose), grows], axis=1) / unit
         r = (pose.joints - goal[rows]).reshape(len(trial), -1, 1) / unit
@@ -58,7 +58,7 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
 
 
 def aligned(model: CapsuleModel, x: Array, joints: Array) -> Array:
-    """Bodies x (N, V), moved as a whole so that the joints which move with the root are closest to joints (N, K, 3) in mm.
+    """Move bodies x (N, V) as a whole, so that joints fixed to the root are closest to joints (N, K, 3) in mm.
 
     Kabsch, "A solution for the best rotation to relate two sets of vectors" (1976). A body whose root has fewer than
     six DoFs is not moved.

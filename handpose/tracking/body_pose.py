@@ -1,7 +1,7 @@
 """The variables of a fitted body, independent of the crop in which it was fitted.
 
-In ``WorldPose`` the root's position is in mm from the camera, and its orientation is one rotation: angles about three axes
-are discontinuous at a pole, and do not measure angular speed. A left hand is in mirrored space, as in the fit.
+In ``WorldPose`` the root's position is in mm from the camera, and its orientation is one rotation: angles about three
+axes are discontinuous at a pole, and do not measure angular speed. A left hand is in mirrored space, as in the fit.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class WorldPose(NamedTuple):
 
     place     (3,) mm, position of the root in the axes of the (mirrored) camera
     rotation  (3, 3) world_from_root
-    others    (V - 6,) the other variables: limbs, the surface's own, logarithms of size and girth
+    others    (V - 6,) the other variables: limbs, the surface's own, logarithms of size and thickness
     """
 
     place: Array
@@ -30,7 +30,10 @@ class WorldPose(NamedTuple):
 
 
 class PoseConverter:
-    """Converts between variables x (V,) about a crop's centre and ``WorldPose``. Raises NetlibError as ``RootMotion``."""
+    """Converts between variables x (V,) about a crop's centre and ``WorldPose``.
+
+    Raises NetlibError for a root that ``RootMotion`` does not accept.
+    """
 
     def __init__(self, model: CapsuleModel) -> None:
         self._root = RootMotion(model)

@@ -7,10 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.depth_fit.body import CapsuleModel
-from handpose.tracking.body_pose import WorldPose, PoseConverter, motion_between, moved
+from handpose.tracking.body_pose import PoseConverter, WorldPose, motion_between, moved
 
 CENTERS = st.tuples(*(st.floats(-500, 500),) * 3)
 SEEDS = st.integers(0, 10**6)
+
 
 def any_x(model: CapsuleModel, seed: int) -> np.ndarray:
     """Variables (V,), the root's angles in all directions."""
