@@ -19,6 +19,7 @@ from netlib.blob import Blob
 from netlib.building import python_layer
 from netlib.engine.plain import BackwardHook, Connection
 from netlib.errors import LayerError, NetlibError, did_you_mean
+from netlib.files import Content
 from netlib.graph import Graph, LayerHook
 from netlib.layer import PHASES, TEST, TRAIN
 from netlib.proto import schema
@@ -256,8 +257,8 @@ class Net:
 
     # ------------------------------------------------------------------------------------------ weights and states
 
-    def copy_from(self, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:
-        """Copy weights by layer name from a snapshot or another net.
+    def copy_from(self, source: str | Path | Content | Net, strict: bool = False) -> tuple[list[str], list[str]]:
+        """Copy weights by layer name from a snapshot, from its content, or from another net.
 
         Returns the names of the layers that only the source has, and of those that only this net has, which keep their
         values. Raises WeightsError if a shape differs, if no layer matches, or, with ``strict``, if the source lacks a

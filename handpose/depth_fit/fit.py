@@ -26,6 +26,7 @@ from handpose.rounding import NETWORK_STEP, rounded
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.files import Content
 from netlib.system.memory import blocks
 
 MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the uncertainty is infinite
@@ -97,7 +98,7 @@ class DepthFitter:
 
     @classmethod
     def of_file(
-        cls, skeleton: Skeleton, path: str | Path, unit_mm: float, weights: Weights | None = None
+        cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, weights: Weights | None = None
     ) -> DepthFitter:
         """A fitter for crops of two such units, with the network's errors of a weights file. Raises DataError."""
         model = CapsuleModel(skeleton, unit_mm)

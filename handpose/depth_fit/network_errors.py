@@ -22,7 +22,7 @@ import numpy as np
 from handpose.depth_fit.body import CapsuleModel
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.files import hdf5
+from netlib.files import Content, hdf5
 from netlib.snapshots import snapshot
 
 GROUP = "fit"
@@ -72,7 +72,7 @@ def unknown_errors(model: CapsuleModel) -> NetworkErrors:
     return NetworkErrors(np.eye(len(model.limbs)) * UNKNOWN_STD**2, {}, {})
 
 
-def read_errors(path: str | Path, model: CapsuleModel) -> NetworkErrors:
+def read_errors(path: str | Path | Content, model: CapsuleModel) -> NetworkErrors:
     """The errors in a weights file, or the default ones if it has none. Raises DataError."""
     if not snapshot.begins_as_hdf5(path, "weights"):
         return unknown_errors(model)

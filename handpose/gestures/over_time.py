@@ -13,6 +13,7 @@ import numpy as np
 
 from handpose.facts.sides import Side
 from handpose.gestures.shapes import GESTURES, scores
+from handpose.joint_formats.frames import HandFrames
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -41,9 +42,12 @@ class GestureReader:
         self._skeleton = skeleton
         self._states: dict[int, _State] = {}
 
-    def read(self, id: int, hand: Side, xyz: Array, time: float) -> Gesture:
-        """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s. Raises DataError for other bodies."""
-        seen = np.array(list(scores(self._skeleton, hand, xyz).values()))
+    def read(self, id: int, hand: Side, xyz: Array, time: float, frames: HandFrames | None = None) -> Gesture:
+        """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s. Raises DataError for other bodies.
+
+        frames  the hand's directions, if they are computed already
+        """
+        seen = np.array(list(scores(self._skeleton, hand, xyz, frames).values()))
         before = self._states.get(id)
         if before is None or time - before.time > FORGET_S:
             smooth, name = seen, ""

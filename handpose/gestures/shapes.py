@@ -18,7 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from handpose.facts.sides import Side
-from handpose.joint_formats.angles import anatomical_angles
+from handpose.joint_formats.angles import angles_of
+from handpose.joint_formats.frames import HandFrames, hand_frames
 from handpose.joint_formats.points import FINGERS
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -41,10 +42,13 @@ GESTURES = (*SHAPES, PINCH)
 NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
 
 
-def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
-    """By gesture, of joints (K, 3) in mm, camera axes. Raises DataError for another body than a hand."""
+def scores(skeleton: Skeleton, hand: Side, xyz: Array, frames: HandFrames | None = None) -> dict[str, float]:
+    """By gesture, of joints (K, 3) in mm, camera axes. Raises DataError for another body than a hand.
+
+    frames  the hand's directions, if they are computed already (``hand_frames``)
+    """
     at = {name: xyz[i] for i, name in enumerate(skeleton.joint_names)}
-    angles = anatomical_angles(skeleton, hand, xyz)
+    angles = angles_of(frames or hand_frames(skeleton, hand, xyz))
     bends = [sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip")) for finger in FINGERS]
     straight = [1 - _over(bend, STRAIGHT) for bend in bends]
     palm = _distance(at["middle_mcp"], (at["wrist_left"] + at["wrist_middle"]) / 2)

@@ -19,6 +19,7 @@ from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
+from netlib.files import Content
 from netlib.layer import TEST
 from netlib.net import Net
 
@@ -27,7 +28,7 @@ SIZES = 0.5, 2.0  # range of predicted sizes relative to the skeleton; values ou
 JOINTS = "joints"  # blob of joints that a net predicts in addition to those of its hand model
 
 
-def trained(model: str | Path, weights: str | Path, engine: str | None = None) -> Net:
+def trained(model: str | Path, weights: str | Path | Content, engine: str | None = None) -> Net:
     """A test net with its weights. Raises NetlibError, also if a layer has no weights in the file."""
     net = Net(model, TEST, engine=engine)
     net.copy_from(weights, strict=True)

@@ -21,7 +21,9 @@ from handpose.prediction.nets import best_fit, cube_of, hand_layer, trained
 from handpose.prediction.predictor import Predictor, check_options
 from netlib import files
 from netlib.errors import NetlibError, WeightsError
-from netlib.files.paths import ROOT
+from netlib.files import Content
+from netlib.files.paths import ROOT, find
+from netlib.snapshots import snapshot
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
 PAPER_HAND = ROOT / "models" / "paper_hand"  # the paper's network, for the book
@@ -58,8 +60,14 @@ def read_card(folder: Path) -> Card:
 
 def checked_weights(card: Card) -> Path:
     """The path of the weights, after verifying their checksum. Raises WeightsError."""
-    _check(card.weights, files.read_bytes(card.weights, "weights", WeightsError), card.sha256)
-    return card.weights
+    return checked_content(card).path
+
+
+def checked_content(card: Card) -> Content:
+    """The content of the weights file, after verifying its checksum. Raises WeightsError."""
+    content = snapshot.read_content(card.weights)
+    _check(card.weights, content.data, card.sha256)
+    return content
 
 
 def checked_net(card: Card) -> Path:
@@ -83,7 +91,7 @@ def _check(path: Path, content: bytes, expected: str) -> None:
 def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> Locator:
     """The packaged locator. Raises NetlibError."""
     card = read_card(folder)
-    return Locator(trained(checked_net(card), checked_weights(card), engine))
+    return Locator(trained(checked_net(card), checked_content(card), engine))
 
 
 def load_predictor(
@@ -93,12 +101,12 @@ def load_predictor(
     """A predictor with a packaged model; for the options see ``Predictor``. Raises NetlibError."""
     check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
     card = read_card(folder)
-    return predictor_of(checked_net(card), checked_weights(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
+    return predictor_of(checked_net(card), checked_content(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
                         fit=fit, engine=engine)  # fmt: skip
 
 
 def predictor_of(
-    model: str | Path, weights: str | Path, camera: Camera, *, cube_mm: float | None = None,
+    model: str | Path, weights: str | Path | Content, camera: Camera, *, cube_mm: float | None = None,
     hand: SoughtSide | None = None, refine: int = 3, fit: Fit | None = None, engine: str | None = None,
 ) -> Predictor:  # fmt: skip
     """A predictor with any net and its weights. Raises NetlibError.
@@ -107,11 +115,12 @@ def predictor_of(
     hand  default: "either" with a fit, otherwise "right"
     """
     check_options(cube_mm=cube_mm, hand=hand or "right", refine=refine, fit=fit or "no")  # before reading the weights
-    net = trained(model, weights, engine)
+    content = weights if isinstance(weights, Content) else snapshot.read_content(find(str(weights), None))
+    net = trained(model, content, engine)
     fit = fit or best_fit(net)
     hand = hand or ("right" if fit == "no" else "either")
     layer, fitter = hand_layer(net), None
     if fit != "no" and layer is not None:
-        fitter = DepthFitter.of_file(layer.skeleton, weights, cube_of(layer.skeleton, cube_mm) / 2)
+        fitter = DepthFitter.of_file(layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2)
     return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, fitter=fitter,
                      locator=functools.partial(load_locator, engine=engine))  # fmt: skip

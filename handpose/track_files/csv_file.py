@@ -25,6 +25,7 @@ from types import TracebackType
 
 from handpose.gestures.over_time import GestureReader
 from handpose.joint_formats.formats import FormatName
+from handpose.joint_formats.frames import hand_frames
 from handpose.track_files import angles, joint_values
 from handpose.track_files.growing import GrowingFile
 from handpose.track_files.track import TrackedFrame, TrackedHand, TrackHeader
@@ -62,27 +63,23 @@ class CsvWriter:
     def write(self, frame: TrackedFrame) -> None:
         """Add a frame."""
         about = [frame.number, f"{frame.time:.6f}"]
-        rows = [
-            [*about, hand.id, hand.hand, "", *self._values(hand), *self._gesture(hand, frame.time)]
-            for hand in frame.hands
-        ]
+        rows = [[*about, hand.id, hand.hand, "", *self._values(hand, frame.time)] for hand in frame.hands]
         rows += [[*about, lost.id, lost.hand, lost.reason, *self._empty] for lost in frame.lost]
         self._file.append(_rows(rows))
 
-    def _gesture(self, hand: TrackedHand, time: float) -> list[str]:
-        if self._gestures is None:
-            return []
-        name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
-        return [name, f"{confidence:.3f}"]
-
-    def _values(self, hand: TrackedHand) -> list[str]:
-        chances = [_known("%.4f", hand.confidence), _known("%.2f", hand.error_mm)]
-        if self._joints:
-            camera = self._header.camera
-            return chances + joint_values.numbers(self._joints, self._skeleton, hand.hand, hand.xyz, camera)
-        theta = self._skeleton.theta(hand.inputs)
-        numbers = [*hand.xyz.ravel().tolist(), *theta[self._angles].tolist()]
-        return chances + [_known(form, number) for form, number in zip(self._numbers, numbers)]
+    def _values(self, hand: TrackedHand, time: float) -> list[str]:
+        values, about = [_known("%.4f", hand.confidence), _known("%.2f", hand.error_mm)], (hand.hand, hand.xyz)
+        frames = hand_frames(self._skeleton, *about) if self._joints or self._gestures else None
+        if self._joints and frames:
+            values += joint_values.numbers(self._joints, self._skeleton, *about, self._header.camera, frames)
+        else:
+            theta = self._skeleton.theta(hand.inputs)
+            numbers = [*hand.xyz.ravel().tolist(), *theta[self._angles].tolist()]
+            values += [_known(form, number) for form, number in zip(self._numbers, numbers)]
+        if self._gestures:
+            name, confidence = self._gestures.read(hand.id, *about, time, frames)
+            values += [name, f"{confidence:.3f}"]
+        return values
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None

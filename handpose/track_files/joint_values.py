@@ -29,7 +29,7 @@ from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side
 from handpose.joint_formats.angles import ANGLES, angles_of
 from handpose.joint_formats.formats import FORMATS, FormatName, FormattedHand, formatted
-from handpose.joint_formats.frames import hand_frames
+from handpose.joint_formats.frames import HandFrames, hand_frames
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -45,10 +45,14 @@ def format_values(name: FormatName) -> dict[str, Any]:
 
 
 def hand_values(
-    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None = None
-) -> dict[str, Any]:
-    """The JSON values of a hand in a format. Raises DataError for another body than a hand."""
-    frames = hand_frames(skeleton, hand, xyz)
+    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None = None,
+    frames: HandFrames | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """The JSON values of a hand in a format. Raises DataError for another body than a hand.
+
+    frames  the hand's directions, if they are computed already (``hand_frames``)
+    """
+    frames = frames or hand_frames(skeleton, hand, xyz)
     parts, angles = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm, frames)), angles_of(frames)
     joints = {key: None if values is None else _rounded(values, key) for key, values in parts.items()}
     return {name: joints, ANGLES_KEY: {angle: _rounded(value, "deg") for angle, value in angles.items()}}
@@ -68,9 +72,10 @@ def columns(name: FormatName) -> list[str]:
     return found + [f"{angle}_deg" for angle in ANGLES]
 
 
-def numbers(name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera) -> list[str]:
-    """The values of a row, one for each column."""
-    frames = hand_frames(skeleton, hand, xyz)
+def numbers(
+    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera, frames: HandFrames
+) -> list[str]:
+    """The values of a row, one for each column; ``frames`` are the hand's directions."""
     parts = _parts(formatted(name, skeleton, hand, xyz, camera, frames=frames))
     return list(itertools.chain(_texts(parts), _texts({"deg": list(angles_of(frames).values())})))
 

@@ -14,6 +14,7 @@ from handpose.facts.sides import Side, side_of
 from handpose.gestures.over_time import GestureReader
 from handpose.gestures.shapes import NUMBERS
 from handpose.joint_formats.formats import FormatName
+from handpose.joint_formats.frames import hand_frames
 from handpose.track_files import angles, joint_values
 from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
@@ -124,20 +125,25 @@ class FrameValues:
             "translations_mm": dict(zip(self._slides, rounded(theta[self._dofs.slides] * self._unit_mm, 3))),
             **new,
             "crop": {"center_uvd": rounded(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
-            **self._format_values(hand),
-            **self._gesture_values(hand, time),
+            **self._derived_values(hand, time),
         }  # fmt: skip
 
-    def _format_values(self, hand: TrackedHand) -> dict[str, Any]:
-        if self._joints is None:
+    def _derived_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
+        """The joint format and the gesture, if requested."""
+        if self._joints is None and self._gestures is None:
             return {}
-        return joint_values.hand_values(self._joints, self._skeleton, hand.hand, hand.xyz, self._camera)
-
-    def _gesture_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
+        frames, found = hand_frames(self._skeleton, hand.hand, hand.xyz), {}
+        if self._joints is not None:
+            found = joint_values.hand_values(
+                self._joints, self._skeleton, hand.hand, hand.xyz, self._camera, frames=frames
+            )
         if self._gestures is None:
-            return {}
-        name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
-        return {"gesture": {"name": name or None, "number": NUMBERS.get(name), "confidence": rounded(confidence, 3)}}
+            return found
+        name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time, frames)
+        return {
+            **found,
+            "gesture": {"name": name or None, "number": NUMBERS.get(name), "confidence": rounded(confidence, 3)},
+        }
 
     def frame(self, fields: Fields) -> TrackedFrame:
         """The next frame from its object. Raises DataError."""

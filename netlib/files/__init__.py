@@ -2,6 +2,7 @@
 
 from netlib.files.reading import (
     MAX_BYTES,
+    Content,
     Identity,
     Source,
     identity,
@@ -10,11 +11,12 @@ from netlib.files.reading import (
     noted,
     opened,
     read_bytes,
+    read_content,
     read_pieces,
     read_text,
 )
 
 __all__ = [
-    "MAX_BYTES", "Identity", "Source", "identity", "is_in_use", "make_folder", "noted", "opened", "read_bytes",
-    "read_pieces", "read_text",
+    "MAX_BYTES", "Content", "Identity", "Source", "identity", "is_in_use", "make_folder", "noted", "opened",
+    "read_bytes", "read_content", "read_pieces", "read_text",
 ]  # fmt: skip

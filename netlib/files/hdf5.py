@@ -24,32 +24,38 @@ from numpy.typing import DTypeLike
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of
-from netlib.files import Source, atomic, hdf5_helper
+from netlib.files import Content, Identity, Source, atomic, hdf5_helper
 from netlib.files.paths import exists, find
 
 SMALL_ROW, IN_MEMORY = 4096, 1 << 26  # bytes: data sets with smaller rows, up to this size, are kept in memory
 
 
 @contextlib.contextmanager
-def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> Iterator[h5py.File]:
-    """Open an HDF5 file for reading; ``what`` describes its expected content in errors.
+def opened(path: str | Path | Content, what: str, kind: type[NetlibError] = DataError) -> Iterator[h5py.File]:
+    """Open an HDF5 file, or content read before, for reading; ``what`` describes its expected content in errors.
 
     Raises ``kind``, including for errors of HDF5 inside the ``with`` block.
     """
-    with files.opened(path, what, kind) as stream:
-        looked_at = files.identity(stream.fileno())
+    content = path if isinstance(path, Content) else None
+    looked_at = content.identity if content else _identity(path, what, kind)
     fault = hdf5_helper.fault_of(str(path), looked_at)
     if fault:
         raise kind(f"{path}: cannot read {what}: {fault}")
     try:
-        with h5py.File(path, "r", locking=False) as file:
-            if files.identity(file.id.get_vfd_handle()) != looked_at:  # another file was renamed to this path
+        with h5py.File(io.BytesIO(content.data) if content else path, "r", locking=False) as file:
+            now = _identity(content.path, what, kind) if content else files.identity(file.id.get_vfd_handle())
+            if now != looked_at:  # another file was renamed to this path
                 raise kind(f"{path}: was changed while it was opened; run again")
             yield file
     except NetlibError:
         raise
     except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
         raise kind(f"{path}: cannot read {what}: damaged, or not as expected: {reason_of(error)}") from error
+
+
+def _identity(path: str | Path | Content, what: str, kind: type[NetlibError]) -> Identity:
+    with files.opened(str(path), what, kind) as stream:
+        return files.identity(stream.fileno())
 
 
 @contextlib.contextmanager

@@ -13,6 +13,7 @@ import weakref
 from collections.abc import Iterator
 from io import BufferedReader, FileIO
 from pathlib import Path
+from typing import NamedTuple
 
 from netlib.errors import DataError, NetlibError, reason_of
 
@@ -62,13 +63,24 @@ def read_bytes(
 ) -> bytes:
     """Content of a file, or its ``first`` bytes. Raises ``kind``, also if it is larger than ``limit``."""
     with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
-        try:
-            size = os.fstat(stream.fileno()).st_size  # files in /proc have size 0 and may be endless
-            if first is None:
-                _check_size(size, limit, path, what, kind)
-            return stream.read(size if first is None else min(size, first))
-        except (OSError, MemoryError) as error:
-            raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
+        return _read(stream, path, what, kind, limit, first)
+
+
+def _read(
+    stream: BufferedReader[FileIO],
+    path: str | Path,
+    what: str,
+    kind: type[NetlibError],
+    limit: float,
+    first: int | None = None,
+) -> bytes:
+    try:
+        size = os.fstat(stream.fileno()).st_size  # files in /proc have size 0 and may be endless
+        if first is None:
+            _check_size(size, limit, path, what, kind)
+        return stream.read(size if first is None else min(size, first))
+    except (OSError, MemoryError) as error:
+        raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
 
 
 def read_pieces(
@@ -104,6 +116,28 @@ def identity(descriptor: int) -> Identity:
     """Values that identify the content of an open file and change if it is modified."""
     status = os.fstat(descriptor)
     return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
+
+
+class Content(NamedTuple):
+    """The content of a file that is read once and used several times.
+
+    identity  of the file, to which the check of HDF5 files refers
+    """
+
+    path: Path
+    data: bytes
+    identity: Identity
+
+    def __str__(self) -> str:
+        """The path, for messages."""
+        return str(self.path)
+
+
+def read_content(path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = MAX_BYTES) -> Content:
+    """Read a file once. Raises ``kind``, also if it is larger than ``limit``."""
+    with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
+        before = identity(raw.fileno())
+        return Content(Path(path), _read(stream, path, what, kind, limit), before)
 
 
 class Source:

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from netlib.errors import WeightsError
-from netlib.files import hdf5
+from netlib.files import Content, hdf5
 from netlib.snapshots.solver_state import SolverState, Weights
 
 STATE = ("iter", "current_step", "learned_net", "history", "netlib")  # items of a solver state
@@ -82,7 +82,7 @@ def _write_c_string(file: h5py.File, name: str, text: str) -> None:
 # ---------------------------------------------------------------------------------------------- reading
 
 
-def read_weights(path: str | Path) -> Weights:
+def read_weights(path: str | Path | Content) -> Weights:
     """Read weights: layer name -> parameter index -> array. Raises WeightsError if the file does not hold weights."""
     with hdf5.opened(path, "weights", WeightsError) as file:
         if "history" in file and "data" not in file:

@@ -20,7 +20,7 @@ from typing import Any
 
 from netlib import files
 from netlib.errors import WeightsError, reason_of
-from netlib.files import atomic, locks
+from netlib.files import Content, atomic, locks
 from netlib.files.paths import exists, names_in
 from netlib.snapshots import binary_format, hdf5_format
 from netlib.snapshots.solver_state import SolverState, Weights
@@ -58,11 +58,14 @@ def _writing(path: str | Path) -> Iterator[None]:
 
 def checksum(path: str | Path) -> int:
     """CRC-32 of a weights file, as stored in the state that belongs to it. Raises WeightsError."""
-    limit = memory.available()[0] if begins_as_hdf5(path, "weights") else files.MAX_BYTES
     crc = 0
-    for piece in files.read_pieces(path, "weights", WeightsError, limit):
+    for piece in files.read_pieces(path, "weights", WeightsError, _max_bytes(path)):
         crc = zlib.crc32(piece, crc)
     return crc
+
+
+def _max_bytes(path: str | Path) -> float:
+    return memory.available()[0] if begins_as_hdf5(path, "weights") else files.MAX_BYTES
 
 
 @contextlib.contextmanager
@@ -128,11 +131,17 @@ def _choose(weights: Path, old: Path) -> None:
 # ---------------------------------------------------------------------------------------------- reading
 
 
-def read_weights(path: str | Path) -> Weights:
+def read_content(path: str | Path) -> Content:
+    """Read a weights file once, for its checksum, its weights and its other groups. Raises WeightsError."""
+    return files.read_content(path, "weights", WeightsError, _max_bytes(path))
+
+
+def read_weights(path: str | Path | Content) -> Weights:
     """Read weights: layer name -> parameter index -> array. Raises WeightsError if the file does not hold weights."""
     if begins_as_hdf5(path, "weights"):
         return hdf5_format.read_weights(path)
-    return binary_format.read_weights(files.read_bytes(path, "weights", WeightsError), str(path))
+    data = path.data if isinstance(path, Content) else files.read_bytes(path, "weights", WeightsError)
+    return binary_format.read_weights(data, str(path))
 
 
 def read_state(path: str | Path) -> SolverState:
@@ -142,9 +151,11 @@ def read_state(path: str | Path) -> SolverState:
     return binary_format.read_state(files.read_bytes(path, "a solver state", WeightsError), str(path))
 
 
-def begins_as_hdf5(path: str | Path, what: str) -> bool:
+def begins_as_hdf5(path: str | Path | Content, what: str) -> bool:
     """Whether the content of the file is HDF5. Raises WeightsError if it cannot be read."""
     magic = hdf5_format.MAGIC
+    if isinstance(path, Content):
+        return path.data.startswith(magic)
     return files.read_bytes(path, what, WeightsError, first=len(magic)) == magic
 
 

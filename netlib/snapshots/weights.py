@@ -8,6 +8,7 @@ from typing import Protocol
 
 from netlib.blob import Array, Blob, Blobs
 from netlib.errors import LayerError, WeightsError
+from netlib.files import Content
 from netlib.files.paths import find
 from netlib.layer import TRAIN, Layer
 from netlib.params import Param
@@ -59,7 +60,7 @@ def _complete_spec(layer: Layer) -> LayerParameter:
     return schema.changed(layer.spec, phase=phase, loss_weight=weight)
 
 
-def copy(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:
+def copy(net: Net, source: str | Path | Content | Net, strict: bool = False) -> tuple[list[str], list[str]]:
     """Copy weights by layer name from a snapshot or another net: ``Net.copy_from``."""
     writes, ignored, missing = fitting(net, source, strict)
     write(writes)
@@ -72,7 +73,7 @@ def write(writes: Writes) -> None:
         target[...] = array
 
 
-def fitting(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[Writes, list[str], list[str]]:
+def fitting(net: Net, source: str | Path | Content | Net, strict: bool = False) -> tuple[Writes, list[str], list[str]]:
     """Plan a copy: the writes, and what ``copy`` returns. A net is never partially copied. Raises WeightsError."""
     what, found = _weights_of(source)
     ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
@@ -92,10 +93,11 @@ def fitting(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[W
     return writes, ignored, missing_layers
 
 
-def _weights_of(source: str | Path | Net) -> tuple[str, Mapping[str, Mapping[int, Array]]]:
+def _weights_of(source: str | Path | Content | Net) -> tuple[str, Mapping[str, Mapping[int, Array]]]:
     """A description of the source, and its arrays: layer name -> parameter index -> array."""
     if isinstance(source, (str, Path)):
         source = find(str(source), None)
+    if isinstance(source, (Path, Content)):
         return str(source), snapshot.read_weights(source)
     return f"net {source.name!r}", {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()}
 

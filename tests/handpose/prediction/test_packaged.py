@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import ast
+import io
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -23,7 +27,9 @@ from handpose.prediction.packaged import (
 )
 from layers.hand import skeleton
 from netlib.errors import NetlibError, WeightsError
+from netlib.files import Content
 from netlib.files.paths import ROOT
+from netlib.snapshots import snapshot
 
 MEGABYTE = 1e6
 
@@ -47,6 +53,26 @@ def test_the_packaged_locator() -> None:
     assert weights.stat().st_size < 0.3 * MEGABYTE
     ignored, missing = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST).copy_from(weights)
     assert not ignored and not missing
+
+
+@pytest.mark.parametrize("load", [load_predictor, load_locator])
+def test_weights_are_read_once(monkeypatch: pytest.MonkeyPatch, load: Callable[[], object]) -> None:
+    """Checksum, weights and the network's errors come from one read of the file."""
+    read, read_content = [], snapshot.read_content
+    parsed, file = [], h5py.File
+
+    def read_noted(path: Path) -> Content:
+        read.append(path)
+        return read_content(path)
+
+    def file_noted(source: object, *more: Any, **options: Any) -> h5py.File:
+        parsed.append(source)
+        return file(source, *more, **options)
+
+    monkeypatch.setattr(snapshot, "read_content", read_noted)
+    monkeypatch.setattr(h5py, "File", file_noted)
+    load()
+    assert len(read) == 1 and parsed and all(isinstance(source, io.BytesIO) for source in parsed)
 
 
 def test_models_are_installed() -> None:

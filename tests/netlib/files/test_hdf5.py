@@ -180,6 +180,18 @@ def test_a_file_that_is_exchanged_after_the_look(tmp_path: Path, monkeypatch: py
         hdf5.File(path, ("x",))
 
 
+def test_content_that_was_read_before(tmp_path: Path) -> None:
+    """Is opened from memory; a file that has changed since is rejected, because its check is of other content."""
+    path = write(tmp_path / "x.h5", a=np.arange(3))
+    content = files.read_content(path, "data")
+    for _ in range(2):
+        with hdf5.opened(content, "data") as file:
+            np.testing.assert_array_equal(file["a"][...], [0, 1, 2])
+    write(path, a=np.zeros(3))
+    with pytest.raises(DataError, match=r"x\.h5: was changed while it was opened"), hdf5.opened(content, "data"):
+        pass
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 def test_a_forked_process_has_a_helper_of_its_own(tmp_path: Path) -> None:
     """The parent's is not asked by two, nor ended by the child."""
