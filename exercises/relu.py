@@ -19,7 +19,7 @@ class ForgetsSlope(ReLU):
 
 
 class SwapsSides(ReLU):
-    """The two sides are exchanged: g is 1 where x > 0, and the slope elsewhere."""
+    """The two sides are exchanged: y is x where x > 0, and slope * x elsewhere."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
@@ -56,7 +56,7 @@ class ForgetsSlopeBackward(ReLU):
 
 
 class ForgetsTopDiff(ReLU):
-    """backward ignores top[0].diff. By the chain rule dx is dy times g, not g alone."""
+    """backward ignores top[0].diff. By the chain rule, dx is dy where x > 0 and slope * dy elsewhere."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x = bottom[0].data
@@ -64,7 +64,7 @@ class ForgetsTopDiff(ReLU):
 
 
 class OneAtZero(ReLU):
-    """At x = 0 Caffe uses the slope of the negative side: g is 1 only where x > 0, so use > instead of >=."""
+    """At x = 0 Caffe uses the slope of the negative side: dx is dy only where x > 0, so use > instead of >=."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x = bottom[0].data
@@ -72,7 +72,7 @@ class OneAtZero(ReLU):
 
 
 class TimesOutput(ReLU):
-    """g is multiplied by y. By the chain rule it is multiplied by the gradient of the loss: dx = g dy."""
+    """The slope is multiplied by y. By the chain rule it is multiplied by dy, the gradient of the loss."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x = bottom[0].data
@@ -80,7 +80,7 @@ class TimesOutput(ReLU):
 
 
 class LooksAtGradient(ReLU):
-    """backward uses the sign of dy. The sign of x decides: g is 1 where x > 0."""
+    """backward uses the sign of dy. It must use the sign of x: dx is dy where x > 0."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
@@ -97,10 +97,10 @@ EXERCISE = layer_exercise(
     file="layers/activation/relu.py",
     to_do={
         "reshape": "Give top[0] the shape of bottom[0].",
-        "forward": "Read bottom[0].data, write top[0].data: y = g x. Write into the existing array, "
-        "top[0].data[...] = ..., and do not change bottom[0].data.",
-        "backward": "Read top[0].diff (dy) and bottom[0].data, write every element of bottom[0].diff: dx = g dy. Do it "
-        "only if propagate_down[0].",
+        "forward": "Read bottom[0].data (x) and write top[0].data (y): x where x > 0, self.slope * x elsewhere. Write "
+        "into the existing array, top[0].data[...] = ..., and do not change bottom[0].data.",
+        "backward": "If propagate_down[0], write every element of bottom[0].diff (dx): top[0].diff (dy) where x > 0, "
+        "self.slope * dy elsewhere.",
     },
     letters=Letters(("x",), ("y",), axes={"x": "ncw", "y": "ncw"}),
     examples=[

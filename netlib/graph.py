@@ -64,7 +64,7 @@ class Graph:
         self._parameters = Parameters()
         self._writers: dict[str, str] = {}  # blob name -> layer that created it
         self._unread: dict[str, None] = {}  # names of blobs that no layer has read yet
-        self._needs: dict[int, bool] = {}  # blob id -> whether a layer below needs its gradient
+        self._needs: dict[int, bool] = {}  # blob id -> whether a layer towards the data needs its gradient
         specs = insert_splits(param.layer)
         seeds = np.random.SeedSequence(seed).spawn(len(specs))
         with np.errstate(all="ignore"):  # options can be any numbers; a run reports values that are not finite
@@ -100,7 +100,7 @@ class Graph:
         self.layer_hook.after_setup(layer, seed)
 
     def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:
-        """Register the layer and its parameters. It runs backwards if it or a layer below has trained parameters."""
+        """Register the layer and its parameters. It runs backwards if it, or a layer before it, is trained."""
         trains = any(p.spec.lr_mult != 0 for p in self._parameters.enter(layer))
         down = _propagate_down(layer, [self._needs.get(id(blob), False) for blob in bottom])
         at = Connection(layer, bottom, top, down, any(down) or trains)
@@ -153,7 +153,7 @@ class Graph:
     # ------------------------------------------------------------------------------------------ gradients
 
     def _decide_backward(self, force: bool) -> None:
-        """Apply Caffe's rules: a gradient is computed only between a trained parameter and a loss above it.
+        """Apply Caffe's rules: a gradient is computed only between a trained parameter and a loss.
 
         Each blob has one reader at this point (splits.py); layers in place count as a chain.
         """

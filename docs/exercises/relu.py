@@ -49,11 +49,11 @@ class ReLU(Layer):
         raise NotImplementedError
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        # Read bottom[0].data, write top[0].data: y = g x. Write into the existing array, top[0].data[...] = ..., and
-        # do not change bottom[0].data.
+        # Read bottom[0].data (x) and write top[0].data (y): x where x > 0, self.slope * x elsewhere. Write into the
+        # existing array, top[0].data[...] = ..., and do not change bottom[0].data.
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        # Read top[0].diff (dy) and bottom[0].data, write every element of bottom[0].diff: dx = g dy. Do it only if
-        # propagate_down[0].
+        # If propagate_down[0], write every element of bottom[0].diff (dx): top[0].diff (dy) where x > 0, self.slope *
+        # dy elsewhere.
         raise NotImplementedError

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-DATA = "#08519c"  # values: blobs' data, the forward pass, the first of two curves
-DIFF = "#d95f02"  # gradients: blobs' diffs, the backward pass, the second of two curves
-PALE_DATA = "#dbe9f6"
-PALE_DIFF = "#fde3cf"
-REST = "#636363"  # what takes no part
-PALE_REST = "#eeeeee"
-POSITIVE, NEGATIVE = "#b2182b", "#2166ac"  # the ends of matplotlib's RdBu_r, for signed values
+DATA, DIFF = "#08519c", "#d95f02"  # values and the forward pass; gradients and the backward pass
+PALE_DATA, PALE_DIFF = "#dbe9f6", "#fde3cf"
+REST, PALE_REST = "#636363", "#eeeeee"  # everything else
+FORCE = DIFF  # a force is a gradient
+POSITIVE, NEGATIVE = "#b2182b", "#2166ac"  # the ends of SIGNS
+SIGNS = "RdBu_r"  # the colour map of signed numbers
+DEPTH = "gray_r"  # the colour map of depth: near is bright
+FIRST, SECOND, THIRD, FOURTH = DATA, DIFF, "#117733", "#882299"  # curves and parts, in this order
+LINE, INK = "#999999", "#222222"
+AXES = ("#cc3311", "#117733", "#2166ac")  # x, y, z of a frame
+FINGERS = {"thumb": "#cc3311", "index": "#dd7700", "middle": "#117733", "ring": "#2166ac", "little": "#882299"}
+PALM = "#555555"

@@ -69,7 +69,7 @@ def test_bare(work: Path) -> None:
     """Blobs and signatures, and neither formulas nor hints."""
     run_tool("exercise", "relu", "--start", "--bare")
     text = (work / "relu.py").read_text(encoding="utf-8")
-    assert "bottom[0]" in text and "dx =" not in text and "y = g x" not in text
+    assert "bottom[0]" in text and "dx =" not in text and "self.slope * x" not in text
     assert text.count("raise NotImplementedError") == 3 and "# Give" not in text
 
 

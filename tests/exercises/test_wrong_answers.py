@@ -240,7 +240,7 @@ def loops(**changed: bool) -> type[Loops]:
 
 ANSWERS = [
     ("relu", Rebinds, "nothing was written"),
-    ("relu", GateTimesOutput, "g is multiplied by y"),
+    ("relu", GateTimesOutput, "slope is multiplied by y"),
     ("sgd", other_sign, "h has the opposite sign, although w is correct"),
     ("sgd", rate_twice, "The rate is applied twice"),
     ("sgd", rebinds_entry, "The new h is lost"),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
-from docs.making.figures.palette import FIRST, SECOND
+from docs.making.palette import FIRST, SECOND
 
 PLACES = 31  # between 0.5 and 1; at one place alone rounding errors may cancel
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import netlib
 from docs.making.figures.drawn import new_figure
-from docs.making.figures.palette import FAINT, GRADIENT, PALM
+from docs.making.palette import DIFF, PALE_DIFF, PALE_REST, PALM
 from netlib.engine.plain import Connection
 from netlib.files.paths import ROOT
 from netlib.proto import prototxt, schema
@@ -16,7 +16,7 @@ from netlib.proto.net_parameter import load_parameter
 
 WIDTH, HEIGHT, STEP, COLUMN = 2.3, 0.62, 1.15, 4.6  # of a box; from row to row, from column to column
 SIDE, ASIDE = 6.4, 0.2  # where long ways go; how far from the way forward the way back is
-RUNS, RESTS = GRADIENT, PALM  # colours of what runs backwards, and of what does not
+RUNS, RESTS = DIFF, PALM  # colours of what runs backwards, and of what does not
 
 
 def train_test() -> netlib.Net:
@@ -96,7 +96,7 @@ def whole_net() -> Any:
 def _draw_box(axes: Any, at: Connection, x: float, y: float) -> None:
     from matplotlib.patches import Rectangle
 
-    colour, fill = (RUNS, "#fdeae5") if at.needs_backward else (RESTS, FAINT)
+    colour, fill = (RUNS, PALE_DIFF) if at.needs_backward else (RESTS, PALE_REST)
     corner = (x - WIDTH / 2, y - HEIGHT / 2)
     axes.add_patch(Rectangle(corner, WIDTH, HEIGHT, facecolor=fill, edgecolor=colour, lw=1))
     learned = sum(blob.count for blob in at.layer.blobs)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
-from docs.making.figures.palette import AXES, FINGERS, FORCE, INK, LINE, PALM
+from docs.making.palette import AXES, FINGERS, FORCE, INK, LINE, PALM
 from handpose.joint_formats.frames import HandFrames, frames_of
 from handpose.joint_formats.points import POINTS, weights_of
 from layers.hand.kinematics import Kinematics
@@ -170,14 +170,14 @@ def _flexion(axes: Any) -> None:
     _bones(axes, np.array(places))
     for before, at, _after, (name, bend) in zip(places, places[1:], places[2:], bends.items()):
         on = (at - before) / np.linalg.norm(at - before)
-        axes.plot(*np.array([at, at + 20 * on]).T, "--", color="#888888", lw=1)
+        axes.plot(*np.array([at, at + 20 * on]).T, "--", color=LINE, lw=1)
         start, sweep = np.arctan2(on[1], on[0]), np.linspace(0, np.radians(bend), 20)
         arc = at + 16 * np.stack([np.cos(start - sweep), np.sin(start - sweep)], axis=1)
         axes.plot(*arc.T, color=FORCE, lw=1.5)
         axes.annotate("", arc[-1], arc[-4], arrowprops={"arrowstyle": "->", "color": FORCE})
         axes.text(*(at + 25 * on + (0, 2)), f"{name} +{bend:g}\u00b0", fontsize=9, color=FORCE)
     axes.text(2, 4, "metacarpal", fontsize=9)
-    axes.text(2, -42, "palm below,\nback of the hand above", fontsize=8, color="#555555")
+    axes.text(2, -42, "palm below,\nback of the hand above", fontsize=8, color=PALM)
     axes.set(xlim=(-5, 175), ylim=(-95, 25), title="flexion, from the side")
 
 
@@ -202,7 +202,7 @@ def _abduction(axes: Any, points: dict[str, Array], frames: HandFrames) -> None:
             axes.text(*(places[2] + (-78, -22)), "radial_abduction +", fontsize=8, color=FORCE)
             continue
         on = (places[1] - places[0]) / np.linalg.norm(places[1] - places[0])
-        axes.plot(*np.array([places[1], places[1] + 95 * on]).T, "--", color="#888888", lw=1)
+        axes.plot(*np.array([places[1], places[1] + 95 * on]).T, "--", color=LINE, lw=1)
         side = np.array([on[1], -on[0]]) * (1 if finger in ("ring", "little") else -1)
         axes.annotate("", places[1] + 95 * on + 16 * side, places[1] + 95 * on,
                       arrowprops={"arrowstyle": "->", "color": FORCE})  # fmt: skip

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
-from docs.making.figures.palette import (
+from docs.making.palette import (
     AXES,
-    FAINT,
+    DATA,
+    DIFF,
     FIRST,
     FOURTH,
-    GRADIENT,
     INK,
     LINE,
+    PALE_REST,
     SECOND,
     THIRD,
-    VALUE,
 )  # fmt: skip
 from layers.hand.kinematics import rotation
 from netlib.blob import Array
@@ -33,7 +33,7 @@ def _blank(axes: Any, width: float, height: float) -> None:
     axes.axis("off")
 
 
-def _box(axes: Any, x: float, y: float, words: str, width: float = 1.5, colour: str = FAINT) -> None:
+def _box(axes: Any, x: float, y: float, words: str, width: float = 1.5, colour: str = PALE_REST) -> None:
     from matplotlib.patches import FancyBboxPatch
 
     corner = (x - width / 2, y - 0.32)
@@ -53,7 +53,7 @@ def _wire(
     x, y = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
     if side:
         x, y = x - 0.15 * (abs(end[1] - start[1]) > 1), y + side * (0.55 + 0.3 * (abs(end[1] - start[1]) > 1))
-    for number, (words, colour) in enumerate(((value, VALUE), (gradient, GRADIENT))):
+    for number, (words, colour) in enumerate(((value, DATA), (gradient, DIFF))):
         aside = 0.22 - 0.44 * number
         axes.text(x - (0.55 if side and abs(end[1] - start[1]) > 1 else 0), y + aside, words, color=colour, ha="center",
                   va="center", fontsize=9)  # fmt: skip
@@ -88,7 +88,7 @@ def circuit() -> Any:
     _wire(axes, (3.7, 1.6), (4.7, 1.6), f"a = {a:g}", f"da = {da:g}")
     _wire(axes, (6.9, 1.6), (7.9, 1.6), f"y = {y:g}", f"dy = {dy:g}")
     _wire(axes, (10.1, 1.6), (11.1, 1.6), f"L = {loss:g}", "dL = 1")
-    axes.set_title("values, forwards, in green; gradients, backwards, in red", fontsize=10)
+    axes.set_title("forward: values, in blue; backward: gradients, in orange", fontsize=10)
     return figure
 
 
@@ -170,7 +170,7 @@ def im2col() -> Any:
         columns[row], colours[row] = IMAGE[i : i + 3, j : j + 3].ravel(), shade[i : i + 3, j : j + 3].ravel()
     _grid(axes, 5.6, 3.7, columns, shade=colours)
     for row, (i, j) in enumerate(np.ndindex(2, 2)):
-        axes.text(5.45, 3.35 - 0.7 * row, f"w[{i}, {j}] meets", ha="right", va="center", fontsize=8.5)
+        axes.text(5.45, 3.35 - 0.7 * row, f"times w[{i}, {j}]", ha="right", va="center", fontsize=8.5)
     axes.text(5.6, 4.0, "a column for each of the nine windows", fontsize=9)
     axes.text(0.1, 4.0, "x", fontsize=9)
     return figure
@@ -204,7 +204,7 @@ def small_pass() -> Any:
     _blank(axes, 17.0, 6.0)
     for x, y, words in ((2.6, 3, "first"), (5.4, 3, "second"), (8.4, 3, "relu"), (11.2, 3, "Split"),
                         (14.0, 5.2, "out"), (14.0, 3, "mean"), (14.0, 0.8, "size"), (16.2, 5.2, "loss")):  # fmt: skip
-        _box(axes, x, y, words, width=1.1, colour=FAINT if words not in ("first", "mean") else "white")
+        _box(axes, x, y, words, width=1.1, colour=PALE_REST if words not in ("first", "mean") else "white")
     _wire(axes, (0.2, 3), (1.9, 3), "x = 2", "–")
     _wire(axes, (3.3, 3), (4.7, 3), "a = 3", "–")
     _wire(axes, (6.1, 3), (7.7, 3), "h = [3 −2]", "[1.75 0]")
@@ -213,9 +213,9 @@ def small_pass() -> Any:
     _wire(axes, (11.9, 3), (13.3, 3), "[3 0]", "0")
     _wire(axes, (11.9, 2.8), (13.3, 1.1), "[3 0]", "[1.5 0]", side=-1)
     _wire(axes, (14.7, 5.2), (15.5, 5.2), "1.5", "0.5")
-    axes.text(14.8, 0.8, "9", color=VALUE, fontsize=9, va="bottom")
-    axes.text(14.8, 0.8, "0.25", color=GRADIENT, fontsize=9, va="top")
-    axes.text(16.2, 4.6, "0.125", color=VALUE, fontsize=9, va="top", ha="center")
+    axes.text(14.8, 0.8, "9", color=DATA, fontsize=9, va="bottom")
+    axes.text(14.8, 0.8, "0.25", color=DIFF, fontsize=9, va="top")
+    axes.text(16.2, 4.6, "0.125", color=DATA, fontsize=9, va="top", ha="center")
     axes.text(0.2, 5.4, "white boxes do not run backwards", fontsize=9)
     return figure
 
@@ -237,8 +237,8 @@ def overfitting() -> Any:
             seen.append(float(0.5 * (error**2).mean()))
             unseen.append(float(0.5 * ((others @ w + b - targets) ** 2).mean()))
             w, b = w - 0.1 * (x.T @ error / 30 + decay * w), b - 0.1 * (error.mean() + decay * b)
-        axes.plot(range(1, 502), seen, color=FIRST, label="30 rows that are learned")
-        axes.plot(range(1, 502), unseen, color=SECOND, label="1,000 others")
+        axes.plot(range(1, 502), seen, color=FIRST, label="30 training rows")
+        axes.plot(range(1, 502), unseen, color=SECOND, label="1,000 other rows")
         axes.set(xscale="log", xlabel="iteration", title=f"weight_decay: {decay:g}", ylim=(0, 2))
         axes.grid(alpha=0.3)
     figure.axes[0].set_ylabel("loss")
@@ -249,21 +249,21 @@ def overfitting() -> Any:
 def dropout() -> Any:
     """Chapter 7: a mask with p = ½ on four values, and on the gradients that come back."""
     x, keep, dy = np.array([[3, 5, 7, 9]]), np.array([[1, 0, 0, 1]]), np.array([[1, 2, 3, 4]])
-    shade = np.where(keep > 0, VALUE, "").astype(object)
+    shade = np.where(keep > 0, DATA, "").astype(object)
     figure = new_figure(7.5, 2.2)
     axes = figure.add_subplot()
     _blank(axes, 13.0, 3.2)
     for left, numbers, words, colours in ((0.2, x, "x", None), (3.4, 2 * keep, "keep / (1 − p)", shade),
                                           (6.6, 2 * keep * x, "y", shade)):  # fmt: skip
         _grid(axes, left, 2.6, numbers, shade=colours)
-        axes.text(left, 2.75, words, fontsize=9, color=VALUE)
-    back = np.where(keep > 0, GRADIENT, "").astype(object)
+        axes.text(left, 2.75, words, fontsize=9, color=DATA)
+    back = np.where(keep > 0, DIFF, "").astype(object)
     for left, numbers, words, colours in ((6.6, dy, "dy", None), (3.4, 2 * keep, "the same factors", back),
                                           (0.2, 2 * keep * dy, "dx", back)):  # fmt: skip
         _grid(axes, left, 1.2, numbers, shade=colours)
-        axes.text(left, 0.1, words, fontsize=9, color=GRADIENT)
-    axes.text(9.8, 2.25, "forward →", fontsize=9, color=VALUE, va="center")
-    axes.text(9.8, 0.85, "← backward", fontsize=9, color=GRADIENT, va="center")
+        axes.text(left, 0.1, words, fontsize=9, color=DIFF)
+    axes.text(9.8, 2.25, "forward →", fontsize=9, color=DATA, va="center")
+    axes.text(9.8, 0.85, "← backward", fontsize=9, color=DIFF, va="center")
     return figure
 
 
@@ -312,7 +312,7 @@ def torque_box() -> Any:
     for edge, words, colour in (
         (a, "a: the axis", AXES[2]),
         (r, "r: the lever X − P", INK),
-        (f, "f = dL/dX", GRADIENT),
+        (f, "f = dL/dX", DIFF),
     ):
         _arrow(axes, tuple(origin), tuple(origin + edge), colour)
         axes.text(*(origin + 1.04 * edge + (0.05, 0.05)), words, color=colour, fontsize=9)

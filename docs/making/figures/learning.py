@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
-from docs.making.figures.palette import FIRST, FOURTH, SECOND, THIRD
+from docs.making.palette import FIRST, FOURTH, SECOND, THIRD
 from netlib.blob import Array
 from netlib.proto import schema
 from netlib.proto.messages import SolverParameter

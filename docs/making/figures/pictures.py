@@ -10,7 +10,7 @@ import numpy as np
 
 import netlib
 from docs.making.figures.drawn import new_figure
-from docs.making.figures.palette import DEPTH, FIRST, SECOND, SIGNS
+from docs.making.palette import DEPTH, FIRST, PALE_DATA, SECOND, SIGNS
 from handpose.prediction.packaged import PAPER_HAND, checked_weights, read_card
 from handpose.synthetic.generator import Generator
 from netlib.blob import Array
@@ -74,7 +74,7 @@ def _draw_maps(axes: Any, found: list[Stage]) -> None:
         begin = left + (room - wide) / 2
         for i in reversed(range(count)):
             corner = (begin + SHIFT * i, SHIFT * i - height / 2)
-            axes.add_patch(Rectangle(corner, width, height, facecolor="#dbe9f6", edgecolor=FIRST, lw=0.7))
+            axes.add_patch(Rectangle(corner, width, height, facecolor=PALE_DATA, edgecolor=FIRST, lw=0.7))
         axes.text(left + room / 2, 102, stage.blob, ha="center", va="bottom", fontsize=9, weight="bold")
         axes.text(left + room / 2, -70, "×".join(map(str, stage.shape)), ha="center", va="top", fontsize=8.5)
         if stage is not found[0]:

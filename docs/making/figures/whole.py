@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
-from docs.making.figures.palette import DEPTH, FIRST, SECOND, THIRD
+from docs.making.palette import DEPTH, FIRST, SECOND, THIRD
 from handpose.data.crops import crop_pixels, restore_joints
 from handpose.drawing.hands import bones, colours
 from handpose.facts.cameras import NYU
@@ -76,7 +76,7 @@ def hinge() -> Any:
         axes.axvspan(-1, 1, color="0.93")
         axes.plot(x, linear, color=FIRST, label="L1: linear, the paper's Eq. 2")
         axes.plot(x, squared, color=SECOND, ls="--", label="L2: squared, as released")
-        axes.set_xlabel("angle, within limits where grey")
+        axes.set_xlabel("angle (grey: within the limits)")
         axes.set_title(title)
         axes.grid(alpha=0.3)
     figure.axes[0].legend(fontsize=8)

@@ -40,4 +40,5 @@ def _page(name: str) -> bytes:
 
 
 def _colours() -> dict[str, str]:
-    return {name: value for name, value in vars(palette).items() if name.isupper()}
+    names = ("DATA", "DIFF", "PALE_DATA", "PALE_DIFF", "REST", "PALE_REST", "POSITIVE", "NEGATIVE")
+    return {name: getattr(palette, name) for name in names}

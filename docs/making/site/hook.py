@@ -98,7 +98,7 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
 
 def prototxt_block(source: str, *args: Any, **options: Any) -> str:
     """A fenced block of prototxt, which Pygments does not have."""
-    return highlight(source, sources.PrototxtLexer(), HtmlFormatter())
+    return highlight(source, sources.PrototxtLexer(), HtmlFormatter(wrapcode=True))
 
 
 @functools.cache

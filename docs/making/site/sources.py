@@ -19,7 +19,7 @@ from pygments.util import ClassNotFound
 from docs.making.site.published import Published, its_tests
 
 CODE = "<!-- the code of this file -->"
-_LINES = HtmlFormatter(linenos="table", lineanchors="L", anchorlinenos=True)
+_LINES = HtmlFormatter(linenos="table", lineanchors="L", anchorlinenos=True, wrapcode=True)
 
 
 class PrototxtLexer(RegexLexer):  # type: ignore[misc]  # Pygments has no types

@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from netlib import engine
 from netlib.files.paths import ROOT
+from tests.support.chromium_tabs import browser
 from tests.support.running import run_python
+
+__all__ = ["browser"]
 
 pytest.importorskip("mkdocs", reason="the site needs: pip install -e '.[docs]'")
 pytest.importorskip("material", reason="the site needs: pip install -e '.[docs]'")
@@ -88,3 +92,26 @@ def test_the_search_works_from_the_disk(site: Path) -> None:
     assert "torques" in told["layers/hand/kinematics.py.html"]
     assert "np.zeros" not in told["layers/hand/kinematics.py.html"]
     assert "iframe-worker.js" in (site / "index.html").read_text(encoding="utf-8")
+
+
+def test_code_scrolls_on_a_narrow_screen(site: Path, browser: Any) -> None:
+    """No page is wider than a phone, with long lines of prototxt, Python sessions, tables and a source file."""
+    tab = browser.new_page(viewport={"width": 400, "height": 800})
+    for name in ("index", "docs/book/1_blob", "docs/book/8_hand", "docs/fit", "docs/exercises/relu.py"):
+        tab.goto((site / f"{name}.html").as_uri())
+        root = "document.documentElement"
+        assert tab.evaluate(f"{root}.scrollWidth - {root}.clientWidth") == 0, name
+    tab.close()
+
+
+def test_the_copy_button_takes_the_code_of_a_session(site: Path, browser: Any) -> None:
+    """Without prompts and output; the theme marks the block with this attribute while it reads the text."""
+    tab = browser.new_page()
+    tab.goto((site / "docs/book/1_blob.html").as_uri())
+    copied = tab.evaluate("""() => {
+        const code = [...document.querySelectorAll(".highlight code")].find(code => code.querySelector(".gp"));
+        code.setAttribute("data-md-copying", "");
+        return code.innerText;
+    }""")
+    assert copied.startswith("x, w, t = 2.0, 3.0, 5.0\na = w * x\n") and copied.rstrip().endswith("L, dw, dx")
+    tab.close()
