@@ -85,7 +85,7 @@ NOT_RUN = {
     **{
         name: f"tests/benchmarks runs benchmarks/{name}.py in its smallest form" for name in ("bench", "parts", "ranks")
     },
-    "book": "tests/docs/test_notebooks.py makes the notebooks by the same program and runs chapter 1",
+    "book": "tests/docs/test_notebooks.py makes the notebooks by the same program and runs them",
     "test": "it runs these tests",
     "kernels": "it runs a part of these tests, and .ci/run runs it",
     "site": "minutes; tests/docs/site/test_site.py makes a part of the site by the same command and follows its links",
