@@ -17,7 +17,7 @@ from netlib.proto import prototxt, schema
 
 PLACE = ROOT / "docs" / "hand.html"
 PERSON_UNIT_MM = 1200.0
-# The arm of chapters 6 and 7: two bones in a plane, in numbers for pencil and paper.
+# The arm of chapters 8 and 9: two bones in a plane, in numbers for pencil and paper.
 ARM = """name: "arm"
 dof { name: "shoulder" }
 dof { name: "elbow" lower: 0 upper: 2.6 }

@@ -72,12 +72,12 @@ def test_the_roots_are_those_of_the_path() -> None:
 def test_momentum_in_use(visit: Visit) -> None:
     """The keyboard moves a slider; what diverges is said; the path has as many places as steps."""
     tab = visit(page_of("momentum"))
-    assert tab.locator("#root-y").inner_text() == "y (λ = 9): |z| = 0.8; a negative root, it jumps from side to side"
+    assert tab.locator("#root-y").inner_text() == "y (λ = 9): |z| = 0.8; a negative root: it changes sign in every step"
     tab.locator("#rate").press("ArrowRight")
     assert tab.locator("#rate-value").inner_text() == "0.225"
     assert tab.locator("#root-y.bad").inner_text() == "y (λ = 9): |z| = 1.025; diverges"
     tab.get_by_role("button", name="best").click()
-    assert tab.locator("#root-x").inner_text() == "x (λ = 1): |z| = 0.5; real roots, it creeps"
+    assert tab.locator("#root-x").inner_text() == "x (λ = 1): |z| = 0.5; real roots: it decays without oscillating"
     assert tab.locator("#valley circle").count() == 31
     tab.locator("#steps").fill("3")
     assert tab.locator("#valley circle").count() == 4

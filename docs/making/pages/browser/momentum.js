@@ -69,10 +69,10 @@ const size = ([re, im]) => Math.hypot(re, im);
 
 function told(name, steep, [first, second]) {
   const largest = Math.max(size(first), size(second)), left = `|z| = ${short(largest, 3)}`;
-  const kind = Math.abs(first[1]) > 1e-6 ? "a complex pair, it swings"
+  const kind = Math.abs(first[1]) > 1e-6 ? "a complex pair: it oscillates"
     : Math.min(first[0], second[0]) < -1e-6 && largest === Math.abs(Math.min(first[0], second[0]))
-      ? "a negative root, it jumps from side to side" : "real roots, it creeps";
-  const verdict = largest > 1 + 1e-9 ? "diverges" : largest > 1 - 1e-9 ? "never settles" : kind;
+      ? "a negative root: it changes sign in every step" : "real roots: it decays without oscillating";
+  const verdict = largest > 1 + 1e-9 ? "diverges" : largest > 1 - 1e-9 ? "does not converge" : kind;
   return `${name} (λ = ${steep}): ${left}; ${verdict}`;
 }
 

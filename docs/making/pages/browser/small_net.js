@@ -93,19 +93,19 @@ const forwards = {
 const backwards = {
   InnerProduct({ topDiffs: [dy], bottomDiffs: [dx], dparams: [dw, db] }, { bottom, top }) {
     const name = brief(bottom[0]), given = `d${brief(top[0])} = ${list(dy)}`;
-    const passed = dx ? `; d${name} = wᵀ dy = ${list(dx)}` : `; d${name} is not wanted, since first is frozen`;
+    const passed = dx ? `; d${name} = wᵀ dy = ${list(dx)}` : `; d${name} is not computed, because first is frozen`;
     return `${given}: dw += dy xᵀ = ${list(dw.flat())}${db ? `, db += dy = ${list(db)}` : ""}${passed}`;
   },
-  ReLU: ({ topDiffs: [dy], bottomDiffs: [dx] }) => `dh = ${list(dy)} becomes ${list(dx)}: 0 where forward cut off`,
+  ReLU: ({ topDiffs: [dy], bottomDiffs: [dx] }) => `dh = ${list(dy)} becomes ${list(dx)}: 0 where forward set 0`,
   Split: ({ topDiffs, bottomDiffs: [dx] }) => `dh = dh0 + dh1 + dh2 = ${topDiffs.map(list).join(" + ")} = ${list(dx)}`,
   Reduction: ({ bottoms: [x], topDiffs: [dy], bottomDiffs: [dx] }, { bottom }) =>
     `d${brief(bottom[0])} = 2 h · ${list(dy)} = ${list(dx)}, with the loss weight ${list(dy)}`,
   EuclideanLoss: ({ bottoms: [y, t], topDiffs: [d], bottomDiffs: [dy] }) =>
-    `dy = ${list(d)} · (y − t) = ${short(y[0])} − ${factor(t[0])} = ${list(dy)}; t wants no gradient`,
+    `dy = ${list(d)} · (y − t) = ${short(y[0])} − ${factor(t[0])} = ${list(dy)}; t needs no gradient`,
 };
 
 function told() {
-  if (at === 0) return ["Nothing has run", "press Step: the layers run in the order of the file."];
+  if (at === 0) return ["Nothing has run yet", "press Step: the layers run in the order of the file."];
   const forward = at <= COUNT, n = forward ? at - 1 : 2 * COUNT - at, step = made.steps[n], { layer } = step;
   const name = layer.type === "Split" ? "split" : layer.name;
   if (forward) return [`Forward, ${name}`, forwards[layer.type](step, layer)];
