@@ -30,7 +30,8 @@ def data() -> dict[str, Any]:
     made = net()
     name_of = {id(blob): name for name, blob in made.blobs.items()}
     return {
-        "inputs": INPUTS, "losses": {name: weight for _, weight, name in made.losses},
+        "inputs": {name: list(values) for name, values in INPUTS.items()},
+        "losses": {name: weight for _, weight, name in made.losses},
         "layers": [
             {
                 "name": at.layer.name, "type": at.layer.type,
