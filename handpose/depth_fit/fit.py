@@ -21,10 +21,10 @@ from handpose.depth_fit.network_errors import LOST_MM, NetworkErrors, read_error
 from handpose.depth_fit.objective import Objective, Weights
 from handpose.depth_fit.observation import Observation
 from handpose.depth_fit.search import Found, Plan, drawn, search
-from handpose.joint_fit.parallel import for_each
 from handpose.rounding import NETWORK_STEP, rounded
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
+from netlib.engine import for_each
 from netlib.errors import DataError
 from netlib.files import Content
 from netlib.system.memory import blocks

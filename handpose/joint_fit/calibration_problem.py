@@ -38,10 +38,10 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.joint_fit.angles import rotations
-from handpose.joint_fit.parallel import for_each
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
+from netlib.engine import for_each
 from netlib.proto import schema
 from netlib.system.memory import blocks
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from handpose.joint_fit.angles import rotations
-from handpose.joint_fit.parallel import for_each
 from handpose.joint_fit.pose_problem import JointFit, PoseProblem, checked
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
+from netlib.engine import for_each
 from netlib.errors import DataError
 
 CONSTRICTION, ATTRACTION = 0.7298, 2.05  # Clerc and Kennedy (2002): a swarm that contracts, but not at once

@@ -13,14 +13,16 @@ import functools
 import importlib
 import os
 import sys
+from collections.abc import Callable, Iterable
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from netlib.files.paths import ROOT, own_package
 
 if TYPE_CHECKING:
     from netlib.engine.plain import Engine
 
+T = TypeVar("T")
 NAMES = ("fast", "plain")
 
 
@@ -49,6 +51,11 @@ def get(name: str | None = None, default: str | None = None) -> Engine:
     Raises NetlibError.
     """
     return _engine(name or os.environ.get("NETLIB_ENGINE") or default or ("fast" if has_fast() else "plain"))
+
+
+def for_each(items: Iterable[T], job: Callable[[T], None]) -> None:
+    """Do the job for every item, in any order, on the threads of the default engine; the plain engine has one."""
+    get().run([functools.partial(job, item) for item in items])
 
 
 @functools.cache

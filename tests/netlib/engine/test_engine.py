@@ -195,6 +195,17 @@ def test_plain_has_one_thread() -> None:
         plain.set_threads(0)
 
 
+@pytest.mark.parametrize("name", engine.NAMES)
+def test_for_each(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Every item once, on either engine; the error of a job is raised."""
+    monkeypatch.setenv("NETLIB_ENGINE", name)
+    done: list[int] = []
+    engine.for_each(range(100), done.append)
+    assert sorted(done) == list(range(100))
+    with pytest.raises(ZeroDivisionError):
+        engine.for_each([1, 0], lambda divisor: done.append(1 // divisor))
+
+
 def test_a_process_of_the_plain_engine_loads_no_fast_classes() -> None:
     """NETLIB_ENGINE=plain: what runs is what stands in netlib/ and layers/, with BLAS set up as for both engines."""
     code = (
