@@ -24,12 +24,12 @@ MOVED = {
 
 
 class OldNames(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds a moved module, or one of a moved package, by its old name. The module is the same under both names."""
+    """Import hook for moved modules and packages. A module is the same object under both names."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: types.ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """The specification of an old name, None of others."""
+        """The spec of an old name, otherwise None."""
         return importlib.machinery.ModuleSpec(name, self) if _place_of(name) else None
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> types.ModuleType:

@@ -62,7 +62,7 @@ def window(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size
 def crop_pixels(
     uvd: ArrayLike, center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
 ) -> Array:
-    """Where image points (N, K, 3) appear in the crops of the centres (N, 3): (N, K, 2), column and row."""
+    """Column and row (N, K, 2) of image points (N, K, 3) in the crops at the centres (N, 3)."""
     across, down = _spans(center_uvd, cube_mm, camera, size)
     points = np.asarray(uvd, dtype=np.float64)
     at = [
@@ -108,7 +108,7 @@ def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int)
 
 
 def pixels_of(center: Array, cube_mm: ArrayLike, camera: Camera) -> list[tuple[Array, Array]]:
-    """The first pixel of the cubes at centres (N, 3), and the one after the last, (N,) each: of columns, of rows.
+    """The first pixel of the cubes at centres (N, 3) and the one after the last, (N,) each, for columns and rows.
 
     They may lie outside the image.
     """

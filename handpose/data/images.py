@@ -25,7 +25,7 @@ from netlib.files.paths import exists
 
 
 def read_png(path: str | Path) -> Array:
-    """The pixels of a PNG file as they are, colours in OpenCV's order (blue first). Raises BadFrameError."""
+    """The unchanged pixels of a PNG file, colours in OpenCV's order (blue first). Raises BadFrameError."""
     if not exists(Path(path)):
         raise BadFrameError(path, MISSING)
     try:

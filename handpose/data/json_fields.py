@@ -13,7 +13,7 @@ import numpy as np
 from netlib.blob import Array
 from netlib.errors import DataError
 
-MAX_NUMBER = 1e12  # of a number; with larger ones sums and products may overflow
+MAX_NUMBER = 1e12  # maximum of a number; sums and products of larger ones may overflow
 
 
 def unique_keys(where: str) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]:

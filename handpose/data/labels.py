@@ -23,7 +23,7 @@ from netlib.errors import DataError
 from netlib.files.hdf5 import File
 
 ONE_CAMERA_PX = 0.5  # centres of one camera agree to rounding
-EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # where nothing was rounded; on its axis a camera cannot be known from others
+EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # without rounding; on the optical axis all cameras agree
 MAX_PX_OR_MM, MIN_MM = 1e6, 1.0  # of a crop's centre, and of its distance
 APART_PX = 20.0  # centres closer together than this do not determine a camera
 
@@ -34,8 +34,8 @@ class Labels:
 
     joints     (n, K, 3) half-cubes from the crop centre
     half_cube  (n,) mm
-    names      of all that the file holds
-    made_from  what the data are
+    names      of the data sets in the file
+    made_from  description of the data
     """
 
     joints: Array

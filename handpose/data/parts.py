@@ -33,10 +33,10 @@ _PAGE = 1 << 16  # approximate size of a file beyond its rows
 
 @dataclass(frozen=True)
 class Part:
-    """One file to be."""
+    """A file to be written."""
 
     path: Path
-    rows: int  # at most
+    rows: int  # maximum number of rows
     recipe: str  # all that the file depends on
 
 
@@ -50,7 +50,7 @@ def attributes(path: Path) -> dict[str, Any] | None:
 
 
 def is_whole(part: Part) -> bool:
-    """Is the file there, made by this very recipe?"""
+    """True if the file exists and was made by the same recipe."""
     found = attributes(part.path) if part.path.is_file() else None
     return found is not None and found.get("recipe") == part.recipe
 
@@ -97,7 +97,7 @@ def refuse_foreign(files: Sequence[Path], lists: Sequence[Path], own: Sequence[s
 
 
 def list_text(paths: Iterable[Path]) -> str:
-    """The text of a list of files."""
+    """The content of a list of files."""
     return "".join(f"{path.as_posix()}\n" for path in paths)
 
 
@@ -107,20 +107,20 @@ def row_bytes(columns: Columns) -> int:
 
 
 def check_space(out: Path, parts: Sequence[Part], columns: Columns) -> None:
-    """Raise DataError at once rather than after a minute if the disk is too small."""
+    """Raise DataError before any work if the disk is too small."""
     replaced = sum(part.path.stat().st_size for part in parts if part.path.is_file())
     check_room(out, sum(part.rows * row_bytes(columns) + _PAGE for part in parts) - replaced)
 
 
 def check_room(out: Path, need: int) -> None:
-    """Raise DataError if the disk of a folder, which may not be there yet, has fewer than ``need`` bytes left."""
+    """Raise DataError if the disk of a folder, which need not exist, has fewer than ``need`` free bytes."""
     free = shutil.disk_usage(next(place for place in (out, *out.absolute().parents) if exists(place))).free
     if need > free:
         raise DataError(f"{out}: needs {round(need, -6) // 10**6} MB, {free / 1e6:.0f} MB are free")
 
 
 def check_rows(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
-    """Check numbers of rows before the existing files are known: they may all be kept or replaced."""
+    """Check the disk space for numbers of rows, assuming that existing files are kept or replaced."""
     need = sum(count * row_bytes(columns) + -(-count // FRAMES_PER_FILE) * _PAGE for count, columns in rows)
     there = [out / name for name in names_in(out) if name.endswith(".h5")]
     check_room(out, need - sum(path.stat().st_size for path in there if path.is_file()))
@@ -147,7 +147,7 @@ def write_part(
 
 
 def _shorten(path: Path, rows: int, columns: Columns, attributes: Mapping[str, object]) -> None:
-    """Keep the first ``rows`` rows of a file; HDF5 cannot cut data sets in one piece, so they are copied to another."""
+    """Keep the first ``rows`` rows of a file; HDF5 cannot truncate data sets, so they are copied."""
 
     def fill(short: Path) -> None:
         with path.open("rb") as file:
@@ -157,7 +157,7 @@ def _shorten(path: Path, rows: int, columns: Columns, attributes: Mapping[str, o
 
 
 def _fill(path: Path, rows: int, columns: Columns, pieces: Iterable[Columns], attributes: Mapping[str, object]) -> int:
-    """HDF5 lays out the file, plain writes fill it: a write that fails within HDF5 would end the process.
+    """Let HDF5 lay out the file, and fill it by plain writes: a failing write within HDF5 can crash the process.
 
     Returns the number of rows.
     """
@@ -179,7 +179,7 @@ def _fill(path: Path, rows: int, columns: Columns, pieces: Iterable[Columns], at
 
 
 def _lay_out(path: Path, rows: int, columns: Columns, attributes: Mapping[str, object]) -> dict[str, int]:
-    """Make the file with its data sets still empty; returns where each begins."""
+    """Create the file with empty data sets; returns their offsets."""
     plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     plist.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     plist.set_fill_time(h5py.h5d.FILL_TIME_NEVER)

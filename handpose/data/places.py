@@ -12,13 +12,13 @@ from handpose.data.crops import Window, check_size, crops_of_windows, window
 from handpose.facts.cameras import Camera
 from netlib.blob import Array
 
-CUBE_MM = 400.0  # of a place's crop: the hand, and where it is fastened
-SIZE = 64  # its pixels on a side
-VOXEL_MM = 80.0  # apart
+CUBE_MM = 400.0  # edge of a place's cube: the hand and the wrist
+SIZE = 64  # pixels on a side
+VOXEL_MM = 80.0  # edge of a voxel
 BEHIND_MM = 20.0  # from the visible surface to a hand's middle
-FAR_MM = 1600.0  # where a hand has too few pixels to be read
+FAR_MM = 1600.0  # maximum depth; a hand farther away has too few pixels
 MIN_DEPTH_MM = 100.0  # minimum range of depth cameras
-MIN_AREA_MM2 = 300.0  # of surface in a voxel: less is noise
+MIN_AREA_MM2 = 300.0  # minimum surface in a voxel; less is noise
 NODES_ACROSS = 160  # pixels sampled in a row
 
 

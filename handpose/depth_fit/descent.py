@@ -21,7 +21,7 @@ from netlib.blob import Array
 
 # The results depend little on the damping, as in ``handpose.joint_fit.levenberg_marquardt``.
 FIRST_MU, TRUST, MISTRUST, MIN_MU, MAX_MU = 1e-2, 1 / 3, 4.0, 1e-5, 1e4
-RIDGE = 1e-9  # keeps variables without influence where they are
+RIDGE = 1e-9  # keeps variables without influence constant
 
 
 # The nearest points slide along the surface as it moves, so a step is too short, and the next one has the same

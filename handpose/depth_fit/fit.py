@@ -46,8 +46,8 @@ class DepthFit:
     size        (N,) relative to the skeleton
     joints      (N, K, 3) mm from the crops' centres
     network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow`` the expected ones
-    cost      (N,) the cost of the fit: the sum of all terms
-    uncertainty       (N,) uncertainty of the fit (``network_errors``)
+    cost        (N,) sum of all terms
+    uncertainty (N,) uncertainty of the fit (``network_errors``)
     error_mm    (N,) expected error of the joints, by the network's table; NaN without a table
     confidence  (N,) probability that this error is below 30 mm; NaN likewise
     x           (N, V) all variables, for ``CapsuleModel``

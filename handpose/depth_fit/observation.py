@@ -92,7 +92,7 @@ class Observation:
 class HandCrops:
     """Crops of N hands. Networks and body models know right hands, so left hands are mirrored here, once, along x.
 
-    What is found in the mirrored crops is in mirrored camera axes; multiplied by ``mirror`` it is in the camera's axes.
+    Results for the mirrored crops are in mirrored camera axes; multiplied by ``mirror`` they are in the camera's axes.
 
     crops       (N, S, S) in [-1, 1], not mirrored
     center_uvd  (N, 3) px, px, mm: the crops' centres, not mirrored

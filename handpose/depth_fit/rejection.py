@@ -1,15 +1,15 @@
 """Rejection score: how unlike a hand a place in an image is, in mm, to compare places after their fits.
 
-The cost of a fit measures how far observed points are from the body. But a stick lies well on one limb of a hand
-whose rest is not there, and the end of a table lies well on one that leaves the image. So the score is the sum of
+The cost of a fit measures how far observed points are from the body. But a stick fits one limb of a hand whose
+other limbs are missing, and the end of a table fits a hand that leaves the image. So the score is the sum of
 
     unexplained  mean difference in depth between image and rendered body, over all pixels that show either
     alone        the same over the pixels that show the body without its limbs: is the whole hand visible?
     moved        half the mean distance of the joints from the network's, which was trained on hands only
     outside      100 mm times the share of the joints outside the image, and of the missing visible area
-    cost       7 mm times its logarithm
+    cost         7 mm times its logarithm
     size         100 mm times the absolute logarithm of the size, relative to TYPICAL_SIZE; 0 if the size is known
-    thickness        100 mm times its absolute logarithm: other objects fit only with a stretched hand
+    thickness    100 mm times its absolute logarithm: other objects fit only with a stretched hand
 
 No pixel's difference counts more than CAP_MM. The weights are rounded from a ranking by logistic regression on 90
 scenes (``handpose.synthetic.scenes``, seed 100).

@@ -75,7 +75,7 @@ def belonging(capsule: NDArray[np.int_], capsules: int) -> Floats:
 
 
 def joined(first: Residuals, second: Residuals) -> Residuals:
-    """All of both."""
+    """Both sets of residuals."""
     return Residuals(*(np.concatenate([a, b], axis=-1) for a, b in zip(first, second)))
 
 

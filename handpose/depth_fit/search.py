@@ -27,7 +27,7 @@ class Plan:
 
     name      of the plan; ``NetworkErrors`` has a table for each
     points    number of points sampled from a frame
-    quarters  quarter turns of the crop for the network; 0 is the crop as it is
+    quarters  quarter turns of the crop for the network; 0 is the unchanged crop
     draws     number of further starts, drawn about the first prediction from the network's errors
     first     stages for all starts, on every ``thin``-th point
     keep      number of starts that continue
@@ -60,7 +60,7 @@ class Found(NamedTuple):
 
     x: Array  # (N, V)
     parts: Array  # (N, 4) of its cost: surface, outline, front, prior
-    start: NDArray[np.int_]  # (N,) which start it came from
+    start: NDArray[np.int_]  # (N,) index of its start
 
 
 def search(
@@ -87,7 +87,7 @@ def search(
 
 
 def data_cost(parts: Array) -> Array:
-    """The cost (N,) that starts are compared by: the cost without the prior."""
+    """The cost (N,) without the prior, by which starts are compared."""
     return np.asarray(parts[:, :3].sum(axis=1))
 
 
@@ -101,7 +101,7 @@ def drawn(model: CapsuleModel, x: Array, covariance: Array, count: int, seed: in
 
 
 def turned_back(model: CapsuleModel, x: Array, quarter: int) -> Array:
-    """Variables (N, V) found in crops turned counter-clockwise by quarter turns, for the crops as they were.
+    """Variables (N, V) found in crops turned counter-clockwise by quarter turns, for the unturned crops.
 
     A rotation about the line of sight rotates the root's position and is added to its outermost angle. Raises
     NetlibError for a skeleton whose root does not translate along x and y and turn about z first.

@@ -1,4 +1,4 @@
-"""Residuals of the silhouette and of free space: spheres along the bones must not be where the camera saw nothing.
+"""Residuals of the silhouette and of free space: they keep spheres along the bones out of empty space.
 
 Surface points attract capsules to observed depth, but do not keep a limb out of empty space. Spheres along the
 capsules' axes do. A sphere of radius r at c, which projects to (column, row) of the crop,

@@ -34,9 +34,10 @@ class HandSize:
     """The estimated size of one hand.
 
     size       relative to the skeleton
-    thickness      scale of the radii, relative to a skeleton of this size
+    thickness  scale of the radii, relative to a skeleton of this size
     deviation  standard deviation of the size, from halves of the frames
-    sizes, costs  the sizes of the grid, and the mean cost of a frame for each
+    sizes      (S,) of the grid
+    costs      (S,) mean cost of a frame for each size
     """
 
     size: float
@@ -86,7 +87,7 @@ def sized(skeleton: Skeleton, found: HandSize) -> Skeleton:
     """The skeleton scaled to this size, with radii of this thickness."""
     larger = skeleton.scaled(found.size).param
     surface = larger.flesh
-    assert surface is not None  # it was needed for the fit
+    assert surface is not None  # the fit needs it
     thicker = tuple(replace(c, radius=tuple(r * found.thickness for r in c.radius)) for c in surface.capsule)
     return Skeleton(replace(larger, flesh=replace(surface, capsule=thicker)))
 

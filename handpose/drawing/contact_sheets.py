@@ -1,4 +1,4 @@
-"""A recording of any length on one page: pictures of moments evenly apart."""
+"""A recording of any length on one page: images at equal intervals."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ContactSheet:
         self._count += 1
 
     def times(self) -> list[float]:
-        """When the pictures of the page were taken."""
+        """The times of the images on the page."""
         return [time for time, _ in self._chosen()]
 
     def page(self) -> Image:

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from netlib.blob import Array
 
-SECONDS = 1.0  # in which most of a change of contrast is made
-SPREAD_MM = 130.0  # before and behind the hands, that get most of the greys
-_MAX_DEPTH = (1 << 14) - 1  # mm; all beyond is as dark
+SECONDS = 1.0  # time constant of a change of contrast
+SPREAD_MM = 130.0  # in front of and behind the hands: the range with most of the greys
+_MAX_DEPTH = (1 << 14) - 1  # mm; everything beyond is equally dark
 _DARK, _LIGHT = 28.0, 225.0
 
 
@@ -20,10 +20,10 @@ class Contrast:
         self._middle: float | None = None  # mm
         self._spread = SPREAD_MM
         self._time = 0.0
-        self._known = False  # have there been hands?
+        self._known = False  # True once a hand was seen
 
     def see(self, time: float, depth: NDArray[np.floating], hands: Array) -> None:
-        """Follow the depths (n,) in mm of all joints at a time in s; until there are some, the nearest things."""
+        """Follow the depths (n,) in mm of all joints at a time in s; until there are some, the nearest objects."""
         if len(hands):
             middle, spread = (hands.max() + hands.min()) / 2, SPREAD_MM + (hands.max() - hands.min()) / 4
         elif not self._known:
@@ -55,7 +55,7 @@ class Contrast:
 
 
 def _nearest(depth: NDArray[np.floating]) -> float:
-    """The depth of things in the foreground, in mm."""
+    """The depth of the foreground in mm."""
     read = depth[::4, ::4]
     read = read[read > 0]
     return float(np.percentile(read, 10)) if len(read) else 700.0

@@ -1,4 +1,4 @@
-"""How sure each hand has been over the last seconds, as curves."""
+"""Curves of the confidence of each hand over the last seconds."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ConfidenceCurves:
         self._seen: deque[tuple[float, dict[int, float]]] = deque()
 
     def see(self, frame: TrackedFrame) -> None:
-        """One more frame."""
+        """Add a frame."""
         self._seen.append((frame.time, {hand.id: hand.confidence for hand in frame.hands}))
         while self._seen[0][0] < frame.time - SECONDS:
             self._seen.popleft()

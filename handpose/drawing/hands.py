@@ -91,7 +91,7 @@ def view_3d(
     Its shadow is on the floor of the cube. ``truth`` joints in thin black.
     """
     view = viewer_from_world(yaw, pitch)
-    distance = 7.0  # of the viewer, half-cubes: a little perspective
+    distance = 7.0  # distance of the viewer in half-cubes: a weak perspective
 
     def place(points: Array) -> Array:
         seen = points @ view.T
@@ -133,7 +133,7 @@ def viewer_from_world(yaw: float, pitch: float) -> Array:
 def colours(skeleton: Skeleton) -> list[Colour]:
     """The colour of each joint; a finger's by the part of the joint's name before the first "_".
 
-    In a body without fingers, the limbs take turns: a limb is a chain of joints without a fork up to its end.
+    In a body without fingers the limbs have different colours; a limb is a chain of joints without a fork.
     """
     fingers = [COLOURS.get(name.partition("_")[0]) for name in skeleton.joint_names]
     if any(fingers):
@@ -159,7 +159,7 @@ def limbs(skeleton: Skeleton) -> list[list[int]]:
 
 
 def bones(skeleton: Skeleton) -> list[tuple[int, int]]:
-    """Which joints are joined: parent, joint."""
+    """The pairs of connected joints: parent, joint."""
     return [(int(parent), joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0]
 
 

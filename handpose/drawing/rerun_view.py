@@ -36,13 +36,13 @@ _SURFACE = (*SKIN[::-1], 50)  # red, green, blue, opacity
 
 
 class RerunView:
-    """A viewer, or a file, that is shown frames of one track in the order of time.
+    """Shows the frames of one track, in the order of time, in a viewer or a file.
 
-    A file appears, whole, at the end of the block, also of one that an exception or Ctrl-C ends.
+    The complete file appears at the end of the block, also after an exception or Ctrl-C.
 
     path  ends in ".rrd"; None opens the viewer
 
-    Raises NetlibError without rerun-sdk, for another ending, and where the viewer does not start.
+    Raises NetlibError without rerun-sdk, for another extension, and if the viewer does not start.
     """
 
     def __init__(self, header: TrackHeader, path: Path | None = None) -> None:

@@ -14,7 +14,7 @@ from netlib.errors import DataError
 
 
 def sheet(images: Sequence[NDArray[np.uint8]], columns: int, titles: Sequence[str] = (), gap: int = 8) -> Image:
-    """Pictures in rows of ``columns``, each in the middle of a cell of the largest one's size, titles above."""
+    """Pictures in rows of ``columns``, each centred in a cell of the largest size, with titles above."""
     if not images or columns < 1:
         raise DataError(f"{len(images)} pictures in {columns} columns, expected at least one of each")
     if titles and len(titles) != len(images):

@@ -13,11 +13,11 @@ from handpose.track_files.track import TrackedHand
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-MIN_EXTENT_MM = 200.0  # half an edge of the cube that is shown
-MARGIN_MM = 40.0  # between hands and its faces
-SQUARE_MM = 100.0  # of the floor
-FOLLOW_S, SHRINK_S = 0.3, 4.0  # in which most of a move or a growth is made; of a shrinking
-DISTANCE = 7.0  # of the viewer, in half edges: a little perspective
+MIN_EXTENT_MM = 200.0  # half the edge of the displayed cube
+MARGIN_MM = 40.0  # minimum distance of hands from its faces
+SQUARE_MM = 100.0  # of a square of the floor
+FOLLOW_S, SHRINK_S = 0.3, 4.0  # time constants of moving and growing, and of shrinking
+DISTANCE = 7.0  # distance of the viewer in half edges: a weak perspective
 _PAPER = 248
 _SHADOW: Colour = (212, 212, 212)
 _GRID: Colour = (222, 222, 222)
@@ -95,5 +95,5 @@ class Space:
 
 
 def _part(passed: float, seconds: float) -> float:
-    """Of a change, that is made in a time."""
+    """The fraction of a change after a time."""
     return 1 - float(np.exp(-passed / seconds))

@@ -32,7 +32,7 @@ def dot(canvas: Image, at: Array, radius: int, colour: Colour) -> None:
 
 
 def text(canvas: Image, words: str, at: Array, colour: Colour, scale: float) -> None:
-    """Text whose lower left corner is at a point (2,); ``scale`` is OpenCV's, and 1 about 22 pixels high."""
+    """Text with its lower left corner at a point (2,); ``scale`` is OpenCV's: 1 is about 22 pixels high."""
     x, y = np.rint(at).astype(int)
     cv2.putText(canvas, words, (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
 
@@ -48,6 +48,6 @@ def text_width(words: str, scale: float) -> int:
 
 
 def _fixed(point: Array) -> tuple[int, int]:
-    """A point for cv2's drawing with ``shift``; far outside is as good as at the limit of its integers."""
+    """A point for cv2's drawing with ``shift``, clipped to the range of its integers."""
     x, y = point.tolist()  # plain floats are faster
     return round(min(max(x, -_FAR), _FAR) * 2**_SUBPIXEL), round(min(max(y, -_FAR), _FAR) * 2**_SUBPIXEL)

@@ -1,4 +1,4 @@
-"""Surface drawn over the depth that it explains."""
+"""Draw a surface over the depth image."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SKIN: Colour = (120, 165, 235)  # blue, green, red
 MISSING: Colour = (90, 60, 200)
 BACKGROUND = 0.999  # depths from here on are the far face, including rounding
 _LIGHT = np.array([-0.35, 0.45, -0.82])  # from the upper left, behind the viewer
-_STEEP = 5.0  # a slope that is steeper is an edge, and no slope
-_SAMPLES = 144  # along the longer side of a hand's rectangle: of a larger one not every pixel is rendered
+_STEEP = 5.0  # maximum slope; a steeper one is an edge
+_SAMPLES = 144  # maximum number of rendered pixels along the longer side of a hand's rectangle
 _OBLIQUE = 1.3  # elongation of a sphere at the image's edge
-_NOTHING = 1e5  # mm: depth of rays that meet no surface
+_NOTHING = 1e5  # mm: depth of rays without a surface
 
 
 class _Rectangle(NamedTuple):

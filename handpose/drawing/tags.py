@@ -21,7 +21,7 @@ class Tags:
         self._taken: list[tuple[int, int, int]] = []  # left, right, top
 
     def add(self, words: str, left: float, bottom: float, colour: Colour) -> None:
-        """One more, its lower left corner there or as near as there is room, above rather than below."""
+        """Add a tag with its lower left corner as close to the point as possible, above rather than below."""
         height, width = self._canvas.shape[:2]
         room = width - 2 * _BESIDE
         scale = _WORDS * min(1.0, room / max(strokes.text_width(words, _WORDS), 1))

@@ -26,7 +26,7 @@ from netlib.errors import printable
 
 WIDTH = 1280
 HEAD, STRIP = 32, 88  # pixels of height: the line on top, the curves below
-MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # of the depth image, in widths of the whole image
+MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # width of the depth image, as a fraction of the whole image
 MAX_LOST = 3  # number of lost hands that are listed
 _INK: Colour = (40, 40, 40)
 _MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far outside the image
@@ -99,7 +99,7 @@ class Painter:
         return middle - half, middle + half
 
     def _tags(self, canvas: Image, frame: TrackedFrame) -> None:
-        """Which hands there are and how sure, above their crops; at the bottom those that are lost, and why."""
+        """Label the hands and their confidence above their crops; list lost hands and reasons at the bottom."""
         tags = Tags(canvas)
         lately = sorted(frame.lost, key=lambda lost: -lost.since)
         for lost in lately[:MAX_LOST]:
@@ -120,7 +120,7 @@ def _points(frame: TrackedFrame) -> Array:
 
 
 def _pixel(point: Array) -> tuple[int, int]:
-    """A point for cv2, which takes no numbers that are too large."""
+    """A point for cv2, clipped to the range that it accepts."""
     x, y = np.rint(np.clip(point, -1e4, 1e4)).astype(int)
     return int(x), int(y)
 

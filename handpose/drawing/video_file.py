@@ -20,16 +20,16 @@ from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
 
 TICKS = 60000  # of a second: 30 and 29.97 frames/s fall on them; MPEG-4 part 2 takes no more than 65535
-RATES = (0.1, 1000.0)  # of pictures per second, that players can do something with
+RATES = (0.1, 1000.0)  # range of images per second that players support
 MAX_SECONDS = 1e8
-EVERYWHERE = "mpeg4"  # the encoder that no PyAV lacks
+EVERYWHERE = "mpeg4"  # the encoder that every PyAV has
 # With their options; the first that PyAV was built with is taken. Without B-frames times begin at 0 for every player.
 ENCODERS = {
     "libx264": {"preset": "veryfast", "crf": "20", "bf": "0"},
     "libopenh264": {"b": "8M"},
     EVERYWHERE: {"b": "8M"},
 }
-BT709, LIMITED = 1, 1  # FFmpeg's numbers of this standard of colours, and of its range 16 to 235
+BT709, LIMITED = 1, 1  # FFmpeg's constants for this colour standard and its range 16 to 235
 
 
 class VideoFile:
@@ -92,7 +92,7 @@ class VideoFile:
                 self._file.close()
 
     def _begin(self, image: Image, time: float) -> None:
-        """The file, and in it the stream of pictures of the first one's size."""
+        """Open the file and its stream; the first image determines the size."""
         with contextlib.ExitStack() as stack, self._refusals():
             fresh = stack.enter_context(atomic.replacing(self.path))
             self._file = self._av.open(str(fresh), "w", format="mp4", options={"movflags": "+faststart"})
@@ -111,7 +111,7 @@ class VideoFile:
     def _mux(self, frame: Any) -> None:
         """Encode a frame, or flush the encoder, and write its output."""
         for packet in self._stream.encode(frame):
-            packet.duration = round(TICKS / self.rate)  # which counts for the last one
+            packet.duration = round(TICKS / self.rate)  # the duration of the last image
             self._file.mux(packet)
 
     @contextlib.contextmanager

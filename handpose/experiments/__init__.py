@@ -1,1 +1,1 @@
-"""Experiments: many nets trained with one recipe, and what they reach."""
+"""Experiments: many nets trained with one recipe, and their scores."""

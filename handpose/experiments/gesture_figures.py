@@ -14,7 +14,7 @@ from handpose.sequences.movements import Movement
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.track_files.track import TrackedFrame, TrackHeader
 
-SETTLED_S = 0.2  # after the fingers came to rest: then a gesture is judged
+SETTLED_S = 0.2  # delay after the fingers came to rest, before a gesture is scored
 NONE, LOST = "none", "lost"
 READ = (*GESTURES, NONE, LOST)
 
@@ -36,7 +36,7 @@ class GestureFigures:
 
 
 class _Shown:
-    """The gestures that the first role of a recording holds: each with the time since which its fingers rest."""
+    """The gestures of the first role of a recording, each with the time at which its fingers come to rest."""
 
     def __init__(self, recording: SyntheticRecording) -> None:
         stage, role = recording.stage, recording.script.roles[0]
@@ -46,7 +46,7 @@ class _Shown:
         self._names = [next((name for name, own in fingers.items() if np.array_equal(own, key)), "") for key in keys]
 
     def at(self, time: float) -> tuple[str, float]:
-        """The gesture, or "" while fingers move or hold another pose; and since when, s."""
+        """The gesture, or "" while fingers move or hold another pose; and its start in s."""
         strokes = self._movement.fingers.strokes
         done = strokes.done(time) if strokes.begins else np.zeros(0)
         if ((done > 0) & (done < 1)).any():

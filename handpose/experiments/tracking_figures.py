@@ -125,7 +125,7 @@ def follow(
 
 
 def summary(hands: Sequence[HandFigures]) -> dict[str, float | None]:
-    """The figures of several hands together, None where nothing was there for one; mm, and ms of the lag.
+    """The figures of several hands together, None without values; in mm, the lag in ms.
 
     Errors are over frames and joints; mean_14 is of NYU's 14 joints. Of jitters the root mean square, of lags the mean,
     each frame at rest or hand counting alike; the largest change of a bone.

@@ -43,7 +43,7 @@ NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
 
 
 def scores(skeleton: Skeleton, hand: Side, xyz: Array, frames: HandFrames | None = None) -> dict[str, float]:
-    """By gesture, of joints (K, 3) in mm, camera axes. Raises DataError for another body than a hand.
+    """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError for another body than a hand.
 
     frames  the hand's directions, if they are computed already (``hand_frames``)
     """
@@ -62,7 +62,7 @@ def scores(skeleton: Skeleton, hand: Side, xyz: Array, frames: HandFrames | None
 
 
 def _over(value: float, threshold: tuple[float, float]) -> float:
-    """The probability that a measure is meant to be above its threshold."""
+    """The probability that a measure is above its threshold."""
     middle, slope = threshold
     return float(1 / (1 + np.exp(-(value - middle) / slope)))
 

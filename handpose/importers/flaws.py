@@ -40,7 +40,7 @@ def recognise(root: Path) -> str | None:
 
 
 def _some(folder: Path) -> list[str]:
-    """A few names in a folder, and those of labels."""
+    """Some names in a folder, including those of labels."""
     found = [name for name in ("joint_data.mat", "labels.txt") if (folder / name).is_file()]
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         found += [entry.name for entry, _ in zip(entries, range(1000))]

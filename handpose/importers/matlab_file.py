@@ -21,7 +21,7 @@ SECONDS, BYTES_PER_SECOND = 60.0, 5e6  # time limit: 60 s and 1 s per 5 MB
 
 
 def read_variables(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
-    """Arrays of numbers, of those with four axes the first item; ``optional`` ones if they are there.
+    """The arrays, of those with four axes the first item; ``optional`` ones if they exist.
 
     Raises DataError.
     """

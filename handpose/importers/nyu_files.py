@@ -143,7 +143,7 @@ def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
 
 
 def write_annotation(path: Path, xyz: Array, made_from: str) -> None:
-    """Write a ``joint_data.mat`` of one camera, version 5, whole or not at all; xyz (N, 36, 3) mm, camera axes."""
+    """Write a ``joint_data.mat`` of one camera, version 5, atomically; xyz (N, 36, 3) mm, camera axes."""
     import scipy.io  # imported here: it takes a tenth of a second
 
     variables = {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None], "made_from": made_from}

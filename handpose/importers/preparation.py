@@ -19,7 +19,7 @@ from handpose.data.parts import Columns, Part, is_whole, write_part
 from handpose.importers.published_frames import PublishedFrames
 from netlib.files import hdf5
 
-_CHUNK = 16  # frames that a thread makes crops of at a time
+_CHUNK = 16  # frames per chunk
 _AHEAD = 8  # chunks ahead of the writer, per thread
 
 Chunk = tuple[int, Frames, list[tuple[int, BadFrameError]]]  # number of frames, the good ones, the bad ones
@@ -32,11 +32,11 @@ class Outcome:
     parts: list[Part]
     index: list[int] = field(default_factory=list)  # of the good frames
     bad: dict[int, str] = field(default_factory=dict)  # kind by index
-    made: int = 0  # good frames that were not there before
+    made: int = 0  # number of new good frames
 
 
 def parts_of(frames: PublishedFrames, out: Path) -> list[Part]:
-    """The files that a split becomes."""
+    """The parts of a split."""
     parts = []
     for i, start in enumerate(range(0, len(frames), files.FRAMES_PER_FILE)):
         stop = min(start + files.FRAMES_PER_FILE, len(frames))
@@ -53,7 +53,7 @@ def is_current(frames: PublishedFrames, part: Part) -> bool:
 
 
 def _left_out(part: Part) -> list[tuple[int, str]]:
-    """The frames that a whole part has no rows of: index and kind of flaw."""
+    """The frames that a complete part leaves out: index and kind of error."""
     with hdf5.opened(part.path, "the data") as file:
         kinds = json.loads(file.attrs["bad"])
     return [(i, kind) for kind, indices in kinds.items() for i in indices]
@@ -67,10 +67,10 @@ def write_parts(
     advance: Callable[[int], None],
     on_bad: Callable[[int, BadFrameError], None],
 ) -> Outcome:
-    """Write those parts of a split that are missing, and take the others as they are.
+    """Write the missing parts of a split and keep the others.
 
     workers  number of threads
-    advance  is called with numbers of frames that were dealt with
+    advance  is called with the number of further frames
     on_bad   is called for every bad frame with its index, for those of parts that were kept, too
 
     An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
@@ -94,12 +94,12 @@ class _Writer:
     frames: PublishedFrames
     outcome: Outcome
     pool: ThreadPoolExecutor
-    ahead: int  # chunks that are begun before the first is waited for
+    ahead: int  # number of chunks in progress
     advance: Callable[[int], None]
     on_bad: Callable[[int, BadFrameError], None]
 
     def recall(self, part: Part) -> None:
-        """Take the outcome of a part from its file."""
+        """Read the result of a part from its file."""
         with hdf5.opened(part.path, "the data") as file:
             self.outcome.index += file["index"][...].tolist()
         for i, kind in _left_out(part):

@@ -1,4 +1,4 @@
-"""A published split as nets read it: its parts, the list that names them, and a file that names its bad frames."""
+"""A published split in the files that nets read: its parts, their list, and a list of bad frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frames of a data set as it is published, and the labelled crops that they become.
+"""The frames of a published data set, and the labelled crops made from them.
 
 A frame that cannot be used is named, counted and left out.
 """
@@ -87,7 +87,7 @@ class PublishedFrames:
         return None
 
     def recipe(self, start: int, stop: int) -> str:
-        """All that the crops of frames ``start`` to ``stop`` depend on; of the images their names and sizes only."""
+        """The recipe of the crops of frames ``start`` to ``stop``; it has the names and sizes of the images only."""
         digest = hashlib.sha256()
         for array in (self.center_uvd, self.joints, self.cube_mm):
             digest.update(np.ascontiguousarray(array[start:stop], dtype="<f8").tobytes())

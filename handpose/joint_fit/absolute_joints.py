@@ -40,7 +40,7 @@ class AbsoluteFit:
 
     @property
     def residuals_mm(self) -> Array:
-        """(N, K) distances between the joints of the model and those that were given."""
+        """(N, K) distances between the joints of the model and the given ones."""
         return np.asarray(self.residuals * self.half_cube[:, None])
 
 
@@ -55,7 +55,7 @@ def fit_absolute(
 ) -> AbsoluteFit:
     """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm. Raises DataError.
 
-    joints   the K joints of the skeleton that they are
+    joints   indices of the K joints in the skeleton
     fit      ``fit_joints`` or ``fit_joints_by_swarm``, with its options
     """
     center = xyz.mean(axis=1, keepdims=True)
@@ -64,7 +64,7 @@ def fit_absolute(
 
 
 def write_fit(path: Path, found: AbsoluteFit, index: NDArray[np.int_]) -> None:
-    """Write angles and residuals to an HDF5 file, whole or not at all; ``index`` (N,) are the numbers of the frames."""
+    """Write angles and residuals to an HDF5 file atomically; ``index`` (N,) are the numbers of the frames."""
     files.make_folder(path.parent)
     with hdf5.created(path) as file:
         file["dof"], file["residual_mm"] = found.inputs, found.residuals_mm

@@ -7,7 +7,7 @@ axes a, b, c a half turn about all three does nothing, and a half turn about c c
 
 - A joint that turns about a, b and c in a row (the NYU hand's root: z, x, y) takes the half turn into its third angle.
 - A joint that turns about a and b only (as limbs often begin) passes it down to its children. If all bones below lie
-  along c, they do not feel it, and every angle about a or b below changes its sign; an angle about c stays.
+  along c, they do not change, and every angle about a or b below changes its sign; an angle about c stays.
 
 ``canonical`` chooses, of the two, the third-angle kind with the second angle between -90 and 90 degrees, the other kind
 with the angles nearest to the initial pose, and wraps every angle into (-180, 180].
@@ -67,7 +67,7 @@ def flips(skeleton: Skeleton) -> list[Flip]:
 def _passed_down(skeleton: Skeleton, joint: int, c: int) -> list[int] | None:
     """The DoFs below that change sign when the joint's frame makes a half turn about its axis ``c``.
 
-    None if a bone, a fixed rotation or a translation below would feel it.
+    None if a bone, a fixed rotation or a translation below changes.
     """
     if skeleton.bone_axes[joint] not in (c, -1):
         return None

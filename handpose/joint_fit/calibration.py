@@ -36,12 +36,12 @@ from netlib.proto import schema
 
 Progress = Callable[[int], None]
 
-UNDETERMINED = 0.5  # of the spread is left
+UNDETERMINED = 0.5  # remaining share of the spread
 FIT_RIDGE = 1e-3  # of the initial poses, see ``fit_joints``
 
 MIN_GAIN = 1e-5  # relative; a step that gains less is the last
 MAX_STEPS = 60
-# Damping, as in levenberg_marquardt.py. A refused step needs no new normal equations, so it may raise mu by more. The
+# Damping, as in levenberg_marquardt.py. A rejected step needs no new normal equations, so it may raise mu by more. The
 # factors 1/4 and 8 need the fewest evaluations; 1/3 and 4, or 1/10 and 10, up to a quarter more for the same hands.
 FIRST_MU, TRUST, DOUBT = 1e-3, 1 / 4, 8
 MIN_MU, MAX_MU = 1e-9, 1e8
@@ -81,7 +81,7 @@ class Calibration:
 
     @property
     def undetermined_bones(self) -> list[str]:
-        """The joints whose bones the frames do not determine, so that the template decides with them."""
+        """The joints whose bones the frames do not determine, so that the template also contributes."""
         return [name for name, left in zip(self.skeleton.joint_names, self.bone_spread) if left > UNDETERMINED]
 
     @property
@@ -162,7 +162,7 @@ def size(template: Skeleton, targets: Array, joints: Sequence[int]) -> float:
 
 
 def _search(problem: CalibrationProblem, state: State) -> tuple[State, float, int]:
-    """Levenberg-Marquardt from a state: where it ends, the noise there, the steps that lowered the cost."""
+    """Levenberg-Marquardt from a state; returns the last state, its noise, and the number of accepted steps."""
     squares, ridge = problem.cost(state)
     normal, mu, steps = None, FIRST_MU, 0
     while steps < MAX_STEPS and mu < MAX_MU:

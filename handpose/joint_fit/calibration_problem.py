@@ -22,8 +22,8 @@ the direction of the bone, for its joint and all below it.
 
 ``noise`` is the standard deviation of a coordinate in the frames, estimated from the residual before every step, so
 exact joints are reproduced exactly, and noisy ones are weighted accordingly. The ridge determines what the joints do
-not. Frames are not independent: an annotator has systematic errors, and the poses, fitted to noisy joints, err together
-with the bones. So w = N / INDEPENDENT_FRAMES. The remaining share of a bone's or fixed angle's spread is
+not. Frames are not independent: an annotator has systematic errors, and the poses, fitted to noisy joints, have errors that are
+correlated with the bones. So w = N / INDEPENDENT_FRAMES. The remaining share of a bone's or fixed angle's spread is
 
     noise sqrt(w diag((C - sum B_nᵀ A_n⁻¹ B_n)⁻¹))
 
@@ -48,8 +48,8 @@ from netlib.system.memory import blocks
 BONE_SPREAD = 0.1  # deviation of a bone among people of one size, relative to its length
 ANGLE_SPREAD = 0.2  # ... of a fixed angle, radians
 POSE_SPREAD = 0.5  # ... of a free angle among frames, radians; a root's DoFs have no such preference
-INDEPENDENT_FRAMES = 30  # effective number of frames, however many there are
-MIN_NOISE = 3e-3  # of the mean bone: no annotation is better (0.07 mm)
+INDEPENDENT_FRAMES = 30  # maximum effective number of frames
+MIN_NOISE = 3e-3  # lower bound of the noise, relative to the mean bone (0.07 mm)
 # Every fitted number leaves one residual fewer to estimate the noise from, but not where the ridge decides: with few
 # joints none would be left. So at least a quarter count. From 8 joints (24 numbers for 26 DoFs) and noise of 1 and 3 mm
 # the estimates are then 1.0 and 3.5 mm; with an eighth 1.6 and 7.2 mm, with a half 0.7 and 2.3 mm.
@@ -59,7 +59,7 @@ CHUNK = 128  # frames that one thread works on together, in 40 MB
 
 
 class State(NamedTuple):
-    """Where the search is."""
+    """The state of the search."""
 
     theta: Array  # (N, F) input + initial of the free DoFs
     shared: Array  # (S,) deviations from the template in units of their spread: fixed angles, then bones
@@ -129,7 +129,7 @@ class CalibrationProblem:
         return np.where(self.known[rows][:, :, None], r, 0.0).reshape(len(r), -1)
 
     def cost(self, state: State) -> tuple[float, float]:
-        """The sum of squared residuals, and what noise² multiplies."""
+        """The sum of squared residuals, and the ridge, which noise² multiplies."""
         found = np.zeros(len(self.blocks))
 
         def job(i: int) -> None:

@@ -6,8 +6,8 @@ only joints. Each HDF5 file of the set gets a small companion file with
     dof          (n, 47) inputs of the hand model, for its layer HandModel
     residual_mm  (n, 31) distance of each joint after the fit; NaN for joints that were clipped to the cube
 
-and the name of the first file, which has everything else (``netlib.files.hdf5.File``). So a list of companions is read
-like the list of the first files.
+and the name of the original file, which has everything else (``netlib.files.hdf5.File``). So a list of companions is read
+like the list of the original files.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from netlib.errors import DataError, reason_of
 from netlib.files import atomic, hdf5, make_folder, opened
 from netlib.files.paths import exists
 
-VERSION = 3  # to be raised when a change of the code changes the angles
+VERSION = 3  # increase after a change of the code that changes the angles
 
 Done = Callable[[int, Path, Array], object]  # number of a companion from 1 on, the file, its residuals
 
@@ -97,9 +97,9 @@ def fit_file(
     starts: int = 4,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Array:
-    """Fit the frames of one file and write its companion, whole or not at all; returns the residuals (n, K) in mm.
+    """Fit the frames of one file and write its companion atomically; returns the residuals (n, K) in mm.
 
-    A companion that is there already, made from the same file in the same way, is kept. Raises DataError.
+    An existing companion of the same file and options is kept. Raises DataError.
     """
     hand = sha256(repr(skeleton.param).encode()).hexdigest()
     with opened(path, "the joints") as stream:

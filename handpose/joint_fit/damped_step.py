@@ -13,7 +13,7 @@ from netlib.blob import Array
 # with 1/2 and 2, or 1/10 and 10, the same minima are found (to 0.01%) with up to a third more work. FIRST_MU from 0.001
 # to 0.1 is equally good; with 1 the first steps are so small that frames stop too early.
 FIRST_MU, TRUST, DISTRUST = 1e-2, 1 / 3, 4
-MAX_MU = 1e8  # above it a step is lost in rounding: no lower cost is near
+MAX_MU = 1e8  # maximum damping; larger steps are lost in rounding
 EXACT_COST = 1e-24  # (1e-12)², the rounding error of the positions of a few joints
 
 Evaluate = Callable[[Array, NDArray[np.int_]], tuple[Array, Array, Array]]
@@ -27,7 +27,7 @@ def damped_step(A: Array, b: Array, mu: Array, x: Array, lower: Array, upper: Ar
     mu            (N,) damping
     x             (N, F) the variables, between lower and upper; one at a limit whose step would leave it gets 0
     lower, upper  (F,)
-    ridge         keeps a variable that nothing depends on where it is
+    ridge         keeps a variable without influence constant
     """
     held = ((x <= lower) & (b > 0)) | ((x >= upper) & (b < 0))
     diagonal = np.arange(A.shape[1])

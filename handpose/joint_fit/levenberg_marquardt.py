@@ -29,11 +29,11 @@ from netlib.system.memory import blocks
 
 Progress = Callable[[int], None]
 
-CHUNK = 256  # frames that one thread works on together
-MIN_GAIN = 1e-7  # relative; a frame whose cost falls less is done
+CHUNK = 256  # frames per job of a thread
+MIN_GAIN = 1e-7  # relative; a frame whose cost decreases by less is finished
 EXACT = 5e-6  # root mean square distance of the joints at which a frame needs no other start
 
-MIN_MU = 1e-12  # below it a step is Gauss-Newton's but for rounding
+MIN_MU = 1e-12  # minimum damping; below it a step equals Gauss-Newton's, up to rounding
 RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
 
 

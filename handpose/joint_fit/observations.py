@@ -16,7 +16,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files.hdf5 import read_list
 
-# Joints of a skeleton that files of fewer joints hold, by the numbers of both.
+# Joints of files with fewer joints than the skeleton, by both numbers of joints.
 PARTS = {(31, 14): EVALUATION_JOINTS, (21, len(icvl.JOINTS)): tuple(range(len(icvl.JOINTS)))}
 
 
@@ -25,10 +25,10 @@ class Observations:
     """Annotated frames, as HDF5 files have them.
 
     targets    (N, K, 3) half-cubes of each frame, from the crop centre; NaN where cut off by the cube, or unknown
-    joints     (K,) which joints of the skeleton they are
+    joints     (K,) indices in the skeleton
     half_cube  (N,) mm
-    unseen     how many joints these are
-    rows       how many frames the files have
+    unseen     number of NaN joints
+    rows       number of frames in the files
     """
 
     targets: Array

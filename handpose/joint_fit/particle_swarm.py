@@ -18,7 +18,7 @@ from netlib.blob import Array
 from netlib.engine import for_each
 from netlib.errors import DataError
 
-CONSTRICTION, ATTRACTION = 0.7298, 2.05  # Clerc and Kennedy (2002): a swarm that contracts, but not at once
+CONSTRICTION, ATTRACTION = 0.7298, 2.05  # Clerc and Kennedy (2002): the swarm contracts slowly
 
 
 def fit_joints_by_swarm(

@@ -29,7 +29,7 @@ class JointFit:
 
     inputs     (N, D) canonical inputs of the model, within its limits if they were kept; radians and units of the
                bones; fixed DoFs 0
-    residuals  (N, K) distance of each chosen joint from where it should be, in the same unit; NaN where not known
+    residuals  (N, K) distance of each chosen joint from its target, in the same unit; NaN if unknown
     """
 
     inputs: Array
@@ -63,7 +63,7 @@ class PoseProblem:
         self.ridge = np.where(np.isin(self.free, self.limb_turns), ridge, 0.0)
 
     def evaluate(self, inputs: Array, goal: Array) -> tuple[Array, Array, Array]:
-        """Cost (N,), A (N, F, F) and b (N, F) of inputs (N, D), given where the joints should be (N, K, 3)."""
+        """Cost (N,), A (N, F, F) and b (N, F) of inputs (N, D), for target joints (N, K, 3)."""
         pose = self.kinematics.forward(inputs)
         r = (pose.joints[:, self.joints] - goal).reshape(len(goal), -1)
         J = self.kinematics.jacobian(pose, self.joints)
@@ -85,15 +85,15 @@ class PoseProblem:
         return np.asarray((r * r).sum(axis=(1, 2)) + (self.ridge * x * x).sum(axis=1))
 
     def result(self, inputs: Array, goal: Array, limits: bool) -> JointFit:
-        """Inputs (N, D) in canonical form, within the limits or not, and what they leave of the goal (N, K, 3)."""
+        """Inputs (N, D) in canonical form, within the limits or not, and their distances from the targets (N, K, 3)."""
         final = canonical(self.skeleton, inputs, limits=limits)
-        final[:, self.free] = np.clip(final[:, self.free], self.lower, self.upper)  # takes rounding back
+        final[:, self.free] = np.clip(final[:, self.free], self.lower, self.upper)  # undoes rounding
         found = self.kinematics.forward(final).joints[:, self.joints]
         return JointFit(final, np.linalg.norm(found - goal, axis=2))
 
 
 def checked(skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None) -> tuple[Array, list[int]]:
-    """Joint positions (N, K, 3), all NaN for an unknown joint, and which are known. Raises DataError."""
+    """Joint positions (N, K, 3), all NaN for an unknown joint, and a mask of the known ones. Raises DataError."""
     goal = np.asarray(targets, dtype=np.float64)
     chosen = list(range(len(skeleton.parents))) if joints is None else list(joints)
     if goal.ndim != 3 or goal.shape[1:] != (len(chosen), 3):

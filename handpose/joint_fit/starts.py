@@ -16,7 +16,7 @@ from handpose.joint_fit.pose_problem import PoseProblem
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-GRID_STEP = np.pi / 6  # between rotations of the whole body that are tried
+GRID_STEP = np.pi / 6  # angle between the rotations of the grid
 
 
 class RotationGrid:
@@ -25,7 +25,7 @@ class RotationGrid:
     def __init__(self, problem: PoseProblem, limbs: Array) -> None:
         self.problem, sk = problem, problem.skeleton
         grid = np.arange(-np.pi, np.pi - 1e-9, GRID_STEP)
-        tried = problem.root_turns[:3]  # of more there would be too many; the descent finds them
+        tried = problem.root_turns[:3]  # the grid of more rotations would be too large; the descent finds them
         angles = np.zeros((len(grid) ** len(tried), len(problem.root_turns)))
         angles[:, : len(tried)] = list(itertools.product(grid, repeat=len(tried)))
         if len(problem.root_turns) == 3:  # the second angle needs half a turn only: see angles.py
@@ -38,9 +38,9 @@ class RotationGrid:
         self.sizes = (self.shapes**2).sum(axis=1)
 
     def near(self, goal: Array) -> Array:
-        """Inputs (N, D) for joints (N, K, 3)."""
+        """The best inputs (N, D) of the grid for joints (N, K, 3)."""
         problem, centre = self.problem, np.nanmean(goal, axis=1)
-        shapes = np.nan_to_num(goal - centre[:, None]).reshape(len(goal), -1)  # not known: in the middle
+        shapes = np.nan_to_num(goal - centre[:, None]).reshape(len(goal), -1)  # unknown joints: in the middle
         best = np.argmin(self.sizes - 2 * shapes @ self.shapes.T, axis=1)
         inputs = self.inputs[best]
         for motion in problem.root_moves:
@@ -67,7 +67,7 @@ def redrawn_limbs(skeleton: Skeleton, inputs: Array, rng: np.random.Generator) -
 
 
 def limbs(skeleton: Skeleton) -> list[NDArray[np.int_]]:
-    """The free rotations of each limb, which is all that hangs on one child of a root."""
+    """The free rotations of each limb, the subtree of one child of a root."""
     children = np.flatnonzero(np.isin(skeleton.parents, np.flatnonzero(skeleton.parents < 0)))
     found = []
     for joints in sorted(np.flatnonzero(skeleton.carries[child]).tolist() for child in children):

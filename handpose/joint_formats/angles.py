@@ -67,7 +67,7 @@ def _across(m: Array, n: Array) -> Array:
 
 
 def _bends(frames: HandFrames, finger: str) -> list[float]:
-    """By how much each bone of a finger is bent against the one before, towards the palm."""
+    """The angle of each bone of a finger to the one before, towards the palm."""
     bones, back = frames.bones[finger], frames.back[finger]
     bends = []
     for before, after in itertools.pairwise(bones):
@@ -77,7 +77,7 @@ def _bends(frames: HandFrames, finger: str) -> list[float]:
 
 
 def turned(vector: Array, before: Array, after: Array) -> Array:
-    """A vector turned as the smallest turn does that moves one direction (3,) to another."""
+    """A vector turned by the smallest rotation that moves one direction (3,) to another."""
     v, cos = np.cross(before, after), float(before @ after)
     if cos < -0.999999:  # the axis of a half turn is not determined
         return -vector

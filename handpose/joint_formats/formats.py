@@ -38,7 +38,7 @@ METRE = 1000.0
 class JointFormat:
     """One format.
 
-    joints   name of each joint, in order, and the point where it is
+    joints   names in order, and the point of each
     bones    pairs of names to draw lines between
     unit     of positions: "m" or "mm"
     axes     signs that turn camera axes (x right, y up, z away) into the format's
@@ -188,7 +188,7 @@ def _landmarks(points: Array, camera: Camera | None, cube_mm: float | None) -> A
 
 
 def _orientations(frames: HandFrames, points: Array) -> Array:
-    """Of each of OpenXR's joints of a right hand, the directions (J, 2, 3) to the fingertip and out of the back."""
+    """The directions (J, 2, 3) to the fingertip and out of the back, for OpenXR's joints of a right hand."""
     at = dict(zip(FORMATS["openxr"].joints, points))
     palm, wrist = frames.palm["middle"], at["MIDDLE_METACARPAL"] - at["WRIST"]
     found = {"PALM": (palm, frames.dorsal), "WRIST": (wrist, frames.dorsal)}
@@ -222,5 +222,5 @@ def _radii(skeleton: Skeleton) -> Array:
     of_joints = np.array(
         [radii[ends == j].mean() if (ends == j).any() else np.nan for j in range(len(skeleton.joint_names))]
     )
-    of_joints[skeleton.joint_names.index("palm")] = 0.0  # no point has it
+    of_joints[skeleton.joint_names.index("palm")] = 0.0  # no point uses it
     return np.asarray(_weights("openxr", skeleton) @ of_joints)

@@ -29,7 +29,7 @@ from netlib.blob import Array
 PALM = ("palm", "wrist_left", "wrist_middle", "thumb_mcp", *(f"{finger}_mcp" for finger in FINGERS))
 HINGES = {"thumb": ("thumb_mcp", "thumb_pip", "thumb_dip", "thumb_tip")} | {
     finger: tuple(f"{finger}_{part}" for part in ("mcp", "base", "pip_b", "tip")) for finger in FINGERS
-}  # where the model's phalanges begin and end
+}  # the joints at the ends of the model's phalanges
 
 
 @dataclass(frozen=True)
@@ -120,5 +120,5 @@ def _pose_of(rest: Array, found: Array) -> tuple[Array, float]:
 
 
 def unit(vector: Array) -> Array:
-    """A vector (3,) made 1 long; 0 stays 0."""
+    """A vector (3,) scaled to length 1; 0 stays 0."""
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))

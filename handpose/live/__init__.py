@@ -1,1 +1,1 @@
-"""A track while it is made: a page for the browser, JSON lines over WebSocket, and datagrams."""
+"""Live output of a track: a browser page, JSON lines over WebSocket, and datagrams."""

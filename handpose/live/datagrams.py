@@ -10,10 +10,10 @@ from netlib.errors import NetlibError, reason_of
 
 
 class DatagramSender:
-    """Sends datagrams to one address; what cannot be sent at once is dropped and counted. Raises NetlibError.
+    """Sends datagrams to one address; those that cannot be sent at once are dropped and counted. Raises NetlibError.
 
     dropped  datagrams that were not sent
-    reason   why the last of them was not
+    reason   of the last failure
     """
 
     def __init__(self, address: tuple[str, int]) -> None:
@@ -32,7 +32,7 @@ class DatagramSender:
         return self
 
     def send(self, datagram: bytes) -> None:
-        """Send one."""
+        """Send a datagram."""
         try:
             self._socket.sendto(datagram, self._address)
         except OSError as error:

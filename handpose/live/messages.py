@@ -1,4 +1,4 @@
-"""What is sent of a track: its header and its frames as JSON, and for the page the depth and the surfaces, too.
+"""The messages of a live track: header and frames as JSON; for the page also depth and surfaces.
 
 The message of a frame for the page is binary; numbers are little-endian:
 
@@ -26,14 +26,14 @@ from handpose.joint_formats.formats import FormatName
 from handpose.track_files.json_values import FrameValues, header_values
 from handpose.track_files.track import TrackedFrame, TrackHeader
 
-MAX_SAMPLES = 320  # along a side of the depth that the page gets
+MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
 MAX_DATAGRAM = 9216  # bytes, the largest datagram that macOS sends by default
 _MAX_DEPTH = np.iinfo(np.uint16).max
 _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
 def depth_step(width: int, height: int) -> int:
-    """The step between the rows and columns of a frame that the page gets."""
+    """The step between the rows and columns of a frame that are sent to the page."""
     return max(1, math.ceil(max(width, height) / MAX_SAMPLES))
 
 
@@ -62,7 +62,7 @@ class Messages:
     def datagram(self, record: dict[str, Any]) -> bytes:
         """The record in at most MAX_DATAGRAM bytes.
 
-        Of a larger one the lost hands are left out, and the last hands that do not fit; ``omitted`` is their number.
+        Larger records omit the lost hands and the last hands; ``omitted`` is the number of these.
         """
         encoded = _text(record).encode()
         if len(encoded) <= MAX_DATAGRAM:

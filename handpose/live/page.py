@@ -1,4 +1,4 @@
-"""The page of a live track: one file, made for one track, that gets its frames from the server that it came from."""
+"""The page of a live track: one file for one track, which receives its frames from its server."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from handpose.surface.model import Surface
 from handpose.track_files.track import TrackHeader
 
 BROWSER = Path(__file__).resolve().parent / "browser"
-COLOURS = 6  # of hands; then they repeat
+COLOURS = 6  # number of colours of hands; then they repeat
 
 
 def page(header: TrackHeader) -> str:

@@ -35,9 +35,9 @@ from urllib.parse import parse_qs, urlencode, urlsplit
 from netlib.errors import NetlibError, reason_of
 
 LINES, VIEWS = "/frames", "/view"
-GRACE_S = 5.0  # for clients to take the last frame and to close
+GRACE_S = 5.0  # time for clients to receive the last frame and to close
 ENDED, STOPPED = (1000, "the recording has ended"), (1001, "the tracker was stopped")
-_MAX_RECEIVED = 1024  # bytes of a message from a client
+_MAX_RECEIVED = 1024  # maximum bytes of a message from a client
 _SEND_BUFFER = 1 << 17  # bytes that the system keeps for a slow client
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
@@ -51,17 +51,17 @@ class _Slot:
         self._changed = asyncio.Event()
 
     def put(self, message: str | bytes) -> None:
-        """Replace the message that was not taken."""
+        """Replace a message that was not sent."""
         self._message = message
         self._changed.set()
 
     def end(self) -> None:
-        """There will be no other message."""
+        """Mark the end of the messages."""
         self._ended = True
         self._changed.set()
 
     async def take(self) -> str | bytes | None:
-        """Wait for a message and take it; None after the last one."""
+        """Wait for the next message; None after the last one."""
         await self._changed.wait()
         message, self._message = self._message, None
         if not self._ended:
@@ -110,7 +110,7 @@ class LiveServer:
 
     @property
     def is_public(self) -> bool:
-        """Do other machines reach it?"""
+        """True if other machines can connect."""
         return self.host not in _LOOPBACK
 
     def has_clients(self, path: str) -> bool:
@@ -118,11 +118,11 @@ class LiveServer:
         return bool(self._clients[path])
 
     def wait_for_client(self, seconds: float) -> bool:
-        """Wait so long until the first client gets frames; has there been one?"""
+        """Wait for the first client, at most this long; True if one has connected."""
         return self._was_asked.wait(seconds)
 
     def put(self, path: str, message: str | bytes) -> None:
-        """Give the message of a frame to all clients of this path."""
+        """Send the message of a frame to all clients of this path."""
         self._loop.call_soon_threadsafe(self._put, path, message)
 
     def __exit__(
@@ -211,7 +211,7 @@ class LiveServer:
         return self._websockets.http11.Response(status.value, status.phrase, headers, content)
 
     def _place(self) -> str:
-        """Host and port as other machines know them."""
+        """Host and port for other machines."""
         return _joined(socket.gethostname() if self.host in ("", "0.0.0.0", "::") else self.host, self.port)
 
     def _query(self) -> str:
@@ -223,7 +223,7 @@ def _joined(host: str, port: int) -> str:
 
 
 def _why_not(error: Exception) -> str:
-    """Why a server cannot listen."""
+    """The reason why a server cannot listen."""
     if isinstance(error, socket.gaierror | UnicodeError):  # no host has a name that cannot be encoded
         return "unknown host"
     if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
@@ -232,14 +232,14 @@ def _why_not(error: Exception) -> str:
 
 
 def _silent_logger() -> logging.Logger:
-    """For what clients do wrong, which is answered to them."""
+    """A client's error, which is sent to the client."""
     logger = logging.getLogger("handpose.live")
     logger.disabled = True
     return logger
 
 
 def _package() -> ModuleType:
-    """websockets with what is used of it, imported when it is needed."""
+    """The used parts of websockets, imported on first use."""
     try:
         import websockets
         import websockets.asyncio.server

@@ -49,12 +49,12 @@ def hand_layer(net: Net) -> HandModel | None:
 
 
 def is_hand(skeleton: Skeleton) -> bool:
-    """Is the body a hand? Only hands are searched for, have a side, and have crops that move to the palm."""
+    """True for hands: only hands are searched for, have a side, and have crops that move to the palm."""
     return PALM in skeleton.joint_names
 
 
 def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
-    """Raise NetlibError for a skeleton that is not a hand; ``why`` a hand is needed ends the message."""
+    """Raise NetlibError for a skeleton that is not a hand; the reason ``why`` a hand is needed ends the message."""
     if not is_hand(skeleton):
         raise NetlibError(f"skeleton {skeleton.name!r} is not a hand: it has no joint {PALM!r}; {why}")
 

@@ -6,7 +6,7 @@
     fit         moves the pose until it explains the depth (``handpose.depth_fit``)
     selection   between places by rejection score and the locator's odds; between sides by the uncertainty of the fit
 
-The network and the capsule model know right hands. A left hand is mirrored at the entrance, ``HandCrops``, and the
+The network and the capsule model know right hands. A left hand is mirrored once, by ``HandCrops``, and the
 results are mirrored back once, in ``HandPipeline.predict``.
 """
 
@@ -169,7 +169,7 @@ class HandPipeline:
                 both = search and self.plan is not None and moved is not unmoved
                 candidates += [unmoved, moved] if both else [moved]
             if self.plan is None:
-                break  # nothing could choose between places
+                break  # there is no score to choose between places
         if outside is not None and not candidates:
             raise outside
         return candidates

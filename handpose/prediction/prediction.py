@@ -20,9 +20,9 @@ class HandFit:
     inputs           (D,) of the skeleton; of a left hand, those of its mirror image
     whole            (D',) of the whole body, likewise: ``inputs`` and the degrees of freedom of the surface alone
     size             scale relative to the skeleton: bones, offsets and radii
-    thickness            additional scale of the radii
-    cost           how badly the model explains the depth, in squared deviations
-    uncertainty            uncertainty of the fit (``handpose.depth_fit.network_errors``)
+    thickness        additional scale of the radii
+    cost             sum of squared deviations of the model from the depth
+    uncertainty      of the fit (``handpose.depth_fit.network_errors``)
     rejection_score  mm; how unlike a hand the place is (``handpose.depth_fit.rejection``)
     error_mm         expected error of the joints; NaN if it was not measured for these weights
     confidence       probability that the error is below 30 mm; NaN likewise

@@ -1,1 +1,1 @@
-"""How good predicted joints are: errors in mm, success rates, published benchmarks."""
+"""Scores of predicted joints: errors in mm, success rates, published benchmarks."""

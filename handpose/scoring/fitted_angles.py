@@ -27,7 +27,7 @@ TOLERANCE = 1e-3  # radians beyond a limit that count as within: joints in text 
 
 
 class Watcher(Protocol):
-    """Looks on while frames are fitted."""
+    """Reports the progress of fits."""
 
     def __call__(self, total: int, *, what: str) -> AbstractContextManager[Callable[[int], None]]:
         """A context for the fit of ``total`` frames; it yields a callback for the number of further frames done."""
@@ -53,7 +53,7 @@ def compare_angles(
     half = nyu.half_cubes(len(truth))
 
     def fitted(joints: Array, what: str, **options: Any) -> tuple[Array, Array]:
-        """Inputs (N, D), and the mean distance (N,) in mm that each frame's joints are left with."""
+        """Inputs (N, D), and the mean remaining distance (N,) of each frame's joints in mm."""
         with watch(len(joints), what=what) as progress:
             found = fit_absolute(skeleton, joints, half, nyu.EVALUATION_JOINTS, progress=progress, **options)
         return found.inputs, found.residuals.mean(axis=1) * half

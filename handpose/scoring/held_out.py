@@ -22,12 +22,12 @@ from netlib.net import Net
 
 @dataclass(frozen=True)
 class Predictions:
-    """A net's answers for every frame of a test set, in order."""
+    """A net's predictions for every frame of a test set, in order."""
 
     joints: Array  # (N, K, 3) predicted, half-cubes
     truth: Array  # (N, K, 3) annotated, half-cubes
     dof: Array | None  # (N, D) predicted inputs of the hand model, if the net has one
-    skeleton: Array | None  # (N, all joints of the skeleton, 3) where the hand model puts them, half-cubes
+    skeleton: Array | None  # (N, all joints of the skeleton, 3) as posed by the hand model, half-cubes
     half_cube: Array  # (N,) mm
     outputs: dict[str, float]  # mean of every scalar output of the net
     made_from: str  # description of the data
@@ -50,7 +50,7 @@ def predict_all(
     wanted = [prediction, truth, *((hand.spec.bottom[0], hand.spec.top[0]) if hand else ())]
     found: dict[str, list[Array]] = {name: [] for name in wanted}
     sums: dict[str, list[float]] = {name: [] for name in net.outputs if net.blobs[name].count == 1}
-    if data.rows % data.param.batch_size:  # a last batch would run over into the first rows and count them twice
+    if data.rows % data.param.batch_size:  # the last batch would wrap around to the first rows and count them twice
         data.use_batch_size(math.gcd(data.rows, data.param.batch_size))
         net.reshape()
     done = 0
@@ -89,7 +89,7 @@ def _check_annotated(joints: Array, files: Sequence[File]) -> None:
 
 
 def errors_by_joint(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
-    """The mean error in mm of each joint, by its name; by its number where the net predicts others than all joints."""
+    """The mean error in mm of each joint, by its name; by its number if the net does not predict all joints."""
     scale = p.half_cube[:, None, None]
     errors = metrics.mean_error_per_joint(metrics.joint_errors(p.joints * scale, p.truth * scale))
     whole = len(errors) == len(skeleton.joint_names)

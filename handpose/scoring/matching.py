@@ -16,7 +16,7 @@ from handpose.facts.sides import Side
 from handpose.track_files.track import PARTLY, LostHand, TrackedFrame, TrackedHand
 from netlib.errors import DataError
 
-BOUND_MM = 100.0  # on the joints' mean error of a hand that is found; a hand is twice as long
+BOUND_MM = 100.0  # maximum mean error of the joints of a matched hand; a hand is twice as long
 
 
 class Seen(NamedTuple):
@@ -48,7 +48,7 @@ class Followed:
 
 
 class Matched(NamedTuple):
-    """The true hands by id, and the number of false positives in each frame that has some: {number: count}."""
+    """The true hands by id, and the number of false positives in each frame with any: {number: count}."""
 
     hands: dict[int, Followed]
     invented: dict[int, int]
@@ -92,7 +92,7 @@ def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_m
 
 
 def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...], bound_mm: float) -> dict[int, int]:
-    """The tracked hand of each true one that has one, by index."""
+    """The tracked hands matched to true ones, by index."""
     from scipy.optimize import linear_sum_assignment  # imported here: it takes a third of a second
 
     if not true or not tracked:

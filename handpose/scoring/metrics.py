@@ -1,7 +1,7 @@
-"""How good a pose is: joint errors in mm, success rates, broken limits.
+"""Scores of poses: joint errors in mm, success rates, violated limits.
 
 Every figure on NYU is over the 14 ``EVALUATION_JOINTS`` of ``handpose.facts.nyu`` (indices of the model's 31), and
-means nothing without the centre of its crops, which for NYU is the annotated joint 34.
+is meaningless without the centre of its crops, which for NYU is the annotated joint 34.
 """
 
 from __future__ import annotations

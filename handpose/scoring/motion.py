@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from netlib.blob import Array
 
-REST_MM = 0.05  # that no joint of a hand at rest moves from frame to frame
-SETTLE_S = 0.4  # of every rest, in which a track may still come to it
-WINDOW_S = 0.5  # slower than this, errors are drift, no jitter
-MOVING_MM_S = 100.0  # the joints' mean speed from which on a hand moves
-LAGS_S = np.arange(-0.1, 0.3001, 0.005)  # that are tried; the best is refined by a parabola
+REST_MM = 0.05  # maximum step of any joint of a hand at rest from frame to frame
+SETTLE_S = 0.4  # start of every rest that is not scored, because the track may still settle
+WINDOW_S = 0.5  # window; slower errors are drift, not jitter
+MOVING_MM_S = 100.0  # minimum mean speed of the joints of a moving hand
+LAGS_S = np.arange(-0.1, 0.3001, 0.005)  # lags tried; the best is refined by a parabola
 
 
 class Jitter(NamedTuple):
@@ -53,7 +53,7 @@ def jitter(numbers: Array, times: Array, tracked: Array, true: Array) -> Jitter:
 
 
 def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]]:
-    """The frames of rests, but for their first ``SETTLE_S``, in equal parts of about ``WINDOW_S``."""
+    """The frames of rests, except for their first ``SETTLE_S``, in equal parts of about ``WINDOW_S``."""
     windows = []
     for first, last in rests(numbers, true):
         begin = first + int(np.searchsorted(times[first:last], times[first] + SETTLE_S - 1e-9))

@@ -32,7 +32,7 @@ _MAX_VALUE = 1e6  # px or mm; larger values are invalid, and squares might overf
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What results on a data set are compared on."""
+    """The evaluation of results on a data set."""
 
     name: str
     camera: Camera
@@ -93,7 +93,7 @@ def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> A
 
 
 def is_list(path: str | Path) -> bool:
-    """Does the first line name a file, one that is there or an HDF5 file? No, if there is nothing to be read."""
+    """True if the first line names an existing file or an HDF5 file; False for an empty file."""
     try:
         begin = files.read_bytes(path, "the joints", first=1 << 16).decode("utf-8-sig", "replace")
     except DataError:
@@ -129,14 +129,14 @@ def _is_sensible(word: str) -> bool:
 
 @dataclass(frozen=True)
 class Score:
-    """How good a method is. Errors are in mm; a success rate is a fraction of the frames."""
+    """The scores of a method. Errors are in mm; a success rate is a fraction of the frames."""
 
     mean_mm: float  # over all frames and joints
     parts_mm: dict[str, float]  # mean over each part of the test set; nothing if only some frames were given
     median_max_mm: float  # median over the frames of the worst joint's error
     joints_mm: dict[str, float]  # mean over the frames, by joint
     success_max: list[float]  # frames whose worst joint is within each of THRESHOLDS_MM
-    success_mean: list[float]  # frames whose mean error is
+    success_mean: list[float]  # the same for the mean error
 
 
 def score_on(benchmark: Benchmark, errors: Array) -> Score:

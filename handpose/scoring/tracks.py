@@ -99,7 +99,7 @@ class TrackScores:
 
     @property
     def id_switches(self) -> int:
-        """Over all hands."""
+        """The summary over all hands."""
         return sum(hand.id_switches for hand in self.hands.values())
 
 

@@ -20,10 +20,10 @@ from netlib.blob import Array
 
 Kind = Literal["rest", "gestures", "wave", "moving", "away"]
 
-FINGER_SPEED, PALM_SPEED, HAND_SPEED = 6.0, 4.0, 1000.0  # rad/s, rad/s, mm/s that nothing exceeds
-STROKE = (0.5, 1.5)  # s that a stroke lasts, longer where it would be too fast
-BOUT, HOLD = (3.0, 5.0), (1.1, 1.6)  # s that a hand moves, and keeps still after it
-WAVE = np.deg2rad(25)  # of a palm to either side
+FINGER_SPEED, PALM_SPEED, HAND_SPEED = 6.0, 4.0, 1000.0  # maximum speeds: rad/s, rad/s, mm/s
+STROKE = (0.5, 1.5)  # s: duration of a stroke; longer if it would be too fast
+BOUT, HOLD = (3.0, 5.0), (1.1, 1.6)  # s: durations of movement and of the rest after it
+WAVE = np.deg2rad(25)  # maximum turn of a palm to either side
 FACING = 0.35  # of the prior's pitch and yaw, where a hand is shown
 SWAY_MM = 25.0  # deviation of a hand's place while it shows gestures
 
@@ -131,7 +131,7 @@ class Actor:
     # ------------------------------------------------------------------------------------------ strokes
 
     def _show(self, fingers: Array, end: float) -> bool:
-        """Fingers move, over the open hand if they would run through each other; False if ``end`` is too early."""
+        """Move the fingers, through the open hand if they would collide; False if ``end`` is too early."""
         values = self.movement.fingers
         ways = [fingers]
         if self.choices.depth_between(values.keys[-1], fingers[None])[0] > self.sampler.prior.penetration:
@@ -147,7 +147,7 @@ class Actor:
         return True
 
     def _turn(self, palm: Rotation, arm: Array, lasts: float, end: float) -> bool:
-        """The palm turns, and the forearm with it."""
+        """Turn the palm and the forearm."""
         turns = self.movement.palm
         angle = (turns.keys[-1].inv() * palm).magnitude() + float(np.abs(arm - self.movement.arm.keys[-1]).max())
         lasts = max(lasts, TOP_SPEED * angle / PALM_SPEED)
@@ -173,11 +173,11 @@ class Actor:
 
 
 def _still(end: float) -> None:
-    """Nothing moves."""
+    """Keep still."""
 
 
 def _begin(strokes: Strokes, time: float, lasts: float) -> float:
-    """When a stroke begins that could begin at a time: somewhat before the last one ends, if it follows it."""
+    """The start of a stroke requested at a time: a successor starts somewhat before the last one ends."""
     if not strokes.begins or strokes.end < time:
         return time
     return strokes.end - OVERLAP * min(lasts, strokes.lasts[-1])

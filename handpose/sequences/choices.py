@@ -1,4 +1,4 @@
-"""The next pose of a moving hand: as the prior has it, and such that a person can get there."""
+"""The next pose of a moving hand: drawn from the prior, and reachable for a person."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from handpose.sequences.person import Person
 from handpose.synthetic.pose_prior import BodySampler
 from netlib.blob import Array
 
-MAX_TURN = np.deg2rad(80)  # of a palm in one stroke
-ARM_DEVIATION = 0.6  # of the skeleton file's, which are for any hand
+MAX_TURN = np.deg2rad(80)  # maximum turn of a palm in one stroke
+ARM_DEVIATION = 0.6  # share of the skeleton file's limits, which are for any hand
 TOWARDS, UPWARDS, INWARDS = 0.35, 0.2, 0.5  # the most of a forearm's direction to the camera, up, and to the other hand
 CANDIDATES = 16  # the first possible one is taken, otherwise the best
 ON_THE_WAY = 5  # poses on the way, including the last, at which fingers are checked
@@ -31,14 +31,14 @@ class Choices:
         self.rng, self.sampler, self.person, self.side, self.outward = rng, sampler, person, side, outward
 
     def fingers(self, before: Array) -> Array:
-        """Fingers (D,), which can be reached from those before without running through each other."""
+        """Finger inputs (D,) that can be reached from ``before`` without collisions."""
         drawn = self.sampler.draw(self.rng, CANDIDATES).inputs
         drawn[:, [*self.sampler.rotation, *self.sampler.translation]] = 0
         depth = self.depth_between(before, drawn)
         return np.asarray(drawn[_first(depth, self.sampler.prior.penetration)])
 
     def depth_between(self, before: Array, after: Array) -> Array:
-        """How deep (N,) mm fingers get into each other on the way from one pose (D,) to others (N, D)."""
+        """The penetration (N,) of fingers in mm on the way from one pose (D,) to others (N, D)."""
         way = before + np.linspace(0, 1, ON_THE_WAY + 1)[1:, None, None] * (after - before)
         whole = np.zeros((way[..., 0].size, len(self.person.surface.whole.initial)))
         whole[:, : way.shape[-1]] = way.reshape(len(whole), -1)
@@ -61,7 +61,7 @@ class Choices:
         return palms[chosen], arms[chosen]
 
     def _strain(self, before: Rotation | None, palms: Rotation, arms: Array) -> Array:
-        """How implausible (N,) palms and forearms are, also on the way; 0 is plausible."""
+        """The implausibility (N,) of palms and forearms, also on the way; 0 is plausible."""
         surface, count = self.sampler.surface, len(arms)
         steps = np.zeros((count, 3)) if before is None else (before.inv() * palms).as_rotvec()
         over = np.zeros(count)

@@ -9,9 +9,9 @@ from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PartParameter, PoseParameter
 from netlib.blob import Array
 
-OPEN = "open"  # towards which a gesture is eased off
+OPEN = "open"  # the pose towards which a gesture is relaxed
 STEPS = 9  # number of steps
-DECIMALS = 4  # of poses that are written down
+DECIMALS = 4  # decimals of written poses
 
 
 def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:

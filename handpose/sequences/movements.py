@@ -1,6 +1,6 @@
-"""A hand that moves: where it is and how it is held at any time, smoothly, from poses at some times.
+"""A moving hand: position and pose at any time, interpolated smoothly between poses at some times.
 
-Between poses a hand moves by strokes of least jerk (Flash and Hogan 1985), which may overlap as those of people do
+Between poses a hand moves by strokes of least jerk (Flash and Hogan 1985), which may overlap, as in people
 (Flash and Henis 1991): with s from 0 to 1 within a stroke
 
     value(t) = first + sum over strokes of e(s) step          e(s) = 10 s³ - 15 s⁴ + 6 s⁵
@@ -24,7 +24,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from handpose.track_files.track import joints_of
 from netlib.blob import Array
 
-TOP_SPEED = 1.875  # of a stroke, relative to its mean speed
+TOP_SPEED = 1.875  # top speed of a stroke, relative to its mean speed
 OVERLAP = 0.3  # of the shorter of two strokes: their speeds together stay below the top speed of one
 
 
@@ -43,17 +43,17 @@ class Strokes:
 
     @property
     def end(self) -> float:
-        """When the last one ends, s."""
+        """The end of the last one, s."""
         return self.begins[-1] + self.lasts[-1] if self.begins else 0.0
 
     def add(self, begin: float, lasts: float) -> None:
-        """One more, which begins and ends no earlier than the one before."""
+        """Add a stroke that begins and ends no earlier than the one before."""
         assert lasts > 0 and (not self.begins or (begin >= self.begins[-1] and begin + lasts >= self.end))
         self.begins.append(begin)
         self.lasts.append(lasts)
 
     def done(self, time: float) -> Array:
-        """How much of each is done, (n,)."""
+        """The completed fraction (n,) of each."""
         return eased((time - np.array(self.begins)) / np.array(self.lasts))
 
 
@@ -65,7 +65,7 @@ class Values:
         self.strokes = Strokes()
 
     def move(self, begin: float, lasts: float, to: Array) -> None:
-        """One more stroke."""
+        """Add a stroke."""
         self.strokes.add(begin, lasts)
         self.keys.append(np.asarray(to, dtype=np.float64))
 
@@ -84,7 +84,7 @@ class Turns:
         self.strokes = Strokes()
 
     def move(self, begin: float, lasts: float, to: Rotation) -> None:
-        """One more stroke."""
+        """Add a stroke."""
         self.strokes.add(begin, lasts)
         self.keys.append(to)
 

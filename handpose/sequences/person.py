@@ -57,12 +57,12 @@ class Person:
         return self.surface.kinematics.joints(inputs, self._bones(len(inputs)))
 
     def ends(self, inputs: Array) -> Array:
-        """Where the capsules of each joint end, (N, K, 3) in units, for inputs (N, D) of the whole body."""
+        """The capsules' ends (N, K, 3) in units for inputs (N, D) of the whole body."""
         pose = self.surface.kinematics.forward(inputs, self._bones(len(inputs)))
         return self.surface.ends(pose, self.size, self.offset)
 
     def penetration_mm(self, inputs: Array) -> Array:
-        """How deep (N,) fingers are in each other or in the palm."""
+        """The penetration (N,) of fingers into each other or into the palm."""
         radii = np.broadcast_to(self.radii, (len(inputs), *self.radii.shape))
         return self.surface.penetration(self.ends(inputs), radii) * self.unit_mm
 

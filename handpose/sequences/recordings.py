@@ -5,7 +5,7 @@ for frame in recording: ...            # like any recording, and the same every 
 recording.truth(frame.number)          # the true hands
 
 A hand is visible if nine of ten of its joints are in the image and at most half of its surface is hidden. It is lost if
-at most one of ten is in the image, or its surface is hidden. In between it is ``PARTLY`` visible, and not scored.
+at most one of ten joints is in the image, or if its surface is hidden. In between it is ``PARTLY`` visible, and not scored.
 
 Hands, surroundings and the levels of the sensor's errors depend on the seed; the errors of a frame also on its number.
 Rate and length of a recording do not change the movement. A frame of 640 x 480 pixels takes 10 to 35 ms on one core,
@@ -137,5 +137,5 @@ class SyntheticRecording(Recording):
         return None
 
     def _numbers(self, *what: int) -> np.random.Generator:
-        """The random numbers for one thing."""
+        """The random generator of one purpose."""
         return np.random.Generator(np.random.SFC64(np.random.SeedSequence([self.seed, *what])))

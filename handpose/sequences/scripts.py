@@ -26,12 +26,12 @@ class Role:
 
 @dataclass(frozen=True)
 class Script:
-    """A recording to be made.
+    """The script of a recording.
 
     seconds  default length
     roles    the hands; their indices are their ids
     body     True if the body of the first person is visible behind the hands, False for arms only
-    apart    True if each of two hands keeps to its half of the image, False if one may hide the other
+    apart    True if each of two hands keeps to its half of the image, False if one may occlude the other
     poses    replace those of the prior file with the same names
     """
 

@@ -23,7 +23,7 @@ from handpose.track_files.track import HIDDEN, LEFT, PARTLY
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
 MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second
 SEEN, COVERED = 0.5, 0.05  # share of the surface that is not hidden: visible from the first on, hidden below the second
-PEOPLE, HANDS, SURROUNDINGS = range(3)  # what random numbers are for
+PEOPLE, HANDS, SURROUNDINGS = range(3)  # purposes of random numbers
 
 Numbers = Callable[..., np.random.Generator]
 
@@ -33,7 +33,7 @@ class Shot(NamedTuple):
 
     depth    (height, width) mm, ``NOWHERE_MM`` without a reading, without the sensor's errors
     poses    of each role
-    unseen   of each role: why it is not visible, or empty
+    unseen   of each role: the reason why it is not visible, or empty
     """
 
     depth: Floats
@@ -42,9 +42,9 @@ class Shot(NamedTuple):
 
 
 class Stage:
-    """A script before a camera, for ``seconds``.
+    """A script in front of a camera, for ``seconds``.
 
-    numbers  the random numbers for one thing, which is named by whole numbers from ``PEOPLE`` to ``SURROUNDINGS``
+    numbers  the random generator of a purpose, given by whole numbers from ``PEOPLE`` to ``SURROUNDINGS``
     """
 
     def __init__(self, script: Script, camera: Camera, seconds: float, numbers: Numbers) -> None:
@@ -91,7 +91,7 @@ class Stage:
         return Shot(depth, poses, [self._unseen(pose, layer, depth) for pose, layer in zip(poses, layers)])
 
     def _unseen(self, pose: HandPose, layer: Floats, depth: Floats) -> str:
-        """Why a hand with the rendering ``layer`` is not visible, or empty."""
+        """The reason why a hand with the rendering ``layer`` is not visible, or empty."""
         u, v, _ = self.camera.project(pose.xyz).T
         inside = ((u > 0) & (u < self.camera.width - 1) & (v > 0) & (v < self.camera.height - 1)).mean()
         shown = np.isfinite(layer)

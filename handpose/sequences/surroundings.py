@@ -12,7 +12,7 @@ from handpose.surface.render import Capsules, Floats, in_front
 from handpose.synthetic.scenes import BODY, render_image
 from netlib.blob import Array
 
-NOWHERE_MM = 1e4  # beyond what any camera reads
+NOWHERE_MM = 1e4  # beyond the range of any camera
 BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
 SHOULDER_MM = 170.0  # from that middle
 BESIDE_MM = 750.0  # from one person to the next
@@ -36,7 +36,7 @@ class Surroundings(NamedTuple):
 
 
 def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float, body: bool) -> Surroundings:
-    """A wall, which half of all cameras are too weak to read, and before it a body or none.
+    """A wall, beyond the range of half of the cameras, and a body in front of it or none.
 
     farthest  depth in mm that the middles of hands do not exceed
     """

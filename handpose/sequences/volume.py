@@ -9,7 +9,7 @@ import numpy as np
 from handpose.facts.cameras import Camera
 from netlib.blob import Array
 
-MARGIN_MM = 155.0  # from the middle of a crop to the border of where a hand moves
+MARGIN_MM = 155.0  # from the middle of a crop to the border of the volume
 GONE_MM = 330.0  # from the border of the image to the middle of a hand that is away
 
 

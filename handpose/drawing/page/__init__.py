@@ -1,1 +1,1 @@
-"""A page for the browser that shows a body, in one file: its sources, and what puts them together."""
+"""A browser page in one file that shows a body: its sources and their assembly."""

@@ -34,7 +34,7 @@ def page(title: str, data: Mapping[str, Any]) -> str:
 
 
 def assembled(title: str, data: Mapping[str, Any], body: str, style: str, script: str, connects: bool = False) -> str:
-    """A page with this HTML in its body, in which $title may stand; one that ``connects`` may do so to its server."""
+    """A page with this HTML in its body, which may contain $title; one that ``connects`` may contact its server."""
     policy = _policy(script, style, connects)
     return Template(source("frame.html").replace("$main\n", body)).substitute(
         title=html.escape(title), policy=policy, style=style, script=script, data=escaped(data)
@@ -76,6 +76,6 @@ def _policy(script: str, style: str, connects: bool) -> str:
 
 
 def source(name: str, *folders: Path) -> str:
-    """The text of a file, of the first folder that has it; this one is the last."""
+    """The text of a file, from the first folder that has it; this folder is searched last."""
     folder = next((folder for folder in folders if (folder / name).is_file()), FOLDER)
     return (folder / name).read_text(encoding="utf-8")

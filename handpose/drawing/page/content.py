@@ -9,7 +9,7 @@ hands     to choose from, all of this skeleton, shown instead of it:
     name, words      of the frame; description of the hand
     place            as above
     inputs           of the whole body, including the DoFs of its surface; for a left hand those of its mirror image
-    size, thickness      scale of bones, offsets and radii; of the radii alone
+    size, thickness  scale of bones, offsets and radii; of the radii alone
     side             "right" or "left"
     points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in units of step_mm
     crop             16-bit numbers in base64: the crop, -1 to 1 in steps of 1/32767
@@ -46,7 +46,7 @@ def content(
     unit_mm: float = CUBE_MM / 2,
 ) -> dict[str, Any]:  # fmt: skip
     """The data of a page for a skeleton, and, instead of it, the predicted hands."""
-    source = Path(schema.position_of(skeleton.param).source).name  # without its folder: a page is given away
+    source = Path(schema.position_of(skeleton.param).source).name  # without its folder, because pages are passed on
     middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM * max(1.0, 2 * unit_mm / CUBE_MM)])
     return {
         "skeleton": {"source": source, "text": str(schema.to_tree(skeleton.param))},

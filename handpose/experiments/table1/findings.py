@@ -17,7 +17,7 @@ from handpose.experiments.table1.networks import NETWORKS
 from handpose.experiments.table1.plan import MATTERS
 from handpose.experiments.table1.summary import Line
 
-HALVES = 5  # of a training, each added to all before it: nearly eight times as long
+HALVES = 5  # number of increments of a training: together nearly eight times as long
 
 Values = Mapping[str, Callable[[str], float]]  # of each network: a figure by its name
 Figure = Callable[[Values], float]
@@ -31,7 +31,7 @@ class Finding(NamedTuple):
     """One conclusion.
 
     text        of the page
-    networks    that are compared
+    networks    compared networks
     difference  positive if it supports the conclusion
     form        of the difference
     allowed     how far below 0 the difference may be and still pass
@@ -59,7 +59,7 @@ class Decision(NamedTuple):
 
     word         confirmed, refuted or undecided
     differences  of each seed
-    why          it is not decided
+    why          reason if it is not decided
     allowed      of all seeds, on the mean
     """
 
@@ -70,7 +70,7 @@ class Decision(NamedTuple):
 
 
 def _less(figure: str, one: str, than: str) -> Figure:
-    """How much less a figure of one network is than another's."""
+    """The difference of a figure between two networks."""
     return lambda of: of[than](figure) - of[one](figure)
 
 
@@ -79,7 +79,7 @@ def _worst(figure: str, worst: str, others: Sequence[str]) -> Figure:
 
 
 def _little(figure: str, name: str) -> Figure:
-    """As much of a network's figure as another half of a training may change."""
+    """The possible change of a network's figure by another half of a training."""
     return lambda of: MATTERS * of[name](figure)
 
 

@@ -24,7 +24,7 @@ from handpose.experiments.table1.speed import Speed
 from handpose.experiments.table1.store import Entry
 from handpose.experiments.table1.summary import Line, line_of, spread_text, value_of
 
-PAPERS_FPS = 125  # one image after the other, on a GPU
+PAPERS_FPS = 125  # images one by one, on a GPU
 
 HEAD = f"""\
 # Table 1: does a hand model in the network help?
@@ -63,7 +63,7 @@ python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train
   predicts joints does not have. The paper's solver is nyu_solver.prototxt, with a tenth of the rate for the last tenth
   of the iterations. Runs of different lengths share their first iterations."""
 
-LENGTH_WORDS = {"done": "converged", "falls": "decreasing", "rises": "increasing"}  # in the table; "not yet" stays
+LENGTH_WORDS = {"done": "converged", "falls": "decreasing", "rises": "increasing"}  # words in the table
 
 Store = Mapping[str, Sequence[Entry]]  # by setting
 
@@ -101,7 +101,7 @@ def first_of(store: Store) -> Setting:
 
 
 def page_of(store: Store, speed: Speed | None = None) -> str:
-    """The page."""
+    """The whole page."""
     first = first_of(store)
     lines = [HEAD, *_left(store, first)]
     for setting in (setting for setting in SETTINGS.values() if store.get(setting.name)):

@@ -15,7 +15,7 @@ from handpose.experiments.table1.recipes import ADAM, RECIPES, Recipe
 from handpose.experiments.table1.settings import MANY_HANDS, Setting
 from handpose.experiments.table1.store import Entry
 
-MATTERS = 0.02  # of the error
+MATTERS = 0.02  # relative change of the error
 ASKED_OF_MANY = ("direct_joint", "ours", "ours_scale", "ours_bones")
 
 End = Literal["done", "rises", "falls", "not yet"]
@@ -108,7 +108,7 @@ def order(
     recipes: Sequence[Recipe] = tuple(RECIPES.values()),
     seeds: Sequence[int] = (1, 2),
 ) -> Iterator[Job]:
-    """All trainings, the most informative first.
+    """All training runs, the most informative first.
 
     By default those that a question depends on. The paper's setting comes first, then hands of many people, these with
     our recipe alone.

@@ -21,7 +21,7 @@ from netlib.proto import prototxt
 from netlib.proto.prototxt import Message, Scalar
 from netlib.training import solver_parameter
 
-GROWTH = Fraction(3, 2)  # of one length to the next
+GROWTH = Fraction(3, 2)  # ratio of a length to the one before
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Recipe:
     """A solver, and its changes to a net.
 
     solver   its file
-    lengths  of the trainings, in iterations, ascending
+    lengths  of the training runs, in iterations, ascending
     end      the fraction of the iterations with a decreasing rate
     batch    frames
     every    iterations from one snapshot to the next
@@ -73,7 +73,7 @@ PAPER = Recipe("paper", "the paper's solver", PROTOTXT / "nyu_solver.prototxt", 
                batch=512, every=1000)  # fmt: skip
 ADAM = Recipe("adam", "our recipe", PROTOTXT / "synthetic_solver.prototxt", lengths(20000, 5), Fraction(3, 10),
               batch=64, every=5000, robust=True)  # fmt: skip
-RECIPES = {recipe.name: recipe for recipe in (ADAM, PAPER)}  # ours is done sooner
+RECIPES = {recipe.name: recipe for recipe in (ADAM, PAPER)}  # our recipe converges earlier
 
 
 def with_fields(solver: Message, own: Mapping[str, object]) -> Message:

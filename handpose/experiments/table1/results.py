@@ -146,6 +146,6 @@ def frames_to_show(setting: Setting, predictions: Predictions) -> list[int]:
 
 
 def shown_frames(setting: Setting, predictions: Predictions, net: Net) -> Shown:
-    """Those frames, as they are drawn; ``net`` is one that reads them."""
+    """The frames to draw; ``net`` reads them."""
     numbers = frames_to_show(setting, predictions)
     return Shown(numbers, predictions.half_cube[numbers], predictions.truth[numbers], crops_of(net, numbers))

@@ -20,7 +20,7 @@ from netlib.errors import DataError
 from netlib.files.hdf5 import read_list
 
 SPLITS: tuple[Split, ...] = ("train", "test")
-SEED = 1  # of the synthetic frames
+SEED = 1  # seed of the synthetic frames
 NEAR = 1.0  # mm: a half-cube is that of a subject
 
 
@@ -49,7 +49,7 @@ class Setting:
 
     @property
     def has_exact_angles(self) -> bool:
-        """Is it known which inputs of the hand model posed a frame?"""
+        """True if the exact inputs of the hand model are known."""
         return self.recipe is not None
 
     @property
@@ -66,7 +66,7 @@ class Setting:
         return read_list(str(self.list_of(split)), None)
 
     def data_set(self) -> DataSet | None:
-        """The data as they are to be made, or None if they cannot be. Raises DataError."""
+        """The data to be generated, or None if they cannot be. Raises DataError."""
         if self.recipe is None:
             return None
         recipe = recipes.recipe(self.recipe)
@@ -86,7 +86,7 @@ SETTINGS = {setting.name: setting for setting in (REAL, ONE_HAND, MANY_HANDS)}  
 
 
 def is_real_nyu(setting: Setting = REAL) -> bool:
-    """Does the folder of NYU hold NYU, and not synthetic hands?"""
+    """True if the folder of NYU holds NYU itself, not synthetic hands."""
     try:
         first = setting.files("train")[0]
     except DataError:

@@ -22,7 +22,7 @@ from netlib.net import Net
 
 DEPLOY = PROTOTXT / "nyu_deploy.prototxt"
 BATCH, ROUNDS = 64, 50
-CPUINFO = Path("/proc/cpuinfo")  # of Linux
+CPUINFO = Path("/proc/cpuinfo")  # file of Linux
 WHERE = "speed.json"  # in the folder of the results store
 
 
@@ -39,7 +39,7 @@ class Speed:
 
 
 def measure(rounds: int = ROUNDS) -> Speed:
-    """Measure it on synthetic hands, with weights that no speed depends on. Raises NetlibError."""
+    """Measure the speed on synthetic hands; it does not depend on the weights. Raises NetlibError."""
     net = Net(DEPLOY, netlib.TEST, seed=1)
     depth = Generator(seed=1, split="test").block(0).depth[:BATCH]
     single, batched = (count / _seconds(net, depth[:count], rounds) for count in (1, BATCH))
@@ -48,7 +48,7 @@ def measure(rounds: int = ROUNDS) -> Speed:
 
 
 def _seconds(net: Net, depth: Array, rounds: int) -> float:
-    """The median of one forward pass, after a first one that makes the buffers."""
+    """The median of one forward pass, after a first one that allocates the buffers."""
     net.blobs["depth"].reshape(*depth.shape)
     net.forward(depth=depth)
     times = []
@@ -60,12 +60,12 @@ def _seconds(net: Net, depth: Array, rounds: int) -> float:
 
 
 def write(path: Path, speed: Speed) -> None:
-    """Write it, whole or not at all. Raises OSError."""
+    """Write the file atomically. Raises OSError."""
     atomic.replace_bytes(path, (json.dumps(asdict(speed), indent=1) + "\n").encode())
 
 
 def read(path: Path) -> Speed | None:
-    """What was measured; None if nothing was. Raises DataError."""
+    """The measured speed, or None. Raises DataError."""
     if not path.is_file():
         return None
     of = Fields(parsed(files.read_text(path, "the speed"), str(path)), str(path))

@@ -27,9 +27,9 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import atomic
 
-JOINTS, ROTATIONS = len(nyu.ANNOTATION_OF_JOINT), 23  # of the hand
+JOINTS, ROTATIONS = len(nyu.ANNOTATION_OF_JOINT), 23  # numbers of joints and rotations of the hand
 THRESHOLDS_MM = range(0, 81, 2)  # of the success curve
-DRAWN = 4  # frames
+DRAWN = 4  # number of drawn frames
 DECIMALS = 4
 WHERE = "shown.json"
 
@@ -62,19 +62,19 @@ class Entry:
     recipe: str
     seed: int
     iterations: int
-    error_mm: float  # over the 14 joints and all test frames: what decides whether to train longer
+    error_mm: float  # over the 14 joints and all test frames: it decides whether to train longer
     seconds: float  # of training, trunk and end
     threads: int
     machine: str
-    data: str  # which frames
+    data: str  # description of the frames
     made_from: str
     command: str
-    subjects: Sequence[Figures]  # first the one that was trained on
+    subjects: Sequence[Figures]  # the training subject first
     shown: Array  # (DRAWN, JOINTS, 3) that it predicts for the frames that are drawn, half-cubes
 
     @property
     def key(self) -> tuple[str, str, str, int, int]:
-        """Which it is."""
+        """The key of the entry."""
         return self.setting, self.network, self.recipe, self.seed, self.iterations
 
 
@@ -89,12 +89,12 @@ class Shown:
 
 
 def path_of(folder: Path, setting: str, network: str, recipe: str, seed: int, iterations: int) -> Path:
-    """Where an entry is."""
+    """The path of an entry."""
     return folder / setting / f"{network}_{recipe}_seed{seed}_{iterations}.json"
 
 
 def write(folder: Path, entry: Entry) -> Path:
-    """Write an entry, whole or not at all; returns its path. Raises OSError."""
+    """Write an entry atomically; returns its path. Raises OSError."""
     path = path_of(folder, *entry.key)
     atomic.replace_bytes(path, _text(asdict(entry)))
     return path

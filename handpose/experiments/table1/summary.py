@@ -75,7 +75,7 @@ def line_of(entries: Sequence[Entry], setting: Setting, network: Network, recipe
 
 
 def spread_text(values: Iterable[float], form: str = "{:.2f}", unit: str = "") -> str:
-    """``17.20 ± 0.10 mm``: the mean and half of what lies between the largest and the smallest; – of nothing."""
+    """``17.20 ± 0.10 mm``: the mean and half the range of the values; – without values."""
     found = list(values)
     if not found:
         return "–"

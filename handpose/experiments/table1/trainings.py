@@ -36,9 +36,9 @@ class Step:
 
     solver: Path
     log: Path
-    prefix: Path  # of its snapshots
+    prefix: Path  # prefix of its snapshots
     first: int  # the iteration to resume at
-    last: int  # and the one where it is done
+    last: int  # last iteration
     snapshot: Path | None = None  # to resume from
     weights: Path | None = None  # initial weights
 
@@ -110,7 +110,7 @@ class Training:
     def _end(self, iterations: int) -> Path:
         return self.work / f"{self.name}_of{iterations}"
 
-    # ------------------------------------------------------------------------------------------ what may go
+    # ------------------------------------------------------------------------------------------ removal
 
     def forget_older(self, step: Step, iteration: int) -> None:
         """Remove the snapshots of a step's prefix from before an iteration."""
@@ -123,7 +123,7 @@ class Training:
         for state in _states(self._end(iterations)):
             _remove(state)
 
-    # ------------------------------------------------------------------------------------------ how long it took
+    # ------------------------------------------------------------------------------------------ durations
 
     def add_time(self, step: Step, iterations: int, seconds: float) -> None:
         """Record the duration of some iterations of a step."""
@@ -144,7 +144,7 @@ class Training:
         return self.work / f"{self.name}.times.json"
 
     def _times(self) -> dict[str, tuple[int, float]]:
-        """Iterations and seconds of each prefix; what cannot be read is not known."""
+        """Iterations and seconds of each prefix; unreadable entries are unknown."""
         try:
             found = json.loads(atomic.text_of(self._clock) or "{}")
             return {str(name): (int(done), float(spent)) for name, (done, spent) in found.items()}
@@ -161,7 +161,7 @@ def data_name(files: Sequence[Path]) -> str:
 
 
 def work_folder(work: Path, setting: Setting, data: str, network: Network) -> Path:
-    """Where the files of a network's training runs are: those on other data, or labels, are other trainings."""
+    """The folder of a network's training runs; other data or labels have another folder."""
     labels = f"_{true_angles.RECIPE}" if network.labels == "fitted" else ""
     return work / f"{setting.name}_{data}{labels}"
 

@@ -10,7 +10,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
 RIDGE = 3e-4  # sufficient, because 31 joints determine nearly all angles
-RECIPE = f"ridge{RIDGE:g}_v{companions.VERSION}"  # everything else that they depend on
+RECIPE = f"ridge{RIDGE:g}_v{companions.VERSION}"  # their other parameters
 
 
 def fit_true_angles(
