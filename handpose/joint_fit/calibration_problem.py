@@ -22,8 +22,9 @@ the direction of the bone, for its joint and all below it.
 
 ``noise`` is the standard deviation of a coordinate in the frames, estimated from the residual before every step, so
 exact joints are reproduced exactly, and noisy ones are weighted accordingly. The ridge determines what the joints do
-not. Frames are not independent: an annotator has systematic errors, and the poses, fitted to noisy joints, have errors that are
-correlated with the bones. So w = N / INDEPENDENT_FRAMES. The remaining share of a bone's or fixed angle's spread is
+not. Frames are not independent: an annotator has systematic errors, and the errors of the poses, fitted to noisy
+joints, are correlated with those of the bones. So w = N / INDEPENDENT_FRAMES. The remaining share of a bone's or fixed
+angle's spread is
 
     noise sqrt(w diag((C - sum B_nᵀ A_n⁻¹ B_n)⁻¹))
 

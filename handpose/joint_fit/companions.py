@@ -6,8 +6,8 @@ only joints. Each HDF5 file of the set gets a small companion file with
     dof          (n, 47) inputs of the hand model, for its layer HandModel
     residual_mm  (n, 31) distance of each joint after the fit; NaN for joints that were clipped to the cube
 
-and the name of the original file, which has everything else (``netlib.files.hdf5.File``). So a list of companions is read
-like the list of the original files.
+and the name of the original file, which has everything else (``netlib.files.hdf5.File``). So a list of companions
+is read like the list of the original files.
 """
 
 from __future__ import annotations

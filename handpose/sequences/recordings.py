@@ -5,7 +5,8 @@ for frame in recording: ...            # like any recording, and the same every 
 recording.truth(frame.number)          # the true hands
 
 A hand is visible if nine of ten of its joints are in the image and at most half of its surface is hidden. It is lost if
-at most one of ten joints is in the image, or if its surface is hidden. In between it is ``PARTLY`` visible, and not scored.
+at most one of ten joints is in the image, or if its surface is hidden. Otherwise it is ``PARTLY`` visible, and not
+scored.
 
 Hands, surroundings and the levels of the sensor's errors depend on the seed; the errors of a frame also on its number.
 Rate and length of a recording do not change the movement. A frame of 640 x 480 pixels takes 10 to 35 ms on one core,

@@ -2,7 +2,7 @@
 
 The calibration is that of the whole sensor of 1024 x 1024, in widths and heights from its upper left corner. A depth
 mode bins and crops it, as in the SDK's src/transformation/mode_specific_calibration.c; k4arecord's track, tags and
-attachment are those of its src/record/sdk/record.cpp. Both were read for this; no file of a real device was at hand.
+attachment are those of its src/record/sdk/record.cpp. Neither was tested with a file of a real device.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MODEL = "CALIBRATION_LensDistortionModel"
 
 
 def is_recording(container: Any) -> bool:
-    """Is this container one of the Azure Kinect's?"""
+    """True if this container is an Azure Kinect's."""
     tags = {**container.metadata, **{key: "" for stream in container.streams for key in stream.metadata}}
     return any(key.startswith("K4A_") for key in tags) or tags.get("title") == TITLE
 
@@ -68,7 +68,7 @@ def _loaded(attachment: Any, where: str) -> Any:
 
 
 def _calibrated(calibration: Any, mode: str, where: str) -> tuple[Camera, Lens]:
-    """Of the JSON of a device. Raises DataError."""
+    """The calibration in the JSON of a device. Raises DataError."""
     try:
         cameras = calibration["CalibrationInformation"]["Cameras"]
         depth = next(camera for camera in cameras if camera["Location"] == LOCATION)

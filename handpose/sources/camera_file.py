@@ -42,7 +42,7 @@ BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
 IGNORED = ("codx", "cody", "metric_radius")  # Azure's: 0, 0, and the valid radius of its inverse
 KNOWN = (*RANGES, "name", *LENS, *IGNORED)
-KEYS = (*KNOWN, *SAME)  # every word that is understood
+KEYS = (*KNOWN, *SAME)  # all valid keys
 
 
 def next_to(source: Path) -> Given:
@@ -64,12 +64,12 @@ def read(path: Path) -> Given:
 
 
 def write(path: Path, given: Given) -> None:
-    """Write a camera.json, whole or not at all. Raises OSError."""
+    """Write a camera.json atomically. Raises OSError."""
     atomic.replace_text(path, to_text(given) + "\n")
 
 
 def to_text(given: Given) -> str:
-    """What ``parse`` reads; every number returns as it was."""
+    """The text that ``parse`` reads, without loss of precision."""
     said: dict[str, Any] = {}
     if given.camera is not None:
         said |= {"name": given.camera.name} | {key: float(getattr(given.camera, key)) for key in INTRINSICS}
@@ -103,7 +103,7 @@ def of(values: dict[str, Any], where: str) -> Given:
 
 
 def _lens(said: _Said) -> Lens | None:
-    """Of an object with any of the keys of a lens."""
+    """The lens of an object with any of its keys."""
     for key in IGNORED:
         if key in said.values and said.number(key) and key != "metric_radius":
             said.refuse(f"has {key} {said.number(key):g}; expected 0, a distortion about the middle of the lens")
@@ -143,7 +143,7 @@ class _Said:
         raise DataError(f"{self.where}: {what}")
 
     def check(self, known: Iterable[str]) -> None:
-        """Are all keys known?"""
+        """Check that all keys are known."""
         for key in self.values:
             if key not in known:
                 self.refuse(f"unknown key {key!r}{did_you_mean(key, (*known, *SAME))}; known: {', '.join(known)}")

@@ -54,7 +54,7 @@ class Contained(Recording):
 class Clock:
     """Seconds since the first frame; raises DataError where the clock was set back or forward.
 
-    late  how many frames were not later than the one before them
+    late  number of frames that were not later than the one before them
     """
 
     def __init__(self, where: str) -> None:
@@ -64,7 +64,7 @@ class Clock:
         self._last = 0.0
 
     def __call__(self, time: float) -> float | None:
-        """Of a frame; None if it is not later than the one before."""
+        """The time of a frame; None if it is not later than the one before."""
         if self._first is None:
             self._first = self._last = time
             return 0.0

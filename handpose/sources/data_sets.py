@@ -1,4 +1,4 @@
-"""Frames as the data sets of hands publish them, recognised by their files: NYU, ICVL, MSRA15.
+"""Frames of published data sets of hands, recognised by their files: NYU, ICVL, MSRA15.
 
 NYU     depth_1_0000001.png   the first camera's depth, packed into the colours of 640 x 480
 ICVL    Depth/.../image_0000.png, 16-bit grey, 320 x 240, below a file of labels
@@ -31,7 +31,7 @@ MSRA_BOX = 6  # numbers before the depths
 
 @dataclass(frozen=True)
 class DataSet:
-    """A published data set: its name, its camera, and which names its depth frames have."""
+    """A published data set: its name, its camera, and the names of its depth frames."""
 
     name: str
     camera: Camera
@@ -43,12 +43,12 @@ class DataSet:
         return Given(self.camera, unit_mm=1.0, origin=f"the data set {self.name}")
 
     def frames(self, names: Iterable[str]) -> list[str]:
-        """Those of the names that are depth frames."""
+        """The names of depth frames among these."""
         return [name for name in names if self.frame.fullmatch(name)]
 
 
 def recognised(folder: Path, names: Iterable[str]) -> DataSet | None:
-    """The data set that a folder with these names is of, if it is of one."""
+    """The data set of a folder with these names, or None."""
     names = list(names)
     for known in (DataSet("NYU", NYU, NYU_FRAME), DataSet("MSRA15", MSRA15, MSRA_FRAME)):
         if known.frames(names):
@@ -59,7 +59,7 @@ def recognised(folder: Path, names: Iterable[str]) -> DataSet | None:
 
 
 def read_msra(path: Path) -> NDArray[Any]:
-    """A depth frame (height, width) in mm of MSRA15, 0 outside of the box. Raises DataError."""
+    """A depth frame (height, width) in mm of MSRA15, 0 outside the box. Raises DataError."""
     content = files.read_bytes(path, "the frame", limit=1 << 24)
     start = 4 * MSRA_BOX
     width, height, left, top, right, bottom = (

@@ -51,7 +51,7 @@ def opened(path: Path) -> Iterator[Any]:
         head = stream.read(16)
         stream.seek(0)
         kind = next((kind for at, magic, kind in CONTAINERS if head[at:].startswith(magic)), None)
-        if kind is None:  # nothing is guessed: some formats name other files, or addresses, to be read
+        if kind is None:  # the format is not guessed, because some formats refer to other files or addresses
             raise DataError(f"{path}: no video in Matroska, AVI or MP4; expected FFV1 of 16 bits in Matroska (.mkv)")
         container: Any = None
         try:
@@ -110,7 +110,7 @@ def packets(container: Any, stream: Any) -> Iterator[Any]:
 def frames(container: Any, stream: Any) -> Iterator[Any]:
     """The decoded frames of a stream. Raises FFmpeg's errors, and ValueError for those that FFmpeg only logs."""
     context = stream.codec_context
-    context.thread_count = 1  # its errors are those of this thread, and other cores have other work
+    context.thread_count = 1  # errors are collected per thread, and other cores are busy
     context.options = {"max_pixels": str(pictures.MAX_PIXELS)}
     for packet in packets(container, stream):
         with complaints() as said:

@@ -19,13 +19,13 @@ FRAMES = 10  # number of inspected frames
 NEAREST_SHARE = 0.5  # percentile of the depths that counts as nearest; fewer pixels are noise
 BEHIND = 1.25  # depth range of the nearest object, relative to its distance, which is independent of the unit
 NEAR_MM, FAR_MM = 120.0, 2500.0  # range of a hand's distance in all depth cameras
-NARROW_MM, WIDE_MM = 25.0, 1500.0  # a hand, or a hand with the arm and the shoulder behind it
-USUAL_MM = (300.0, 1200.0)  # where a hand is held
-UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 1000.0, 10.0)  # mm, of cameras and files that there are, likely ones first
+NARROW_MM, WIDE_MM = 25.0, 1500.0  # range of widths: a hand, or a hand with arm and shoulder
+USUAL_MM = (300.0, 1200.0)  # range of distances of a hand
+UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 1000.0, 10.0)  # mm, of existing cameras and files, the most likely first
 RATES = (1.0, 1000.0)  # frames per second of depth cameras
-OFF_RATE = 0.2  # of a rate, that frames may come faster or slower
+OFF_RATE = 0.2  # tolerance of a rate
 VIEW_DEGREES = (20.0, 130.0)
-OFF_MIDDLE = 0.2  # of a size, that a principal point may lie off the middle
+OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
 
 @dataclass(frozen=True)

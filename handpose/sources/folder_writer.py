@@ -76,7 +76,7 @@ class FolderWriter:
                 self._path.rmdir()
 
     def close(self) -> None:
-        """Have the names reach the disk, and an old recording go."""
+        """Sync the names to the disk and remove an old recording."""
         with self._stack:
             atomic.sync_directory(self._fresh)
             if self._old and self._last >= 0:
@@ -85,8 +85,8 @@ class FolderWriter:
 
 
 def put_back(path: Path) -> None:
-    """Give an old recording its name back, if its writer was killed before the new one had it. Raises DataError."""
-    with contextlib.suppress(ValueError):  # of names that no file can have
+    """Restore an old recording if its writer was killed before the new one replaced it. Raises DataError."""
+    with contextlib.suppress(ValueError):  # invalid file names
         path = Path(os.path.realpath(path))
     for old in atomic.backups(path):
         with contextlib.suppress(OSError), locks.held(old) as locked:
@@ -100,7 +100,7 @@ def put_back(path: Path) -> None:
 def _take_place(fresh: Path, path: Path) -> None:
     """Replace a recording by a folder; files that are not part of it move to the new one. Raises OSError."""
     old = atomic.sibling(path, "old")
-    with locks.held(path):  # before it has a name by which others would put it back
+    with locks.held(path):  # while its name does not make other processes restore it
         path.rename(old)
         try:
             fresh.rename(path)

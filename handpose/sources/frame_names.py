@@ -33,10 +33,10 @@ NANO = 10**9
 DAY_ONE = datetime(2000, 1, 1)
 EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 CAMERA_RATES = (4, 250)  # frames per second of depth cameras
-OFF_STEP = 0.2  # of a step, that a frame may come early or late
-REGULAR_SHARE = 0.75  # of the steps between frames
-MAX_DIGITS = 18  # digits of a number that counts frames
-MAX_SHOWN = 6  # sequences that a message names
+OFF_STEP = 0.2  # tolerance of a step
+REGULAR_SHARE = 0.75  # range of the steps between frames
+MAX_DIGITS = 18  # maximum digits of a frame number
+MAX_SHOWN = 6  # maximum number of sequences in a message
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _said_units(stems: list[str]) -> Found | None:
 
 
 def _dates(stems: list[str]) -> Found | None:
-    """Dates that differ, or dates with fractions; what follows the same few dates is a number, not a fraction."""
+    """Dates that differ, or dates with fractions; digits after a few equal dates are a number, not a fraction."""
     found = [DATE.fullmatch(stem) for stem in stems]
     fractions = [match[8] or "" for match in found if match]
     if len(fractions) < len(stems) or len({(match[1], match[9]) for match in found if match}) > 1:

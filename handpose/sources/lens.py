@@ -22,10 +22,10 @@ from handpose.facts.cameras import Camera
 from netlib.blob import Array
 from netlib.errors import DataError, did_you_mean
 
-COUNTS = (4, 5, 8)  # of coefficients
-ITERATIONS = 30  # of the inverse, whose steps shrink to a half or less for any lens that is sold
+COUNTS = (4, 5, 8)  # allowed numbers of coefficients
+ITERATIONS = 30  # maximum iterations of the inverse, whose steps at least halve for any real lens
 MAX_SLOPE_ERROR = 1e-5  # maximum error of the inverse; 0.01 px for a focal length of 1,000 px
-STEPS = 4096  # in which a lens is followed from the middle to the corner
+STEPS = 4096  # number of steps from the middle to the corner
 MIN_SHOWN = 0.25  # minimum share of the image that remains; with less, the coefficients are wrong
 
 # Other names of the models, in lower case and with single spaces. RealSense uses "modified Brown Conrady" for
@@ -53,7 +53,7 @@ class Lens:
 
     @property
     def is_straight(self) -> bool:
-        """Is there no distortion?"""
+        """True without distortion."""
         return not any(self.coefficients)
 
     def distorted(self, x: Array, y: Array) -> tuple[Array, Array]:
@@ -76,7 +76,7 @@ class Lens:
             return a, b
 
     def _fold(self, farthest: float) -> float:
-        """The slope beyond which the formula folds back towards the middle, where no light is."""
+        """The slope beyond which the formula folds back towards the middle; no light arrives beyond."""
         r = np.linspace(0, farthest, STEPS)
         shown, _ = replace(self, coefficients=self._radial())._formula(r, np.zeros_like(r))
         back = ~(np.diff(shown) > 0)
@@ -122,7 +122,7 @@ class Straightener:
 
     def __init__(self, camera: Camera, lens: Lens) -> None:
         self.shape = (camera.height, camera.width)
-        with np.errstate(all="ignore"):  # a camera may have any numbers
+        with np.errstate(all="ignore"):  # the numbers may be arbitrary
             x = (np.arange(camera.width) - camera.u0) / camera.fx
             y = (np.arange(camera.height)[:, None] - camera.v0) / camera.fy
             u, v = lens.distorted(*np.broadcast_arrays(x, y))
@@ -134,7 +134,7 @@ class Straightener:
         self._outside = ~inside
 
     def __call__(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The straight image (height, width) of one behind the lens."""
+        """The undistorted image (height, width)."""
         straight = depth.reshape(-1).take(self._source)
         straight[self._outside] = 0
         return straight

@@ -1,4 +1,4 @@
-"""The header of NumPy's files, by which frames can be read one by one."""
+"""The header of NumPy's files, for reading frames one by one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from handpose.sources.raw import check_values
 from netlib.errors import DataError, reason_of
 from netlib.files.pictures import MAX_PIXELS
 
-HEADER = 1 << 14  # bytes in which it ends
+HEADER = 1 << 14  # maximum bytes of a header
 READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
@@ -30,7 +30,7 @@ class Header:
 
     @property
     def frame_bytes(self) -> int:
-        """Of one frame."""
+        """The number of bytes of one frame."""
         return math.prod(self.shape[-2:]) * self.dtype.itemsize
 
     def stack(self, where: str) -> tuple[int, int, int]:
@@ -42,16 +42,16 @@ class Header:
         return frames, height, width
 
     def frame(self, content: bytes) -> NDArray[Any]:
-        """The frame that these bytes are."""
+        """The frame with these bytes."""
         return np.frombuffer(content, self.dtype).reshape(self.shape[-2:])
 
 
 def header_of(start: bytes, where: str) -> Header:
-    """Of the first bytes of a file. Raises DataError."""
+    """The header in the first bytes of a file. Raises DataError."""
     stream = io.BytesIO(start)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+            warnings.simplefilter("ignore")  # headers written by Python 2
             version = npy.read_magic(stream)
             if version not in READERS:
                 raise ValueError(f"its version is {version[0]}.{version[1]}")

@@ -45,7 +45,7 @@ class NpzFile:
         return name, self._headers[name]
 
     def small(self) -> dict[str, NDArray[Any]]:
-        """All other arrays of numbers and texts that are not large."""
+        """All other small arrays of numbers and texts."""
         found = {}
         main, _ = self.stack()
         with self._opened() as archive:

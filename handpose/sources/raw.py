@@ -20,7 +20,7 @@ from netlib.errors import DataError
 
 EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
 RATE = 30.0  # frames per second, if unknown
-MAX_UINT16 = 65535  # that 16 bits hold
+MAX_UINT16 = 65535  # maximum of 16 bits
 
 
 class Developer:
@@ -50,7 +50,7 @@ class Developer:
         if raw.shape != (self.camera.height, self.camera.width):
             raise DataError(f"{where}: {size_of(raw.shape)}; the camera has "
                             f"{self.camera.width} x {self.camera.height}")  # fmt: skip
-        with np.errstate(all="ignore"):  # numbers beyond float32 become infinite
+        with np.errstate(all="ignore"):  # numbers beyond float32's range become infinite
             depth = raw.astype(np.float32) * self._unit
         if raw.dtype.kind == "f":
             depth[~np.isfinite(depth)] = 0  # ROS has NaN, and infinities for too near and too far
@@ -89,7 +89,7 @@ class Settled:
     remarks: tuple[str, ...]
 
     def developer(self, where: str) -> Developer:
-        """For frames of the source that messages call ``where``. Raises DataError for a lens that makes no sense."""
+        """The developer for frames of the source ``where`` (for messages). Raises DataError for an invalid lens."""
         return Developer(self.camera, self.lens, self.unit_mm, where)
 
     def paced(self) -> tuple[float, tuple[str, ...]]:
@@ -125,7 +125,7 @@ def settle(
         remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
     if known.lens is not None and not known.lens.is_straight:
         remarks.append("the distortion of the lens is taken out")
-    elif own.lens is not None and not own.lens.is_straight:  # the user names a camera, and no lens
+    elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
         remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
                        "if it holds for this one")  # fmt: skip
     return Settled(sized(known.camera, shape, where), known.lens, unit, known.rate, tuple(remarks))
@@ -144,7 +144,7 @@ def sized(camera: Camera, shape: tuple[int, ...], where: str) -> Camera:
 
 
 def check_values(dtype: np.dtype[Any], where: str) -> None:
-    """Can such values be depths? Raises DataError."""
+    """Raise DataError unless values of this type can be depths."""
     if dtype.kind not in "uif" or dtype.itemsize < 2:
         raise DataError(f"{where}: values of type {dtype}; expected depths, of 16 bits or more")
 

@@ -1,9 +1,9 @@
-"""A RealSense camera that is connected, by pyrealsense2: depth as it comes.
+"""A connected RealSense camera, through pyrealsense2.
 
 with open_live(None, Given()) as recording:    # or a camera's serial number
     for frame in recording: ...
 
-Written against pyrealsense2's documentation and tried with its software device; no camera was at hand.
+Tested with pyrealsense2's software device, not with a real camera.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from handpose.sources.raw import Settled, settle
 from handpose.sources.recording import DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
-WAIT_MS, WAITS = 1000, 5  # Ctrl-C is heard after each; a camera that starts may need a few seconds
+WAIT_MS, WAITS = 1000, 5  # Ctrl-C is handled after each; a starting camera may need a few seconds
 
 
 def open_live(serial: str | None, given: Given) -> Recording:
@@ -133,7 +133,7 @@ class _Live(Recording):
 
 
 class _CameraClock:
-    """Seconds since the first frame. A camera may change to another clock on its way: there a frame's time passes."""
+    """Seconds since the first frame. If the camera changes to another clock, one frame's time is assumed to pass."""
 
     def __init__(self, step: float) -> None:
         self._step = step

@@ -42,7 +42,7 @@ class Recording(ABC):
     count    number of frames, or None if unknown
     rate     nominal frames per second, or None
     live     True for a camera: frames that are not read in time are lost
-    cut      after the last frame: why there are fewer than expected, else empty
+    cut      after the last frame: the reason why there are fewer than expected, else empty
     remarks  assumptions about the source, and after the last frame what was left out, one line each
     """
 
@@ -60,7 +60,7 @@ class Recording(ABC):
         """The frames from the first on; of a live one, from now on."""
 
     def close(self) -> None:  # noqa: B027  # most have nothing to let go of
-        """Let go of files and cameras."""
+        """Close files and cameras."""
 
     def __enter__(self) -> Recording:
         return self

@@ -43,7 +43,7 @@ class Bag(NamedTuple):
     where: str
 
     def topics(self, *kinds: str) -> dict[str, int]:
-        """How many messages there are of each topic of some types."""
+        """The number of messages of each topic of some types."""
         found: dict[str, int] = {}
         for connection in self.reader.connections:
             if connection.msgtype in kinds and connection.msgcount:

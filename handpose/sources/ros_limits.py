@@ -23,14 +23,14 @@ from netlib.errors import DataError
 from netlib.files.paths import names_in
 
 BEGINNINGS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
-PACKED = ".zstd"  # the ending of files that are compressed as a whole
+PACKED = ".zstd"  # extension of completely compressed files
 MAX_YAML_BYTES = 1 << 20  # ten times the size for hundreds of topics
 MAX_CHUNK_BYTES = 1 << 28  # bytes; recorders close a chunk below 1 MB, or after a single message that is larger
 MAX_MESSAGE_BYTES = 1 << 26  # bytes; an image of 4096 x 4096 depths of 32 bits
 
 
 def check_files(path: Path) -> None:
-    """Are a bag's files what they are called? A pipe or a device never ends. Raises DataError."""
+    """Raise DataError unless a bag's files are regular files: a pipe or a device may never end."""
     if not path.is_dir():
         _check_file(path)
         return

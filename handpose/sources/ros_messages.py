@@ -18,7 +18,7 @@ from netlib.files import pictures
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 IMAGES = (IMAGE, COMPRESSED)
 NUMBERS = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # of RealSense's options
-PACKED = "/compressedDepth"  # how the name of a topic of CompressedImage with depth ends
+PACKED = "/compressedDepth"  # ending of the topics of CompressedImage with depth
 ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 # Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their unit elsewhere.
 UNITS_MM = {"16UC1": 1.0, "32FC1": 1000.0}
@@ -49,7 +49,7 @@ def values_of(message: Any, where: str) -> NDArray[Any]:
 
 
 def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
-    """Of a PNG; metres are not whole in one, and another compression is not OpenCV's."""
+    """The values of a PNG; depths in metres and other compressions are not supported."""
     content = bytes(message.data)[HEADER:]
     if ENCODINGS[encoding] != "u2" or not content.startswith(pictures.PNG):
         raise DataError(f"{where}: compressed depth of the format {message.format!r}; expected 16UC1 as PNG")
@@ -66,7 +66,7 @@ def nanoseconds_of(message: Any) -> int:
 
 
 def given_by(info: Any, topic: str, where: str) -> Given:
-    """Camera and lens of a CameraInfo for the images of a topic; unknown if it is not calibrated. Raises DataError.
+    """Camera and lens of a CameraInfo for a topic; unknown if the camera is not calibrated. Raises DataError.
 
     Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others.
     """

@@ -64,7 +64,7 @@ class _Frames:
     dtype  of a stored value
     times  (frames,) s, or None
     own    the file's camera parameters
-    cut    after the last frame: why there are fewer than ``shape`` says, else empty
+    cut    after the last frame: the reason why there are fewer than in ``shape``, else empty
     """
 
     shape: tuple[int, int, int]

@@ -19,7 +19,7 @@ from netlib import files
 from netlib.errors import DataError
 from netlib.files import atomic
 
-FASTEST = 1  # compression, after which a minute of frames is there in seconds
+FASTEST = 1  # level of compression: a minute of frames takes seconds
 
 
 class StackWriter:

@@ -70,7 +70,7 @@ def _only_stream(container: Any, path: Path) -> Any:
 
 
 def _dtype(stream: Any, where: str) -> np.dtype[Any]:
-    """Of the values of a stream that keeps depth. Raises DataError for any other."""
+    """The type of the values of a lossless depth stream. Raises DataError for other streams."""
     context = stream.codec_context
     codec, pixels = (context.name, context.format.name) if context is not None and context.format else ("unknown", "no")
     gray = GRAY.fullmatch(pixels)

@@ -1,4 +1,4 @@
-"""Writes depth as a video that loses nothing: FFV1 of 16 bits in Matroska, frame by frame."""
+"""Writes depth as a lossless video: FFV1 of 16 bits in Matroska, frame by frame."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class VideoWriter:
 
 
 def _has_a_frame(path: Path) -> bool:
-    """Did the first frame reach the disk?"""
+    """True if the first frame reached the disk."""
     try:
         with ffmpeg.opened(path) as container:
             return next(ffmpeg.frames(container, container.streams.video[0]), None) is not None

@@ -38,7 +38,7 @@ class RecordingWriter:
     unit_mm  depth of a stored value of 1: depths are rounded to it, and must fit into 16 bits
     rate     frames per second, if known; every frame keeps its own time
     replace  an existing recording
-    whole    if the disk fails, keep no part of a new recording
+    whole    keep no incomplete new recording if the disk fails
 
     Raises NetlibError for an invalid path, DataError for frames that cannot be stored, OSError.
     """
@@ -79,7 +79,7 @@ class RecordingWriter:
         return self
 
     def write(self, frame: DepthFrame) -> None:
-        """Add a frame; those that are written ascend in time."""
+        """Add a frame; times must ascend."""
         if frame.depth.shape != (self.camera.height, self.camera.width):
             raise DataError(f"{self.path}: frame {frame.number} has the shape {frame.depth.shape}, expected "
                             f"{(self.camera.height, self.camera.width)}")  # fmt: skip

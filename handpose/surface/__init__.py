@@ -1,1 +1,1 @@
-"""The surface of a body: capsules about its bones, posed and rendered."""
+"""The surface of a body: capsules around its bones, posed and rendered."""

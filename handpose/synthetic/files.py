@@ -24,7 +24,7 @@ MADE_FROM = nyu_files.SYNTHETIC
 
 
 class Piece(NamedTuple):
-    """A part, and which frames it is made of: those of a generator from number ``start`` on."""
+    """A part and its frames: those of a generator from number ``start`` on."""
 
     part: Part
     generator: Source[Any]
@@ -32,7 +32,7 @@ class Piece(NamedTuple):
 
 
 def pieces_of(generator: Source[Any], count: int, out: Path) -> list[Piece]:
-    """The files in the folder ``out`` that the first ``count`` frames of a generator become."""
+    """The parts in the folder ``out`` for the first ``count`` frames of a generator."""
     pieces, made_from = [], generator.made_from()
     for i, start in enumerate(range(0, count, parts.FRAMES_PER_FILE)):
         rows = min(parts.FRAMES_PER_FILE, count - start)
@@ -51,7 +51,7 @@ def _kind_of(recipe: object) -> str | None:
 
 
 def _refuse_another_kind(part: Part) -> None:
-    """Raise DataError if there are places, or frames of another body, where the part is to be."""
+    """Raise DataError if the part's file has places, or frames of another body."""
     found = parts.attributes(part.path) if part.path.is_file() else None
     there, asked = _kind_of((found or {}).get("recipe")), _kind_of(part.recipe)
     if there and there != asked:
@@ -63,10 +63,10 @@ class DataSet:
     """Synthetic rows of some splits as files in a folder.
 
     out      the folder
-    sources  a generator for each split, and how many of its rows
+    sources  a generator and the number of its rows for each split
     force    write everything again, and replace data of another origin
 
-    Raises DataError where data of another origin or kind would be replaced, and where no room is left.
+    Raises DataError where data of another origin or kind would be replaced, and if the disk is full.
     """
 
     def __init__(self, out: Path, sources: Sequence[tuple[Source[Any], int]], force: bool = False) -> None:
@@ -82,12 +82,12 @@ class DataSet:
 
     @property
     def is_whole(self) -> bool:
-        """Is nothing left to be written?"""
+        """True if nothing is left to be written."""
         return not self.missing and all(atomic.text_of(path) == text for path, text in self.lists.items())
 
     @property
     def missing_frames(self) -> int:
-        """How many frames are to be written."""
+        """The number of frames to be written."""
         return sum(piece.part.rows for piece in self.missing)
 
     def write(self, workers: int, advance: Callable[[int], None]) -> None:

@@ -3,11 +3,11 @@
 A frame is made in four steps, each described by one dataclass of numbers:
 
     PosePrior    poses: rotations, bent limbs, place, bone lengths (``prior_file``, ``pose_prior``)
-    SurfacePrior   surfaces: thickness, limbs, sleeve (``surface_prior``); the capsules are the skeleton file's
+    SurfacePrior surfaces: thickness, limbs, sleeve (``surface_prior``); the capsules are the skeleton file's
     render       the depth image, along the rays of the crop's pixels (``handpose.surface.render``)
     Sensor       the errors of a depth camera (``sensor``)
 
-A ``Recipe`` holds the numbers of all four; ``recipes`` has those with a name.
+A ``Recipe`` holds the numbers of all four; ``recipes`` has the named ones.
 
 Labels are the skeleton's joints in half-cubes from the crop centre, camera axes (x right, y up, z away), clipped to
 [-1, 1]; ``dof`` the inputs of the model that posed the frame; ``bones`` the signed bone lengths of the frame. With the
@@ -43,11 +43,11 @@ Split = Literal["train", "test"]
 
 BLOCK = 64  # frames that share a random generator
 MAX_SEED = (1 << 32) - 1  # a larger one is two numbers: its training frames begin with the test frames of the first
-VERSION = 5  # to be raised when the code (in this folder, or crops.py), not a number of a recipe, changes frames
+VERSION = 5  # increase if the code (in this folder, or crops.py), not a number of a recipe, changes frames
 
 
 class View(NamedTuple):
-    """A depth camera: its geometry and its faults, or none."""
+    """A depth camera: its geometry, and its errors or None."""
 
     camera: Camera = NYU
     sensor: Sensor | None = KINECT
@@ -57,7 +57,7 @@ class View(NamedTuple):
 class Subject:
     """Another person than the skeleton file's, always the same."""
 
-    cube_mm: float  # of the crops: a smaller person has smaller ones
+    cube_mm: float  # edge of the crops: smaller for a smaller person
     bone_std: float  # normal: deviation of each bone, in addition to the size ...
     seed: int  # ... by these random numbers
 
@@ -86,7 +86,7 @@ class Scene(NamedTuple):
 
 
 def check_source(seed: int, split: str) -> None:
-    """Raise DataError for a seed or a split that there is not."""
+    """Raise DataError for an unknown split or an invalid seed."""
     if not 0 <= seed <= MAX_SEED:
         raise DataError(f"seed {seed}, expected 0 to {MAX_SEED}")
     if split not in get_args(Split):
@@ -94,7 +94,7 @@ def check_source(seed: int, split: str) -> None:
 
 
 def numbers_of(seed: int, split: Split, *block: int) -> np.random.Generator:
-    """The random numbers of a block, which depend on nothing else."""
+    """The random generator of a block, which depends on nothing else."""
     source = np.random.SeedSequence([seed, get_args(Split).index(split), *block])
     return np.random.Generator(np.random.SFC64(source))
 
@@ -150,7 +150,7 @@ class Generator:
         return empty_frames(len(skeleton.joint_names), len(skeleton.dof_names), bones=True).arrays()
 
     def made_from(self) -> dict[str, object]:
-        """All that the frames depend on, in plain values that JSON can hold."""
+        """Everything that the frames depend on, as JSON values."""
         recipe = asdict(self.recipe) | {
             "views": [[asdict(part) if part else None for part in v] for v in self.recipe.views]
         }

@@ -53,7 +53,7 @@ class Source(Protocol[R_co]):
         """Arrays without rows, of the shapes and types of the rows'."""
 
     def made_from(self) -> dict[str, object]:
-        """All that the rows depend on, in plain values that JSON can hold."""
+        """Everything that the rows depend on, as JSON values."""
 
 
 def generate(count: int, generator: Source[R], workers: int | ProcessPoolExecutor = 1, start: int = 0) -> Iterator[R]:
@@ -77,7 +77,7 @@ def generate(count: int, generator: Source[R], workers: int | ProcessPoolExecuto
 
 
 def _part(frames: R, start: int, stop: int) -> R:
-    """Those of the frames whose number is from ``start`` to ``stop``."""
+    """The frames with numbers from ``start`` to ``stop``."""
     first = int(frames.index[0])
     if start <= first and first + len(frames) <= stop:
         return frames

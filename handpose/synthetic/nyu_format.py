@@ -28,7 +28,7 @@ from netlib.errors import DataError
 from netlib.files import atomic
 from netlib.files.paths import names_in
 
-FRAME_BYTES = 60_000  # more than a frame takes on the disk
+FRAME_BYTES = 60_000  # upper bound of the size of a frame on the disk
 MARKER = "synthetic.json"  # marks our folders, with their recipe
 
 
@@ -69,12 +69,12 @@ class RawDataSet:
 
     @property
     def is_whole(self) -> bool:
-        """Is nothing left to be written?"""
+        """True if nothing is left to be written."""
         return not self.missing
 
     @property
     def missing_frames(self) -> int:
-        """How many frames are to be written."""
+        """The number of frames to be written."""
         return sum(self.counts[generator.split] for generator in self.missing)
 
     def write(self, workers: int, advance: Callable[[int], None]) -> None:
@@ -132,7 +132,7 @@ def write_block(generator: Generator, number: int, folder: Path, count: int) -> 
 def whole_image(scene: Scene, n: int) -> NDArray[np.float64]:
     """The whole depth image (height, width) in mm of frame ``n`` of a block; 0 outside its crop.
 
-    Every pixel of the crop fills the image pixels that it stands for.
+    Every pixel of the crop fills its image pixels.
     """
     camera, cube_mm = scene.camera, scene.cube_mm
     half = cube_mm / 2

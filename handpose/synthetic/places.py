@@ -24,10 +24,10 @@ from netlib.blob import Array
 
 WITHIN_MM, BEYOND_MM = 100.0, 130.0  # a hand is near below, not near above; between them the place has no label
 UNKNOWN = -1.0
-PER_SCENE = 16  # places
+PER_SCENE = 16  # places per scene
 REFINED, WITH_HAND = 4, 4  # numbers of places moved as by a locator, and of others with a hand
 REFINED_MM, JITTER_MM = 25.0, 15.0  # deviations
-PLACES_VERSION = 1  # to be raised when the code here, in scenes.py or in handpose/data/places.py changes places
+PLACES_VERSION = 1  # increase if the code here, in scenes.py or in handpose/data/places.py changes places
 VIEWS = ((View(), (400.0, 1200.0)), (View(KINECT2, TIME_OF_FLIGHT), (450.0, 1500.0)),
          (View(SR305, CODED_LIGHT), (250.0, 900.0)))  # fmt: skip
 
@@ -78,7 +78,7 @@ class PlaceGenerator:
 
     def block(self, number: int) -> PlaceRows:
         """Places ``number * BLOCK`` and following; the result depends on the number only."""
-        rng = numbers_of(self.seed, self.split, number, 1)  # 1: not those of the hands
+        rng = numbers_of(self.seed, self.split, number, 1)  # 1: another stream than that of the hands
         scenes = BLOCK // PER_SCENE
         parts = [self._of_a_scene(rng, scene) for scene in range(number * scenes, (number + 1) * scenes)]
         depth, middle = (np.concatenate(arrays) for arrays in zip(*parts))
@@ -103,7 +103,7 @@ class PlaceGenerator:
         ).arrays()
 
     def made_from(self) -> dict[str, object]:
-        """All that the places depend on, in plain values that JSON can hold."""
+        """Everything that the places depend on, as JSON values."""
         return {
             "version": VERSION,
             "places": PLACES_VERSION,
@@ -120,7 +120,7 @@ class PlaceGenerator:
         }
 
     def _of_a_scene(self, rng: np.random.Generator, number: int) -> tuple[NDArray[np.float32], Array]:
-        """Crops (PER_SCENE, SIZE, SIZE), and where the hand's middle is (PER_SCENE, 3) in mm from theirs."""
+        """Crops (PER_SCENE, SIZE, SIZE), and the positions (PER_SCENE, 3) of the hand's middle in mm from theirs."""
         view, depth = VIEWS[int(rng.integers(len(VIEWS)))]
         scenes = draw_scenes(rng, 1, view.camera, view.sensor, prior_of(RangeParameter(*depth)), first=number)
         image, hand = scenes.depth[0], scenes.center[0]
@@ -130,5 +130,5 @@ class PlaceGenerator:
         refined = hand + rng.normal(0, REFINED_MM, (REFINED, 3))
         chosen = np.concatenate([refined, places[apart < WITHIN_MM][:WITH_HAND], places[apart >= WITHIN_MM]])
         crops, kept = place_crops(image, chosen, view.camera)
-        some = np.arange(PER_SCENE) % len(kept)  # where there are few places, some are there twice
+        some = np.arange(PER_SCENE) % len(kept)  # with few places some are repeated
         return crops[some], (hand - kept)[some]

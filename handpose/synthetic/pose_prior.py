@@ -60,7 +60,7 @@ class BodySampler:
         self.poses = {pose.name: self._inputs_of(pose) for pose in prior.pose}
 
     def draw(self, rng: np.random.Generator, count: int) -> Bodies:
-        """Draw ``count`` bodies in poses in which parts do not run through each other."""
+        """Draw ``count`` bodies in poses without collisions of their parts."""
         p, sk, surface, kinematics = self.prior, self.skeleton, self.surface, self.surface.kinematics
         scale = p.scale_mean + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
         own = surface.whole.bones
@@ -102,7 +102,7 @@ class BodySampler:
 
     @property
     def center(self) -> Array:
-        """(3,) in half-cubes: where the centre of crops is in the frame of its joint."""
+        """The centre of crops (3,) in the frame of its joint, in half-cubes."""
         c = self.prior.center
         return np.array([c.x, c.y, c.z] if c else [0.0, 0.0, 0.0]) / (self.prior.cube_mm / 2)
 
@@ -131,7 +131,7 @@ class BodySampler:
         inputs[:, dofs] = self._bent_by(bend, dofs, np.clip(each + bend.noise * rng.standard_normal(each.shape), 0, 1))
 
     def _blend(self, rng: np.random.Generator, inputs: Array) -> None:
-        """Set the limbs of some bodies to something between two poses with a name."""
+        """Set the limbs of some bodies between two named poses."""
         N, p, d = len(inputs), self.prior, self.limbs
         lower, upper = self.skeleton.lower[d], self.skeleton.upper[d]
         poses = np.stack(list(self.poses.values()))[:, d]
@@ -143,7 +143,7 @@ class BodySampler:
         inputs[np.ix_(chosen, d)] = np.clip(between, lower, upper)[chosen]
 
     def _place(self, rng: np.random.Generator, inputs: Array, bones: Array, scale: Array) -> None:
-        """Move the bodies such that their crop centres, but for the jitter, are at the origin."""
+        """Move the bodies so that their crop centres, except for the jitter, are at the origin."""
         p, half = self.prior, self.cube_mm / 2
         if not len(self.translation) or p.center is None:
             return
@@ -156,7 +156,7 @@ class BodySampler:
         inputs[:, self.translation] = -center / half - self.skeleton.initial[self.translation]
 
     def _inputs_of(self, pose: PoseParameter) -> Array:
-        """The inputs (D,) of a pose with a name."""
+        """The inputs (D,) of a named pose."""
         lower, upper = self.skeleton.lower, self.skeleton.upper
         inputs = np.zeros(len(lower))
         chains = {
@@ -206,5 +206,5 @@ def _angles(rng: np.random.Generator, turn: TurnParameter, count: int) -> Array:
 
 
 def cut_normal(rng: np.random.Generator, shape: tuple[int, ...], cut: float) -> Array:
-    """Standard normal numbers, those beyond ``cut`` moved there."""
+    """Standard normal numbers clipped at ``cut``."""
     return np.clip(rng.standard_normal(shape), -cut, cut)

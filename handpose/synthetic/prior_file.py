@@ -1,6 +1,6 @@
 """The prior file: the distribution of poses, positions and sizes of a body, as text next to its skeleton file.
 
-``prototxt/hand/nyu_prior.prototxt`` is that of the hand; another body has another file. Angles of ``turn`` are in
+``prototxt/hand/nyu_prior.prototxt`` is that of the hand; other bodies have other files. Angles of ``turn`` are in
 degrees and of the whole DoF (input + initial); all other values of DoFs are fractions of the range between the limits
 of its input, 0 at the lower and 1 at the upper. Lengths are in mm.
 
@@ -121,7 +121,7 @@ class ProportionParameter:
 
 @dataclass(frozen=True)
 class PartParameter:
-    """How far a chain is bent in a pose, or where a DoF is between its limits."""
+    """The bend of a chain in a pose, or the position of a DoF between its limits."""
 
     of: str
     part: Double
@@ -129,7 +129,7 @@ class PartParameter:
 
 @dataclass(frozen=True)
 class PoseParameter:
-    """A ``pose { ... }`` with a name. DoFs that it does not name have their initial value."""
+    """A ``pose { ... }`` with a name. Other DoFs have their initial value."""
 
     name: str
     bend: tuple[PartParameter, ...] = ()
@@ -167,8 +167,8 @@ class PosePrior:
     pose: tuple[PoseParameter, ...] = ()
     blend: Double = 0.0  # this fraction of bodies is between two poses ...
     blend_noise: Double = 0.0  # ... but for this: normal, of each DoF's range
-    penetration: Double = np.inf  # that parts may sink into each other; deeper ones are drawn again
-    redraws: int = 8  # maximum number
+    penetration: Double = np.inf  # maximum penetration of parts; deeper ones are drawn again
+    redraws: int = 8  # maximum number of draws
     scale_mean: Double = 1.0  # normal: the whole body, relative to the skeleton ...
     scale_std: Double = 0.0
     proportion: tuple[ProportionParameter, ...] = ()  # ... groups of bones, relative to the body's size ...
@@ -203,7 +203,7 @@ def _load(path: Path, whole_path: Path) -> PosePrior:
 
 
 def _check(prior: PosePrior) -> None:
-    """Raise PrototxtError for numbers that mean nothing, and for names that there are not."""
+    """Raise PrototxtError for invalid numbers and unknown names."""
     skeleton = prior.body()
     if prior.camera not in CAMERAS:
         raise _unknown(prior, "camera", prior.camera, CAMERAS)
@@ -240,7 +240,7 @@ def _check(prior: PosePrior) -> None:
 
 
 def _check_numbers(message: object) -> None:
-    """Deviations are 0 or more, fractions 0 to 1, places and angles numbers that a camera could see."""
+    """Check that deviations are 0 or more, fractions 0 to 1, and positions and angles possible for a camera."""
     for name, value in vars(message).items():
         if name in ("std", "noise", "blend_noise", "scale_std", "bone_std") or name.startswith("center_jitter"):
             _expect(message, name, 0 <= value <= MAX_DISTANCE_MM, f"0 or more, up to {MAX_DISTANCE_MM:g}")
@@ -258,7 +258,7 @@ def _check_numbers(message: object) -> None:
 
 
 def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
-    """No body, and no bone, is drawn smaller than nothing."""
+    """Check that no size or bone length can be drawn below 0."""
     expected = "less than 1 / scale_clip, so that none is below 0"
     _expect(prior, "scale_std", not prior.scale_std or prior.scale_std * prior.scale_clip < prior.scale_mean, expected)
     _expect(prior, "bone_std", not prior.bone_std or prior.bone_std * prior.scale_clip < 1, expected)
@@ -287,7 +287,7 @@ def translations(skeleton: Skeleton, joint: int) -> dict[int, int]:
 
 
 def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
-    """Every DoF is one of the skeleton's and drawn once; those that need limits have some."""
+    """Check that every DoF exists and is drawn once, and that those that need limits have them."""
     chains = [chain for bend in prior.bend for chain in bend.chain]
     turned: list[tuple[object, str]] = [(turn, turn.dof) for turn in prior.turn]
     several: list[ChainParameter | SpreadParameter | BetweenParameter] = [*chains, *prior.spread, *prior.between]
@@ -307,7 +307,7 @@ def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
 
 
 def _check_poses(prior: PosePrior, skeleton: Skeleton) -> None:
-    """Poses name chains and DoFs that there are, and give parts of their ranges."""
+    """Check that the chains and DoFs of poses exist, and that values are fractions of their ranges."""
     chains = [chain.name for bend in prior.bend for chain in bend.chain]
     drawn = [dof for spread in prior.spread for dof in spread.dof]
     drawn += [dof for between in prior.between for dof in between.dof]

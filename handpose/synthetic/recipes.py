@@ -1,4 +1,4 @@
-"""Recipes with a name: whose hands, how they are held, and which cameras see them; and those of other bodies."""
+"""Named recipes: hands, their poses and their cameras; and recipes of other bodies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from netlib.errors import NetlibError
 
 ONE_THICKNESS = SurfacePrior(thickness_std=0.0)
 SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # like NYU's second subject: smaller, with other proportions
-# Of hands of all ages, from all sides; the surface of their skeleton has the thickness of most. An arm may come from
+# Of hands of all ages, from all sides; the surface of their skeleton has the median thickness. An arm may come from
 # the camera's side.
 PEOPLE_SURFACE = SurfacePrior(
     thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), limb=(0.75, 1.2), towards_camera=0.7,
@@ -78,12 +78,12 @@ NAMES = tuple(_RECIPES)
 
 @functools.cache
 def recipe(name: str) -> Recipe:
-    """The recipe of ``NAMES`` with this name. Raises PrototxtError for a prior file that is not right."""
+    """The recipe of ``NAMES`` with this name. Raises PrototxtError for an invalid prior file."""
     return _RECIPES[name]()
 
 
 def recipe_of(prior: str | Path) -> Recipe:
-    """A body of a prior file, before the camera that the file names. Raises PrototxtError, NetlibError."""
+    """A body of a prior file, seen by the camera that the file names. Raises PrototxtError, NetlibError."""
     loaded = prior_file.load(prior)
     camera = CAMERAS[loaded.camera]
     sensor = sensor_of(camera)

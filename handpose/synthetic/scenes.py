@@ -1,4 +1,4 @@
-"""Whole depth images to find a hand in: with its forearm, the body behind it, a table, and other objects."""
+"""Whole depth images with a hand to find: with its forearm, the body behind it, a table, and other objects."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from netlib.blob import Array
 
 KINDS = ("forearm", "body", "clutter")
 DEPTH = RangeParameter(450.0, 900.0)
-SEEN = 0.5  # part of a hand's surface that nothing hides
-MOSTLY = 0.9  # part of its joints that are in the image
+SEEN = 0.5  # minimum visible share of a hand's surface
+MOSTLY = 0.9  # minimum share of its joints in the image
 ARM_MM = 290.0  # from the elbow to the shoulder
 BODY = (  # from, to, both radii; mm from the middle between the shoulders, x towards the other arm's side
     ((0, 180, 20), (0, 260, 10), 85, 95),  # head
@@ -32,7 +32,7 @@ BODY = (  # from, to, both radii; mm from the middle between the shoulders, x to
 
 
 def prior_of(depth: RangeParameter) -> PosePrior:
-    """Hands held anyhow, at a depth, anywhere in an image."""
+    """Hands in any pose, at a depth, anywhere in an image."""
     return any_roll().but(depth=depth, lateral_x=NormalParameter(0.0, 0.12), lateral_y=NormalParameter(0.0, 0.08))
 
 
@@ -65,7 +65,7 @@ def draw_scenes(
         if sensor is not None:
             image = sense(rng, image, np.array([wall]), sensor, camera)
         if rng.random() < 0.5:
-            image[image >= wall] = 0  # the wall is too far to be read
+            image[image >= wall] = 0  # the wall is out of range
         images.append(image[0])
         centers.append(center)
         joints.append(xyz)
@@ -114,7 +114,7 @@ def _hand(
 
 
 def _body(rng: np.random.Generator, hand: Capsules, kind: str) -> Capsules:
-    """The upper arm of a hand, whose last capsule ends at the elbow; of the kind "body" all behind it."""
+    """The upper arm of a hand, whose last capsule ends at the elbow; for the kind "body" everything behind it."""
     elbow = hand.b[0, -1]
     side = 1.0 if rng.random() < 0.5 else -1.0
     away = -1.0 if kind == "forearm" else 1.0  # whose arm comes from the camera's side

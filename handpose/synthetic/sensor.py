@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.facts.cameras import Camera
 from handpose.surface.render import Floats
 
-_CHUNK = 4  # frames worked on together: their arrays stay in the cache
+_CHUNK = 4  # frames per batch, so that their arrays stay in the cache
 _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
 
 
@@ -49,7 +49,7 @@ class Sensor:
         """One camera of this kind: what each frame draws is drawn once, and the same in all frames."""
         bounds: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
         if not self.spread[1]:
-            del bounds["spread"]  # nothing to draw: recordings of sensors without it stay as they were
+            del bounds["spread"]  # draw nothing, so that recordings of sensors without it do not change
         drawn = {name: (float(rng.uniform(*two)),) * 2 for name, two in bounds.items() if isinstance(two, tuple)}
         return replace(self, **{**bounds, **drawn})
 
@@ -76,7 +76,7 @@ TIME_OF_FLIGHT = Sensor(
     dropout=(0.0, 0.3),
     holes=(0.0, 0.004),
 )
-# A Kinect on a bad day.
+# A Kinect with large errors.
 NOISY_KINECT = Sensor(
     pixel_shift=(0.2, 0.6),
     block_shift=(0.4, 1.2),
@@ -118,7 +118,7 @@ def _draw(rng: np.random.Generator, bounds: tuple[float, float], count: int) -> 
 
 
 def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.int8]:
-    """Random bytes, the cheapest random numbers there are."""
+    """Random bytes, the cheapest random numbers."""
     count = int(np.prod(shape))
     return rng.integers(0, 2**64, -(-count // 8), dtype=np.uint64).view(np.int8)[:count].reshape(shape)
 
@@ -127,7 +127,7 @@ def _spread(rng: np.random.Generator, depth: Floats, sensor: Sensor, pixel: NDAr
     """Depth in which surfaces extend beyond their edges, as with matching windows and filters."""
     out = depth.copy()
     for n, radius in enumerate(rng.uniform(*sensor.spread, len(depth)) * pixel):
-        if radius >= 1:  # otherwise no other pixel is within reach
+        if radius >= 1:  # otherwise no other pixel is close enough
             steps = np.arange(-int(radius), int(radius) + 1)
             disc = (steps**2 + steps[:, None] ** 2 <= radius**2).astype(np.uint8)
             nearest = cv2.erode(depth[n], disc)
@@ -161,7 +161,7 @@ def _measure(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Senso
     seen = np.flatnonzero(depth < far)
     disparity = np.float32(focal_baseline) / depth.reshape(-1)[seen]
     noise = _noise(rng, (2, len(seen)))
-    both = np.add(noise[0], noise[1], dtype=np.int16)  # the sum of two uniform numbers is near enough to normal
+    both = np.add(noise[0], noise[1], dtype=np.int16)  # the sum of two uniform numbers approximates a normal one
     disparity += both * (deviation.reshape(-1)[seen] * np.float32(1 / (_BYTE_STD * 2**0.5)))
     disparity *= np.float32(1 / sensor.disparity_step)
     np.rint(disparity, out=disparity)
@@ -220,5 +220,5 @@ def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) 
 
 
 def sensor_of(camera: Camera) -> Sensor:
-    """The faults of a camera of ours; of one that is not known those of time of flight."""
+    """The error model of a known camera; of others that of time of flight."""
     return {"nyu": KINECT, "sr305": CODED_LIGHT}.get(camera.name, TIME_OF_FLIGHT)

@@ -16,7 +16,7 @@ from netlib.errors import DataError
 
 @contextlib.contextmanager
 def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool whose processes end with their parent. Submit within ``no_interrupt``, or Ctrl-C hits them, too."""
+    """A pool whose processes end with their parent. Submit within ``no_interrupt``; otherwise Ctrl-C reaches them."""
     if workers < 1:
         raise DataError(f"{workers} worker processes, expected at least one")
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
@@ -27,7 +27,7 @@ def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _start_worker() -> None:
-    """In a worker: do not outlive the parent."""
+    """In a worker: end with the parent."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -40,7 +40,7 @@ def _start_worker() -> None:
 
 @contextlib.contextmanager
 def no_interrupt() -> Iterator[None]:
-    """Processes started in here never see Ctrl-C, which stops their parent, which stops them."""
+    """Processes started within the block ignore Ctrl-C; their parent stops them."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

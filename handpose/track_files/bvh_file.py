@@ -36,7 +36,7 @@ MAX_VALUES = 10  # BVH frames per frame of the recording; gaps of hours would be
 BURST = 24  # maximum number of steps in a window
 SHARE = 8  # a window has at most 1 / SHARE of all steps, so few windows contain a pause
 MAX_SPREAD = 1.5  # maximum ratio of a step to the usual one, because of lost frames and coarse clocks
-RATE = 30.0  # of a track of one frame
+RATE = 30.0  # rate of a track of one frame
 
 
 class BvhWriter:
@@ -54,11 +54,11 @@ class BvhWriter:
         self.files: list[Path] = []
         self._path, self._header, self._rate, self._unit_mm = path, header, rate, unit_mm
         self._times: list[float] = []
-        self._hands: dict[int, TrackedHand] = {}  # by id, the last one
+        self._hands: dict[int, TrackedHand] = {}  # the last one by id
         self._poses: dict[tuple[int, str], list[_Pose]] = {}  # by id and hand
 
     def __enter__(self) -> BvhWriter:
-        with atomic.error_names(self._path), atomic.temporary(self._path):  # fail now if the folder is missing
+        with atomic.error_names(self._path), atomic.temporary(self._path):  # fail early if the folder is missing
             return self
 
     def write(self, frame: TrackedFrame) -> None:
@@ -85,7 +85,7 @@ class BvhWriter:
 
 
 class _Pose(NamedTuple):
-    frame: int  # how many were written before
+    frame: int  # number of files written before
     inputs: Array
     origin_mm: Array
 

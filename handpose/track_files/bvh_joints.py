@@ -23,7 +23,7 @@ import numpy as np
 from layers.hand.skeleton import Motion, Skeleton
 from netlib.blob import Array
 
-ORDERS = list(itertools.permutations((2, 0, 1)))  # of turns; Z X Y first, which all joints of the packaged hand have
+ORDERS = list(itertools.permutations((2, 0, 1)))  # orders of turns; Z X Y first, as in all joints of the packaged hand
 AXES = "XYZ"
 
 
@@ -70,7 +70,7 @@ def bvh_joints(skeleton: Skeleton) -> list[BvhJoint]:
 
 
 def _parts(skeleton: Skeleton, joint: int, depth: int, ends: bool) -> list[BvhJoint]:
-    """The joints of the file that are one of the skeleton: each has turns about different axes."""
+    """The joints of the file for one of the skeleton: each turns about different axes."""
     name, motions = skeleton.joint_names[joint], skeleton.motions[joint]
     runs = _runs([motion for motion in motions if motion.kind == "rotate"])
     names = [*(f"{name}_turn{i}" for i in range(1, len(runs))), name]

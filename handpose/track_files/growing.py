@@ -1,4 +1,4 @@
-"""A file that grows frame by frame, and is complete whatever ends the program."""
+"""A file that grows frame by frame and is valid however the program ends."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class GrowingFile:
                 self._finish(self._tail)
 
     def finish(self, tail: bytes) -> None:
-        """Have the file end with other bytes, no more than before: call it as the last thing in the block."""
+        """Replace the last bytes, by no more than before; only at the end of the block."""
         self._tail = tail
 
     def discard(self) -> None:
-        """Drop the pieces: an exception in the block then leaves what stood at ``path``."""
+        """Drop the pieces: after an exception in the block the old file at ``path`` is unchanged."""
         self._pieces = 0
 
     def _put(self, piece: bytes) -> None:

@@ -62,7 +62,7 @@ _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII
 
 
 class JsonWriter:
-    """Writes a JSON document frame by frame; it is whole also if the block ends by an exception. Raises OSError."""
+    """Writes a JSON document frame by frame; it is also complete after an exception in the block. Raises OSError."""
 
     def __init__(
         self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
@@ -83,7 +83,7 @@ class JsonWriter:
         self._between = ",\n"
 
     def discard(self) -> None:
-        """Drop the frames: an exception in the block then leaves the old file, or none."""
+        """Drop the frames: after an exception in the block the old file is unchanged."""
         self._file.discard()
 
     def __exit__(
@@ -130,7 +130,7 @@ class JsonLinesWriter:
         self._stack.close()
 
     def _put(self, values: dict[str, Any]) -> None:
-        if self._stream is None:  # so it is where a shell has closed it
+        if self._stream is None:  # None if a shell closed it
             raise OSError(errno.EBADF, "is closed", "standard output")
         self._stream.write(_text(values) + "\n")
         self._stream.flush()
@@ -139,7 +139,7 @@ class JsonLinesWriter:
 class Track(NamedTuple):
     """A complete track.
 
-    cut  why there are fewer frames than in the recording, else empty
+    cut  the reason why there are fewer frames than in the recording, else empty
     """
 
     header: TrackHeader
@@ -148,7 +148,7 @@ class Track(NamedTuple):
 
 
 def read_track(path: str | Path) -> Track:
-    """The track of a JSON document, or of JSON lines as far as they are whole. Raises DataError, PrototxtError.
+    """The track of a JSON document, or of the complete JSON lines. Raises DataError, PrototxtError.
 
     Capsules are not in a track, and inputs that move nothing are 0.
     """

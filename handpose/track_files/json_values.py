@@ -29,7 +29,7 @@ AXES = {"x": "right", "y": "up", "z": "away from the camera"}
 
 
 def rounded(numbers: ArrayLike, decimals: int) -> Any:
-    """A number or lists of numbers; None where a number is not known."""
+    """A number or lists of numbers; None for unknown ones."""
     if isinstance(numbers, float):  # the frequent case
         return round(float(numbers), decimals) + 0.0 if math.isfinite(numbers) else None
     array = np.asarray(numbers, dtype=np.float64)
@@ -47,7 +47,7 @@ def _nulled(values: Any) -> Any:
 
 
 def header_values(header: TrackHeader, joints: FormatName | None = None) -> dict[str, Any]:
-    """The header as an object; ``joints`` is a format in which hands are written, too."""
+    """The header as an object; ``joints`` is an additional format of hands."""
     camera = {name: value if name == "name" else rounded(value, 6) for name, value in vars(header.camera).items()}
     return {
         "format": FORMAT, "version": VERSION, "source": header.source, "smoothed": header.smoothed, "units": UNITS,
@@ -88,7 +88,7 @@ def header_of(fields: Fields) -> TrackHeader:
 
 
 class FrameValues:
-    """Frames as objects, in order: a hand\'s bones are in its first one, and where they change.
+    """Frames as objects, in order: a hand's bones are in its first one, and where they change.
 
     every_bone  write the bones in every frame, for receivers that miss some
     """

@@ -43,10 +43,10 @@ def open_writer(
 ) -> TrackWriter:  # fmt: skip
     """A writer for a name in .json, .jsonl, .csv or .bvh, or for "-": JSON lines on standard output. Raises DataError.
 
-    BVH has a file for each hand, NAME_right_0.bvh, and needs a ``rate``, in frames per second; None: that of the times.
+    BVH has a file for each hand, NAME_right_0.bvh, and needs a ``rate`` in frames per second (None: estimated).
 
-    joints    a format in which JSON has joints and angles, too, and CSV instead of ours; BVH has always the skeleton's
-    gestures  do JSON and CSV have the gesture of each hand?
+    joints    a format in which JSON has joints and angles, too, and CSV instead of its own; BVH has the skeleton's
+    gestures  add the gesture of each hand to JSON and CSV
     """
     if str(path) == "-":
         return JsonLinesWriter(None, header, joints, gestures)

@@ -65,12 +65,13 @@ class Detector:
         return float(found.max(initial=0.0))
 
     def detect(self, depth: NDArray[np.float32], followed: Array, time: float, arms: Array = NOWHERE) -> Array | None:
-        """The middle (3,) in mm of what may be a hand; mostly None.
+        """The middle (3,) in mm of a possible hand; mostly None.
 
-        followed, arms  (H, 3), (A, 3) mm: the middles of hands that are followed, and places on their arms
+        followed  (H, 3) mm: middles of tracked hands
+        arms      (A, 3) mm: places on their arms
         """
         seconds, self._last = time - self._last, time
-        if seconds > ROUND:  # places of long ago
+        if seconds > ROUND:  # outdated places
             self._left = self._left[:0]
         lasts, most = (ROUND, MOST) if len(followed) else (ROUND_ALONE, MOST_ALONE)
         if not len(self._left):

@@ -16,9 +16,9 @@ ENOUGH = 0.3  # minimum confidence of a hand
 SURE = 0.985  # confidence below which a full fit is run
 PAUSE, LONGEST_PAUSE = 0.25, 1.0  # s between full fits; doubled after each without improvement
 SOON = 0.06  # s between full fits after an alarm, or if the side is uncertain
-TROUBLE, ALARM = 1.4, 2.0  # selection_cost relative to its average: run the network; run a full fit
-HABIT = 0.1  # weight of the last frame in the average selection_cost
-BETTER = 0.9  # ratio of selection_cost that counts as an improvement
+TROUBLE, ALARM = 1.4, 2.0  # selection cost relative to its average: run the network; run a full fit
+HABIT = 0.1  # weight of the last frame in the average selection cost
+BETTER = 0.9  # ratio of selection costs that counts as an improvement
 ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
 COAST = 0.4  # s without a pose after which a hand is lost
 KEPT = 0.7  # damping of the expected motion
@@ -58,13 +58,13 @@ class SideState:
 class HandTrack:
     """A tracked hand.
 
-    id       of the hand
-    sides    state for each side; both until the side is decided
-    time     s, of its last pose
+    id          of the hand
+    sides       state for each side; both until the side is decided
+    time        s, of its last pose
     rejections  number of consecutive checks that rejected it
-    checked  s, time of the last check
-    size     relative to the skeleton, once it is known
-    likely   assumed size until then, or None
+    checked     s, time of the last check
+    size        relative to the skeleton, once it is known
+    likely      assumed size until then, or None
     """
 
     def __init__(
@@ -90,14 +90,14 @@ class HandTrack:
 
     @property
     def hand(self) -> Side:
-        """The likelier side."""
+        """The more likely side."""
         if self.is_decided:
             return next(iter(self.sides))
         return "right" if self._evidence >= 0 else "left"
 
     @property
     def best(self) -> SideState:
-        """The state of the likelier side."""
+        """The state of the more likely side."""
         return self.sides[self.hand]
 
     @property
@@ -145,7 +145,7 @@ class HandTrack:
         return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
 
     def take(self, estimates: Sequence[Estimate | None], others: Sequence[Estimate | None], time: float) -> bool:
-        """Add the poses found in its regions and in others, the best for each side; True if it is still the hand."""
+        """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
         first, second = _best(estimates), _best(others)
         if max((estimate.confidence for estimate in second.values()), default=0.0) >= ENOUGH:
             self._weigh(list(second.values()))

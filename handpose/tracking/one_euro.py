@@ -7,10 +7,10 @@ A low-pass filter of the first order whose cutoff frequency grows with the speed
 with v̂ the speed of x, itself filtered with a fixed cutoff. At rest f_min decides how much trembling is left, in motion
 β how far x̂ lags behind. Times are the source's, so that a frame that is missing is a longer Δt.
 
-What trembles has a speed, too, which opens the filter for the trembling: the more of it, the more a sensor's noise or
-a limb that is hardly seen. So |v̂| counts only by how much it exceeds κ n̂, with n̂ the usual |Δx / Δt − v̂|: how far
-single speeds scatter about the filtered one, as a running geometric mean, because one jump is not trembling; and κ n̂
-up to a bound, because quick turns scatter as well. With κ = 0 this is the paper's filter.
+Jitter has a speed, too, which opens the filter for it, especially with a noisy sensor or a hardly visible limb. So |v̂|
+counts only by how much it exceeds κ n̂, with n̂ the usual |Δx / Δt − v̂|: how far single speeds scatter about the
+filtered one, as a running geometric mean, because one jump is not jitter; and κ n̂ up to a bound, because quick turns
+scatter as well. With κ = 0 this is the paper's filter.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Cutoff:
 
 
 class _Kept(NamedTuple):
-    """Of the frame before; of the scatter the logarithm."""
+    """The state after the previous frame; the logarithm of the scatter."""
 
     time: float
     raw: Array

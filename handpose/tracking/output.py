@@ -14,8 +14,8 @@ from handpose.tracking.pose_estimator import PoseEstimator
 def tracked_hand(track: HandTrack, estimator: PoseEstimator, *, smooth: bool, surface: bool) -> TrackedHand:
     """A hand at its last pose.
 
-    smooth  use the smoothed pose
-    surface   include the surface
+    smooth   use the smoothed pose
+    surface  include the surface
     """
     seen, model = track.best, estimator.fitter.model
     estimate, side = seen.estimate, seen.estimate.region.side

@@ -51,7 +51,7 @@ class SearchRegion(NamedTuple):
 class Estimate(NamedTuple):
     """The pose found in a search region.
 
-    region         the region
+    region      the search region
     center_mm   (3,) centre of the crop, mirrored for left hands
     crop        (128, 128) in [-1, 1], not mirrored
     fit         of this body alone
@@ -172,7 +172,7 @@ class PoseEstimator:
         return HandCrops.of_sides(crops, uvd, self.camera, self.cube_mm, [region.side for region in regions])
 
     def _estimate(self, regions: Sequence[SearchRegion], crops: NDArray[np.float32], plan: Plan) -> list[Estimate]:
-        """``look`` for regions with the same known values."""
+        """``estimate`` for regions with the same known values."""
         hands = self._hands(regions, crops)
         seen, centers = hands.observe(plan.points), hands.center_mm
         placed = [(region.before, center) for region, center in zip(regions, centers) if region.before is not None]

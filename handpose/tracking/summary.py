@@ -51,7 +51,7 @@ class Summary:
 
     @property
     def seconds(self) -> float:
-        """From the first frame to the last."""
+        """Seconds from the first frame to the last."""
         return self._last - self._first
 
     def add(self, frame: TrackedFrame) -> None:

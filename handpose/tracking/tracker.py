@@ -5,8 +5,8 @@ with open_recording("frames") as recording:
     for frame in tracker.follow(recording):
         print(frame.time, [hand.xyz for hand in frame.hands], [hand.reason for hand in frame.lost])
 
-A hand is expected where its motion leads; the fit starts from that pose, at intervals also from the network's
-prediction, and the better one is used. While there are fewer hands than allowed, the image is searched for more.
+The fit of a hand starts from the pose extrapolated from its motion, at intervals also from the network's
+prediction, and the better result is used. While there are fewer hands than allowed, the image is searched for more.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Tracker:
     hands      maximum number at a time
     smooth     smooth poses over time
     size       of all hands, relative to the skeleton; by default each is estimated from its first seconds
-    surface      output each hand's surface, too
+    surface    output each hand's surface, too
 
     Raises NetlibError for an unsuitable predictor or number of hands, DataError for a size that cannot be fitted.
     """
@@ -91,7 +91,7 @@ class Tracker:
         self.tracks: list[HandTrack] = []
         self.known: dict[int, Known] = {}
         self._time = -np.inf
-        self._read = False  # was anything, in any frame?
+        self._read = False  # True once a frame had a reading
 
     def header(self, source: str) -> TrackHeader:
         """The header of the track."""
@@ -240,7 +240,7 @@ class Tracker:
         return seen if self._looks_like_a_hand(depth, best, STRANGE_NEW_MM) else []
 
     def _sides_at(self, depth: NDArray[np.float32], center_uvd: Array, plan: Plan) -> list[Estimate]:
-        """What is seen in a crop about a centre (3,), as a hand of each side; none if it is out of sight."""
+        """The poses in a crop about a centre (3,), as a hand of each side; none if it is outside the image."""
         regions = [SearchRegion(center_uvd, side) for side in self.predictor.sides]
         return [estimate for estimate in self.estimator.estimate(depth, regions, plan) if estimate is not None]
 
