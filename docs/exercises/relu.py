@@ -7,7 +7,7 @@ top[0]     y  same shape, may be the same blob
 y  = x where x > 0, slope x elsewhere
 dx = dy where x > 0, slope dy elsewhere (as in Caffe, also at 0)
 
-In place, backward sees y instead of x. The sign is the same unless the slope is negative or another layer in place has
+In place, backward reads y instead of x. The sign is the same unless the slope is negative or another layer in place has
 changed it.
 """
 
