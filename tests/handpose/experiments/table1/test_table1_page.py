@@ -77,7 +77,7 @@ def test_the_weights_of_physlimit() -> None:
     assert [(weight, norm) for weight, norm, _ in rows] == [
         ("0", "–"), ("0.01", "L1"), ("0.1", "L1"), ("1", "L1"), ("10", "L1"), ("0.1", "L2"), ("1", "L2"), ("10", "L2"),
     ]  # fmt: skip
-    assert rows[6][2] == "19.00" and f"Ours, {PAPER.title}, 6,000 iterations" in page
+    assert rows[6][2] == "19.00" and f"Ours with {PAPER.title}, 6,000 iterations" in page
     assert ONE_HAND.title in page and "(table1_lambda_paper.png)" in page
 
 
