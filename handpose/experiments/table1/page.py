@@ -242,8 +242,8 @@ def _lambdas(entries: Sequence[Entry], setting: Setting, recipe: Recipe) -> list
         "",
         f"## {setting.title}: the weight of PhysLimit, {recipe.title}",
         "",
-        f"Ours with {recipe.title}, {length:,} iterations and seed 1, for other weights λ and norms. The paper uses λ = "
-        "1 and L1; the released layer is L2.",
+        f"Ours with {recipe.title}, {length:,} iterations and seed 1, for other weights λ and norms. The paper uses "
+        "λ = 1 and L1; the released layer is L2.",
         "",
         *rows,
         "",
