@@ -45,7 +45,7 @@ def open_writer(
 
     BVH has a file for each hand, NAME_right_0.bvh, and needs a ``rate`` in frames per second (None: estimated).
 
-    joints    a format in which JSON has joints and angles, too, and CSV instead of its own; BVH has the skeleton's
+    joints    format of additional joints and angles in JSON, and of the joints in CSV; BVH has the skeleton's
     gestures  add the gesture of each hand to JSON and CSV
     """
     if str(path) == "-":
