@@ -77,7 +77,7 @@ def depth_around(depth: NDArray[np.generic], u: float, v: float, reach: int = 8)
     around = image[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
     seen = around[np.isfinite(around) & (around > 0)]
     if not len(seen):
-        raise DataError(f"nothing was read around pixel {u:g}, {v:g}")
+        raise DataError(f"no depth around pixel {u:g}, {v:g}")
     return np.array([u, v, np.median(seen) + PALM_MM])
 
 

@@ -127,22 +127,23 @@ def _angle(size: int, middle: float, focal: float) -> float:
 def _of_camera(camera: Camera) -> Iterator[str]:
     view, size = _view_of(camera), f"{camera.width} x {camera.height}"
     if not all(VIEW_DEGREES[0] <= angle <= VIEW_DEGREES[1] for angle in view):
-        yield (f"focal lengths of {camera.fx:g}, {camera.fy:g} px see {view[0]:.0f} x {view[1]:.0f} degrees in "
-               f"{size} pixels; check fx and fy, which may be of another size of picture")  # fmt: skip
+        yield (f"focal lengths of {camera.fx:g}, {camera.fy:g} px give a field of view of {view[0]:.0f} x "
+               f"{view[1]:.0f} degrees in {size} pixels; check fx and fy, which may be for another image "
+               "size")  # fmt: skip
     ways = ((camera.u0, camera.width), (camera.v0, camera.height))
     if any(abs(middle - size / 2) > OFF_MIDDLE * size for middle, size in ways):
-        where = "far from the middle" if all(0 <= middle < size for middle, size in ways) else "outside"
-        yield (f"the principal point {camera.u0:g}, {camera.v0:g} lies {where} of {size} pixels; check u0 and v0, "
-               "which may be of another size of picture")  # fmt: skip
+        where = "far from the centre" if all(0 <= middle < size for middle, size in ways) else "outside"
+        yield (f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
+               "which may be for another image size")  # fmt: skip
 
 
 def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
     if not any_read:
-        yield (f"nothing was read in the first {len(seen)} frames: every depth is 0; is the camera covered, or too "
-               "near?")  # fmt: skip
+        yield (f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or "
+               "the hand too near?")  # fmt: skip
     elif len(seen) > 2 and all(np.array_equal(seen[0].depth, frame.depth) for frame in seen[1:]):
-        yield (f"the first {len(seen)} frames are the same to the last value; is it one frame again and again, or a "
-               "camera that hangs?")  # fmt: skip
+        yield (f"the first {len(seen)} frames are the same to the last value; was one frame copied, or has the "
+               "camera stopped?")  # fmt: skip
 
 
 def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]:
@@ -163,8 +164,8 @@ def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:
     advice = (
         f"with --unit {usual[0]:g} it would be {distance * usual[0] / unit_mm / 1000:.2f} m away; " if usual else ""
     )
-    yield (f"the nearest thing is {_length(distance)} away and {_length(width)} wide, where no hand is held: "
-           f"{advice}check the unit, here {unit_mm:g} mm")  # fmt: skip
+    yield (f"the nearest object is {_length(distance)} away and {_length(width)} wide, which is not plausible "
+           f"for a hand: {advice}check the unit, here {unit_mm:g} mm")  # fmt: skip
 
 
 def _length(mm: float) -> str:

@@ -92,7 +92,7 @@ def _said_units(stems: list[str]) -> Found | None:
     if len(units) > 1 or None in units:
         return None
     unit = next(match[3] for match in found if match)
-    return [int(match[2]) for match in found if match], UNITS[unit], f"times from their names, in {unit}"
+    return [int(match[2]) for match in found if match], UNITS[unit], f"times from the file names, in {unit}"
 
 
 def _dates(stems: list[str]) -> Found | None:
@@ -126,7 +126,7 @@ def _fractions(stems: list[str]) -> Found | None:
     digits = 6 if milli else 9  # of the fraction, down to a nanosecond
     rest = [int(fraction[:digits].ljust(digits, "0")) for fraction in fractions]
     times = [a * 10**digits + b for a, b in zip(whole, rest)]
-    return times, NANO, f"times from their names, in {'ms since 1970' if milli else 'seconds'}"
+    return times, NANO, f"times from the file names, in {'ms since 1970' if milli else 'seconds'}"
 
 
 def _is_precise(fractions: list[str]) -> bool:
@@ -160,9 +160,9 @@ def _numbers(names: list[str], stems: list[str], where: str) -> Found:
     numbers = next(iter(sequences.values()))
     for unit, ticks in (("s", 1), *((unit, UNITS[unit]) for unit in ("ms", "us", "ns"))):
         if all(EPOCH[0] * ticks <= number < EPOCH[1] * ticks for number in numbers):
-            return numbers, ticks, f"times from their names, in {unit} since 1970"
+            return numbers, ticks, f"times from the file names, in {unit} since 1970"
     if stepped := _unit_by_steps(numbers):
-        return numbers, UNITS[stepped], f"times from their names, in {stepped} by their steps"
+        return numbers, UNITS[stepped], f"times from the file names, in {stepped} by their steps"
     return numbers, 0, "frames in the order of the numbers in their names"
 
 

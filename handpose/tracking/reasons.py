@@ -12,7 +12,7 @@ from handpose.track_files.track import HIDDEN, LEFT
 from handpose.tracking.pose_estimator import Estimate, SearchRegion
 from netlib.errors import DataError
 
-NO_HAND = "what is seen where it was does not look like a hand"
+NO_HAND = "the object at its last position does not look like a hand"
 MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
 COVERED = 0.3  # share of a crop that is nearer than the cube: the hand is hidden
 MARGIN = 0.15  # in cube edges: a hand whose middle is closer to the image's edge is leaving
@@ -27,7 +27,7 @@ def reason(
     """
     d = region.center_uvd[2]
     if not (depth > 0).any():
-        return "nothing was read in this frame"
+        return "no depth in this frame"
     if d <= 0:
         return LEFT
     beyond = _edges_beyond(camera, 2 * cube_mm * MARGIN, region)
@@ -38,9 +38,9 @@ def reason(
     except DataError:
         return LEFT
     if (shown <= -BACKGROUND).mean() > COVERED:
-        return f"{HIDDEN} by something nearer"
+        return f"{HIDDEN} by a nearer object"
     if (np.abs(shown) < BACKGROUND).mean() < MIN_VISIBLE:
-        return f"nothing is seen where it was, {d:.0f} mm away"
+        return f"only background at its last position, {d:.0f} mm away"
     if estimate is None:
         return LEFT
     cut = [edge for edge in _edges_beyond(camera, cube_mm, region) if _reaches(edge, depth, camera, cube_mm, region)]

@@ -175,7 +175,7 @@ class Tracker:
             for other in list(self.tracks):
                 if other is not track and np.linalg.norm(self._middle(track) - self._middle(other)) < SAME_MM:
                     self.tracks.remove(other)
-                    self.known[other.id].reason = "another hand is followed in its place"
+                    self.known[other.id].reason = "another hand is tracked at its position"
 
     def _drop_strange(self, depth: NDArray[np.float32], time: float) -> None:
         """Drop tracks of objects that are not hands, which network and fit may resemble."""

@@ -289,7 +289,7 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, monkeypatch):
             "no depth anywhere in the image; give the position of the hand with --center U,V,D",
         ),
         (np.eye(424, 512, dtype=np.uint16) * 400, [], "nothing as large as a hand is seen nearer than 1600 mm; give"),
-        (np.zeros((424, 512), np.uint16), ["--center", "9,9"], "nothing was read around pixel 9, 9; give"),
+        (np.zeros((424, 512), np.uint16), ["--center", "9,9"], "no depth around pixel 9, 9; give"),
         (
             np.full((424, 512), 700, np.uint16),
             ["--center", "512,9"],

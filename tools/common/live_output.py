@@ -65,7 +65,7 @@ class LiveOutput:
             if self._server.is_public:
                 say("warning: other machines can watch, if they have these addresses", file=sys.stderr)
             if not recording.live:
-                say("waiting for the first of them; Ctrl-C ends", file=file)
+                say("waiting for the first connection; Ctrl-C stops", file=file)
             file.flush()
             while not recording.live and not self._server.wait_for_client(_CHECK_S):
                 check()

@@ -76,7 +76,7 @@ def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
     corner = picture[-22:, :200]
     assert (corner == colour_of(2)).all(axis=2).mean() > 0.3
     assert not (picture[:-22] == colour_of(2)).all(axis=2).any()
-    other = lost._replace(reason="hidden by something nearer")
+    other = lost._replace(reason="hidden by a nearer object")
     rows, columns = where(picture, annotated(DEPTH, of(RIGHT, lost=(other,)), HEADER)[HEAD : HEAD + 528, :704])
     assert rows.start >= 528 - 22 and columns.stop < 500
 

@@ -208,7 +208,7 @@ def test_a_pixel_in_the_corner():
 @pytest.mark.parametrize(
     ("pixel", "message"),
     [
-        ((30, 50), "nothing was read around pixel 30, 50"),
+        ((30, 50), "no depth around pixel 30, 50"),
         ((-1, 50), "pixel -1, 50 lies outside the image of 100 x 80"),
         ((99.6, 50), "pixel 99.6, 50 lies outside the image of 100 x 80"),
         ((50, 80), "pixel 50, 80 lies outside the image of 100 x 80"),

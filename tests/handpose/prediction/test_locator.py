@@ -44,7 +44,7 @@ def two_plates() -> np.ndarray:
 def test_where_the_net_says(drawn_to_the_right: Locator) -> None:
     """From places on the surface, four times 20 mm to the right; apart from each other, the likeliest first."""
     found = drawn_to_the_right.hands(two_plates(), NYU)
-    *likely, _ = found.odds  # the nearest thing is the last
+    *likely, _ = found.odds  # the nearest object is the last
     assert 1 < len(found.center) <= HANDS + 1 and (np.diff(likely) <= 0).all()
     apart = np.linalg.norm(found.center[:, None] - found.center, axis=2) + 1e9 * np.eye(len(found.center))
     assert apart.min() > APART_MM

@@ -52,7 +52,7 @@ def test_times_by_their_steps(tmp_path: Path) -> None:
         put(tmp_path / f"{number}_depth.png", image.astype(np.uint16))
     found = look(open_folder(tmp_path, Given(CAMERA, unit_mm=1.0, rate=30.0)))
     assert [frame.time for frame in found.frames] == pytest.approx([0, 0.033333, 0.066667])
-    assert "times from their names, in us by their steps: a frame every 33.3 ms" in found.remarks
+    assert "times from the file names, in us by their steps: a frame every 33.3 ms" in found.remarks
     assert not found.warnings
 
 
@@ -104,7 +104,7 @@ def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
     [(8, 1.0, "4 m away and 800 mm wide.*with --unit 0.125 it would be 0.50 m away; check the unit, here 1 mm"),
      (0.1, 0.1, "50 mm away and 10 mm wide.*with --unit 1 it would be 0.50 m away; check the unit, here 0.1 mm"),
      (0.001, 1.0, "0.5 mm away and 0.1 mm wide.*with --unit 1000 it would be 0.50 m"),
-     (80, 1.0, "40 m away and 8 m wide, where no hand is held: check the unit")],
+     (80, 1.0, "40 m away and 8 m wide, which is not plausible for a hand: check the unit")],
 )  # fmt: skip
 def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str) -> None:
     """A hand 40 m away, or a millimetre wide; the unit that would do, if there is one that cameras have."""
@@ -115,10 +115,10 @@ def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str)
 @pytest.mark.parametrize(
     ("camera", "what"),
     [
-        (replace(CAMERA, fx=400.0, fy=400.0), "focal lengths of 400, 400 px see 9 x 7 degrees in 64 x 48 pixels"),
+        (replace(CAMERA, fx=400.0, fy=400.0), "400, 400 px give a field of view of 9 x 7 degrees in 64 x 48 pixels"),
         (replace(CAMERA, fx=9.0, fy=9.0), "degrees in 64 x 48 pixels; check fx and fy"),
-        (replace(CAMERA, u0=319.5, v0=239.5), "the principal point 319.5, 239.5 lies outside of 64 x 48 pixels"),
-        (replace(CAMERA, u0=12.0), "the principal point 12, 23.5 lies far from the middle of 64 x 48 pixels"),
+        (replace(CAMERA, u0=319.5, v0=239.5), "the principal point 319.5, 239.5 is outside of 64 x 48 pixels"),
+        (replace(CAMERA, u0=12.0), "the principal point 12, 23.5 is far from the centre of 64 x 48 pixels"),
     ],
 )
 def test_a_camera_of_another_picture(camera: Camera, what: str) -> None:

@@ -46,7 +46,7 @@ def test_near_the_edges() -> None:
     """A hand that is seen in half at the edge leaves there, though its middle is in the image; a far one is smaller."""
     depth = wall()
     depth[40:80, 130:] = 600
-    assert why(depth, 153) == f"{LEFT} at the right edge" and why(wall(), 143).startswith("nothing is seen")
+    assert why(depth, 153) == f"{LEFT} at the right edge" and why(wall(), 143).startswith("only background")
     far = np.where(depth == 600, 1200, depth)
     assert why(far, 153, d=1200) == f"{LEFT} at the right edge" and why(far, 140, d=1200).startswith(NO_HAND)
 
@@ -74,19 +74,19 @@ def test_an_edge_where_nothing_was_read() -> None:
 
 def test_an_empty_frame() -> None:
     """Says nothing of any hand, wherever it was."""
-    assert why(wall(0)) == why(wall(0), -5) == "nothing was read in this frame"
+    assert why(wall(0)) == why(wall(0), -5) == "no depth in this frame"
 
 
 def test_hidden() -> None:
     """By a plate before it; one as near as the hand hides nothing."""
-    assert why(plate(300, 40)) == f"{HIDDEN} by something nearer"
+    assert why(plate(300, 40)) == f"{HIDDEN} by a nearer object"
     assert not why(plate(600, 40)).startswith(HIDDEN)
 
 
 def test_nothing_there() -> None:
     """Only the wall behind, or a speck."""
-    assert why(wall()) == "nothing is seen where it was, 600 mm away"
-    assert why(plate(600, 1), d=612.3) == "nothing is seen where it was, 612 mm away"
+    assert why(wall()) == "only background at its last position, 600 mm away"
+    assert why(plate(600, 1), d=612.3) == "only background at its last position, 612 mm away"
 
 
 def test_no_hand_there() -> None:

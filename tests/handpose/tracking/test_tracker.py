@@ -177,8 +177,8 @@ def test_what_becomes_of_a_hand(shown: Take, predictor: Predictor) -> None:
     empty, wall = np.zeros((240, 320), np.float32), np.full((240, 320), 1500, np.float32)
     told = [tracker.step(DepthFrame(6, 6 * step, empty)), tracker.step(DepthFrame(7, 7 * step, wall))]
     assert [frame.hands for frame in told] == [(), ()]
-    assert told[0].lost == (LostHand(0, told[0].lost[0].hand, 5 * step, "nothing was read in this frame"),)
-    assert told[1].lost[0].reason.startswith("nothing is seen where it was")
+    assert told[0].lost == (LostHand(0, told[0].lost[0].hand, 5 * step, "no depth in this frame"),)
+    assert told[1].lost[0].reason.startswith("only background at its last position")
 
 
 def test_what_does_not_look_like_a_hand_is_dropped(
@@ -190,7 +190,7 @@ def test_what_does_not_look_like_a_hand_is_dropped(
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
     told = [tracker.step(frame) for frame in shown.frames[6:24]]
     assert told[0].hands and not told[-1].hands
-    assert told[-1].lost[0].reason.startswith("what is seen where it was does not look like a hand")
+    assert told[-1].lost[0].reason.startswith("the object at its last position does not look like a hand")
 
 
 def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
@@ -279,7 +279,7 @@ def test_one_hand_is_not_two(shown: Take, predictor: Predictor) -> None:
     tracker.known[1] = dataclasses.replace(tracker.known[0])
     told = tracker.step(shown.frames[6])
     assert len(told.hands) == len(told.lost) == 1 and told.hands[0].id != told.lost[0].id
-    assert told.lost[0].reason == "another hand is followed in its place"
+    assert told.lost[0].reason == "another hand is tracked at its position"
     assert [hand.id for hand in tracker.step(shown.frames[7]).hands] == [told.hands[0].id]
 
 

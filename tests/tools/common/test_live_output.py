@@ -116,7 +116,7 @@ def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
         assert first.startswith("page: http://127.0.0.1:") and second.startswith("for programs: ws://127.0.0.1:")
         with pytest.raises(StoppedError):
             output.begin(source(live=False), ends, sys.stdout)
-        assert capsys.readouterr().out.splitlines()[2:] == ["waiting for the first of them; Ctrl-C ends"]
+        assert capsys.readouterr().out.splitlines()[2:] == ["waiting for the first connection; Ctrl-C stops"]
         output.write(DEPTH, frame(0))
     with LiveOutput(parsed("--serve", "0.0.0.0:0"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)

@@ -77,7 +77,7 @@ def test_what_a_first_look_shows(frames: Path, capsys: pytest.CaptureFixture[str
         "  camera sr305, by --camera",
     ]
     print_first_look(look(opened(parsed("--camera", "sr305", "--unit", "10"))))
-    assert "warning: *.png: the nearest thing is 40 m away and 51.8 m wide" in capsys.readouterr().err
+    assert "warning: *.png: the nearest object is 40 m away and 51.8 m wide" in capsys.readouterr().err
 
 
 def test_a_hand_that_was_found_confirms_the_unit(capsys: pytest.CaptureFixture[str]) -> None:
