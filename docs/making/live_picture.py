@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from docs.making import page_picture
 from handpose.facts.cameras import NYU
-from handpose.live.messages import Messages
+from handpose.live.messages import VIEWS, Messages
 from handpose.live.page import page
-from handpose.live.server import VIEWS, LiveServer
+from handpose.live.server import LiveServer
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.tracking.tracker import load_tracker
 from netlib.files.paths import ROOT

@@ -26,6 +26,7 @@ from handpose.joint_formats.formats import FormatName
 from handpose.track_files.json_values import FrameValues, header_values
 from handpose.track_files.track import TrackedFrame, TrackHeader
 
+LINES, VIEWS = "/frames", "/view"  # paths of the server: frames as JSON lines, and those of the page
 MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
 MAX_DATAGRAM = 9216  # bytes, the largest datagram that macOS sends by default
 _MAX_DEPTH = np.iinfo(np.uint16).max

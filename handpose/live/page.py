@@ -6,8 +6,7 @@ from pathlib import Path
 
 from handpose.drawing import identities
 from handpose.drawing.page.assembly import assembled, script_of, source
-from handpose.live.messages import depth_step
-from handpose.live.server import VIEWS
+from handpose.live.messages import VIEWS, depth_step
 from handpose.surface.model import Surface
 from handpose.track_files.track import TrackHeader
 

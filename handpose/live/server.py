@@ -32,9 +32,9 @@ from types import ModuleType, TracebackType
 from typing import Any
 from urllib.parse import parse_qs, urlencode, urlsplit
 
+from handpose.live.messages import LINES, VIEWS
 from netlib.errors import NetlibError, reason_of
 
-LINES, VIEWS = "/frames", "/view"
 GRACE_S = 5.0  # time for clients to receive the last frame and to close
 ENDED, STOPPED = (1000, "the recording has ended"), (1001, "the tracker was stopped")
 _MAX_RECEIVED = 1024  # maximum bytes of a message from a client

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib.util
 import os
 import sys
@@ -84,7 +85,12 @@ def own_package(name: str) -> ModuleType:
 
     A module of this name that was imported before netlib stays in place.
     """
-    return load_module(name, own(name) / "__init__.py")
+    return load_module(name, _package_file(name))
+
+
+@functools.cache  # looked up for every layer of a net
+def _package_file(name: str) -> Path:
+    return own(name) / "__init__.py"
 
 
 def load_module(name: str, path: Path) -> ModuleType:

@@ -15,6 +15,13 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def wait_until(condition: Callable[[], object], process: subprocess.Popen[str]) -> None:
+    """Return when the condition holds; meanwhile the process must not end."""
+    while not condition():
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            raise AssertionError(f"ended with status {process.wait(0.02)}")
+
+
 class Done(NamedTuple):
     """How a program ended, and what it wrote to standard output and standard error."""
 

@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from handpose.importers import nyu_files
 from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND
-from tests.support.running import run_python, run_tool
+from tests.support.running import run_python, run_tool, wait_until
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 
@@ -196,10 +195,7 @@ def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
-        begun = time.monotonic()
-        while not list(out.glob(".*.tmp")) and time.monotonic() - begun < 60:
-            time.sleep(0.05)
-        time.sleep(0.7)
+        wait_until(lambda: list(out.glob(".*.tmp")), process)
         if number == signal.SIGINT:
             os.killpg(process.pid, number)  # as a terminal does: to all processes
         else:

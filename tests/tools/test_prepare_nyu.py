@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import ANNOTATION_OF_JOINT, frame_name
 from handpose.importers import matlab_file, matlab_worker, nyu_files
-from tests.support.running import Done, run_tool
+from tests.support.running import Done, run_tool, wait_until
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "nyu"
@@ -289,9 +288,7 @@ def test_interrupted(root):
     out = root.parent / "out"
     command = [sys.executable, str(ROOT / "tools" / "prepare_nyu.py"), str(root), "--out", str(out), "--splits", "test"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        begun = time.monotonic()
-        while not list(out.glob(".*.tmp")) and time.monotonic() - begun < 60:
-            time.sleep(0.02)
+        wait_until(lambda: list(out.glob(".*.tmp")), process)
         process.send_signal(signal.SIGTERM)
         stdout, stderr = process.communicate(timeout=60)
     assert (process.returncode, stdout) == (143, "")

@@ -8,18 +8,19 @@ import sys
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.live.datagrams import DatagramSender
-from handpose.live.messages import Messages
-from handpose.live.page import page
-from handpose.live.server import LINES, VIEWS, LiveServer
+from handpose.live.messages import LINES, VIEWS, Messages
 from handpose.sources.recording import Recording
 from handpose.track_files.track import TrackedFrame, TrackHeader
 from tools.common.console import say
+
+if TYPE_CHECKING:
+    from handpose.live.server import LiveServer
 
 LIVE = ("serve", "udp")
 LOCAL = "127.0.0.1"
@@ -96,6 +97,9 @@ class LiveOutput:
                 file=sys.stderr)  # fmt: skip
 
     def _server_at(self, address: tuple[str, int], header: TrackHeader) -> LiveServer:
+        from handpose.live.page import page
+        from handpose.live.server import LiveServer  # imports asyncio, which other runs do not need
+
         host, port = address
         return LiveServer(host, port, self._messages.header, page(header))
 

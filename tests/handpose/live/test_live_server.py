@@ -16,7 +16,8 @@ from urllib.parse import urlsplit
 import pytest
 
 from handpose.live import server as module
-from handpose.live.server import LINES, VIEWS, LiveServer
+from handpose.live.messages import LINES, VIEWS
+from handpose.live.server import LiveServer
 from handpose.track_files.json_values import header_values
 from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER
