@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from netlib.blob import Array
 
 # Powers of two, so that rounding is exact.
-NETWORK_STEP = 2.0**-8  # of a network's inputs of a skeleton: 0.2 degrees, 0.6 mm for a hand
-PLACE_STEP_MM = 2.0**-2  # of places that a network predicts
-FIT_STEP = 2.0**-16  # of a fit's variables: 0.001 degrees, 0.002 mm for a hand
+NETWORK_STEP = 2.0**-8  # for a network's inputs of a skeleton: 0.2 degrees, 0.6 mm for a hand
+PLACE_STEP_MM = 2.0**-2  # for predicted places
+FIT_STEP = 2.0**-16  # for a fit's variables: 0.001 degrees, 0.002 mm for a hand
 
 
 def rounded(values: ArrayLike, step: float) -> Array:

@@ -24,7 +24,7 @@ from netlib.files.hdf5 import File
 
 ONE_CAMERA_PX = 0.5  # centres of one camera agree to rounding
 EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # without rounding; on the optical axis all cameras agree
-MAX_PX_OR_MM, MIN_MM = 1e6, 1.0  # of a crop's centre, and of its distance
+MAX_PX_OR_MM, MIN_MM = 1e6, 1.0  # bounds of a crop centre's coordinates, and of its depth
 APART_PX = 20.0  # centres closer together than this do not determine a camera
 
 

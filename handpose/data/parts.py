@@ -26,7 +26,7 @@ from netlib.files.paths import exists, find, names_in
 
 Columns = Mapping[str, Array]  # data sets by name; rows first
 
-FRAMES_PER_FILE = 2500  # of a data set; its last file may have fewer
+FRAMES_PER_FILE = 2500  # the last file may have fewer
 _COPY = 64  # rows copied at a time
 _PAGE = 1 << 16  # approximate size of a file beyond its rows
 

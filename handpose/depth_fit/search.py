@@ -23,7 +23,7 @@ from netlib.errors import NetlibError
 
 @dataclass(frozen=True)
 class Plan:
-    """How a fit searches.
+    """The plan of a search.
 
     name      of the plan; ``NetworkErrors`` has a table for each
     points    number of points sampled from a frame

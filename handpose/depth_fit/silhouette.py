@@ -30,7 +30,7 @@ def spheres_of(model: CapsuleModel) -> tuple[NDArray[np.int_], Floats]:
 def sphere_residuals(
     cones: Cones, seen: Observation, spheres: tuple[NDArray[np.int_], Floats], slack: float
 ) -> Residuals:
-    """How far in mm each sphere leaves the silhouette, and how far it is in front of the surface.
+    """Distances in mm by which each sphere leaves the silhouette, and by which it is in front of the surface.
 
     cones    of all M capsules
     spheres  the capsule of each sphere (R,), and its position on the axis (R,)

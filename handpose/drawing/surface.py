@@ -98,7 +98,7 @@ def _rectangle(capsules: Capsules, camera: Camera, width: int, height: int) -> _
 
 
 def _shade(depth: NDArray[np.float32], pixel: float | NDArray[np.float32]) -> NDArray[np.float32]:
-    """How light each pixel of a surface is, 0 to 1; pixels are ``pixel`` apart, in units of the depth."""
+    """The lightness of each pixel of a surface, 0 to 1; pixels are ``pixel`` apart, in units of the depth."""
     across, down = (np.gradient(depth, axis=axis) / pixel for axis in (1, 0))
     for slope in (across, down):
         slope[np.abs(slope) > _STEEP] = 0

@@ -19,7 +19,7 @@ from handpose.drawing.strokes import Image
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
 
-TICKS = 60000  # of a second: 30 and 29.97 frames/s fall on them; MPEG-4 part 2 takes no more than 65535
+TICKS = 60000  # per second: exact for 30 and 29.97 frames/s; MPEG-4 part 2 allows at most 65535
 RATES = (0.1, 1000.0)  # range of images per second that players support
 MAX_SECONDS = 1e8
 EVERYWHERE = "mpeg4"  # the encoder that every PyAV has

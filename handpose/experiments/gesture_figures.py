@@ -24,7 +24,7 @@ class GestureFigures:
     """Counts over recordings.
 
     counts  frames (shown, read), in the order of ``GESTURES`` and of ``READ``
-    delays  s from the moment in which the fingers come to rest until the gesture is read, of those that are
+    delays  s from the rest of the fingers to the recognition of the gesture, for recognised ones
     """
 
     counts: np.ndarray = field(default_factory=lambda: np.zeros((len(GESTURES), len(READ)), dtype=int))

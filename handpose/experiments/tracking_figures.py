@@ -3,8 +3,8 @@
 tracked = follow(SyntheticRecording("minute", NYU, seed=1), Tracker(load_predictor(NYU, fit="fast")))
 summary(tracked.hands)["mean"]
 
-A single frame has no history, but its predictor gets the true centre of the crop and the true side (``Alone``). A
-tracker that is no worse than that loses nothing by its history.
+A single frame has no history, but its predictor gets the true centre of the crop and the true side (``Alone``). If the
+tracker's errors are not larger, its history does no harm.
 """
 
 from __future__ import annotations

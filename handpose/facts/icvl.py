@@ -9,7 +9,7 @@ ICVL shows the mirror image of NYU's hand; the skeleton ``prototxt/hand/icvl.pro
 from __future__ import annotations
 
 TRAIN_FRAMES = 300_000  # at least
-TEST_FRAMES = (702, 894)  # of the two test sequences
+TEST_FRAMES = (702, 894)  # numbers of frames of the two test sequences
 
 CUBE_MM = 250.0  # edge of the cube around the hand
 CENTER_JOINT = 0  # the palm, at which crops are centred unless other centres are given

@@ -27,7 +27,7 @@ from netlib.blob import Array
 STRAIGHT = (100.0, 14.0)  # degrees: where the probability is one half, and the scale of its slope
 OUT = (0.72, 0.05)  # palms
 TOUCH = (0.32, 0.03)
-# Which of index, middle, ring and little finger are straight; is the thumb out (None: either)?
+# Straight fingers: index, middle, ring, little; and whether the thumb is out (None: either).
 SHAPES: dict[str, tuple[tuple[bool, bool, bool, bool], bool | None]] = {
     "open": ((True, True, True, True), True),
     "fist": ((False, False, False, False), False),

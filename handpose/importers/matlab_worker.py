@@ -2,7 +2,7 @@
 
     python -I matlab_worker.py FILE NAME,NAME... FOLDER...
 
-writes to standard output lines of JSON: ``{"variables": [...]}`` that the file has; for each NAME that is there
+writes lines of JSON to standard output: ``{"variables": [...]}``, the file's variables; for each existing NAME
 ``{"name": ...}``, and the array in NumPy's format; or ``{"fault": "..."}``. Of an array of four axes only the first
 item: NYU's has three cameras, and is large. FOLDERs hold the packages NumPy and SciPy.
 """
@@ -41,7 +41,7 @@ def main(path: str, names: Sequence[str], out: BinaryIO) -> None:
                 np.save(image, array[:1] if array.ndim == 4 else array, allow_pickle=False)
                 out.write(image.getbuffer())
         out.flush()
-    except Exception as error:  # of a damaged file, SciPy's reader may raise anything
+    except Exception as error:  # for a damaged file SciPy's reader may raise any exception
         _line(out, {"fault": f"not a readable MATLAB file, perhaps truncated: {' '.join(str(error).split())[:120]}"})
 
 

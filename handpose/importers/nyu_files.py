@@ -71,7 +71,7 @@ def read_annotation(path: Path) -> NyuAnnotation:
         found = _read_hdf5(path) if h5py.is_hdf5(path) else _read_matlab(path)
     except NetlibError:
         raise
-    except Exception as error:  # of a damaged file, a reader may raise anything
+    except Exception as error:  # for a damaged file a reader may raise any exception
         reason = " ".join(str(error).split())[:120]
         raise DataError(f"{path}: not a readable MATLAB file, perhaps truncated: {reason}") from None
     for name in ("joint_uvd", "joint_xyz"):

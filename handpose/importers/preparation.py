@@ -30,7 +30,7 @@ class Outcome:
     """The result of preparing a split."""
 
     parts: list[Part]
-    index: list[int] = field(default_factory=list)  # of the good frames
+    index: list[int] = field(default_factory=list)  # numbers of the good frames
     bad: dict[int, str] = field(default_factory=dict)  # kind by index
     made: int = 0  # number of new good frames
 

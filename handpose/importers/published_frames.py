@@ -154,7 +154,7 @@ def _array_in(path: Path) -> Array:
             name = "center_uvd" if "center_uvd" in names else names[0] if len(names) == 1 else ""
             if name:
                 return np.asarray(loaded[name], dtype=np.float64)
-        except Exception as error:  # of a damaged file, NumPy's reader and the one of archives may raise anything
+        except Exception as error:  # for a damaged file NumPy's reader and the one of archives may raise any exception
             raise DataError(f"{path}: cannot read the centres: {reason_of(error)}") from None
     raise DataError(f"{path}: holds {', '.join(names) or 'nothing'}; expected an array center_uvd")
 

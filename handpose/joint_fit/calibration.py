@@ -37,7 +37,7 @@ from netlib.proto import schema
 Progress = Callable[[int], None]
 
 UNDETERMINED = 0.5  # remaining share of the spread
-FIT_RIDGE = 1e-3  # of the initial poses, see ``fit_joints``
+FIT_RIDGE = 1e-3  # ridge of the initial fits, see ``fit_joints``
 
 MIN_GAIN = 1e-5  # relative; a step that gains less is the last
 MAX_STEPS = 60
@@ -194,7 +194,7 @@ def _conclude(
     dofs = list(template.param.dof)
     for dof in problem.angles:
         dofs[dof] = schema.changed(dofs[dof], initial=_rounded(wrap(theta[0, dof])))
-    # Of the angles that are one pose first those nearest to the template's initial ones, then to the new ones.
+    # Of equivalent angles take first those nearest to the template's initial ones, then to the new ones.
     skeleton = template.with_numbers(dofs, bones)
     theta = skeleton.theta(canonical(skeleton, theta - skeleton.initial))
     for dof, some in zip(problem.free, moved.T):

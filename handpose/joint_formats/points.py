@@ -22,7 +22,7 @@ from netlib.errors import DataError
 
 FINGERS = ("index", "middle", "ring", "little")
 PALM_BONES = {"index": 0.75, "middle": 0.58, "ring": 0.42, "little": 0.25}  # share of wrist_middle; wrist_left the rest
-CARPALS = 0.3  # of the way from the wrist to the knuckle
+CARPALS = 0.3  # position between wrist (0) and knuckle (1)
 SKIN = {"thumb": 0.39, "index": 0.62, "middle": 0.48, "ring": 0.52, "little": 0.64}  # last radius / last bone
 
 

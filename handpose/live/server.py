@@ -9,7 +9,7 @@ It answers three paths, each with the query token=TOKEN, which is random:
 
     /        the page
     /frames  WebSocket: the header, then a text message for each frame
-    /view    WebSocket: a binary message for each frame; the client asks for the next one by a message of any kind
+    /view    WebSocket: a binary message for each frame; the client requests the next one by a message of any kind
 
 No frame waits for another one: each client has a slot for the newest frame, which replaces one that was not sent yet.
 The page requests each frame, so that none waits in the buffers between them either.

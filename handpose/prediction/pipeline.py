@@ -175,7 +175,7 @@ class HandPipeline:
         return candidates
 
     def _moved_to_palm(self, depth: NDArray[np.generic], camera: Camera, candidate: Candidate) -> Candidate:
-        """The crop moved to the palm that is predicted in it; the candidate itself if it is there already."""
+        """The crop moved to the palm that is predicted in it; the unchanged candidate if it is already there."""
         start, side = candidate.center_uvd, candidate.side
         for _ in range(self.refine):
             shown = HandCrops.of_sides(candidate.crop[None], candidate.center_uvd, camera, self.cube_mm, side).as_right

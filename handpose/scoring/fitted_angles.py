@@ -21,7 +21,7 @@ from handpose.scoring import metrics
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-RIDGE = 3e-3  # of the annotation's angles
+RIDGE = 3e-3  # ridge of the fits to the annotation
 ON_MODEL_MM = 0.05  # residual of most frames if a hand model made their joints; with few starts some fit badly
 TOLERANCE = 1e-3  # radians beyond a limit that count as within: joints in text files are rounded
 

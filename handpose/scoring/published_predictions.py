@@ -26,7 +26,7 @@ from netlib.files.paths import exists, find
 Format = Literal["uvd", "xyz"]
 
 FORMATS: tuple[Format, ...] = ("uvd", "xyz")
-THRESHOLDS_MM = range(81)  # of the success curves
+THRESHOLDS_MM = range(81)  # abscissae of the success curves
 _MAX_VALUE = 1e6  # px or mm; larger values are invalid, and squares might overflow
 
 
@@ -37,7 +37,7 @@ class Benchmark:
     name: str
     camera: Camera
     joints: tuple[str, ...]  # K names, in the order of the files
-    frames: int  # of the whole test set
+    frames: int  # number of frames of the whole test set
     parts: dict[str, slice]  # slices of the test set with separate mean errors
 
 

@@ -24,7 +24,7 @@ FINGER_SPEED, PALM_SPEED, HAND_SPEED = 6.0, 4.0, 1000.0  # maximum speeds: rad/s
 STROKE = (0.5, 1.5)  # s: duration of a stroke; longer if it would be too fast
 BOUT, HOLD = (3.0, 5.0), (1.1, 1.6)  # s: durations of movement and of the rest after it
 WAVE = np.deg2rad(25)  # maximum turn of a palm to either side
-FACING = 0.35  # of the prior's pitch and yaw, where a hand is shown
+FACING = 0.35  # factor of the prior's pitch and yaw while gestures are shown
 SWAY_MM = 25.0  # deviation of a hand's place while it shows gestures
 
 

@@ -25,7 +25,7 @@ from handpose.track_files.track import joints_of
 from netlib.blob import Array
 
 TOP_SPEED = 1.875  # top speed of a stroke, relative to its mean speed
-OVERLAP = 0.3  # of the shorter of two strokes: their speeds together stay below the top speed of one
+OVERLAP = 0.3  # share of the shorter of two strokes: their speeds together stay below the top speed of one
 
 
 def eased(part: Array) -> Array:

@@ -14,7 +14,7 @@ GONE_MM = 330.0  # from the border of the image to the middle of a hand that is 
 
 
 class Volume(NamedTuple):
-    """Where a hand moves: a part of the image, and depths in mm."""
+    """The volume of a moving hand: a part of the image, and depths in mm."""
 
     camera: Camera
     left: float = 0.0  # 0 to 1 of the image's width

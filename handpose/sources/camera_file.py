@@ -33,7 +33,7 @@ SAME = {  # synonyms of a key, and the factors of their values
     "cx": ("u0", 1), "ppx": ("u0", 1), "cy": ("v0", 1), "ppy": ("v0", 1), "fps": ("rate", 1),
     "depth_scale": ("unit_mm", 1000), "depth_units": ("unit_mm", 1000), "coeffs": ("coefficients", 1),
 }  # fmt: skip
-RANGES = {  # of numbers: more than the first, at most the second
+RANGES = {  # exclusive lower and inclusive upper bounds
     "fx": (0, 1e6), "fy": (0, 1e6), "u0": (-1e6, 1e6), "v0": (-1e6, 1e6), "unit_mm": (0, 1e4), "rate": (0, 1e4),
     "width": (0, 1 << 14), "height": (0, 1 << 14),
 }  # fmt: skip

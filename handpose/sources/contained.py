@@ -43,7 +43,7 @@ class Contained(Recording):
                     yield DepthFrame(number, seconds, self._develop(raw, f"{self.name}: frame {number}"))
         except NetlibError:
             raise
-        except Exception as error:  # of a damaged file a library may raise anything
+        except Exception as error:  # for a damaged file a library may raise any exception
             if number < 0:
                 raise DataError(f"{self.name}: not one frame can be read: {reason_of(error)}") from error
             self.cut = f"damaged or cut after frame {number}: {reason_of(error)}"

@@ -123,7 +123,7 @@ def _fractions(stems: list[str]) -> Found | None:
     milli, seconds = (all(EPOCH[0] * k <= number < EPOCH[1] * k for number in whole) for k in (1000, 1))
     if not (milli or seconds or _is_precise(fractions)):
         return None
-    digits = 6 if milli else 9  # of the fraction, down to a nanosecond
+    digits = 6 if milli else 9  # maximum digits of the fraction, down to a nanosecond
     rest = [int(fraction[:digits].ljust(digits, "0")) for fraction in fractions]
     times = [a * 10**digits + b for a, b in zip(whole, rest)]
     return times, NANO, f"times from the file names, in {'ms since 1970' if milli else 'seconds'}"

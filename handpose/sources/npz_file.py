@@ -73,7 +73,7 @@ class NpzFile:
                     yield archive
             except NetlibError:
                 raise
-            except Exception as error:  # of a damaged archive, its reader and the decoders may raise anything
+            except Exception as error:  # for a damaged archive its reader and the decoders may raise any exception
                 raise DataError(f"{self.path}: a damaged .npz file: {reason_of(error)[:200]}") from None
 
 

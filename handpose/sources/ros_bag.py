@@ -85,7 +85,7 @@ class Bag(NamedTuple):
             return next(self.messages(topic, *kinds))[1]
         except NetlibError:
             raise
-        except Exception as error:  # of a damaged bag the library may raise anything
+        except Exception as error:  # for a damaged bag the library may raise any exception
             raise DataError(f"{self.where}: {topic}: no message can be read: {reason_of(error)}") from error
 
 
@@ -110,7 +110,7 @@ def _opened(path: Path) -> Iterator[Bag]:
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)
         with ros_limits.limited_rows():
             reader.open()
-    except Exception as error:  # of a damaged bag the library may raise anything
+    except Exception as error:  # for a damaged bag the library may raise any exception
         raise DataError(f"{path}: cannot read the bag: damaged or cut: {reason_of(error)}"
                         f"{REINDEX if is_ros1 and 'index' in str(error) else ''}") from error  # fmt: skip
     with contextlib.closing(reader):

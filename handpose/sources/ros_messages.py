@@ -17,7 +17,7 @@ from netlib.files import pictures
 
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 IMAGES = (IMAGE, COMPRESSED)
-NUMBERS = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # of RealSense's options
+NUMBERS = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # types of RealSense's options
 PACKED = "/compressedDepth"  # ending of the topics of CompressedImage with depth
 ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 # Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their unit elsewhere.

@@ -109,5 +109,5 @@ def _has_a_frame(path: Path) -> bool:
     try:
         with ffmpeg.opened(path) as container:
             return next(ffmpeg.frames(container, container.streams.video[0]), None) is not None
-    except Exception:  # of a damaged file FFmpeg may raise anything
+    except Exception:  # for a damaged file FFmpeg may raise any exception
         return False

@@ -42,7 +42,7 @@ CLEAR_MM = 40.0  # minimum distance from the camera's plane
 _FAR, _SPECK = 1e6, 1e-3  # mm: distance and radius of an invisible sphere
 _TILE = 32768  # pixels computed together: half a dozen such arrays stay in the cache
 _EDGE = np.float32(1e-4)  # tolerance, so that rays along a triangle's border do not miss both it and the capsule
-_OUTSIDE = 8.0  # slope of the rays of crop pixels that lie outside the image: no capsule is there
+_OUTSIDE = 8.0  # slope of the rays of crop pixels outside the image, which meet no capsule
 
 
 NO_FACETS: NDArray[np.int_] = np.zeros((0, 3), dtype=int)

@@ -152,8 +152,8 @@ class PosePrior:
 
     skeleton: str  # its file, in the prior's folder
     cube_mm: Double  # edge of the crops; the skeleton's length unit is half of it
-    depth: RangeParameter  # of the centre
-    camera: str = "nyu"  # of the frames
+    depth: RangeParameter  # range of the centre's depth
+    camera: str = "nyu"  # name of the frames' camera
     center: CenterParameter | None = None  # none: the origin of the skeleton
     center_jitter: Double = 0.0  # normal, each axis
     center_jitter_wide: Double = 0.0  # the same ...

@@ -20,7 +20,7 @@ from netlib.errors import NetlibError
 
 ONE_THICKNESS = SurfacePrior(thickness_std=0.0)
 SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # like NYU's second subject: smaller, with other proportions
-# Of hands of all ages, from all sides; the surface of their skeleton has the median thickness. An arm may come from
+# Hands of all ages, seen from all sides; the surface of their skeleton has the median thickness. An arm may come from
 # the camera's side.
 PEOPLE_SURFACE = SurfacePrior(
     thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), limb=(0.75, 1.2), towards_camera=0.7,

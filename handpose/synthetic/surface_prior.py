@@ -14,7 +14,7 @@ from netlib.blob import Array
 
 @dataclass(frozen=True)
 class SurfacePrior:
-    """How surfaces differ from the skeleton file's. A limb is a part of the surface alone, such as a hand's arm."""
+    """The variation of surfaces about the skeleton file's. A limb is a part of the surface alone, such as an arm."""
 
     thickness_mean: float = 1.0  # normal: all radii of a body together, relative to its size
     thickness_std: float = 0.08

@@ -21,7 +21,7 @@ class GrowingFile:
 
     def __init__(self, path: Path, head: bytes = b"", tail: bytes = b"") -> None:
         self.path, self._head, self._tail = path, head, tail
-        self._end = 0  # where the next piece begins
+        self._end = 0  # offset of the next piece
         self._pieces = 0
 
     def __enter__(self) -> GrowingFile:

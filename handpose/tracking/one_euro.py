@@ -4,7 +4,7 @@ A low-pass filter of the first order whose cutoff frequency grows with the speed
 
     x̂ ← x̂ + α (x − x̂)        α = 1 / (1 + τ / Δt)        τ = 1 / (2π f)        f = f_min + β |v̂|
 
-with v̂ the speed of x, itself filtered with a fixed cutoff. At rest f_min decides how much trembling is left, in motion
+with v̂ the speed of x, itself filtered with a fixed cutoff. At rest f_min determines the remaining jitter, in motion
 β how far x̂ lags behind. Times are the source's, so that a frame that is missing is a longer Δt.
 
 Jitter has a speed, too, which opens the filter for it, especially with a noisy sensor or a hardly visible limb. So |v̂|

@@ -10,7 +10,7 @@ import { Sliders } from "./sliders.js";
 import { Stage } from "./stage.js";
 import { length } from "./vectors.js";
 
-const LARGEST_FILE = 5e6; // bytes of a skeleton file
+const MAX_FILE_BYTES = 5e6; // of a skeleton file
 const data = JSON.parse(byId("data").textContent);
 const { skeleton: packaged } = data;
 const body = new Body(packaged.text, packaged.source, data.place);
@@ -82,7 +82,7 @@ byId("copy").addEventListener("click", async () => {
 
 /* ------------------------------------------------------------------------------------------------ skeletons, hands */
 
-const told = byId("fault"), hands = byId("hands"), bodies = byId("bodies");
+const fileFault = byId("fault"), hands = byId("hands"), bodies = byId("bodies");
 
 function openText(text, source, place = data.place) {
   try {
@@ -91,16 +91,16 @@ function openText(text, source, place = data.place) {
     Object.assign(body, { camera, uvd, cube, unit, seen: null });
     shows.initial.checked = !body.surface; // lines alone say less of what has moved
     body.changed("skeleton");
-    told.textContent = "";
+    fileFault.textContent = "";
     hands.value = bodies.value = "";
   } catch (error) {
-    told.textContent = error.message;
+    fileFault.textContent = error.message;
   }
 }
 
 async function openFile(file) {
   if (!file) return;
-  if (file.size > LARGEST_FILE) told.textContent = `${file.name}: ${file.size} bytes; expected a skeleton file`;
+  if (file.size > MAX_FILE_BYTES) fileFault.textContent = `${file.name}: ${file.size} bytes; expected a skeleton file`;
   else openText(await file.text(), file.name);
 }
 

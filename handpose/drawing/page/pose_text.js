@@ -2,12 +2,12 @@
 
 import { parse, PrototxtError } from "./prototxt.js";
 import { read } from "./messages.js";
-import { said } from "./skeleton.js";
+import { formatNumber } from "./skeleton.js";
 
-export const LARGEST = 1e6; // of an input: what is farther away no picture shows
+export const MAX_INPUT = 1e6; // of an input; larger ones are outside any picture
 const DIGITS = 9; // significant: a joint is where it was to 1e-8
 
-const written = (number) => said(Number(number.toPrecision(DIGITS)));
+const written = (number) => formatNumber(Number(number.toPrecision(DIGITS)));
 
 /* The inputs of the skeleton, its fixed DoFs 0: a list in JSON, Python and what np.array takes. */
 export function asInputs(body) {
@@ -31,8 +31,8 @@ export function asDofs(body) {
 export function inputsOf(text, body) {
   const inputs = /\bdof\s*[{<]/.test(text) ? fromDofs(text, body.skeleton) : fromList(text, body.skeleton);
   for (const [d, value] of Object.entries(inputs)) {
-    if (Math.abs(value) <= LARGEST) continue; // NaN is not
-    throw new Error(`${body.skeleton.dofs[d]}: ${said(value)} is no pose; expected numbers up to ${LARGEST}`);
+    if (Math.abs(value) <= MAX_INPUT) continue; // NaN is not
+    throw new Error(`${body.skeleton.dofs[d]}: ${formatNumber(value)} is no pose; expected numbers up to ${MAX_INPUT}`);
   }
   return inputs;
 }

@@ -12,14 +12,14 @@ const TOKENS = [
   ["mark", /[{}<>[\]:,;]/y],
 ];
 const ESCAPE = /\\(?:([0-7]{1,3})|[xX]([0-9a-fA-F]{1,2})|u([0-9a-fA-F]{4})|U([0-9a-fA-F]{8})|(.))/gs;
-const LONGEST = 10_000; // characters of a string
-const LONGEST_LINE = 500; // characters of an error
+const MAX_STRING = 10_000; // characters of a string
+const MAX_ERROR = 500; // characters of an error
 const SIMPLE_ESCAPES = { n: 10, r: 13, t: 9, a: 7, b: 8, f: 12, v: 11, "\\": 92, "'": 39, '"': 34, "?": 63 };
 
 /* Text that is not a valid prototxt, or says what a skeleton cannot be: one line that begins with the place. */
 export class PrototxtError extends Error {
   constructor(place, message) {
-    const shown = message.length > LONGEST_LINE ? `${message.slice(0, LONGEST_LINE)} ...` : message;
+    const shown = message.length > MAX_ERROR ? `${message.slice(0, MAX_ERROR)} ...` : message;
     super(`${place.source}:${place.line}:${place.column}: error: ${shown}`);
   }
 }
@@ -69,8 +69,8 @@ function lexicalFault(rest) {
 
 /* What a string between quotes stands for. Escapes are bytes, all else itself. */
 function unquote(token) {
-  if (token.text.length > LONGEST) {
-    throw new PrototxtError(token.place, `string of ${token.text.length} characters; at most ${LONGEST} are read`);
+  if (token.text.length > MAX_STRING) {
+    throw new PrototxtError(token.place, `string of ${token.text.length} characters; at most ${MAX_STRING} are read`);
   }
   const inside = token.text.slice(1, -1), bytes = [], encoder = new TextEncoder();
   let end = 0;

@@ -6,10 +6,10 @@ import { parse, PrototxtError } from "./prototxt.js";
 import { placeOf, read } from "./messages.js";
 
 const FAR = 1000; // a limit that is farther away is none
-export const LONGEST = 10;
-export const LENGTHS = `half-cubes, at most ${LONGEST}` +
+export const MAX_LENGTH = 10;
+export const LENGTHS = `half-cubes, at most ${MAX_LENGTH}` +
   " (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)";
-export const MOST = 1000; // joints, and DoFs: of more there would be no end of sliders
+export const MAX_EACH = 1000; // joints, and DoFs, because of the number of sliders
 
 export class Skeleton {
   /* dofs, joints             names in file order
@@ -24,8 +24,8 @@ export class Skeleton {
     this.name = param.name;
     if (!param.joint.length) throw new PrototxtError(placeOf(param), "this file has no joints; expected a skeleton");
     for (const [many, what] of [[param.joint, "joints"], [param.dof, "DoFs"]]) {
-      if (many.length > MOST) {
-        throw new PrototxtError(placeOf(many[MOST]), `${many.length} ${what}; this page shows at most ${MOST}`);
+      if (many.length > MAX_EACH) {
+        throw new PrototxtError(placeOf(many[MAX_EACH]), `${many.length} ${what}; this page shows at most ${MAX_EACH}`);
       }
     }
     this.dofs = unique(param.dof, "DoF");
@@ -71,16 +71,16 @@ export class Skeleton {
 
   checkNumbers() {
     for (const { bone } of this.param.joint) {
-      if (bone && !(Math.abs(bone.length) <= LONGEST)) {
-        throw new PrototxtError(placeOf(bone), `a bone of length ${said(bone.length)}; expected ${LENGTHS}`);
+      if (bone && !(Math.abs(bone.length) <= MAX_LENGTH)) {
+        throw new PrototxtError(placeOf(bone), `a bone of length ${formatNumber(bone.length)}; expected ${LENGTHS}`);
       }
     }
     for (const dof of this.param.dof) {
       if (!Number.isFinite(dof.initial)) {
-        throw new PrototxtError(placeOf(dof), `${said(dof.initial)} is not a length or an angle`);
+        throw new PrototxtError(placeOf(dof), `${formatNumber(dof.initial)} is not a length or an angle`);
       }
       if (dof.lower > dof.upper) {
-        const limits = `lower limit ${said(dof.lower)} is above ${said(dof.upper)}`;
+        const limits = `lower limit ${formatNumber(dof.lower)} is above ${formatNumber(dof.upper)}`;
         throw new PrototxtError(placeOf(dof), `DoF '${dof.name}': ${limits}`);
       }
     }
@@ -116,7 +116,7 @@ export function indexOf(names, owner, field, what = field) {
 }
 
 /* A number as a skeleton file says it. */
-export const said = (number) => String(number).replace("Infinity", "inf").replace("NaN", "nan");
+export const formatNumber = (number) => String(number).replace("Infinity", "inf").replace("NaN", "nan");
 
 function unique(params, what) {
   const seen = new Set();

@@ -1,7 +1,7 @@
 /* A slider and a number for every degree of freedom, in groups by the first part of its name; a bar for its torque. */
 
 import { element, shown } from "./elements.js";
-import { LARGEST } from "./pose_text.js";
+import { MAX_INPUT } from "./pose_text.js";
 
 const DEGREES = 180 / Math.PI;
 const BEYOND = 0.15; // of the range between the limits, that a slider goes on beyond them
@@ -55,7 +55,7 @@ export class Sliders {
     const from = (low > -Infinity ? low : -open) - more, to = (high < Infinity ? high : open) + more;
     const scale = this.scale(d), change = (event) => {
       const value = Number(event.target.value);
-      if (event.target.value !== "" && Math.abs(value) <= LARGEST * scale) this.body.move({ [d]: value / scale });
+      if (event.target.value !== "" && Math.abs(value) <= MAX_INPUT * scale) this.body.move({ [d]: value / scale });
     };
     const slider = element("input", {
       id, type: "range", min: from * scale, max: to * scale, step: "any", oninput: change, "data-dof": name,
@@ -71,8 +71,8 @@ export class Sliders {
     const free = low === -Infinity && high === Infinity;
     const between = free ? "free" : `${shown(low * scale, 0)} to ${shown(high * scale, 0)}`;
     const limits = element("span", { class: "limits" }, between);
-    const said = element("span", { class: "unit" }, unit);
-    return element("div", { class: "dof" }, label, slider, number, said, limits, bar, torque);
+    const unitText = element("span", { class: "unit" }, unit);
+    return element("div", { class: "dof" }, label, slider, number, unitText, limits, bar, torque);
   }
 
   update() {

@@ -6,7 +6,7 @@
 
 import { PrototxtError } from "./prototxt.js";
 import { placeOf } from "./messages.js";
-import { indexOf, LENGTHS, LONGEST, MOST, said } from "./skeleton.js";
+import { indexOf, LENGTHS, MAX_LENGTH, MAX_EACH, formatNumber } from "./skeleton.js";
 import { toWorld } from "./kinematics.js";
 import { add, times } from "./vectors.js";
 
@@ -19,22 +19,22 @@ export class Surface {
       throw new PrototxtError(placeOf(flesh), "no capsule and no wedge in the flesh");
     }
     for (const [many, what] of [[flesh.capsule, "capsules"], [flesh.wedge, "wedges"], [flesh.offset, "offsets"]]) {
-      if (many.length > MOST) {
-        throw new PrototxtError(placeOf(many[MOST]), `${many.length} ${what}; this page shows at most ${MOST}`);
+      if (many.length > MAX_EACH) {
+        throw new PrototxtError(placeOf(many[MAX_EACH]), `${many.length} ${what}; this page shows at most ${MAX_EACH}`);
       }
     }
     const own = skeleton.joints.length, capsules = flesh.capsule.map((c) => {
       const [from, to, radii] = [joint(c, "from"), joint(c, "to"), c.radius];
-      if (![1, 2].includes(radii.length) || !radii.every((r) => r > 0 && r <= LONGEST)) {
-        const found = `radius ${radii.map(said).join(", ")}`;
+      if (![1, 2].includes(radii.length) || !radii.every((r) => r > 0 && r <= MAX_LENGTH)) {
+        const found = `radius ${radii.map(formatNumber).join(", ")}`;
         throw new PrototxtError(placeOf(c), `${found}; expected one or two > 0, in ${LENGTHS}`);
       }
       return { from, to, radii: [...radii, ...radii].slice(0, 2), limb: to >= own };
     });
     this.capsules = [...edges(flesh.wedge, whole.joints, own), ...capsules];
     for (const o of flesh.offset) {
-      if (![o.x, o.y, o.z].every((length) => Math.abs(length) <= LONGEST)) {
-        const found = `offset ${[o.x, o.y, o.z].map(said).join(", ")}`;
+      if (![o.x, o.y, o.z].every((length) => Math.abs(length) <= MAX_LENGTH)) {
+        const found = `offset ${[o.x, o.y, o.z].map(formatNumber).join(", ")}`;
         throw new PrototxtError(placeOf(o), `${found}; expected lengths in ${LENGTHS}`);
       }
     }
@@ -60,8 +60,8 @@ function edges(wedges, joints, own) {
   const found = new Map();
   for (const w of wedges) {
     const radii = w.radius.length === 1 ? [w.radius[0], w.radius[0], w.radius[0]] : w.radius;
-    if (radii.length !== 3 || !radii.every((r) => r > 0 && r <= LONGEST)) {
-      const text = `radius ${w.radius.map(said).join(", ")}`;
+    if (radii.length !== 3 || !radii.every((r) => r > 0 && r <= MAX_LENGTH)) {
+      const text = `radius ${w.radius.map(formatNumber).join(", ")}`;
       throw new PrototxtError(placeOf(w), `${text}; expected one or three > 0, in ${LENGTHS}`);
     }
     if (w.joint.length !== 3 || new Set(w.joint).size !== 3) {

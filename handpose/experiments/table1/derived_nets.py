@@ -14,7 +14,7 @@ from netlib.proto import prototxt
 from netlib.proto.prototxt import Message, Scalar
 
 TEST_BATCH = 256
-ROBUST_WEIGHT = 0.1  # of a SmoothL1Loss with sigma 10, as in synthetic_train_test.prototxt
+ROBUST_WEIGHT = 0.1  # loss weight of a SmoothL1Loss with sigma 10, as in synthetic_train_test.prototxt
 ROBUST = "smooth_l1_loss_param { sigma: 10 }"
 
 

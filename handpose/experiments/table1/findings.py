@@ -19,7 +19,7 @@ from handpose.experiments.table1.summary import Line
 
 HALVES = 5  # number of increments of a training: together nearly eight times as long
 
-Values = Mapping[str, Callable[[str], float]]  # of each network: a figure by its name
+Values = Mapping[str, Callable[[str], float]]  # by network: a figure by its name
 Figure = Callable[[Values], float]
 
 

@@ -138,7 +138,7 @@ def _table(setting: Setting, lines: Mapping[str, Line]) -> Iterable[str]:
     names = list(setting.subjects) if len(setting.subjects) > 1 else []
     heads = ["network", "joint error, mm", *names, "angle error, fitted", "exact", "out of limits", "max ≤ 40 mm",
              "iterations", "length"]  # fmt: skip
-    with_paper = setting is not MANY_HANDS  # which the paper does not have
+    with_paper = setting is not MANY_HANDS  # the paper has no such table
     heads += ["paper: joints", "paper: angles"] if with_paper else []
     yield f"| {' | '.join(heads)} |"
     yield "|" + "---|" * len(heads)
@@ -217,7 +217,7 @@ def _pictures(recipe: Recipe, setting: Setting) -> list[str]:
 
 
 def lambda_entries(entries: Sequence[Entry], recipe: Recipe) -> dict[tuple[float, str], Entry]:
-    """The entries by weight and norm of PhysLimit, all of one length; nothing if only the usual ones are there."""
+    """The entries by weight and norm of PhysLimit, all of one length; empty if there are only the usual ones."""
     of = {network.name: network.limit or ((0.0 if network.name == "no_limit" else 1.0), "L1") for network in LAMBDAS}
     found = [entry for entry in entries if entry.network in of and entry.seed == 1 and entry.recipe == recipe.name]
     special = {entry.iterations for entry in found if entry.network not in ("ours", "no_limit")}

@@ -28,7 +28,7 @@ from netlib.errors import DataError
 from netlib.files import atomic
 
 JOINTS, ROTATIONS = len(nyu.ANNOTATION_OF_JOINT), 23  # numbers of joints and rotations of the hand
-THRESHOLDS_MM = range(0, 81, 2)  # of the success curve
+THRESHOLDS_MM = range(0, 81, 2)  # abscissae of the success curve
 DRAWN = 4  # number of drawn frames
 DECIMALS = 4
 WHERE = "shown.json"
@@ -63,7 +63,7 @@ class Entry:
     seed: int
     iterations: int
     error_mm: float  # over the 14 joints and all test frames: it decides whether to train longer
-    seconds: float  # of training, trunk and end
+    seconds: float  # training time, trunk and end
     threads: int
     machine: str
     data: str  # description of the frames

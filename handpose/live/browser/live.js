@@ -12,7 +12,8 @@ const FOLLOW_S = 0.3; // in which most of a move of what is shown is made
 const RATE_S = 2; // over which frames per second are counted
 const data = JSON.parse(byId("data").textContent), state = byId("state");
 const scene = new Scene(data);
-const shows = Object.fromEntries(["surface", "skeleton", "points", "names"].map((name) => [name, byId(`show-${name}`)]));
+const layers = ["surface", "skeleton", "points", "names"];
+const shows = Object.fromEntries(layers.map((name) => [name, byId(`show-${name}`)]));
 const stage = new Stage(byId("stage"), scene, shows, (joint) => {
   const place = joint === null ? undefined : scene.joints[joint];
   const at = place?.map((mm) => shown(mm, 1)).join(", ");
