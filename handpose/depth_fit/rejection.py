@@ -38,9 +38,12 @@ def rejection_score(model: CapsuleModel, fit: DepthFit, hands: HandCrops, *, kno
     crops, uvd, camera, mirror = hands.crops, hands.center_uvd, hands.camera, hands.mirror
     surface = model.capsules(fit.x, hands.center_mm).mirrored(mirror)
     capsules = in_front(surface, uvd[:, 2] - model.unit_mm)  # parts nearer to the camera are not in the crop
-    whole = _rendered(capsules, uvd, 2 * model.unit_mm, camera, crops.shape[1])
-    own = ~model.surface.limbs
-    hand = _rendered(capsules.chosen(own), uvd, 2 * model.unit_mm, camera, crops.shape[1])
+    limbs = model.surface.limbs
+    hand = _rendered(capsules.chosen(~limbs), uvd, 2 * model.unit_mm, camera, crops.shape[1])
+    whole = hand
+    if limbs.any():
+        arm = _rendered(capsules.chosen(limbs), uvd, 2 * model.unit_mm, camera, crops.shape[1])
+        whole = np.minimum(hand, arm)
     apart = np.minimum(np.abs(whole - crops) * model.unit_mm, CAP_MM)
     shown = (hand < BACKGROUND) & (hand <= whole)
     moved = np.linalg.norm(fit.joints - fit.network, axis=2).mean(axis=1)
