@@ -32,10 +32,11 @@ T = TypeVar("T", bound=Any)
 
 
 class Stage(NamedTuple):
-    """A number of iterations with one robust distance."""
+    """A number of iterations with one robust distance; a fit ends earlier once its cost decreases by too little."""
 
     robust: float  # mm
     iterations: int
+    least_gain: float = 0.0  # relative decrease of the cost in an iteration
 
 
 def descend(
@@ -47,17 +48,21 @@ def descend(
     measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
     for stage in stages:
         now = objective.weigh(measured, seen, stage.robust)
+        active = np.ones(len(x), bool)
         for _ in range(stage.iterations):
             M, b = objective.equations(measured, now)
             step = damped_step(M, b, mu, x, lower, upper, RIDGE)
             trial = np.clip(rounded(x + FURTHER * step + MOMENTUM * moved, FIT_STEP), lower, upper)
             trial_measured = objective.measure(trial, seen, prior)
             found = objective.weigh(trial_measured, seen, stage.robust)
-            better = found.total < now.total
+            better = active & (found.total < now.total)
+            active &= ~better | (now.total - found.total >= stage.least_gain * now.total)
             moved = np.where(better[:, None], trial - x, 0)
             x = _chosen(better, trial, x)
             measured, now = _chosen(better, trial_measured, measured), _chosen(better, found, now)
             mu = np.clip(mu * np.where(better, TRUST, MISTRUST), MIN_MU, MAX_MU)
+            if not active.any():
+                break
     return x, now
 
 

@@ -45,10 +45,10 @@ class Plan:
 
     def refining(self) -> Plan:
         """The plan from one start that is already close to the solution."""
-        return replace(self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, REFINING_ITERATIONS),))
+        return replace(self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, REFINING, LEAST_GAIN),))
 
 
-REFINING_ITERATIONS = 4
+REFINING, LEAST_GAIN = 4, 0.02  # iterations from a start that is close, and when they end earlier: ``Stage``
 FAST = Plan("fast", 300, (0,), 0, 1, (), 1, (Stage(13, 6),))
 ACCURATE = Plan("accurate", 400, (0, 1, 2, 3), 6, 4, (Stage(15, 5),), 2, (Stage(13, 5),))
 PLANS = {plan.name: plan for plan in (FAST, ACCURATE)}
