@@ -23,6 +23,8 @@ from netlib import files
 from netlib.errors import NetlibError, WeightsError
 from netlib.files import Content
 from netlib.files.paths import ROOT, find
+from netlib.layer import TEST
+from netlib.net import Net
 from netlib.snapshots import snapshot
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
@@ -115,8 +117,9 @@ def predictor_of(
     hand  default: "either" with a fit, otherwise "right"
     """
     check_options(cube_mm=cube_mm, hand=hand or "right", refine=refine, fit=fit or "no")  # before reading the weights
+    net = Net(model, TEST, engine=engine)
     content = weights if isinstance(weights, Content) else snapshot.read_content(find(str(weights), None))
-    net = trained(model, content, engine)
+    net.copy_from(content, strict=True)
     fit = fit or best_fit(net)
     hand = hand or ("right" if fit == "no" else "either")
     layer, fitter = hand_layer(net), None
