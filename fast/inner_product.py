@@ -20,7 +20,6 @@ from netlib.blob import Blobs
 from netlib.system.memory import blocks
 
 LARGEST_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
-CACHED = 64  # outputs whose gradient is computed at a time: it is added before it has left the cache
 FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/parts.py shows both
 
 
@@ -47,9 +46,7 @@ class FastInnerProduct(FastLayer, InnerProduct):
         dw = self.output_first(self.weight.diff)
 
         def weight_job(o: slice) -> None:
-            for part in blocks(o.stop - o.start, CACHED):
-                rows = slice(o.start + part.start, o.start + part.stop)
-                dw[rows] += dy[:, rows].T @ x
+            dw[o] += dy[:, o].T @ x
             if self.param.bias_term:
                 self.bias.diff[o] += dy[:, o].sum(axis=0, dtype=np.float64)
 

@@ -43,7 +43,8 @@ Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], No
 
 def _sgd(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
     [h] = history
-    h[...] = p.momentum * h + rate * g
+    h *= p.momentum
+    h += rate * g
     w -= h
 
 
