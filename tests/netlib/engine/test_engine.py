@@ -195,7 +195,7 @@ def test_plain_has_one_thread() -> None:
         plain.set_threads(0)
 
 
-@pytest.mark.parametrize("name", engine.NAMES)
+@pytest.mark.parametrize("name", ["plain", pytest.param("fast", marks=needs_fast)])
 def test_for_each(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Every item once, on either engine; the error of a job is raised."""
     monkeypatch.setenv("NETLIB_ENGINE", name)
