@@ -94,8 +94,7 @@ def test_the_space(shown: Shown) -> None:
     shown.show(BOTH)
 
     def covered() -> int:
-        shown.tab.evaluate("live.stage.draw(1)")
-        return int(np.count_nonzero(picture(shown.tab, "stage")[..., 3]))
+        return int(np.count_nonzero(picture(shown.tab, "stage", draw="live.stage.draw(1)")[..., 3]))
 
     every = covered()
     shown.tab.get_by_label("surface").uncheck()

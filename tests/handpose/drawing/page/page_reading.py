@@ -58,8 +58,11 @@ def colours(tab: Any) -> np.ndarray:
     return picture(tab, "stage").reshape(-1, 4)
 
 
-def picture(tab: Any, canvas: str) -> np.ndarray:
-    """The pixels (height, width, 4) of a canvas: red, green, blue, how much it covers."""
-    png = tab.evaluate(f"document.getElementById('{canvas}').toDataURL()").partition(",")[2]
+def picture(tab: Any, canvas: str, draw: str = "null") -> np.ndarray:
+    """The pixels (height, width, 4) of a canvas: red, green, blue, opacity.
+
+    ``draw`` is evaluated immediately before, so that the page does not draw in between.
+    """
+    png = tab.evaluate(f"({draw}, document.getElementById('{canvas}').toDataURL())").partition(",")[2]
     pixels = cv2.imdecode(np.frombuffer(base64.b64decode(png), np.uint8), cv2.IMREAD_UNCHANGED)
     return pixels[..., [2, 1, 0, 3]]
