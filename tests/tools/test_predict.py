@@ -17,7 +17,6 @@ from handpose.data.images import pack_depth, read_crop, read_frame
 from handpose.facts.cameras import KINECT2, NYU, SR305, Camera
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.prediction import finding, packaged
-from handpose.prediction import nets as nets_of_hands
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
@@ -57,7 +56,7 @@ def test_engine(snapshot, monkeypatch):
         nets.append(netlib.Net(*args, **options))
         return nets[-1]
 
-    monkeypatch.setattr(nets_of_hands, "Net", built)
+    monkeypatch.setattr(packaged, "Net", built)
     monkeypatch.setenv("NETLIB_ENGINE", "plain")
     for chosen in ([], *(["--engine", name] for name in names)):
         done = run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", *chosen)
