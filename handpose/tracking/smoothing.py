@@ -12,10 +12,10 @@ from handpose.tracking.body_pose import WorldPose
 from handpose.tracking.one_euro import Cutoff, OneEuro, OneEuroRotation
 
 # Chosen on synthetic movements with three cameras that are in no reported result.
-PLACE = Cutoff(least=0.5, slope=0.4, speed=2.7, noise=1.3, most=50.0)  # per mm/s
+PLACE = Cutoff(least=0.5, slope=0.4, speed=2.7, noise=1.3, most=25.0)  # per mm/s
 ROTATION = Cutoff(least=0.8, slope=45.0, speed=4.0, noise=2.1, most=0.5)  # per rad/s
-OTHERS = Cutoff(least=0.8, slope=15.0, speed=0.75, noise=1.05, most=0.8)  # per rad/s, and of sizes their logarithm
-GOOD_MM = 14.0  # expected error of a pose above which it is trusted less
+OTHERS = Cutoff(least=0.8, slope=15.0, speed=0.75, noise=1.05, most=0.4)  # per rad/s, and of sizes their logarithm
+GOOD_MM = 30.0  # expected error of a pose above which it is trusted less; smaller errors last, so smoothing only delays
 POWER = 3  # exponent of the ratio of the errors
 MIN_TRUST = 0.1  # minimum trust, because a hand may move meanwhile
 

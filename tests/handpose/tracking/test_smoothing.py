@@ -70,7 +70,7 @@ def test_a_pose_that_is_not_sure_moves_little(model: CapsuleModel, trembling: np
     other = trembling[0].copy()
     other[model.limbs] += 0.5
     ways = []
-    for error in (float("nan"), 3.0, 14.0, 24.0, 60.0, 600.0):
+    for error in (float("nan"), 3.0, 30.0, 52.0, 75.0, 600.0):
         one = PoseFilter()
         first = one(converter.world_pose(trembling[0], CENTER), 0.0, 4.0)
         second = one(converter.world_pose(other, CENTER), 1 / 30, error)
