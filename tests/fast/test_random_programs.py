@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 
 import pytest
@@ -28,8 +29,10 @@ def test_the_engines_agree(block: int, caplog: pytest.LogCaptureFixture) -> None
 
 
 def test_the_campaign(capsys: pytest.CaptureFixture[str]) -> None:
-    """Counts programs and operations; one program alone shows what it does."""
+    """Counts programs and operations, and leaves the log as it is; one program alone shows what it does."""
+    level = logging.getLogger("netlib").level
     assert random_programs.main(["--count", "2", "--first", "100000"]) == 0
     assert re.match(r"2 programs, \d+ operations, 0 failed, 0 undecided, ", capsys.readouterr().out)
+    assert logging.getLogger("netlib").level == level
     assert random_programs.main(["--show", "1"]) == 0
     assert "layer {" in capsys.readouterr().out

@@ -469,7 +469,6 @@ def main(argv: list[str] | None = None) -> int:
     if args.show is not None:
         check(args.show, print)
         return 0
-    logging.getLogger("netlib").setLevel(logging.ERROR)  # layers in place that overwrite what a gradient needs
     failed, undecided, done, start = [], 0, Counter[str](), time.monotonic()
     for seed in range(args.first, args.first + args.count):
         try:
@@ -486,4 +485,5 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    logging.getLogger("netlib").setLevel(logging.ERROR)  # layers in place that overwrite what a gradient needs
     sys.exit(main())
