@@ -3,7 +3,7 @@
 
     python tools/predict.py frame.png --camera kinect2 --out pictures
     python tools/predict.py crop.png --out pictures
-    python tools/predict.py frame.png --camera kinect2 --html frame.html
+    python tools/predict.py frame.png --camera kinect2 --html frame.html --csv frame.csv
 
 The network of models/synthetic_hand predicts a pose, and a fit refines it to match the depth (--fit fast takes a third
 of the time, --fit no uses the network alone). --weights selects your own network.
@@ -29,6 +29,8 @@ The percentage is the probability that their mean error is below 30 mm.
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import json
 import sys
 from pathlib import Path
@@ -53,6 +55,7 @@ from handpose.prediction.packaged import load_predictor, predictor_of
 from handpose.prediction.prediction import Prediction
 from handpose.prediction.predictor import MAX_REFINE, Predictor
 from netlib.errors import DataError
+from netlib.files import atomic
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, hand_pages, outputs, pictures
 from tools.common.console import DONE, guarded, say
@@ -85,7 +88,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--refine", type=lambda text: arguments.natural(text, MAX_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
     arguments.add_engine(parser)
-    arguments.add_joints_option(parser, "in the table instead of NYU's, in --json in addition")
+    arguments.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
+    parser.add_argument("--csv", metavar="FILE.csv", type=arguments.name_in(".csv"), help="write one row per image")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
     if args.model and not args.weights:
@@ -105,20 +109,22 @@ def run(args: argparse.Namespace) -> int:
     predictor = _predictor(args)
     out = Path(args.out)
     pictures.make_folder(out)
-    if args.html:
-        outputs.check_place(Path(args.html), [*args.images, args.weights, args.model])
+    for file in filter(None, (args.html, args.csv)):
+        outputs.check_place(Path(file), [*args.images, args.weights, args.model])
     whole = args.camera is not None
     depths = [read_frame(i, args.camera, args.unit) if whole else read_crop(i) for i in args.images]
     given = args.center or [None]
     centers = given if len(given) > 1 else given * len(args.images)
     places = pictures.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
-    results, hands = [], []
+    results, hands, rows = [], [], [["image", *findings.columns(predictor, args.joints)]]
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
         if found.in_frame and predictor.is_hand:
             print_warnings(image, depth, found.camera, args.unit, found.fit.confidence if found.fit else 0.0)
         hands.append((image, found))
         findings.draw(place, found, predictor)
+        if args.csv:
+            rows.append([image, *findings.row(found, predictor, args.joints)])
         if args.json:
             values = findings.values(found, predictor, args.joints)
             results.append({"image": image, "picture": str(place), **values})
@@ -128,6 +134,11 @@ def run(args: argparse.Namespace) -> int:
                 say(line)
     if args.html:
         hand_pages.write(Path(args.html), hands, predictor)
+    if args.csv:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        content = text.getvalue().encode("utf-8", "backslashreplace")  # names of files that are not UTF-8
+        atomic.replace(Path(args.csv), lambda fresh: fresh.write_bytes(content))
     if args.json:
         print(json.dumps(results, indent=2))
     return DONE

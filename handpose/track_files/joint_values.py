@@ -73,10 +73,11 @@ def columns(name: FormatName) -> list[str]:
 
 
 def numbers(
-    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera, frames: HandFrames
-) -> list[str]:
+    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, frames: HandFrames,
+    cube_mm: float | None = None,
+) -> list[str]:  # fmt: skip
     """The values of a row, one for each column; ``frames`` are the hand's directions."""
-    parts = _parts(formatted(name, skeleton, hand, xyz, camera, frames=frames))
+    parts = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm, frames))
     return list(itertools.chain(_texts(parts), _texts({"deg": list(angles_of(frames).values())})))
 
 

@@ -1,6 +1,7 @@
 """tools/predict.py: joints and a picture for each crop, or whole frame."""
 
 import base64
+import csv
 import json
 import re
 import shutil
@@ -18,6 +19,7 @@ from handpose.facts.cameras import KINECT2, NYU, SR305, Camera
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.prediction import finding, packaged
 from handpose.synthetic.pose_prior import BodySampler
+from handpose.track_files import joint_values
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
@@ -189,6 +191,38 @@ def test_another_format_of_a_crop(snapshot):
     x, y, _ = found["mediapipe"]["landmarks"][4]
     tip = found["joints_mm"]["thumb_tip"]
     assert (x, y) == pytest.approx((0.5 + tip[0] / 300, 0.5 - tip[1] / 300), abs=1e-4)
+
+
+def table(path):
+    """The rows of a CSV file, as dictionaries."""
+    return list(csv.DictReader(Path(path).read_text(encoding="utf-8").splitlines()))
+
+
+def test_a_table_of_frames(frame):
+    """--csv: a row per image; joints are those of --json, from the camera; without a fit there are no angles."""
+    options = ["frame.png", "frame.png", "--camera", "kinect2", "--out", "p", "--json", "--csv", "hands.csv"]
+    found = json.loads(run_tool("predict", *OWN, *options).out)
+    rows = table("hands.csv")
+    assert [(row["image"], row["hand"], row["confidence"], row["error_mm"]) for row in rows] == [
+        ("frame.png", "right", "", "")
+    ] * 2
+    for row, values in zip(rows, found):
+        joints = np.array([[float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in values["joints_mm"]])
+        expected = np.array(list(values["joints_mm"].values())) + values["center_mm"]
+        assert joints == pytest.approx(expected, abs=0.03)
+    assert len(rows[0]) == 4 + 93
+
+
+@pytest.mark.parametrize("name", ["mediapipe", "openxr", "mano", "nyu"])
+def test_a_table_of_another_format(snapshot, name):
+    """Of a crop: the columns are those of a track; joints are from the crop's centre."""
+    options = ["crop.png", "--out", "p", "--json", "--csv", "hands.csv", "--joints", name]
+    found = json.loads(run_tool("predict", *OWN, *options).out)[0]
+    [row] = table("hands.csv")
+    assert list(row) == ["image", "hand", "confidence", "error_mm", *joint_values.columns(name)]
+    numbers = [float(value) for value in list(row.values())[4:]]
+    expected = [np.ravel(part) for part in found[name].values()] + [list(found["anatomical_deg"].values())]
+    assert numbers == pytest.approx(np.concatenate(expected).tolist(), abs=1e-4)
 
 
 def test_a_camera_by_its_numbers(frame):
@@ -457,12 +491,27 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
     cv2.imwrite("frame.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16))
     cv2.imwrite("mirrored.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16)[:, ::-1])
     at, mirrored = ([f"--center={u},{v},700"] for u, v in ((271, 217), (240, 217)))
-    arguments = ["frame.png", *at, "--camera", "kinect2", "--out", "p", "--html", "page.html", "--json"]
+    arguments = [
+        "frame.png",
+        *at,
+        "--camera",
+        "kinect2",
+        "--out",
+        "p",
+        "--html",
+        "page.html",
+        "--csv",
+        "hand.csv",
+        "--json",
+    ]
     (found,) = json.loads(run_tool("predict", *arguments).out)
     assert found["hand"] == "right" and found["expected_error_mm"] < 15 and found["confidence"] > 0.9
     joints = np.array(list(found["joints_mm"].values())) + found["center_mm"]
     truth = hand.joints[0] * 150 + (30, -20, 700)
     assert np.linalg.norm(joints - truth, axis=1)[list(EVALUATION_JOINTS)].mean() < 20
+    (row,) = table("hand.csv")
+    assert float(row["error_mm"]) == pytest.approx(found["expected_error_mm"], abs=0.051)
+    assert len(row) == 4 + 93 + 23 and all(row.values())
     (shown,) = hands_in("page.html")
     np.testing.assert_allclose(shown["joints"], list(found["joints_mm"].values()), atol=0.02)
     np.testing.assert_allclose(shown["inputs"][:47], found["inputs"], atol=1e-6)

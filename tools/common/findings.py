@@ -11,9 +11,10 @@ import numpy as np
 from handpose.drawing import hands, sheets, surface
 from handpose.drawing.identities import percent
 from handpose.joint_formats.formats import FORMATS, FormatName
+from handpose.joint_formats.frames import hand_frames
 from handpose.prediction.prediction import Prediction
 from handpose.prediction.predictor import Predictor
-from handpose.track_files import joint_values
+from handpose.track_files import angles, joint_values
 from netlib.blob import Array
 from tools.common import pictures
 
@@ -32,6 +33,41 @@ def table(found: Prediction, predictor: Predictor, joints: FormatName | None) ->
         return words, _format_lines(found, joints, _in_format(found, predictor, joints))
     own = _joints(found, predictor)
     return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own.items()]
+
+
+def columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
+    """The columns of a table of predictions, for ``row``."""
+    skeleton = predictor.skeleton
+    if joints:
+        own = joint_values.columns(joints)
+    else:
+        own = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]
+        own += [f"{skeleton.dof_names[d]}_rad" for d in _angles(predictor)]
+    return ["hand" if predictor.is_hand else "body", "confidence", "error_mm", *own]
+
+
+def row(found: Prediction, predictor: Predictor, joints: FormatName | None) -> list[str]:
+    """The values of a prediction, one for each column; empty if unknown. Raises DataError.
+
+    Joints are in camera axes, or from the crop's centre if there is no frame.
+    """
+    skeleton, fit = predictor.skeleton, found.fit
+    about = [found.hand if predictor.is_hand else skeleton.name]
+    is_measured = fit is not None and not math.isnan(fit.error_mm)
+    about += [f"{fit.confidence:.4f}", f"{fit.error_mm:.2f}"] if fit and is_measured else ["", ""]
+    xyz, camera, cube = (found.xyz, found.camera, None) if found.in_frame else (found.joints_mm, None, found.cube_mm)
+    if joints:
+        frames = hand_frames(skeleton, found.hand, xyz)
+        return about + joint_values.numbers(joints, skeleton, found.hand, xyz, camera, frames, cube)
+    numbers = [f"{number:.2f}" for number in xyz.ravel()]
+    if fit:
+        numbers += [f"{angle:.5f}" for angle in skeleton.theta(fit.inputs)[_angles(predictor)]]
+    return about + numbers
+
+
+def _angles(predictor: Predictor) -> list[int]:
+    """The DoFs that are angles and that a fit determines."""
+    return [int(d) for d in angles.free_dofs(predictor.skeleton).angles] if predictor.fitter else []
 
 
 def _joints(found: Prediction, predictor: Predictor) -> dict[str, Array]:
