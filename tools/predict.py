@@ -29,8 +29,6 @@ The percentage is the probability that their mean error is below 30 mm.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import json
 import sys
 from pathlib import Path
@@ -55,7 +53,6 @@ from handpose.prediction.packaged import load_predictor, predictor_of
 from handpose.prediction.prediction import Prediction
 from handpose.prediction.predictor import MAX_REFINE, Predictor
 from netlib.errors import DataError
-from netlib.files import atomic
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, hand_pages, outputs, pictures
 from tools.common.console import DONE, guarded, say
@@ -75,9 +72,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=SOUGHT_SIDES, help="default: either, with --fit no right")
     parser.add_argument("--out", metavar="DIR", default=".", help="output folder (default: the working folder)")
     parser.add_argument("--html", metavar="FILE", help="write a page on which the hands can be rotated")
-    parser.add_argument(
-        "--cube", type=arguments.cube, metavar="MM", help=f"edge of the cube (default for hands: {CUBE_MM:g})"
-    )
+    parser.add_argument("--cube", type=arguments.cube, metavar="MM",
+                        help=f"edge of the cube (default for hands: {CUBE_MM:g})")  # fmt: skip
     parser.add_argument("--camera", type=arguments.camera, metavar="NAME|FX,FY,U0,V0",
                         help="the images are full depth frames of this camera: "
                              f"{', '.join(CAMERAS)}, or FX,FY,U0,V0")  # fmt: skip
@@ -116,15 +112,13 @@ def run(args: argparse.Namespace) -> int:
     given = args.center or [None]
     centers = given if len(given) > 1 else given * len(args.images)
     places = pictures.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
-    results, hands, rows = [], [], [["image", *findings.columns(predictor, args.joints)]]
+    results, hands = [], []
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
         if found.in_frame and predictor.is_hand:
             print_warnings(image, depth, found.camera, args.unit, found.fit.confidence if found.fit else 0.0)
         hands.append((image, found))
         findings.draw(place, found, predictor)
-        if args.csv:
-            rows.append([image, *findings.row(found, predictor, args.joints)])
         if args.json:
             values = findings.values(found, predictor, args.joints)
             results.append({"image": image, "picture": str(place), **values})
@@ -135,10 +129,7 @@ def run(args: argparse.Namespace) -> int:
     if args.html:
         hand_pages.write(Path(args.html), hands, predictor)
     if args.csv:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        content = text.getvalue().encode("utf-8", "backslashreplace")  # names of files that are not UTF-8
-        atomic.replace(Path(args.csv), lambda fresh: fresh.write_bytes(content))
+        findings.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:
         print(json.dumps(results, indent=2))
     return DONE

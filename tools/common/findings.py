@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,7 @@ from handpose.prediction.prediction import Prediction
 from handpose.prediction.predictor import Predictor
 from handpose.track_files import angles, joint_values
 from netlib.blob import Array
+from netlib.files import atomic
 from tools.common import pictures
 
 
@@ -35,8 +39,20 @@ def table(found: Prediction, predictor: Predictor, joints: FormatName | None) ->
     return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own.items()]
 
 
-def columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
-    """The columns of a table of predictions, for ``row``."""
+def write_csv(
+    path: Path, hands: Sequence[tuple[str, Prediction]], predictor: Predictor, joints: FormatName | None
+) -> None:
+    """Write a table with a row for each image and its prediction. Raises DataError, OSError."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["image", *_columns(predictor, joints)])
+    table.writerows([image, *_row(found, predictor, joints)] for image, found in hands)
+    content = text.getvalue().encode("utf-8", "backslashreplace")  # names of files that are not UTF-8
+    atomic.replace(path, lambda fresh: fresh.write_bytes(content))
+
+
+def _columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
+    """The columns of a table of predictions, for ``_row``."""
     skeleton = predictor.skeleton
     if joints:
         own = joint_values.columns(joints)
@@ -46,7 +62,7 @@ def columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
     return ["hand" if predictor.is_hand else "body", "confidence", "error_mm", *own]
 
 
-def row(found: Prediction, predictor: Predictor, joints: FormatName | None) -> list[str]:
+def _row(found: Prediction, predictor: Predictor, joints: FormatName | None) -> list[str]:
     """The values of a prediction, one for each column; empty if unknown. Raises DataError.
 
     Joints are in camera axes, or from the crop's centre if there is no frame.
