@@ -96,7 +96,7 @@ def _without_augmentation(net: str) -> str:
 
 @dataclass(frozen=True)
 class Study:
-    """A training run with one change."""
+    """A training run that differs from the reference in one setting."""
 
     name: str
     title: str

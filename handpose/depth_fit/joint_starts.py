@@ -6,8 +6,8 @@ minimises, with x_0 from the predicted angles and size,
 
     |X(x) - joints|^2 / JOINT_MM^2  +  sum over limbs of (x - x_0)^2 / LIMB^2  +  (log size - log size_0)^2 / SIZE_STD^2
 
-by Levenberg-Marquardt. The result depends little on these constants. Without the first move, which no step of
-Levenberg-Marquardt replaces where the predicted rotation is far off, twice as many steps end farther away.
+by Levenberg-Marquardt. The result depends little on these constants. Without the alignment, Levenberg-Marquardt
+converges slowly where the predicted rotation is far off: after twice as many steps it is farther from the joints.
 """
 
 from __future__ import annotations

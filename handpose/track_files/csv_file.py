@@ -20,6 +20,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -29,6 +30,8 @@ from handpose.joint_formats.frames import hand_frames
 from handpose.track_files import angles, joint_values
 from handpose.track_files.growing import GrowingFile
 from handpose.track_files.track import TrackedFrame, TrackedHand, TrackHeader
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
 
 FIRST = ["number", "time_s", "id", "hand", "lost", "confidence", "error_mm"]
 
@@ -46,15 +49,11 @@ class CsvWriter:
         self.files = [path]
         self._header, self._joints = header, joints
         self._skeleton, self._angles = header.skeleton, angles.free_dofs(header.skeleton).angles
-        columns = [f"{joint}_{axis}_mm" for joint in header.skeleton.joint_names for axis in "xyz"]
-        columns += [f"{header.skeleton.dof_names[d]}_rad" for d in self._angles]
-        if joints:
-            columns = joint_values.columns(joints)
+        columns = joint_values.columns(joints) if joints else model_columns(header.skeleton, self._angles)
         self._gestures = GestureReader(header.skeleton) if gestures else None
         columns += ["gesture", "gesture_confidence"] * gestures
         self._empty = [""] * (2 + len(columns))
-        self._numbers = [*["%.2f"] * (len(columns) - len(self._angles)), *["%.5f"] * len(self._angles)]
-        self._file = GrowingFile(path, _rows([FIRST + columns]))
+        self._file = GrowingFile(path, rows_of([FIRST + columns]))
 
     def __enter__(self) -> CsvWriter:
         self._file.__enter__()
@@ -65,17 +64,15 @@ class CsvWriter:
         about = [frame.number, f"{frame.time:.6f}"]
         rows = [[*about, hand.id, hand.hand, "", *self._values(hand, frame.time)] for hand in frame.hands]
         rows += [[*about, lost.id, lost.hand, lost.reason, *self._empty] for lost in frame.lost]
-        self._file.append(_rows(rows))
+        self._file.append(rows_of(rows))
 
     def _values(self, hand: TrackedHand, time: float) -> list[str]:
-        values, about = [_known("%.4f", hand.confidence), _known("%.2f", hand.error_mm)], (hand.hand, hand.xyz)
+        values, about = quality(hand.confidence, hand.error_mm), (hand.hand, hand.xyz)
         frames = hand_frames(self._skeleton, *about) if self._joints or self._gestures else None
         if self._joints and frames:
             values += joint_values.numbers(self._joints, self._skeleton, *about, self._header.camera, frames)
         else:
-            theta = self._skeleton.theta(hand.inputs)
-            numbers = [*hand.xyz.ravel().tolist(), *theta[self._angles].tolist()]
-            values += [_known(form, number) for form, number in zip(self._numbers, numbers)]
+            values += model_numbers(hand.xyz, self._skeleton.theta(hand.inputs)[self._angles])
         if self._gestures:
             name, confidence = self._gestures.read(hand.id, *about, time, frames)
             values += [name, f"{confidence:.3f}"]
@@ -87,11 +84,28 @@ class CsvWriter:
         self._file.__exit__(kind, error, where)
 
 
+def model_columns(skeleton: Skeleton, angles: Sequence[int]) -> list[str]:
+    """The columns of the model's joints and of these angles, for ``model_numbers``."""
+    joints = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]
+    return joints + [f"{skeleton.dof_names[d]}_rad" for d in angles]
+
+
+def model_numbers(xyz: Array, angles: Array) -> list[str]:
+    """Joints (K, 3) in mm and angles (A,) in rad as fields; empty where they are not finite."""
+    return [_known("%.2f", x) for x in xyz.ravel().tolist()] + [_known("%.5f", a) for a in angles.tolist()]
+
+
+def quality(confidence: float, error_mm: float) -> list[str]:
+    """Both as fields; empty if unknown."""
+    return [_known("%.4f", confidence), _known("%.2f", error_mm)]
+
+
 def _known(form: str, number: float) -> str:
     return form % number if math.isfinite(number) else ""
 
 
-def _rows(rows: list[list[object]] | list[list[str]]) -> bytes:
+def rows_of(rows: Iterable[Sequence[object]]) -> bytes:
+    """The lines of rows; characters of file names that are not UTF-8 are escaped."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().encode("utf-8", "backslashreplace")

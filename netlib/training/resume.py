@@ -25,7 +25,7 @@ from netlib.updates import steps_taken
 
 log = logging.getLogger("netlib")
 
-# Solver options that affect the course of a training run; a resume logs which of them have changed.
+# Solver options that affect training. On resume, those that have changed are logged.
 COURSE = (
     "type", "base_lr", "lr_policy", "gamma", "power", "stepsize", "stepvalue", "rampup_interval", "rampup_lr",
     "max_iter", "iter_size", "momentum", "momentum2", "rms_decay", "delta", "weight_decay", "regularization_type",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +15,7 @@ from handpose.joint_formats.formats import FORMATS, FormatName
 from handpose.joint_formats.frames import hand_frames
 from handpose.prediction.prediction import Prediction
 from handpose.prediction.predictor import Predictor
-from handpose.track_files import angles, joint_values
+from handpose.track_files import angles, csv_file, joint_values
 from netlib.blob import Array
 from netlib.files import atomic
 from tools.common import pictures
@@ -43,22 +41,14 @@ def write_csv(
     path: Path, hands: Sequence[tuple[str, Prediction]], predictor: Predictor, joints: FormatName | None
 ) -> None:
     """Write a table with a row for each image and its prediction. Raises DataError, OSError."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["image", *_columns(predictor, joints)])
-    table.writerows([image, *_row(found, predictor, joints)] for image, found in hands)
-    content = text.getvalue().encode("utf-8", "backslashreplace")  # names of files that are not UTF-8
+    rows = [[image, *_row(found, predictor, joints)] for image, found in hands]
+    content = csv_file.rows_of([["image", *_columns(predictor, joints)], *rows])
     atomic.replace(path, lambda fresh: fresh.write_bytes(content))
 
 
 def _columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
     """The columns of a table of predictions, for ``_row``."""
-    skeleton = predictor.skeleton
-    if joints:
-        own = joint_values.columns(joints)
-    else:
-        own = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]
-        own += [f"{skeleton.dof_names[d]}_rad" for d in _angles(predictor)]
+    own = joint_values.columns(joints) if joints else csv_file.model_columns(predictor.skeleton, _angles(predictor))
     return ["hand" if predictor.is_hand else "body", "confidence", "error_mm", *own]
 
 
@@ -69,16 +59,13 @@ def _row(found: Prediction, predictor: Predictor, joints: FormatName | None) -> 
     """
     skeleton, fit = predictor.skeleton, found.fit
     about = [found.hand if predictor.is_hand else skeleton.name]
-    is_measured = fit is not None and not math.isnan(fit.error_mm)
-    about += [f"{fit.confidence:.4f}", f"{fit.error_mm:.2f}"] if fit and is_measured else ["", ""]
+    about += csv_file.quality(fit.confidence, fit.error_mm) if fit else ["", ""]
     xyz, camera, cube = (found.xyz, found.camera, None) if found.in_frame else (found.joints_mm, None, found.cube_mm)
     if joints:
         frames = hand_frames(skeleton, found.hand, xyz)
         return about + joint_values.numbers(joints, skeleton, found.hand, xyz, camera, frames, cube)
-    numbers = [f"{number:.2f}" for number in xyz.ravel()]
-    if fit:
-        numbers += [f"{angle:.5f}" for angle in skeleton.theta(fit.inputs)[_angles(predictor)]]
-    return about + numbers
+    theta = skeleton.theta(fit.inputs)[_angles(predictor)] if fit else np.zeros(0)
+    return about + csv_file.model_numbers(xyz, theta)
 
 
 def _angles(predictor: Predictor) -> list[int]:

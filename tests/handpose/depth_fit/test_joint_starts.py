@@ -41,7 +41,7 @@ def test_joints_that_are_no_body(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_another_rotation(model: CapsuleModel, scene: Scene) -> None:
-    """A body that is turned and moved is turned back, exactly where its limbs are right; four steps alone are lost."""
+    """A rotated and shifted body is aligned with the joints, exactly if its limbs are right."""
     start = scene.truth.copy()
     start[:, model.root] += np.random.default_rng(2).normal(0, 2, (12, 6)) * (0.1, 0.1, 0.1, 1, 1, 1)
     assert error(model, start, scene).min() > 15
