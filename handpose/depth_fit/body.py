@@ -32,6 +32,7 @@ Floats = NDArray[np.float32]
 
 SIZE, THICKNESS = -2, -1  # indices into x
 SIZE_LIMIT = 0.3  # bound of both logarithms: 0.74 to 1.35 times the skeleton's size
+TYPICAL_SIZE = 0.92  # mean size of the recipe `people`, relative to the skeleton
 
 
 class Posed(NamedTuple):

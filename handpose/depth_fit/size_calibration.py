@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handpose.depth_fit.body import SIZE, SIZE_LIMIT, THICKNESS
+from handpose.depth_fit.body import SIZE, SIZE_LIMIT, THICKNESS, TYPICAL_SIZE
 from handpose.depth_fit.descent import Stage, descend
 from handpose.depth_fit.fit import STARTS_TOGETHER, DepthFitter
 from handpose.depth_fit.objective import Objective
@@ -54,12 +54,14 @@ class HandSize:
 
 def calibrate_size(
     fitter: DepthFitter, seen: Observation, x: Array, progress: Callable[[int], None] = lambda done: None,
-    sizes: Array = GRID,
+    sizes: Array = GRID, deviation: float = np.inf,
 ) -> HandSize:  # fmt: skip
     """Estimate the size of the hand in all frames, fitted as x (N, V). Raises DataError for too few frames.
 
-    progress  called with the number of further frames fitted, once for each size
-    sizes     at least three, with equal steps of their logarithms
+    progress   called with the number of further frames fitted, once for each size
+    sizes      at least three, with equal steps of their logarithms
+    deviation  of the logarithm of people's sizes about that of TYPICAL_SIZE. This prior counts as much as one frame,
+               however many there are, because the model differs from a hand in the same way in all of them.
     """
     if len(x) < MIN_FRAMES:
         raise DataError(f"{len(x)} frames to estimate a hand's size from, expected {MIN_FRAMES} or more")
@@ -76,6 +78,7 @@ def calibrate_size(
             left[i, rows], thicknesses[i, rows] = data_cost(cost.parts), found[:, THICKNESS]
             progress(rows.stop - rows.start)
     bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # frames that no size explains do not count
+    bounded += (np.log(sizes / TYPICAL_SIZE) / deviation)[:, None] ** 2
     whole = _lowest(sizes, bounded.mean(axis=1))
     order = np.random.default_rng(0).permutation(len(x))
     halves = [_lowest(sizes, bounded[:, half].mean(axis=1)) for half in np.array_split(order, 2)]
@@ -97,6 +100,6 @@ def _lowest(sizes: Array, values: Array) -> float:
     i = int(np.clip(values.argmin(), 1, len(sizes) - 2))
     before, here, after = values[i - 1 : i + 2]
     curve = before - 2 * here + after
-    shift = 0.5 * (before - after) / curve if curve > 0 else 0.0
+    shift = 0.5 * (before - after) / curve if curve > 0 else np.sign(before - after)
     step = np.log(sizes[1] / sizes[0])
     return float(np.exp(np.log(sizes[i]) + np.clip(shift, -1, 1) * step))

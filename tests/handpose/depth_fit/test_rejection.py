@@ -7,18 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel
+from handpose.depth_fit.body import SIZE, THICKNESS, TYPICAL_SIZE, CapsuleModel
 from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import HandCrops
-from handpose.depth_fit.rejection import (
-    CAP_MM,
-    COST_MM,
-    MOVED,
-    OUTSIDE_MM,
-    STRETCHED_MM,
-    TYPICAL_SIZE,
-    rejection_score,
-)
+from handpose.depth_fit.rejection import CAP_MM, COST_MM, MOVED, OUTSIDE_MM, STRETCHED_MM, rejection_score
 from handpose.facts.cameras import NYU
 from handpose.surface.render import normalise_depth, render_crop
 from handpose.synthetic.recipes import recipe

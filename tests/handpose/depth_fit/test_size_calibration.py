@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import SIZE, THICKNESS, CapsuleModel
+from handpose.depth_fit.body import SIZE, THICKNESS, TYPICAL_SIZE, CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.observation import observe
-from handpose.depth_fit.size_calibration import GRID, HandSize, calibrate_size, sized
+from handpose.depth_fit.size_calibration import GRID, HandSize, _lowest, calibrate_size, sized
 from handpose.facts.cameras import NYU
 from handpose.surface.model import Surface
 from handpose.surface.render import normalise_depth, render_crop
@@ -46,6 +46,25 @@ def test_sizes_that_are_tried(model: CapsuleModel, scene: Scene) -> None:
     assert found.costs.shape == (6,)
     larger = calibrate_size(fitter, seen, truth, sizes=1.05 * near[-3:] / near[-3])
     assert larger.size <= 1.05 and larger.costs.argmin() == 0 and larger.at_the_edge
+
+
+def test_people_as_a_prior(model: CapsuleModel, scene: Scene) -> None:
+    """It adds to the cost of each size, as much as to one frame, and draws the size to the typical one."""
+    fitter, sizes = DepthFitter(model), np.exp(np.linspace(-0.05, 0.1, 7))
+    alone = calibrate_size(fitter, scene.seen, scene.truth, sizes=sizes)
+    people = calibrate_size(fitter, scene.seen, scene.truth, sizes=sizes, deviation=0.02)
+    added = (np.log(sizes / TYPICAL_SIZE) / 0.02) ** 2
+    np.testing.assert_allclose(people.costs - alone.costs, added)
+    assert TYPICAL_SIZE < people.size < alone.size
+
+
+def test_the_least_of_few_costs() -> None:
+    """By a parabola; the first or last size if the costs only fall towards it, however they bend."""
+    sizes = np.exp([-0.1, 0.0, 0.1])
+    assert _lowest(sizes, np.array([2.0, 1.0, 2.0])) == pytest.approx(1.0)
+    assert _lowest(sizes, np.array([1.0, 1.0, 2.0])) == pytest.approx(np.exp(-0.05))
+    assert _lowest(sizes, np.array([1.0, 3.0, 4.0])) == pytest.approx(sizes[0])
+    assert _lowest(sizes, np.array([4.0, 3.0, 1.0])) == pytest.approx(sizes[2])
 
 
 def test_too_few_frames(model: CapsuleModel, scene: Scene) -> None:
