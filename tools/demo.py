@@ -27,15 +27,15 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.drawing import hands, sheets, surface
-from handpose.drawing.identities import percent
+from handpose.drawing import hands, strokes, surface
 from handpose.facts.cameras import NYU
 from handpose.prediction.packaged import load_predictor
+from handpose.prediction.prediction import percent
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from netlib.files import atomic
 from netlib.files.paths import command, is_subcommand
-from tools.common import findings, pictures
+from tools.common import findings, outputs
 from tools.common.arguments import natural, parser_of, positive
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
@@ -53,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Render, predict and draw. Raises NetlibError."""
-    pictures.make_folder(args.out)
+    outputs.make_folder(args.out)
     predictor = load_predictor(NYU)
     scenes = draw_scenes(np.random.default_rng(args.seed), args.frames)
     images, titles, results = [], [], []
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     with ProgressBar(args.frames) as progress:
         for n, (depth, truth) in enumerate(zip(scenes.depth, scenes.joints)):
             frame = np.rint(depth).astype(np.uint16)
-            pictures.write_image(args.out / f"frame_{n}.png", frame)
+            outputs.write_image(args.out / f"frame_{n}.png", frame)
             found = predictor.in_frame(frame)
             assert found.fit is not None  # load_predictor enables the fit
             uvd, cube = found.center_uvd, found.cube_mm
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
             results.append({**findings.facts(found, predictor), "true_error_mm": round(off, 1), "joints_mm": joints})
             progress(1)
     seconds = time.perf_counter() - begun
-    pictures.write_image(args.out / "hands.png", sheets.sheet(images, 6, titles))
+    outputs.write_image(args.out / "hands.png", strokes.sheet(images, 6, titles))
     atomic.replace_text(args.out / "hands.json", json.dumps(results, indent=2) + "\n")
     say(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
     predict = Path(__file__).resolve().with_name("predict.py")

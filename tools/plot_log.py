@@ -25,7 +25,7 @@ tools.begin(__name__)
 
 from netlib import files
 from netlib.errors import DataError, printable
-from tools.common import outputs, pictures
+from tools.common import outputs
 from tools.common.arguments import parser_of
 from tools.common.console import DONE, guarded, say
 
@@ -94,7 +94,7 @@ def plot(logs: dict[str, Log], out: str | Path) -> None:
     titles = ["training loss", *(f"test {shortened(name)}" for name in own)]
     if others:
         titles.append(f"{len(others)} more test outputs")
-    figure = pictures.new_figure(5.2 * len(titles), 4)
+    figure = outputs.new_figure(5.2 * len(titles), 4)
     axes = figure.subplots(1, len(titles), squeeze=False)[0]
     stems = [Path(path).stem for path in logs]
     for path, log in logs.items():
@@ -114,7 +114,7 @@ def plot(logs: dict[str, Log], out: str | Path) -> None:
             unnamed = len(axis.lines) - MAX_LABELS
             axis.legend(handles=axis.lines[:MAX_LABELS], frameon=False,
                         title=f"{unnamed} more without a label" if unnamed > 0 else None)  # fmt: skip
-    pictures.write_figure(out, figure, dpi=110)
+    outputs.write_figure(out, figure, dpi=110)
 
 
 def shortened(name: str) -> str:

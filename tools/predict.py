@@ -54,7 +54,7 @@ from handpose.prediction.prediction import Prediction
 from handpose.prediction.predictor import MAX_REFINE, Predictor
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
-from tools.common import arguments, findings, hand_pages, outputs, pictures
+from tools.common import arguments, findings, outputs
 from tools.common.console import DONE, guarded, say
 from tools.common.sources import print_warnings
 
@@ -104,14 +104,14 @@ def run(args: argparse.Namespace) -> int:
     """Predict the images."""
     predictor = _predictor(args)
     out = Path(args.out)
-    pictures.make_folder(out)
+    outputs.make_folder(out)
     for file in filter(None, (args.html, args.csv)):
         outputs.check_place(Path(file), [*args.images, args.weights, args.model])
     whole = args.camera is not None
     depths = [read_frame(i, args.camera, args.unit) if whole else read_crop(i) for i in args.images]
     given = args.center or [None]
     centers = given if len(given) > 1 else given * len(args.images)
-    places = pictures.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
+    places = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
     results, hands = [], []
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
@@ -127,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
             for line in (f"{image}: {words}; picture {place}", *lines):
                 say(line)
     if args.html:
-        hand_pages.write(Path(args.html), hands, predictor)
+        findings.write_page(Path(args.html), hands, predictor)
     if args.csv:
         findings.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:

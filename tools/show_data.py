@@ -26,11 +26,11 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose.data.examples import Example, examples_of
-from handpose.drawing import hands, sheets
+from handpose.drawing import hands, strokes
 from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.errors import DataError
-from tools.common import outputs, pictures
+from tools.common import outputs
 from tools.common.arguments import name_in, parser_of, positive
 from tools.common.console import DONE, guarded, say
 
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         while len(images) % columns:  # each set starts a row
             images.append(np.full_like(images[-1], 255))
             titles.append("")
-    pictures.write_image(args.out, sheets.sheet(images, columns, titles, gap=4))
+    outputs.write_image(args.out, strokes.sheet(images, columns, titles, gap=4))
     say(f"wrote {args.out}", file=sys.stderr)
     return DONE
 

@@ -43,7 +43,7 @@ from netlib.files.paths import IS_CLONE, ROOT, command
 from tools.common.arguments import natural, parser_of, positive, weight
 from tools.common.campaign import Campaign
 from tools.common.console import DONE, aligned, guarded, say
-from tools.common.pictures import make_folder
+from tools.common.outputs import make_folder
 from tools.common.table1_pictures import write_pictures
 
 RESULTS = ROOT / "docs" / "results" if IS_CLONE else Path("results")

@@ -41,7 +41,7 @@ from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
 from netlib.files.paths import ROOT
 from netlib.net import Net
-from tools.common import pictures
+from tools.common import outputs
 from tools.common.advice import on_missing_data
 from tools.common.arguments import add_engine, name_in, parser_of, reject_given
 from tools.common.console import DONE, aligned, guarded, say
@@ -128,7 +128,7 @@ def _draw(path: Path, net: Net, found: Predictions) -> None:
         (2 * found.half_cube[chosen]).tolist(),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    pictures.write_image(path, sheet)
+    outputs.write_image(path, sheet)
     say(f"wrote {path}", file=sys.stderr)
 
 

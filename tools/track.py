@@ -47,7 +47,7 @@ from handpose.tracking import sizing
 from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import Tracker
 from netlib.errors import DataError
-from tools.common import findings, pictures
+from tools.common import findings, outputs
 from tools.common.arguments import add_engine, parser_of, positive, positive_number
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
@@ -143,7 +143,7 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
         say(f"frame {frame.number}: {findings.in_words(found, predictor)}; figure {args.look}")
         return DONE
     first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
-    pictures.write_image(args.look, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ())))
+    outputs.write_image(args.look, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ())))
     raise DataError(f"{seen.name}: no hand in the first {len(seen.frames)} frames; {args.look} shows the first one")
 
 

@@ -1,6 +1,6 @@
 """Depth image files: frames that cameras and data sets write, and crops. Every file is decoded once.
 
-read_png      a PNG of a published data set, pixels unchanged; errors are kinds of bad frames
+read_png      a PNG of a published data set, pixels unchanged; errors are kinds of bad frames, as reports name them
 read_picture  any image that a user names
 read_frame    an image that is a whole depth frame, in mm
 read_crop     an image that is a crop, in [-1, 1]
@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.bad_frames import DAMAGED, MISSING, BadFrameError
 from handpose.data.crops import SIZE
 from handpose.facts.cameras import UNIT_MM, Camera
 from netlib import files
@@ -22,6 +21,13 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import pictures
 from netlib.files.paths import exists
+
+MISSING = "no such file"
+DAMAGED = "truncated, damaged or no PNG"
+WRONG_SIZE = "wrong size or type of image"
+UNLABELLED = "a joint or the centre is not a number, or not before the camera"
+OUTSIDE = "the cube lies outside the image"
+EMPTY = "no depth around the hand"
 
 
 def read_png(path: str | Path) -> Array:
@@ -93,3 +99,11 @@ def pack_depth(depth: ArrayLike) -> NDArray[np.uint8]:
     """The inverse of ``unpack_depth``: whole mm (H, W) below 65536 to the pixels (H, W, 3) of a frame."""
     mm = np.asarray(depth).astype(np.uint16)
     return np.stack([mm & 255, mm >> 8, np.zeros_like(mm)], axis=-1).astype(np.uint8)
+
+
+class BadFrameError(DataError):
+    """A frame that cannot be used; ``kind`` is one of the constants above."""
+
+    def __init__(self, path: object, kind: str, detail: str = "") -> None:
+        super().__init__(f"{path}: {kind}{detail and f' ({detail})'}")
+        self.kind = kind

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.drawing import hands, sheets
+from handpose.drawing import hands, strokes
 from handpose.drawing.strokes import Image
 from handpose.facts.cameras import NYU, Camera
 from layers.hand.skeleton import Skeleton
@@ -40,7 +40,7 @@ def two_views(
         else:
             images.append(hands.overlay(crop, joints[n], skeleton, annotated, centers[n], cube_mm[n], camera, zoom=3))
         images.append(hands.view_3d(joints[n], skeleton, annotated, size=384))
-    return sheets.sheet(images, columns, [title for pair in titles for title in pair])
+    return strokes.sheet(images, columns, [title for pair in titles for title in pair])
 
 
 def side_by_side(
@@ -57,4 +57,4 @@ def side_by_side(
             error = np.linalg.norm(joints[n] - truth[n], axis=1).mean() * unit[n]
             images.append(hands.overlay(crop, joints[n], skeleton, truth[n], zoom=2))
             titles.append(f"{name}, {error:.0f} mm")
-    return sheets.sheet(images, len(methods), titles)
+    return strokes.sheet(images, len(methods), titles)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from handpose.drawing import sheets
+from handpose.drawing import strokes
 from handpose.drawing.strokes import Image
 from netlib.errors import DataError
 
@@ -45,7 +45,7 @@ class ContactSheet:
     def page(self) -> Image:
         """The images, each with its time above it. Raises DataError if there are none."""
         images = [image for _, image in self._chosen()]
-        return sheets.sheet(images, self.columns, [f"{time:.2f} s" for time in self.times()])
+        return strokes.sheet(images, self.columns, [f"{time:.2f} s" for time in self.times()])
 
     def _chosen(self) -> list[tuple[float, Image]]:
         count = min(len(self._kept), self.places)

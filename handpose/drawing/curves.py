@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from handpose.drawing import strokes
-from handpose.drawing.identities import colour_of, spoken
+from handpose.drawing.labels import colour_of, spoken
 from handpose.drawing.strokes import Colour, Image
 from handpose.track_files.track import TrackedFrame
 from netlib.blob import Array

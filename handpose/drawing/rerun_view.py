@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from handpose.data.crops import check_size
 from handpose.drawing.hands import bones, colours
-from handpose.drawing.identities import colour_of
+from handpose.drawing.labels import colour_of
 from handpose.drawing.surface import SKIN
 from handpose.surface.render import Capsules
 from handpose.track_files.track import TrackedFrame, TrackedHand, TrackHeader

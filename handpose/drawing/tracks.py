@@ -15,10 +15,9 @@ from handpose.data.crops import check_size
 from handpose.drawing import hands, strokes, surface
 from handpose.drawing.contrast import Contrast
 from handpose.drawing.curves import ConfidenceCurves
-from handpose.drawing.identities import colour_of, spoken, spoken_loss
+from handpose.drawing.labels import Tags, colour_of, spoken, spoken_loss
 from handpose.drawing.space import Space
 from handpose.drawing.strokes import Colour, Image
-from handpose.drawing.tags import Tags
 from handpose.facts.cameras import Camera
 from handpose.track_files.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.bad_frames import WRONG_SIZE, BadFrameError
-from handpose.data.images import read_png
+from handpose.data.images import WRONG_SIZE, BadFrameError, read_png
 from handpose.facts.cameras import ICVL
 from handpose.facts.icvl import CENTER_JOINT, CUBE_MM, JOINTS, TEST_FRAMES, TRAIN_FRAMES
 from handpose.importers.flaws import Flaw, recognise

@@ -10,8 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.bad_frames import WRONG_SIZE, BadFrameError
-from handpose.data.images import read_png, unpack_depth
+from handpose.data.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import (
     ANNOTATED_JOINTS,

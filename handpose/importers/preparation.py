@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from handpose.data import parts as files
-from handpose.data.bad_frames import BadFrameError
 from handpose.data.crops import SIZE
 from handpose.data.frames import Frames
+from handpose.data.images import BadFrameError
 from handpose.data.parts import Columns, Part, is_whole, write_part
 from handpose.importers.published_frames import PublishedFrames
 from netlib.files import hdf5

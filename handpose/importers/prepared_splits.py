@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from handpose.data import parts as files
-from handpose.data.bad_frames import BadFrameError
+from handpose.data.images import BadFrameError
 from handpose.importers.preparation import Outcome, is_current, parts_of, write_parts
 from handpose.importers.published_frames import PublishedFrames, statistics
 from netlib.errors import DataError, printable

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.bad_frames import EMPTY, OUTSIDE, UNLABELLED, WRONG_SIZE, BadFrameError
 from handpose.data.crops import crop, normalise_joints
 from handpose.data.frames import Frames, empty_frames
+from handpose.data.images import EMPTY, OUTSIDE, UNLABELLED, WRONG_SIZE, BadFrameError
 from handpose.facts.cameras import Camera
 from netlib import files
 from netlib.blob import Array

@@ -18,13 +18,15 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.facts.sides import Side, mirror_of
 from handpose.joint_formats.points import FINGERS, POINTS, weights_of
-from handpose.rotations import best_rotation
+from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
+from netlib.errors import DataError
 
 PALM = ("palm", "wrist_left", "wrist_middle", "thumb_mcp", *(f"{finger}_mcp" for finger in FINGERS))
 HINGES = {"thumb": ("thumb_mcp", "thumb_pip", "thumb_dip", "thumb_tip")} | {
@@ -122,3 +124,37 @@ def _pose_of(rest: Array, found: Array) -> tuple[Array, float]:
 def unit(vector: Array) -> Array:
     """A vector (3,) scaled to length 1; 0 stays 0."""
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
+
+
+def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
+    """The rotation of the palm, world_from_palm (3, 3), for joints (K, 3).
+
+    It is the rotation that best moves the joints fixed to the palm from their positions in its frame to those given.
+    Raises DataError if the skeleton has too few such joints.
+    """
+    fixed, in_palm = _fixed_to_palm(skeleton)
+    from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
+    return best_rotation(in_palm, from_palm)
+
+
+@functools.lru_cache(maxsize=16)
+def _fixed_to_palm(skeleton: Skeleton) -> tuple[NDArray[np.int_], Array]:
+    """The joints that move with the palm only, and their positions (n, 3) from it in its frame."""
+    palm = skeleton.joint_names.index("palm")
+    fixed = np.flatnonzero((skeleton.moves == skeleton.moves[:, [palm]]).all(axis=0))
+    kinematics = kinematics_of(skeleton)
+    pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
+    in_palm = (pose.joints[0, fixed] - pose.joints[0, palm]) @ kinematics.rotation_of(pose, palm)[0]
+    if np.linalg.matrix_rank(in_palm) < 2:
+        raise DataError(f"skeleton {skeleton.name!r} has too few joints fixed to the palm to tell how it is turned")
+    return fixed, in_palm
+
+
+def best_rotation(rest: Array, found: Array) -> Array:
+    """The rotation R (3, 3) that moves points (N, 3) best onto others (N, 3), both about a common origin.
+
+    It minimises sum_k |found_k - R rest_k|²: R = U diag(1, 1, det(U Vᵀ)) Vᵀ with sum_k found_k rest_kᵀ = U S Vᵀ
+    (Kabsch, 1976).
+    """
+    U, _, Vt = np.linalg.svd(found.T @ rest)
+    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)

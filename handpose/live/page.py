@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from handpose.drawing import identities
+from handpose.drawing import labels
 from handpose.drawing.page.assembly import assembled, script_of, source
 from handpose.live.messages import VIEWS, depth_step
 from handpose.surface.model import Surface
@@ -21,7 +21,7 @@ def page(header: TrackHeader) -> str:
         "stream": VIEWS.removeprefix("/"), "camera": vars(camera), "step": depth_step(camera.width, camera.height),
         "skeleton": {"joints": header.skeleton.joint_names, "parents": header.skeleton.parents.tolist()},
         "whole": surface.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(surface.start, surface.end)],
-        "colours": [identities.colour_of(id)[::-1] for id in range(COLOURS)],
+        "colours": [labels.colour_of(id)[::-1] for id in range(COLOURS)],
     }  # fmt: skip
     style = source("page.css") + source("live.css", BROWSER)
     body = source("live.html", BROWSER)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.flying_pixels import clear_crop
+from handpose.data.crops import clear_crop
 from handpose.depth_fit.body import THICKNESS
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.observation import HandCrops
@@ -26,8 +26,8 @@ from handpose.depth_fit.rejection import rejection_score
 from handpose.depth_fit.search import FAST, Plan
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import SIDES, Side
-from handpose.prediction import finding
 from handpose.prediction.crop_fits import fit_crops
+from handpose.prediction.locator import recenter
 from handpose.prediction.nets import hand_layer, network_joints
 from handpose.prediction.prediction import HandFit, Prediction
 from netlib.blob import Array
@@ -35,7 +35,7 @@ from netlib.errors import DataError, NetlibError
 from netlib.net import Net
 
 # A crop moves no farther than this from its start. Even if the start is the nearest surface, nine starts of ten are
-# within 55 mm of the hand's middle (finding.py), so a prediction farther away is wrong.
+# within 55 mm of the hand's middle (locator.py), so a prediction farther away is wrong.
 MAX_MOVE_MM = 60.0
 KEPT_PLACES = 3  # places that are fitted by the plan, after a fast fit of all
 ODDS_MM = 4.0  # mm of rejection score that one unit of the locator's log-odds is worth
@@ -180,7 +180,7 @@ class HandPipeline:
         for _ in range(self.refine):
             shown = HandCrops.of_sides(candidate.crop[None], candidate.center_uvd, camera, self.cube_mm, side).as_right
             joints = network_joints(self.net, shown[0])
-            palm = finding.recenter(joints, self.skeleton, candidate.center_uvd, self.cube_mm, camera, side)
+            palm = recenter(joints, self.skeleton, candidate.center_uvd, self.cube_mm, camera, side)
             if np.array_equal(palm, candidate.center_uvd):
                 break
             distance = np.linalg.norm(camera.unproject(palm) - camera.unproject(start))

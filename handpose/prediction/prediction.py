@@ -80,3 +80,8 @@ class Prediction:
     def xyz(self) -> Array:
         """(K, 3) joints in mm, camera axes."""
         return np.asarray(self.center_mm + self.joints_mm)
+
+
+def percent(confidence: float) -> str:
+    """``93%``; ``>99%`` for what would be rounded to 100%, since no estimate is certain."""
+    return ">99%" if confidence >= 0.995 else f"{confidence:.0%}"

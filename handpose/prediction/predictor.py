@@ -24,8 +24,7 @@ from handpose.depth_fit.search import PLANS, Fit
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.facts.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
-from handpose.prediction import finding
-from handpose.prediction.locator import Locator
+from handpose.prediction.locator import Locator, depth_around, find_hand
 from handpose.prediction.nets import cube_of, hand_layer, is_hand
 from handpose.prediction.pipeline import HandPipeline
 from handpose.prediction.prediction import Prediction
@@ -159,9 +158,9 @@ class Predictor:
             camera = self._camera_of(depth)
             if self.locator is not None:
                 return camera.project(self.locator.hands(depth, camera).center[0])
-            return finding.find_hand(depth, camera)
+            return find_hand(depth, camera)
         place = _center(center)
-        return place if len(place) == 3 else finding.depth_around(depth, *place)
+        return place if len(place) == 3 else depth_around(depth, *place)
 
     def _camera_of(self, depth: NDArray[np.generic]) -> Camera:
         """The camera; if it has no size, with the frame's."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.flying_pixels import clear_crop
+from handpose.data.crops import clear_crop
 from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import HandCrops
 from handpose.depth_fit.rejection import rejection_score
@@ -20,7 +20,7 @@ from handpose.depth_fit.search import Plan
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
 from handpose.prediction.crop_fits import fit_starts
-from handpose.prediction.finding import recenter
+from handpose.prediction.locator import recenter
 from handpose.prediction.predictor import Predictor
 from handpose.tracking.body_pose import PoseConverter, WorldPose
 from netlib.blob import Array

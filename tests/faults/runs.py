@@ -137,12 +137,12 @@ def write_texts(word: str = "new") -> Any:
     from handpose.experiments.model_file import write_model
     from handpose.joint_fit.absolute_joints import AbsoluteFit, write_fit
     from netlib.proto.binaryproto import write_blob
-    from tools.common import pictures
+    from tools.common import outputs
 
     value = {"old": 1, "new": 2}[word]
     atomic.replace_text(Path("text.txt"), word * 1000)
     write_blob(np.full((1, 3, 4, 5), value, np.float32), "mean.binaryproto")
-    pictures.write_image("picture.png", np.full((8, 8, 3), value, np.uint8))
+    outputs.write_image("picture.png", np.full((8, 8, 3), value, np.uint8))
     ones = np.full((2, 3), float(value))
     write_fit(Path("fit.h5"), AbsoluteFit(ones, ones, ones, ones[:, 0]), np.arange(2))
     write_model(netlib.Net("vision.prototxt", netlib.TRAIN, seed=value), None, Path("model.h5"))

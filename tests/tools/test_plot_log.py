@@ -40,7 +40,7 @@ def test_picture(tmp_path):
 def test_logs_of_one_name_are_told_apart(tmp_path, monkeypatch):
     """By their folders."""
     shown = []
-    monkeypatch.setattr(plot_log.pictures, "write_figure", lambda path, figure, dpi: shown.append(figure))
+    monkeypatch.setattr(plot_log.outputs, "write_figure", lambda path, figure, dpi: shown.append(figure))
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "train.log").write_text(LOG)
@@ -53,13 +53,13 @@ def test_logs_of_one_name_are_told_apart(tmp_path, monkeypatch):
 def figures(monkeypatch):
     """The figures that the tool writes."""
     shown = []
-    write = plot_log.pictures.write_figure
+    write = plot_log.outputs.write_figure
 
     def remember(path, figure, dpi):
         shown.append(figure)
         write(path, figure, dpi)
 
-    monkeypatch.setattr(plot_log.pictures, "write_figure", remember)
+    monkeypatch.setattr(plot_log.outputs, "write_figure", remember)
     return shown
 
 

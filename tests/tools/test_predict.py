@@ -17,7 +17,7 @@ from handpose.data.crops import crop
 from handpose.data.images import pack_depth, read_crop, read_frame
 from handpose.facts.cameras import KINECT2, NYU, SR305, Camera
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
-from handpose.prediction import finding, packaged
+from handpose.prediction import locator, packaged, pipeline
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.track_files import joint_values
 from layers.hand.kinematics import Kinematics
@@ -250,7 +250,7 @@ def test_centers(frame):
     (found,) = predicted("frame.png", *whole, "--center", "250,200,690")
     assert found["center_uvd"] == [250, 200, 690]
     (found,) = predicted("frame.png", *whole, "--center", f"{u},{v}")
-    assert found["center_uvd"] == pytest.approx(finding.depth_around(frame, u, v), abs=0.01)
+    assert found["center_uvd"] == pytest.approx(locator.depth_around(frame, u, v), abs=0.01)
     shutil.copy("frame.png", "again.png")
     centers = [[250, 200, 690], [260, 210, 700]]
     for given in (centers[:1], centers):
@@ -273,7 +273,7 @@ def test_the_hands_of_one_frame_have_pictures_of_their_own(frame):
 @pytest.mark.parametrize(("times", "moved"), [("0", 0), ("1", 5), ("3", 15)])
 def test_the_crop_is_moved_to_the_palm(frame, monkeypatch, times, moved):
     """As often as --refine says, each time to where the last prediction has it."""
-    monkeypatch.setattr(finding, "recenter", lambda joints, skeleton, center, *rest: center + (5, 0, 0))
+    monkeypatch.setattr(pipeline, "recenter", lambda joints, skeleton, center, *rest: center + (5, 0, 0))
     (found,) = predicted("frame.png", "--camera", "kinect2", "--center", "250,200,700", "--refine", times)
     assert found["center_uvd"] == [250 + moved, 200, 700]
 
@@ -281,7 +281,7 @@ def test_the_crop_is_moved_to_the_palm(frame, monkeypatch, times, moved):
 @pytest.mark.parametrize("astray", [(0, 0, -600), (5000, 0, 0)])
 def test_a_crop_is_not_moved_out_of_sight(frame, monkeypatch, astray):
     """By a prediction that puts the palm at the camera, or beside the image."""
-    monkeypatch.setattr(finding, "recenter", lambda joints, skeleton, center, *rest: center + astray)
+    monkeypatch.setattr(pipeline, "recenter", lambda joints, skeleton, center, *rest: center + astray)
     (found,) = predicted("frame.png", "--camera", "kinect2", "--center", "250,200,700")
     assert found["center_uvd"] == [250, 200, 700]
 
@@ -307,7 +307,7 @@ def test_the_other_hand(snapshot):
 def test_the_crop_of_the_other_hand_moves_the_other_way(frame, monkeypatch):
     """The hand is the mirror image of the skeleton's, and recenter is told so."""
     told = []
-    monkeypatch.setattr(finding, "recenter", lambda *arguments: told.append(arguments[-1]) or arguments[2])
+    monkeypatch.setattr(pipeline, "recenter", lambda *arguments: told.append(arguments[-1]) or arguments[2])
     predicted("frame.png", "--camera", "kinect2", "--hand", "left", "--refine", "1")
     predicted("frame.png", "--camera", "kinect2", "--refine", "1")
     assert told == ["left", "right"]

@@ -109,7 +109,7 @@ def test_of_two_failures_the_first_is_told(frames: Path, monkeypatch: pytest.Mon
     def refused(*anything: object) -> None:
         raise NetlibError("a.png: cannot write the picture")
 
-    monkeypatch.setattr("tools.common.pictures.write_image", refused)
+    monkeypatch.setattr("tools.common.outputs.write_image", refused)
     done = run_tool("track", "frames", "--json", "a.json", "--sheet", "a.png", status=1)
     assert done.err.endswith("a.png: cannot write the picture\n")
     monkeypatch.setattr(ContactSheet, "page", lambda self: None)

@@ -1,4 +1,4 @@
-"""Output of predictions: JSON values, tables and images."""
+"""Predictions as text, JSON, CSV, pictures, and an HTML page on which the hands can be rotated."""
 
 from __future__ import annotations
 
@@ -9,16 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from handpose.drawing import hands, sheets, surface
-from handpose.drawing.identities import percent
+from handpose.drawing import hands, strokes, surface
+from handpose.drawing.page.assembly import page
+from handpose.drawing.page.content import content, hand
+from handpose.facts.sides import as_right
 from handpose.joint_formats.formats import FORMATS, FormatName
 from handpose.joint_formats.frames import hand_frames
-from handpose.prediction.prediction import Prediction
+from handpose.prediction.nets import hand_inputs
+from handpose.prediction.prediction import Prediction, percent
 from handpose.prediction.predictor import Predictor
+from handpose.sequences.gestures import poses
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.track_files import angles, csv_file, joint_values
 from netlib.blob import Array
 from netlib.files import atomic
-from tools.common import pictures
+from tools.common import outputs
 
 
 def values(found: Prediction, predictor: Predictor, joints: FormatName | None) -> dict[str, Any]:
@@ -132,4 +137,24 @@ def draw(picture: Path, found: Prediction, predictor: Predictor) -> None:
     if found.fit:
         drawn.append(surface.over_crop(found.crop, found.fit.capsules, **place))
     drawn.append(hands.view_3d(found.joints, predictor.skeleton))
-    pictures.write_image(picture, sheets.sheet(drawn, len(drawn)))
+    outputs.write_image(picture, strokes.sheet(drawn, len(drawn)))
+
+
+def write_page(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predictor) -> None:
+    """Write one page for all images, with a list to select from. Raises OSError, NetlibError."""
+    hands = [_on_page(image, prediction, predictor) for image, prediction in found]
+    sampler = BodySampler()
+    own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
+    data = content(predictor.skeleton, hands, poses(sampler) if own else None, predictor.cube_mm / 2)
+    title = "Predicted hands" if len(hands) > 1 else "Predicted hand"
+    atomic.replace_text(path, page(title if predictor.is_hand else f"{predictor.skeleton.name}, predicted", data))
+
+
+def _on_page(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]:
+    if found.fit:
+        inputs, size, thickness = found.fit.whole, found.fit.size, found.fit.thickness
+    else:
+        inputs, size, thickness = hand_inputs(predictor.net, as_right(found.crop, found.hand)[None])[0], 1.0, 1.0
+    words = in_words(found, predictor).partition(";")[0]
+    return hand(Path(image).name, words, inputs, camera=found.camera, center_uvd=found.center_uvd,
+                cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness, side=found.hand)  # fmt: skip

@@ -1,15 +1,24 @@
-"""Checks of output files before the work starts."""
+"""Output files of commands: checks before the work starts; figures (with matplotlib) and images, written atomically."""
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of
+from netlib import files
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
+
+JPEG_QUALITY = 90
 
 
 def refuse_inputs(out: str | Path, inputs: Iterable[str | Path | None], why: str = "is read in this run") -> None:
@@ -40,3 +49,62 @@ def check_skeleton(out: Path, force: bool, inputs: Sequence[str]) -> None:
     check_place(out, inputs)
     if out.exists() and not force:
         raise NetlibError(f"{out}: exists already; choose another --out, or replace it with --force")
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Create a matplotlib figure of width x height inches without a window. Raises NetlibError without matplotlib."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns if the home folder is not writable
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise NetlibError("matplotlib is missing: pip install matplotlib") from error
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def write_figure(path: str | Path, figure: Any, dpi: int) -> None:
+    """Write a figure in the format of the file's suffix, cropped to its content. Raises NetlibError."""
+    how = {"format": Path(path).name.rpartition(".")[2].lower(), "bbox_inches": "tight", "pad_inches": 0.15}
+    _write(path, lambda file: figure.savefig(file, dpi=dpi, **how))
+
+
+def write_image(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+    """Write an image in BGR order as PNG or JPEG, by the file's suffix. Raises NetlibError.
+
+    OpenCV encodes in memory, because it aborts the process for file names that are not UTF-8.
+    """
+    suffix = Path(path).suffix.lower()
+    options = (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY) if suffix == ".jpg" else ()
+    encoded = cv2.imencode(suffix, image, options)[1].tobytes()
+    _write(path, lambda file: file.write_bytes(encoded))
+
+
+def make_folder(out: Path) -> None:
+    """Create the folder for images if it is missing. Raises NetlibError."""
+    try:
+        files.make_folder(out)
+    except OSError as error:
+        raise NetlibError(f"{out}: cannot write images there: {reason_of(error)}") from error
+
+
+def places(images: Sequence[str], out: Path, ending: str) -> list[Path]:
+    """Paths of the output image for each input image: in the folder ``out``, with the input's name and a new suffix.
+
+    If an input is repeated, further outputs are numbered from 2. Raises NetlibError if two outputs would have the same
+    path, or one would replace an input.
+    """
+    found: list[Path] = []
+    for n, image in enumerate(images):
+        before = images[:n].count(image)
+        place = out / f"{Path(image).stem}{f'_{before + 1}' if before else ''}{ending}"
+        if place in found:
+            raise NetlibError(f"{image}: its output {place} would overwrite another one; run once per folder")
+        refuse_inputs(place, images)
+        found.append(place)
+    return found
+
+
+def _write(path: str | Path, fill: Callable[[Path], object]) -> None:
+    try:
+        atomic.replace(Path(path), fill)
+    except (OSError, ValueError) as error:  # matplotlib raises ValueError for unknown formats
+        raise NetlibError(f"{path}: cannot write the image: {reason_of(error)}") from error

@@ -8,7 +8,7 @@ from typing import Any
 
 from handpose.scoring.published_predictions import THRESHOLDS_MM, Benchmark, Score
 from netlib.errors import printable
-from tools.common import pictures
+from tools.common import outputs
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe-Ito, without yellow
 LINES = ("-", "--", ":", "-.")  # for repeated colours
@@ -17,7 +17,7 @@ HATCHES = ("", "///", "...", "xxx")
 
 def plot_joint_errors(scores: Mapping[str, Score], benchmark: Benchmark, frames: int, out: str | Path) -> None:
     """Plot success rates by maximum and by mean error, and mean errors per joint. Raises NetlibError."""
-    figure = pictures.new_figure(12, 8.5)
+    figure = outputs.new_figure(12, 8.5)
     axes = figure.subplot_mosaic([["max", "mean"], ["joints", "joints"]])
     _draw_curves(axes["max"], [s.success_max for s in scores.values()], "all joints")
     _draw_curves(axes["mean"], [s.success_mean for s in scores.values()], "mean error")
@@ -29,7 +29,7 @@ def plot_joint_errors(scores: Mapping[str, Score], benchmark: Benchmark, frames:
     figure.legend(axes["max"].lines, labels, loc="outside upper center", ncols=min(len(labels), 4), frameon=False,
                   title=f"{benchmark.name}: mean error over {frames} frames and {len(benchmark.joints)} joints",
                   title_fontsize="large")  # fmt: skip
-    pictures.write_figure(out, figure, dpi=130)
+    outputs.write_figure(out, figure, dpi=130)
 
 
 def _draw_curves(axis: Any, curves: list[list[float]], what: str) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from handpose.data import parts
-from handpose.data.bad_frames import BadFrameError
+from handpose.data.images import BadFrameError
 from handpose.importers.flaws import Flaw
 from handpose.importers.preparation import Outcome
 from handpose.importers.prepared_splits import PreparedSplit, refuse_foreign

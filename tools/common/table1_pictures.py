@@ -17,7 +17,7 @@ from handpose.experiments.table1.store import THRESHOLDS_MM, Entry, Shown
 from handpose.experiments.table1.summary import Line, curve_of, spread_text, value_of
 from handpose.joint_fit.angles import rotations
 from layers.hand.skeleton import Skeleton
-from tools.common import pictures
+from tools.common import outputs
 from tools.common.plots import COLOURS
 
 
@@ -51,7 +51,7 @@ def _counted(line: Line) -> list[Entry]:
 
 def _draw_joints(path: Path, lines: Mapping[str, Line], skeleton: Skeleton, title: str) -> None:
     """Draw success rates by maximum error, and the mean error per joint."""
-    figure = pictures.new_figure(12, 8.5)
+    figure = outputs.new_figure(12, 8.5)
     above, below = figure.subplots(2, 1)
     for colour, line in zip(COLOURS, lines.values()):
         curve = 100 * np.array(curve_of(_counted(line), "success"))
@@ -67,7 +67,7 @@ def _draw_joints(path: Path, lines: Mapping[str, Line], skeleton: Skeleton, titl
 
 def _draw_angles(path: Path, lines: Mapping[str, Line], skeleton: Skeleton, title: str) -> None:
     """Draw the mean error per rotation."""
-    figure = pictures.new_figure(12, 5)
+    figure = outputs.new_figure(12, 5)
     axis = figure.subplots()
     names = [skeleton.dof_names[d].replace("_rot_", " ").replace("_", " ") for d in rotations(skeleton)]
     _bars(axis, lines, "angles_deg", names)
@@ -88,7 +88,7 @@ def _draw_hands(path: Path, lines: Mapping[str, Line], shown: Shown, skeleton: S
     """Draw the recorded hands of all networks, first seed only, with the ground truth in white."""
     methods = {line.network.title: _counted(line)[0].shown for line in lines.values()}
     sheet = side_by_side(shown.crops, methods, shown.truth, skeleton, shown.half_cube)
-    pictures.write_image(path, sheet)
+    outputs.write_image(path, sheet)
 
 
 def _draw_lambda(path: Path, found: Mapping[tuple[float, str], Entry], setting: Setting) -> None:
@@ -99,7 +99,7 @@ def _draw_lambda(path: Path, found: Mapping[tuple[float, str], Entry], setting: 
     angle = "angle_deg" if setting.has_exact_angles else "fitted_angle_deg"
     rows = (("error_14_mm", "joint error, mm", 1), (angle, "angle error, degrees", 1),
             ("out_of_limits", "frames out of limits, %", 100))  # fmt: skip
-    figure = pictures.new_figure(12, 4)
+    figure = outputs.new_figure(12, 4)
     axes = figure.subplots(1, 3)
     smallest = min(weight for weight, _ in found if weight) / 10  # position of 0 on the logarithmic axis
     for axis, (name, label, factor) in zip(axes, rows):
@@ -122,4 +122,4 @@ def _finish(path: Path, figure: Any, axes: Sequence[Any]) -> None:
         axis.grid(True, axis="y", alpha=0.3)
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
-    pictures.write_figure(path, figure, dpi=110)
+    outputs.write_figure(path, figure, dpi=110)

@@ -24,7 +24,7 @@ from handpose.sources.recording import Recording
 from handpose.track_files.track import TrackedFrame, TrackHeader
 from handpose.track_files.writing import TrackWriter, open_writer
 from netlib.errors import NetlibError
-from tools.common import outputs, pictures
+from tools.common import outputs
 from tools.common.arguments import add_joints_option, name_in
 from tools.common.live_output import LIVE, LiveOutput, add_live_options
 
@@ -179,5 +179,5 @@ class Outputs:
 
     def _write_sheet(self) -> None:
         if self._sheet and self._sheet.times():
-            pictures.write_image(self._args.sheet, self._sheet.page())
+            outputs.write_image(self._args.sheet, self._sheet.page())
             self.written.append(self._args.sheet)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handpose.data import images
-from handpose.data.bad_frames import BadFrameError
+from handpose.data.images import BadFrameError
 from handpose.facts.cameras import KINECT2, NYU, Camera
 from netlib.errors import DataError
 

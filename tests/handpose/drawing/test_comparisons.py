@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.drawing import comparisons, hands, sheets
+from handpose.drawing import comparisons, hands, strokes
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
@@ -28,7 +28,7 @@ def test_two_views(joints: Array) -> None:
     cells = []
     for crop, hand, truth in zip(CROPS, joints, joints[:, ::-1]):
         cells += [hands.overlay(crop, hand, SKELETON, truth, zoom=3), hands.view_3d(hand, SKELETON, truth, size=384)]
-    assert np.array_equal(drawn, sheets.sheet(cells, 2, ["frame 0", "1 mm", "frame 7", "2 mm"]))
+    assert np.array_equal(drawn, strokes.sheet(cells, 2, ["frame 0", "1 mm", "frame 7", "2 mm"]))
 
 
 def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
@@ -48,4 +48,4 @@ def test_side_by_side(joints: Array) -> None:
         for crop, truth, pair in zip(CROPS, joints, zip(joints, moved))
         for hand in pair
     ]
-    assert np.array_equal(drawn, sheets.sheet(cells, 2, ["A, 0 mm", "B, 15 mm", "A, 0 mm", "B, 10 mm"]))
+    assert np.array_equal(drawn, strokes.sheet(cells, 2, ["A, 0 mm", "B, 15 mm", "A, 0 mm", "B, 10 mm"]))

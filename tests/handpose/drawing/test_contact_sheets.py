@@ -36,7 +36,7 @@ def test_moments_evenly_apart(frames: int, columns: int, rows: int) -> None:
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each picture with its time in seconds above it, reduced to the width asked for."""
     told = {}
-    monkeypatch.setattr(contact_sheets.sheets, "sheet", lambda *given: told.update(given=given))
+    monkeypatch.setattr(contact_sheets.strokes, "sheet", lambda *given: told.update(given=given))
     sheet = ContactSheet(2, 2, width=100)
     for n in range(3):
         sheet.add(n / 30, lambda n=n: np.full((150, 200, 3), n, np.uint8))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handpose.drawing.curves import ConfidenceCurves
-from handpose.drawing.identities import colour_of
+from handpose.drawing.labels import colour_of
 from handpose.drawing.strokes import Image
 from handpose.track_files.track import LostHand, TrackedFrame
 from tests.support.tracked_hands import tracked

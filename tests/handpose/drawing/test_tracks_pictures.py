@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.drawing import hands
-from handpose.drawing.identities import colour_of
+from handpose.drawing.labels import colour_of
 from handpose.drawing.strokes import Image
 from handpose.drawing.tracks import HEAD, STRIP, Painter, annotated
 from handpose.facts.cameras import CAMERAS, Camera

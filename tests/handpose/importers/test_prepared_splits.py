@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.data import parts
-from handpose.data.bad_frames import MISSING, BadFrameError
+from handpose.data.images import MISSING, BadFrameError
 from handpose.facts.cameras import ICVL
 from handpose.importers.prepared_splits import PreparedSplit
 from handpose.importers.published_frames import PublishedFrames

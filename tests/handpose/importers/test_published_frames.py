@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose.data import bad_frames
+from handpose.data import images
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import TEST_FRAMES
 from handpose.importers import nyu_files
@@ -39,12 +39,12 @@ def test_crops() -> None:
     assert found.joint[1].max() == pytest.approx(100 / 130.5)
     nan = np.zeros((2, 4, 3)) * np.nan
     for changes, kind in (
-        ({"joints": nan}, bad_frames.UNLABELLED),
-        ({"center_uvd": np.array([[320, 240, 0.0]] * 2)}, bad_frames.UNLABELLED),
-        ({"center_uvd": np.array([[9999, 240, 800.0]] * 2)}, bad_frames.OUTSIDE),
-        ({"read": lambda path: np.full((480, 640), 2000.0)}, bad_frames.EMPTY),
-        ({"read": lambda path: np.zeros((480, 640))}, bad_frames.EMPTY),
-        ({"read": lambda path: np.full((640, 480), 780.0)}, bad_frames.WRONG_SIZE),
+        ({"joints": nan}, images.UNLABELLED),
+        ({"center_uvd": np.array([[320, 240, 0.0]] * 2)}, images.UNLABELLED),
+        ({"center_uvd": np.array([[9999, 240, 800.0]] * 2)}, images.OUTSIDE),
+        ({"read": lambda path: np.full((480, 640), 2000.0)}, images.EMPTY),
+        ({"read": lambda path: np.zeros((480, 640))}, images.EMPTY),
+        ({"read": lambda path: np.full((640, 480), 780.0)}, images.WRONG_SIZE),
     ):
         found, bad = frames(**changes).crops(0, 2)
         assert [(i, error.kind) for i, error in bad] == [(0, kind), (1, kind)]

@@ -3,18 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import netlib
-from handpose.data.places import CUBE_MM, SIZE
-from handpose.facts.cameras import NYU
-from handpose.prediction.finding import find_hand
-from handpose.prediction.locator import APART_MM, FARTHER_MM, HANDS, Locator
+from handpose.data import places
+from handpose.data.places import SIZE
+from handpose.facts.cameras import KINECT2, NYU
+from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
+from handpose.facts.sides import SIDES, mirror_of
+from handpose.importers.nyu_files import read_nyu_depth
+from handpose.prediction import locator
+from handpose.prediction.locator import (
+    APART_MM,
+    FARTHER_MM,
+    HANDS,
+    PALM_MM,
+    Locator,
+    depth_around,
+    find_hand,
+    palm_frame,
+    recenter,
+)
 from handpose.prediction.packaged import load_locator
+from handpose.synthetic import prior_file
+from handpose.synthetic.generator import BLOCK, Generator
+from handpose.synthetic.nyu_format import whole_image
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import draw_scenes
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
 from netlib.errors import DataError, NetlibError
+from netlib.proto import prototxt, schema
+from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 
 NET = """
 layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 64 dim: 64 } } }
@@ -24,13 +47,18 @@ layer { name: "where" type: "InnerProduct" bottom: "depth" top: "where" inner_pr
 """
 NetOf = Callable[..., netlib.Net]
 
+EXACT = prior_file.load().but(
+    center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0
+)  # all centres at one place of a palm
+COUNT = 16
+
 
 @pytest.fixture
 def drawn_to_the_right(net_of: NetOf) -> Locator:
     """Everything is a hand, the more the nearer it is, and always 20 mm to the right."""
     net = net_of(NET, netlib.TEST)
     net.params["score"][0].data[1, SIZE * SIZE // 2 + SIZE // 2] = -1
-    net.params["where"][1].data[0] = 20 / (CUBE_MM / 2)
+    net.params["where"][1].data[0] = 20 / (places.CUBE_MM / 2)
     return Locator(net)
 
 
@@ -107,3 +135,206 @@ def test_other_nets(net_of: NetOf) -> None:
     net.params["where"][1].data[1] = np.nan
     with pytest.raises(NetlibError, match="answers that are not finite; check its weights"):
         Locator(net).look(np.zeros((1, SIZE, SIZE)))
+
+
+def whole_frames(camera, count=COUNT):
+    """Depth images (N, height, width) in mm of hands in free space, and their crop centres (N, 3) in mm."""
+    sampler, rng = BodySampler(), np.random.default_rng(7)
+    hands = sampler.draw(rng, count)
+    center = camera.unproject(sampler.centers(rng, count, camera))
+    surface = capsules_of(sampler, rng, hands, center, ARM_BEHIND)
+    return render_image(surface, camera), center
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Those of NYU's camera; where there is no hand, the depth is infinite."""
+    return whole_frames(NYU)
+
+
+def distances(images, center, camera=NYU):
+    """How far in mm from the true centres the hands are found."""
+    return np.linalg.norm([camera.unproject(find_hand(image, camera)) for image in images] - center, axis=1)
+
+
+# ---------------------------------------------------------------------------------------------- find_hand
+
+
+@pytest.mark.parametrize("camera", [NYU, KINECT2], ids=lambda camera: camera.name)
+def test_the_hand_is_found(camera):
+    """In whole images, arm and all, half of the centres are within 40 mm of the true one, and nine of ten within 60."""
+    median, most = np.percentile(distances(*whole_frames(camera, 96), camera), [50, 90])
+    assert median < 40 and most < 60
+
+
+def test_in_frames_of_nyus_format():
+    """With the sensor's noise, and cut off at the cube: nearly as the comment of the constants says."""
+    generator = Generator(seed=3)
+    scenes = [generator.scene(number) for number in range(3)]
+    images = [whole_image(scene, n) for scene in scenes for n in range(BLOCK)]
+    centers = NYU.unproject(np.concatenate([scene.center_uvd for scene in scenes]))
+    median, most = np.percentile(distances(images, centers), [50, 90])
+    assert median < 33 and most < 58
+
+
+def test_a_real_frame(nyu_data):
+    """The first of NYU's test set: within 50 mm of the annotated joint."""
+    uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][0, CENTER_JOINT]
+    assert distances([read_nyu_depth(nyu_data / "depth_1_0000001.png")], NYU.unproject(uvd)) < 50
+
+
+def test_what_is_behind_does_not_matter(frames):
+    """A wall, or somebody's body: the same centre to the bit."""
+    for image in frames[0][:4]:
+        found = find_hand(image, NYU)
+        hand = np.isfinite(image)
+        body = np.zeros_like(hand)
+        body[100:, 50:300] = True
+        behind = np.where(body, image[hand].max() + 100, 2500)
+        assert np.array_equal(find_hand(np.where(hand, image, behind), NYU), found)
+
+
+def test_noise_in_front_does_not_matter(frames, rng):
+    """Specks that fly before the hand have too little surface to be one, however many pixels they have."""
+    moved = []
+    for image in frames[0]:
+        noisy = image.copy()
+        for row, column in zip(rng.integers(0, 460, 30), rng.integers(0, 620, 30)):
+            noisy[row : row + 3, column : column + 3] = rng.uniform(200, 400)
+        noisy[:40, :40] = 200  # 185 mm²
+        found, without = (NYU.unproject(find_hand(each, NYU)) for each in (noisy, image))
+        moved.append(np.linalg.norm(found - without))
+    assert np.median(moved) < 1 and max(moved) < 25
+
+
+@pytest.mark.parametrize("unread", [0, -1, np.nan, np.inf, -np.inf])
+def test_pixels_without_a_reading(frames, unread):
+    """Zero, negative, not a number or infinite: all the same."""
+    image = frames[0][0]
+    assert np.array_equal(find_hand(np.where(np.isfinite(image), image, unread), NYU), find_hand(image, NYU))
+
+
+@pytest.mark.parametrize("unread", [0, np.nan, np.inf])
+def test_an_empty_image(unread):
+    """There is nothing to find."""
+    with pytest.raises(DataError, match="no depth anywhere in the image"):
+        find_hand(np.full((480, 640), unread), NYU)
+
+
+def test_too_little_to_be_a_hand():
+    """20 x 20 pixels at 500 mm are 290 mm²; a hand shows more from any side."""
+    image = np.zeros((480, 640))
+    image[100:120, 100:120] = 500
+    with pytest.raises(DataError, match="only 290 mm² of surface in the image, expected a hand"):
+        find_hand(image, NYU)
+
+
+# ----------------------------------------------------------------------------------------------- recenter
+
+
+@pytest.fixture(scope="module")
+def hands():
+    """Inputs (N, 47) of hands as training crops have them, their crop centres (N, 3) in mm, and the sampler."""
+    sampler, rng = BodySampler(prior=EXACT), np.random.default_rng(7)
+    return sampler.draw(rng, COUNT).inputs, NYU.unproject(sampler.centers(rng, COUNT, NYU)), sampler
+
+
+def moved(inputs, sampler, by):
+    """The joints (N, 31, 3) of the same hands seen from a crop centre from which they are ``by`` mm away."""
+    result = inputs.copy()
+    for axis, distance in zip("xyz", by):
+        result[:, sampler.skeleton.dof_names.index(f"palm_{axis}")] += distance / (CUBE_MM / 2)
+    return sampler.kinematics.joints(result)
+
+
+def test_a_crop_as_in_training_stays(hands):
+    """The true joints of a crop at the right place ask for no move."""
+    inputs, centers, sampler = hands
+    for joints, center in zip(sampler.kinematics.joints(inputs), centers):
+        uvd = NYU.project(center)
+        assert recenter(joints, sampler.skeleton, uvd, CUBE_MM, NYU) == pytest.approx(uvd, abs=1e-9)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_crop_beside_moves_to_the_place_of_training(hands, side):
+    """By as much as it is off; the mirror image of a hand too, whose joints are mirrored and whose centre is beside."""
+    inputs, centers, sampler = hands
+    mirror = mirror_of(side)
+    off = np.array([25.0, -40.0, 30.0])
+    for joints, center in zip(moved(inputs, sampler, off * mirror), centers):
+        found = recenter(joints, sampler.skeleton, NYU.project(center - off), CUBE_MM, NYU, side)
+        assert NYU.unproject(found) == pytest.approx(center, abs=1e-9)
+
+
+def test_how_the_palm_is_turned(hands):
+    """The frame of the joint 'palm', from positions alone; of joints with noise still a rotation, and nearly that."""
+    inputs, _, sampler = hands
+    pose = sampler.kinematics.forward(inputs)
+    truth = sampler.kinematics.rotation_of(pose, sampler.skeleton.joint_names.index("palm"))
+    rng = np.random.default_rng(0)
+    for joints, frame in zip(pose.joints, truth):
+        np.testing.assert_allclose(palm_frame(joints, sampler.skeleton), frame, atol=1e-12)
+        near = palm_frame(joints + rng.normal(0, 0.01, joints.shape), sampler.skeleton)
+        np.testing.assert_allclose(near.T @ near, np.eye(3), atol=1e-12)
+        assert np.linalg.det(near) == pytest.approx(1) and np.abs(near - frame).max() < 0.15
+
+
+@pytest.mark.parametrize(
+    ("joints", "message"),
+    [
+        ('joint { name: "a" }', "skeleton 'stick' has no joint 'palm' to move the crop to"),
+        (
+            'joint { name: "palm" } joint { name: "a" parent: "palm" bone { axis: X length: 1 } }',
+            "skeleton 'stick' has too few joints fixed to the palm to tell how it is turned",
+        ),
+    ],
+)
+def test_a_skeleton_without_a_palm(joints, message):
+    """Has nothing to move the crop to; a palm that is only a stick has no frame."""
+    body = Skeleton(schema.read(prototxt.parse(f'name: "stick" {joints}'), SkeletonParameter, "test"))
+    with pytest.raises(DataError, match=message):
+        recenter(np.zeros((2, 3)), body, (320, 240, 700), CUBE_MM, NYU)
+
+
+# -------------------------------------------------------------------------------------------- depth_around
+
+
+def test_the_median_depth_around_a_pixel():
+    """And half a palm behind it, of what was read within 8 pixels."""
+    image = np.zeros((100, 100))
+    image[40:61, 40:61] = 700
+    image[50, 50:53] = (np.nan, np.inf, 200)
+    assert depth_around(image, 50.4, 49.6) == pytest.approx([50.4, 49.6, 700 + PALM_MM])
+    assert depth_around(image, 33, 50)[2] == 700 + PALM_MM, "8 pixels away"
+
+
+def test_a_pixel_in_the_corner():
+    """The square around it is cut at the edge of the image."""
+    image = np.full((100, 100), 900.0)
+    image[:5, :5] = 0
+    assert depth_around(image, 0, 0)[2] == depth_around(image, 99, 99)[2] == 900 + PALM_MM
+
+
+@pytest.mark.parametrize(
+    ("pixel", "message"),
+    [
+        ((30, 50), "no depth around pixel 30, 50"),
+        ((-1, 50), "pixel -1, 50 lies outside the image of 100 x 80"),
+        ((99.6, 50), "pixel 99.6, 50 lies outside the image of 100 x 80"),
+        ((50, 80), "pixel 50, 80 lies outside the image of 100 x 80"),
+    ],
+)
+def test_a_pixel_without_depth(pixel, message):
+    """One line each."""
+    with pytest.raises(DataError, match=message):
+        depth_around(np.zeros((80, 100)), *pixel)
+
+
+def test_of_a_huge_image_every_so_manieth_pixel_is_looked_at(frames, monkeypatch):
+    """The hand is found where it was, to the distance of these pixels."""
+    images, _ = frames
+    larger = replace(NYU, fx=4 * NYU.fx, fy=4 * NYU.fy, u0=4 * NYU.u0, v0=4 * NYU.v0)
+    monkeypatch.setattr(locator, "MAX_PIXELS", images[0].size)
+    for image in images[:4]:
+        found = find_hand(image.repeat(4, axis=0).repeat(4, axis=1), larger)
+        assert np.abs(found / (4, 4, 1) - find_hand(image, NYU)).max() < 1

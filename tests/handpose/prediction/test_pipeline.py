@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.data.flying_pixels import clear_crop
+from handpose.data.crops import clear_crop
 from handpose.facts.cameras import KINECT2, Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.facts.sides import Side, mirror_of
-from handpose.prediction import finding
+from handpose.prediction import pipeline
 from handpose.prediction.packaged import load_predictor
 from handpose.prediction.pipeline import MAX_MOVE_MM
 from handpose.prediction.predictor import Predictor
@@ -37,7 +37,7 @@ def test_a_crop_at_rest_is_looked_at_once(
 ) -> None:
     """However often it may be moved."""
     looks: list[int] = []
-    monkeypatch.setattr(finding, "recenter", lambda joints, skeleton, center, *rest: looks.append(1) or center.copy())
+    monkeypatch.setattr(pipeline, "recenter", lambda joints, skeleton, center, *rest: looks.append(1) or center.copy())
     found = Predictor(seeing, KINECT2, refine=100).in_frame(frame, (260, 210, 690))
     assert len(looks) == 1 and found.center_uvd.tolist() == [260, 210, 690]
 

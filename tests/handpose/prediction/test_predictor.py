@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import netlib
+from handpose.data.crops import clear_crop
 from handpose.data.depth_images import UnitError
-from handpose.data.flying_pixels import clear_crop
 from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CUBE_MM
-from handpose.prediction import finding
+from handpose.prediction import locator
 from handpose.prediction.nets import best_fit, skeleton_to_fit
 from handpose.prediction.packaged import load_predictor
 from handpose.prediction.predictor import Predictor
@@ -193,11 +193,11 @@ def test_a_locator_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarr
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
     """At the nearest thing, at a pixel and what is seen there, or at a place that is given."""
     predictor = Predictor(seeing, KINECT2, refine=0)
-    nearest = finding.find_hand(frame, KINECT2)
+    nearest = locator.find_hand(frame, KINECT2)
     np.testing.assert_array_equal(predictor.in_frame(frame).center_uvd, nearest)
     assert KINECT2.unproject(nearest) == pytest.approx((30, -20, 700), abs=60)
     u, v, _ = nearest
-    np.testing.assert_array_equal(predictor.start(frame, (u, v)), finding.depth_around(frame, u, v))
+    np.testing.assert_array_equal(predictor.start(frame, (u, v)), locator.depth_around(frame, u, v))
     np.testing.assert_array_equal(predictor.start(frame, (1, 2, 3)), [1, 2, 3])
     with pytest.raises(DataError, match="no depth anywhere in the image"):
         predictor.in_frame(np.zeros((424, 512)))

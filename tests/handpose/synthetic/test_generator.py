@@ -14,7 +14,7 @@ from handpose.data.crops import crop_pixels, restore_joints, window
 from handpose.data.frames import Frames
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
-from handpose.prediction.finding import palm_frame
+from handpose.prediction.locator import palm_frame
 from handpose.surface.render import Capsules, normalise_depth, render_crop
 from handpose.synthetic import prior_file, recipes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View

@@ -1,9 +1,9 @@
-"""best_rotation: found again from moved points, and never a reflection."""
+"""handpose/joint_formats/frames.py: best_rotation is found again from moved points, and never a reflection."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handpose.rotations import best_rotation
+from handpose.joint_formats.frames import best_rotation
 
 RNG = np.random.default_rng(0)
 POINTS = RNG.standard_normal((7, 3))

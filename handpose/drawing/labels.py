@@ -1,16 +1,49 @@
-"""Tags: white text on a coloured background, kept within an image and apart from each other."""
+"""Colours, words and tags by which the hands of a frame are distinguished.
+
+A tag is white text on a coloured background, kept within the image and apart from the other tags.
+"""
 
 from __future__ import annotations
+
+import math
 
 import cv2
 import numpy as np
 
 from handpose.drawing import strokes
 from handpose.drawing.strokes import Colour, Image
+from handpose.facts.sides import Side
+from handpose.prediction.prediction import percent
+from handpose.track_files.track import LostHand
+
+# Blue, green, red: dark enough for white letters on them, and for curves on white.
+_COLOURS: tuple[Colour, ...] = (
+    (190, 110, 25),
+    (30, 95, 210),
+    (60, 130, 40),
+    (160, 55, 150),
+    (60, 60, 60),
+    (130, 130, 0),
+)
 
 HEIGHT = 22  # pixels
 _WORDS = 0.55  # scale of text
 _BESIDE = 6  # pixels of background left and right of the text
+
+
+def colour_of(id: int) -> Colour:
+    """The colour of the hand with this id."""
+    return _COLOURS[id % len(_COLOURS)]
+
+
+def spoken(hand: Side, confidence: float) -> str:
+    """``right 93%``; without the number if the confidence was not measured."""
+    return f"{hand} {percent(confidence)}" if math.isfinite(confidence) else hand
+
+
+def spoken_loss(hand: LostHand, time: float) -> str:
+    """``left hand lost 0.4 s: it left the image``."""
+    return f"{hand.hand} hand lost {max(time - hand.since, 0):.1f} s: {hand.reason}"
 
 
 class Tags:
