@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import DTypeLike
 
-from fast.motion_parts import Part
+from fast.joint_groups import Part
 from layers.hand.kinematics import Pose, rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

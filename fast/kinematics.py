@@ -2,7 +2,7 @@
 
 Many poses. Everything is batch last, (..., N): the innermost loop of every operation is then the batch. Joints of the
 same depth and the same sequence of operations (like limbs) go together as one array (joint_groups.py). Turns about
-fixed angles are multiplied out beforehand (motion_parts.py). The sums over the joints that a motion moves are products
+fixed angles are multiplied out beforehand (joint_groups.py). The sums over the joints that a motion moves are products
 with the 0/1 matrix ``Skeleton.moves``:
 
     dL/dtheta  =  a . ( sum_k X_k x f_k  -  P x sum_k f_k )
@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from fast.few_poses import FewPoses
-from fast.joint_groups import groups_of
-from fast.motion_parts import parts_of
+from fast.joint_groups import groups_of, parts_of
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

@@ -34,8 +34,8 @@ from tools.common import training
 from tools.common.advice import on_missing_data
 from tools.common.arguments import caffes_flags, parser_of, positive
 from tools.common.caffe_log import BarHandler
-from tools.common.caffe_reports import report_test, report_time
 from tools.common.console import DONE, guarded
+from tools.common.costs import report_test, report_time
 from tools.common.ranks import only_first_prints, world
 
 log = logging.getLogger("netlib")

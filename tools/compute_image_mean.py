@@ -20,7 +20,7 @@ tools.begin(__name__)
 
 import numpy as np
 
-from layers.data.datum import decode_datum
+from layers.data.images import decode_datum
 from netlib.errors import DataError
 from netlib.proto.binaryproto import write_blob
 from tools.common import databases, outputs

@@ -35,8 +35,7 @@ from handpose.data.examples import spread
 from handpose.depth_fit.search import PLANS
 from handpose.drawing import comparisons
 from handpose.prediction.nets import centers_of, crops_of, data_layer, hand_layer
-from handpose.scoring.held_out import Predictions, errors_by_joint, figures_of, predict_all
-from handpose.scoring.held_out_fits import deploy_of, fit_all
+from handpose.scoring.held_out import Predictions, deploy_of, errors_by_joint, figures_of, fit_all, predict_all
 from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
 from netlib.files.paths import ROOT

@@ -28,9 +28,8 @@ from netlib import engine
 from netlib.net import Net
 from tools.common.advice import on_missing_data
 from tools.common.arguments import add_engine, parser_of, positive
-from tools.common.caffe_reports import layer_lines, pass_lines
 from tools.common.console import DONE, guarded, say
-from tools.common.costs import memory_of, time_passes
+from tools.common.costs import layer_lines, memory_of, pass_lines, time_passes
 
 
 def main(argv: list[str] | None = None) -> int:

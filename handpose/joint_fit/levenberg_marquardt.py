@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.joint_fit.damped_step import minimise
-from handpose.joint_fit.pose_problem import JointFit, PoseProblem, checked
-from handpose.joint_fit.starts import RotationGrid, limb_poses, redrawn_limbs
+from handpose.joint_fit.pose_problem import JointFit, PoseProblem, RotationGrid, checked, limb_poses, redrawn_limbs
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.engine import for_each

@@ -14,7 +14,7 @@ from handpose.sequences.choices import Choices
 from handpose.sequences.gestures import fingers_of
 from handpose.sequences.movements import OVERLAP, TOP_SPEED, Movement, Strokes
 from handpose.sequences.person import Person
-from handpose.sequences.volume import Volume
+from handpose.sequences.surroundings import Volume
 from handpose.synthetic.pose_prior import BodySampler
 from netlib.blob import Array
 

@@ -12,8 +12,7 @@ from handpose.sequences.acts import Actor
 from handpose.sequences.movements import HandPose, Movement
 from handpose.sequences.person import Person
 from handpose.sequences.scripts import Script
-from handpose.sequences.surroundings import NOWHERE_MM, draw_surroundings
-from handpose.sequences.volume import Volume
+from handpose.sequences.surroundings import NOWHERE_MM, Volume, draw_surroundings
 from handpose.surface.render import Floats, in_front, joined
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler

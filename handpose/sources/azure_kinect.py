@@ -12,8 +12,8 @@ import math
 from typing import Any
 
 from handpose.facts.cameras import Camera
-from handpose.sources.given import Given
 from handpose.sources.lens import Lens, lens_of
+from handpose.sources.recording import Given
 from netlib.errors import DataError
 
 TITLE, TRACK, MODE, CALIBRATION = "Azure Kinect", "DEPTH", "K4A_DEPTH_MODE", "calibration.json"

@@ -22,8 +22,8 @@ from typing import Any, NoReturn
 
 from handpose.data.json_fields import unique_keys
 from handpose.facts.cameras import Camera
-from handpose.sources.given import Given
 from handpose.sources.lens import Lens, lens_of
+from handpose.sources.recording import Given
 from netlib.errors import DataError, did_you_mean
 from netlib.files import atomic, read_text
 from netlib.files.paths import exists

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import ICVL, MSRA15, NYU, Camera
-from handpose.sources.given import Given
+from handpose.sources.recording import Given
 from netlib import files
 from netlib.errors import DataError
 from netlib.files.paths import names_in

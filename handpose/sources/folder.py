@@ -21,9 +21,8 @@ from handpose.sources import camera_file
 from handpose.sources.data_sets import MSRA_FRAME, DataSet, read_msra, recognised
 from handpose.sources.folder_writer import put_back
 from handpose.sources.frame_names import NamedFrames, in_order
-from handpose.sources.given import NOTHING, Given
 from handpose.sources.raw import Settled, settle
-from handpose.sources.recording import DepthFrame, Recording
+from handpose.sources.recording import NOTHING, DepthFrame, Given, Recording
 from netlib.errors import DataError, did_you_mean
 from netlib.files.paths import exists, names_in
 

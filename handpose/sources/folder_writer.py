@@ -14,9 +14,8 @@ import cv2
 
 from handpose.facts.cameras import Camera
 from handpose.sources import camera_file
-from handpose.sources.given import Given
 from handpose.sources.raw import stored
-from handpose.sources.recording import DepthFrame
+from handpose.sources.recording import DepthFrame, Given
 from netlib import files
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic, locks

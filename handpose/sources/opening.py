@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from handpose.sources.given import NOTHING, Given
-from handpose.sources.recording import Recording
+from handpose.sources.recording import NOTHING, Given, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import CAMERAS, UNIT_MM, Camera
-from handpose.sources.given import Given
 from handpose.sources.lens import Lens, Straightener
+from handpose.sources.recording import Given
 from netlib.errors import DataError
 
 EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from handpose.facts.cameras import Camera
-from handpose.sources.given import NOTHING, Given
 from handpose.sources.lens import lens_of
 from handpose.sources.raw import Settled, settle
-from handpose.sources.recording import DepthFrame, Recording
+from handpose.sources.recording import NOTHING, DepthFrame, Given, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
 WAIT_MS, WAITS = 1000, 5  # Ctrl-C is handled after each; a starting camera may need a few seconds

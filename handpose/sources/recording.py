@@ -3,12 +3,15 @@
 with open_recording("my_frames") as recording:     # handpose.sources.opening
     for frame in recording:
         frame.time, frame.depth                    # s; (height, width) in mm, 0 where there is no reading
+
+What is known of its camera, from the user, the file itself, or a camera.json, is ``Given``.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import NamedTuple
 
@@ -16,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
+from handpose.sources.lens import Lens
 
 
 class DepthFrame(NamedTuple):
@@ -69,3 +73,31 @@ class Recording(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
         self.close()
+
+
+@dataclass(frozen=True)
+class Given:
+    """Camera parameters; None is unknown. A camera whose width and height are 0 accepts frames of any size.
+
+    camera   of the frames
+    lens     its distortion
+    unit_mm  depth of a stored value of 1
+    rate     frames per second
+    origin   of these values, for messages: "--camera", "camera.json"
+    """
+
+    camera: Camera | None = None
+    lens: Lens | None = None
+    unit_mm: float | None = None
+    rate: float | None = None
+    origin: str = ""
+
+    def else_by(self, other: Given) -> Given:
+        """These parameters; those of ``other`` where these are unknown."""
+        unknown = {name: value for name, value in vars(other).items() if getattr(self, name) in (None, "")}
+        if self.camera is not None:  # camera and lens come from the same origin
+            unknown.pop("lens", None)
+        return replace(self, **unknown)
+
+
+NOTHING = Given()

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from handpose.sources import camera_file, ros_limits
 from handpose.sources import ros_messages as messages
 from handpose.sources.contained import Contained
-from handpose.sources.given import Given
 from handpose.sources.raw import Settled, settle
-from handpose.sources.recording import Recording
+from handpose.sources.recording import Given, Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
 from netlib.files.paths import exists
 

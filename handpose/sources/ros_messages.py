@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.sources.given import Given
 from handpose.sources.lens import Lens, lens_of
+from handpose.sources.recording import Given
 from netlib.errors import DataError
 from netlib.files import pictures
 

@@ -20,11 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.sources import camera_file
-from handpose.sources.given import NOTHING, Given
-from handpose.sources.npy_header import HEADER, Header, header_of
-from handpose.sources.npz_file import NpzFile
+from handpose.sources.numpy_files import HEADER, Header, NpzFile, header_of
 from handpose.sources.raw import settle
-from handpose.sources.recording import DepthFrame, Recording
+from handpose.sources.recording import NOTHING, DepthFrame, Given, Recording
 from netlib.errors import DataError
 from netlib.files import Source, hdf5
 

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from handpose.sources import azure_kinect, camera_file, ffmpeg
 from handpose.sources.contained import Contained
-from handpose.sources.given import Given
 from handpose.sources.raw import Settled, settle
-from handpose.sources.recording import Recording
+from handpose.sources.recording import Given, Recording
 from handpose.sources.video_writer import TAG
 from netlib.errors import DataError
 from netlib.files import pictures

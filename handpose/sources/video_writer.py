@@ -10,9 +10,8 @@ from typing import Any
 
 from handpose.facts.cameras import Camera
 from handpose.sources import camera_file, ffmpeg
-from handpose.sources.given import Given
 from handpose.sources.raw import RATE, stored
-from handpose.sources.recording import DepthFrame
+from handpose.sources.recording import DepthFrame, Given
 from netlib.errors import DataError
 from netlib.files import atomic
 

@@ -14,7 +14,7 @@ import zlib
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from layers.data.datum import decode_datum
+from layers.data.images import decode_datum
 from layers.data.lmdb_file import Cursor, Database
 from layers.data.reader import Reader
 from layers.data.transform import TransformationParameter, Transformer, misplaced

@@ -1,7 +1,11 @@
-"""Decoding of image files with OpenCV, as in Caffe: bytes (H, W, C) in BGR order."""
+"""Decoding of image files with OpenCV, and of the entries of Caffe's databases (Datum), as in Caffe.
+
+Images are bytes (H, W, C) in BGR order.
+"""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import cv2
@@ -9,8 +13,10 @@ import numpy as np
 
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError
+from netlib.errors import DataError, WireError
 from netlib.files import pictures
+from netlib.proto import schema, wire
+from netlib.proto.messages import Datum
 
 
 def read_image(path: Path, color: bool) -> Array:
@@ -41,3 +47,22 @@ def resize_image(image: Array, height: int, width: int) -> Array:
 def planes(image: Array) -> Array:
     """View of (H, W, C) as (C, H, W), the layout of blobs."""
     return image.transpose(2, 0, 1)
+
+
+def decode_datum(data: bytes, color: bool | None, what: str) -> tuple[Array, int]:
+    """Decode values (C, H, W) and label of a Datum: bytes, floats or an encoded image. Raises DataError.
+
+    ``color`` selects how images are decoded: True in colour, False in grey, None unchanged.
+    """
+    try:
+        datum = schema.read(wire.decode(data, Datum, what), Datum)
+    except WireError as error:
+        raise DataError(f"{error}; expected a Datum") from None
+    if datum.encoded:
+        return planes(decode_image(datum.data, color, what)), datum.label
+    shape = datum.channels, datum.height, datum.width
+    values = np.frombuffer(datum.data, np.uint8) if datum.data else datum.float_data
+    count = 0 if values is None else len(values)
+    if values is None or min(shape) < 1 or count != math.prod(shape):
+        raise DataError(f"{what}: a Datum with channels, height, width {shape} has {count} values")
+    return values.reshape(shape), datum.label

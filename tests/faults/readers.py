@@ -544,7 +544,7 @@ def make_datums() -> list[str]:
 
 def read_datum(path: Path) -> Any:
     """As a layer and the tools decode it."""
-    from layers.data.datum import decode_datum
+    from layers.data.images import decode_datum
 
     decode_datum(path.read_bytes(), True, str(path))
 
@@ -922,7 +922,7 @@ def make_dice() -> list[str]:
 def read_mixed_bag(path: Path) -> Any:
     """A bag of random records: messages of any type under any name, several types under one."""
     from handpose.facts.cameras import Camera
-    from handpose.sources.given import Given
+    from handpose.sources.recording import Given
     from handpose.sources.ros_bag import open_bag
     from tests.support import bags
 
@@ -1146,7 +1146,7 @@ READERS: tuple[Reader, ...] = (
     Reader("camera.json", ("handpose/sources/camera_file.py",), make_camera_json, read_camera_json),
     Reader("depth folder", ("handpose/sources/data_sets.py", "handpose/data/images.py"),
            make_depth_folders, read_recording),
-    Reader("depth stack", ("handpose/sources/stack.py", "handpose/sources/npz_file.py"),
+    Reader("depth stack", ("handpose/sources/stack.py", "handpose/sources/numpy_files.py"),
            make_stacks, read_recording),
     Reader("prepared data", ("handpose/data/parts.py", "handpose/importers/preparation.py", "netlib/files/atomic.py"),
            make_parts, read_parts),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import netlib
-from layers.data.datum import decode_datum
+from layers.data.images import decode_datum
 from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import Datum
 from tests.support.running import run_tool

@@ -15,10 +15,9 @@ from handpose.facts.cameras import CAMERAS, UNIT_MM, Camera
 from handpose.sources import camera_file
 from handpose.sources.camera_file import RANGES
 from handpose.sources.first_look import FirstLook, doubts
-from handpose.sources.given import Given
 from handpose.sources.lens import Lens
 from handpose.sources.opening import EXPECTED, open_recording
-from handpose.sources.recording import Recording
+from handpose.sources.recording import Given, Recording
 from netlib.errors import DataError
 from tools.common import arguments
 from tools.common.console import say

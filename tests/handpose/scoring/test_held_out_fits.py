@@ -1,4 +1,4 @@
-"""handpose/scoring/held_out_fits.py; more of it in the tests of tools/test.py"""
+"""handpose/scoring/held_out.py; more of it in the tests of tools/test.py"""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import netlib
-from handpose.scoring.held_out_fits import deploy_of
+from handpose.scoring.held_out import deploy_of
 from netlib.errors import WeightsError
 from netlib.proto import prototxt
 

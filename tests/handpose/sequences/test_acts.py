@@ -1,4 +1,4 @@
-"""handpose/sequences/acts.py, choices.py, gestures.py and volume.py"""
+"""handpose/sequences/acts.py, choices.py, gestures.py and surroundings.py"""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from handpose.sequences.choices import Choices
 from handpose.sequences.gestures import fingers_of, poses
 from handpose.sequences.movements import Movement
 from handpose.sequences.person import Person
-from handpose.sequences.volume import Volume
+from handpose.sequences.surroundings import Volume
 from handpose.synthetic.pose_prior import BodySampler
 
 SAMPLER = BodySampler()

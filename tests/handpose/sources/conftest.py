@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.sources.given import Given
+from handpose.sources.recording import Given
 
 CAMERA = Camera("own", 60.0, 61.0, 31.5, 23.5, 64, 48)
 GIVEN = Given(CAMERA, unit_mm=0.5, rate=10.0, origin="--camera")

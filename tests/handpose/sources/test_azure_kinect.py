@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import Camera
-from handpose.sources.given import Given
 from handpose.sources.lens import Lens
+from handpose.sources.recording import Given
 from handpose.sources.video import open_video
 from netlib.errors import DataError
 from tests.support import azure_file

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from handpose.facts.cameras import Camera
 from handpose.sources import camera_file
 from handpose.sources.camera_file import next_to, parse, read, to_text, write
-from handpose.sources.given import NOTHING, Given
 from handpose.sources.lens import Lens
+from handpose.sources.recording import NOTHING, Given
 from netlib.errors import DataError
 
 FOUR = '"fx": 60, "fy": 61, "u0": 31.5, "v0": 23.5'

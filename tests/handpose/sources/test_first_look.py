@@ -13,8 +13,7 @@ import pytest
 from handpose.facts.cameras import Camera
 from handpose.sources.first_look import doubts, look, nearest_thing
 from handpose.sources.folder import open_folder
-from handpose.sources.given import Given
-from handpose.sources.recording import DepthFrame, Recording
+from handpose.sources.recording import DepthFrame, Given, Recording
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import CAMERA, hand_sized, put
 

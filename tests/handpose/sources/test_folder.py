@@ -13,7 +13,7 @@ from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
 from handpose.sources import camera_file
 from handpose.sources.folder import open_folder
-from handpose.sources.given import Given
+from handpose.sources.recording import Given
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import CAMERA, GIVEN, hand_sized, put
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from handpose.sources.folder import FolderRecording
-from handpose.sources.given import NOTHING, Given
 from handpose.sources.opening import open_recording
+from handpose.sources.recording import NOTHING, Given
 from handpose.sources.stack import StackRecording
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import GIVEN, hand_sized

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.facts.cameras import SR305
-from handpose.sources.given import NOTHING, Given
 from handpose.sources.lens import Lens, Straightener
 from handpose.sources.raw import Developer, settle, sized, stored
+from handpose.sources.recording import NOTHING, Given
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import CAMERA, hand_sized
 

@@ -14,9 +14,9 @@ import pytest
 
 from handpose.facts.cameras import Camera
 from handpose.sources import realsense
-from handpose.sources.given import NOTHING, Given
 from handpose.sources.lens import Lens
 from handpose.sources.realsense import open_live
+from handpose.sources.recording import NOTHING, Given
 from netlib.errors import DataError, NetlibError
 
 Sent = tuple[int, float, str]  # frame number, time in ms, the clock's name

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import Camera
-from handpose.sources.given import NOTHING, Given
 from handpose.sources.lens import Lens
 from handpose.sources.opening import open_recording
-from handpose.sources.recording import DepthFrame, Recording
+from handpose.sources.recording import NOTHING, DepthFrame, Given, Recording
 from handpose.sources.ros_bag import open_bag
 from netlib.errors import DataError, NetlibError
 from tests.support import bags

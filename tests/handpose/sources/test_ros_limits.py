@@ -12,7 +12,7 @@ import pytest
 
 from handpose.facts.cameras import Camera
 from handpose.sources import ros_limits
-from handpose.sources.given import Given
+from handpose.sources.recording import Given
 from netlib.errors import DataError
 from tests.support import bags
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from handpose.sources import camera_file
-from handpose.sources.given import Given
+from handpose.sources.recording import Given
 from handpose.sources.stack import open_stack
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import CAMERA, GIVEN, hand_sized

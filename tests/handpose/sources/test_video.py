@@ -17,9 +17,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from handpose.facts.cameras import Camera
-from handpose.sources.given import Given
 from handpose.sources.lens import Lens
-from handpose.sources.recording import DepthFrame
+from handpose.sources.recording import DepthFrame, Given
 from handpose.sources.video import open_video
 from handpose.sources.video_writer import VideoWriter
 from netlib.errors import DataError, NetlibError

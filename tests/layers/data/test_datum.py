@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import netlib
-from layers.data.datum import decode_datum
+from layers.data.images import decode_datum
 from netlib.proto.binaryproto import read_blob
 from netlib.proto.prototxt import Bytes
 from tests.support.caffe_messages import blob, content, datum, number, one_by_one, write_blob

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from layers.data.datum import decode_datum
+from layers.data.images import decode_datum
 from netlib.errors import DataError, NetlibError
 from netlib.proto.messages import Datum
 from tools.common import databases

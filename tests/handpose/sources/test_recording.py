@@ -1,10 +1,10 @@
-"""handpose/sources/given.py: who knows what of a camera, and who is believed."""
+"""handpose/sources/recording.py: who knows what of a camera, and who is believed."""
 
 from __future__ import annotations
 
 from handpose.facts.cameras import KINECT2, NYU
-from handpose.sources.given import NOTHING, Given
 from handpose.sources.lens import Lens
+from handpose.sources.recording import NOTHING, Given
 
 LENS = Lens((0.1, 0, 0, 0))
 

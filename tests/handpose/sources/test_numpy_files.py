@@ -1,14 +1,16 @@
-"""handpose/sources/npy_header.py: headers as NumPy writes them, and damaged ones."""
+"""handpose/sources/numpy_files.py: headers as NumPy writes them, and damaged ones."""
 
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.lib import format as npy
 
-from handpose.sources.npy_header import header_of
+from handpose.sources import numpy_files
+from handpose.sources.numpy_files import NpzFile, header_of
 from netlib.errors import DataError
 
 
@@ -44,3 +46,22 @@ def test_a_damaged_header(content: bytes, what: str) -> None:
     """One line."""
     with pytest.raises(DataError, match=what):
         header_of(content, "x")
+
+
+def test_frame_by_frame(tmp_path: Path) -> None:
+    """Compressed or not."""
+    depth = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
+    for save in (np.savez, np.savez_compressed):
+        save(tmp_path / "a.npz", depth=depth)
+        file = NpzFile(tmp_path / "a.npz")
+        name, header = file.stack()
+        assert (name, header.shape) == ("depth", (2, 3, 4))
+        np.testing.assert_array_equal(list(file.frames(name, header)), depth)
+
+
+def test_small_arrays(tmp_path: Path, monkeypatch) -> None:
+    """Of numbers and texts; large ones are nobody's camera, objects nobody's at all."""
+    monkeypatch.setattr(numpy_files, "SMALL", 200)
+    np.savez(tmp_path / "a.npz", depth=np.zeros((2, 3, 4)), fx=60.0, camera="{}", large=np.zeros(1000),
+             objects=np.array([None]))  # fmt: skip
+    assert sorted(NpzFile(tmp_path / "a.npz").small()) == ["camera", "fx"]
