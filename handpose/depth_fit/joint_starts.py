@@ -15,8 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.body import SIZE, CapsuleModel
-from handpose.depth_fit.root_motion import RootMotion
+from handpose.depth_fit.body import SIZE, CapsuleModel, RootMotion
 from handpose.joint_fit.damped_step import minimise
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array

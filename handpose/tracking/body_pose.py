@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.depth_fit.body import CapsuleModel
-from handpose.depth_fit.root_motion import RootMotion
+from handpose.depth_fit.body import CapsuleModel, RootMotion
 from handpose.tracking.one_euro import turn_between, turned
 from netlib.blob import Array
 

@@ -1,4 +1,4 @@
-"""handpose/depth_fit/root_motion.py: compared with the kinematics, for roots of every kind"""
+"""handpose/depth_fit/body.py: RootMotion, compared with the kinematics, for roots of every kind"""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import SIZE, CapsuleModel
-from handpose.depth_fit.root_motion import RootMotion
+from handpose.depth_fit.body import SIZE, CapsuleModel, RootMotion
 from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError
 from tests.support.made_tracks import skeleton_of
