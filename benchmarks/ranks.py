@@ -42,8 +42,7 @@ import numpy as np
 import netlib
 from benchmarks.paper import Paper, add_batch, small
 from netlib import engine
-from netlib.distributed.allreduce import Buffers
-from netlib.distributed.gradients import Gradients
+from netlib.distributed.allreduce import Buffers, Gradients
 from netlib.engine.plain import BackwardHook
 from netlib.errors import NetlibError
 from netlib.layer import Layer

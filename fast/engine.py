@@ -17,10 +17,9 @@ from fast import parallel
 from fast.augment import FastHandAugment
 from fast.convolution import FastConvolution
 from fast.executor import SlicedExecutor
-from fast.hand_model import FastHandModel, FastSizedHandModel
 from fast.hdf5_data import FastHDF5Data
 from fast.inner_product import FastInnerProduct
-from fast.kinematics import FastKinematics
+from fast.kinematics import FastHandModel, FastKinematics, FastSizedHandModel
 from fast.pooling import FastPooling
 from fast.relu import FastReLU
 from fast.tiles import FastBlob

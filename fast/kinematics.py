@@ -1,4 +1,4 @@
-"""FastKinematics: forward kinematics and its gradient for many poses at once, and for a few.
+"""FastKinematics and FastHandModel: forward kinematics and its gradient for many poses at once, and for a few.
 
 Many poses. Everything is batch last, (..., N): the innermost loop of every operation is then the batch. Joints of the
 same depth and the same sequence of operations (like limbs) go together as one array (joint_groups.py). Turns about
@@ -20,11 +20,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import DTypeLike
 
+from fast.fast_layer import FastLayer
 from fast.few_poses import FewPoses
 from fast.joint_groups import groups_of, parts_of
+from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import Kinematics, Pose
+from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton
-from netlib.blob import Array
+from netlib.blob import Array, Blobs
 
 FEW = 16  # poses up to which fewer calls are faster than fewer operations (benchmarks/parts.py: one image)
 
@@ -220,3 +223,25 @@ def _cross(a: Array, b: Array, out: Array) -> Array:
         np.multiply(a[:, j], b[:, k], out=out[:, i])
         out[:, i] -= a[:, k] * b[:, j]
     return out
+
+
+class FastHandModel(FastLayer, HandModel):
+    """Forward kinematics, batch last."""
+
+    kinematics_type = FastKinematics
+    kinematics: FastKinematics
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        """Positions; the pose only for backward."""
+        body = self._body(bottom)
+        y = top[0].data.reshape(len(body[0]), len(self.skeleton.joint_names), 3)
+        if self.needs_backward:
+            self.pose = self.kinematics.forward(*body)
+            y[...] = self.pose.joints
+            self.kinematics.spare = self.pose  # backward is done with it before the next forward
+        else:
+            y[...] = self.kinematics.joints(*body)
+
+
+class FastSizedHandModel(FastHandModel, SizedHandModel):
+    """The same of bodies of different sizes."""

@@ -33,7 +33,7 @@ tools.begin(__name__)
 import netlib
 from handpose.data.examples import spread
 from handpose.depth_fit.search import PLANS
-from handpose.drawing import comparisons
+from handpose.drawing import sheets
 from handpose.prediction.nets import centers_of, crops_of, data_layer, hand_layer
 from handpose.scoring.held_out import Predictions, deploy_of, errors_by_joint, figures_of, fit_all, predict_all
 from handpose.scoring.metrics import joint_errors
@@ -116,7 +116,7 @@ def _draw(path: Path, net: Net, found: Predictions) -> None:
     hand = hand_layer(net)
     chosen = spread(len(found.joints), DRAWN)
     errors = joint_errors(found.joints[chosen], found.truth[chosen]).mean(axis=1) * found.half_cube[chosen]
-    sheet = comparisons.two_views(
+    sheet = sheets.two_views(
         crops_of(net, chosen),
         (found.joints if found.skeleton is None else found.skeleton)[chosen],
         found.truth[chosen],

@@ -1,14 +1,18 @@
-"""A Chromium without a window, for the tests of the page and for its picture."""
+"""A Chromium without a window, for the tests of pages and for their pictures."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from netlib.errors import NetlibError, reason_of
+from netlib.files import atomic
+from netlib.files.paths import ROOT
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -16,6 +20,9 @@ if TYPE_CHECKING:
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update",
          "--disable-sync")  # fmt: skip
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 
 class NoBrowserError(NetlibError):
@@ -40,3 +47,15 @@ def chromium() -> Iterator[Browser]:
             raise NetlibError(f"{path or 'Chromium'} does not start: {reason_of(error)}") from error
         with contextlib.closing(browser):
             yield browser
+
+
+def write(picture: Path, taken: Callable[[Browser], bytes]) -> int:
+    """Write what ``taken`` returns, a PNG, and print the path; returns the exit status."""
+    try:
+        with chromium() as browser:
+            atomic.replace_bytes(picture, taken(browser))
+    except NetlibError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"wrote {picture.relative_to(ROOT)}")
+    return 0

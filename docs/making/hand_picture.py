@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from docs.making import page_picture
+from docs.making import chromium
 from docs.making.hand_page import PLACE
 from netlib.files.paths import ROOT
 
@@ -41,7 +41,7 @@ def taken(browser: Browser) -> bytes:
 
 def main() -> int:
     """Write the picture; returns the exit status."""
-    return page_picture.write(PICTURE, taken)
+    return chromium.write(PICTURE, taken)
 
 
 if __name__ == "__main__":

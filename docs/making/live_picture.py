@@ -9,7 +9,7 @@ import re
 import sys
 from typing import TYPE_CHECKING, Any
 
-from docs.making import page_picture
+from docs.making import chromium
 from handpose.facts.cameras import NYU
 from handpose.live.messages import VIEWS, Messages
 from handpose.live.page import page
@@ -48,7 +48,7 @@ def taken(browser: Browser, frames: int = FRAMES) -> bytes:
 
 def main() -> int:
     """Write the picture; returns the exit status."""
-    return page_picture.write(PICTURE, taken)
+    return chromium.write(PICTURE, taken)
 
 
 if __name__ == "__main__":

@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from netlib.blob import Array
-from netlib.distributed.allreduce import Averaging, Means, Requests
-from netlib.distributed.gradients import Gradients
+from netlib.distributed.allreduce import Averaging, Gradients, Means, Requests
 from netlib.distributed.ranks import Ranks
 from netlib.engine.plain import BackwardHook
 from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError, reason_of

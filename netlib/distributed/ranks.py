@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from netlib.blob import Array
-from netlib.distributed.gradients import Gradients
+from netlib.distributed.allreduce import Gradients
 from netlib.distributed.share import Share
 from netlib.engine.plain import BackwardHook
 from netlib.errors import NetlibError

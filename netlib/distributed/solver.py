@@ -8,7 +8,7 @@ from typing import Any
 
 from netlib.blob import Array
 from netlib.distributed import consistency
-from netlib.distributed.gradients import Gradients
+from netlib.distributed.allreduce import Gradients
 from netlib.distributed.ranks import ALONE, Ranks, latest
 from netlib.distributed.share import RankOfLayers
 from netlib.interruption.solver import InterruptibleSolver

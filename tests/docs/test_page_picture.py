@@ -1,4 +1,4 @@
-"""docs/making/page_picture.py, with the pictures of both pages, and docs/making/chromium.py"""
+"""docs/making/chromium.py, with the pictures of both pages"""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from docs.making import hand_picture, live_picture, page_picture
+from docs.making import hand_picture, live_picture
 from docs.making.chromium import NoBrowserError, chromium
 from netlib.errors import NetlibError
 
@@ -37,7 +37,7 @@ def test_without_a_browser(
     def none() -> object:
         raise NetlibError("no Chromium: install it")
 
-    monkeypatch.setattr(page_picture, "chromium", none)
+    monkeypatch.setattr("docs.making.chromium.chromium", none)
     before = page.PICTURE.read_bytes()
     assert page.main() == 1 and capsys.readouterr().err == "no Chromium: install it\n"
     assert page.PICTURE.read_bytes() == before

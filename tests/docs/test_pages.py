@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from docs.making import hand_picture, page_picture
+from docs.making import hand_picture
 from docs.making.pages import BROWSER, PAGES, momentum, small_net, windows
 from netlib.files.paths import ROOT
 from tests.support.chromium_tabs import browser, visit
@@ -47,9 +47,9 @@ def test_the_sources_are_short() -> None:
 
 def test_the_picture_of_the_hand(browser: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """``python -m docs.making.hand_picture`` takes it from the page; it has its size and shows something."""
-    monkeypatch.setattr(page_picture, "chromium", lambda: contextlib.nullcontext(browser))
+    monkeypatch.setattr("docs.making.chromium.chromium", lambda: contextlib.nullcontext(browser))
     monkeypatch.setattr(hand_picture, "PICTURE", tmp_path / "hand.png")
-    monkeypatch.setattr(page_picture, "ROOT", tmp_path)
+    monkeypatch.setattr("docs.making.chromium.ROOT", tmp_path)
     assert hand_picture.main() == 0
     image = cv2.imread(str(tmp_path / "hand.png"))
     assert image.shape == (hand_picture.SIZE["height"], hand_picture.SIZE["width"], 3)

@@ -843,7 +843,7 @@ def make_components() -> list[str]:
 
 def read_components(path: Path) -> Any:
     """As tools/table1.py does for DeepPrior."""
-    from handpose.experiments.table1.principal_components import write_components
+    from handpose.experiments.table1.derived_nets import write_components
 
     write_components(Path("out.h5"), [Path("a.h5"), Path("b.h5")])
 
@@ -865,7 +865,7 @@ def make_frames() -> None:
 def _prepare() -> Any:
     from handpose.data.images import read_png, unpack_depth
     from handpose.facts.cameras import Camera
-    from handpose.importers.prepared_splits import PreparedSplit, refuse_foreign
+    from handpose.importers.preparation import PreparedSplit, refuse_foreign
     from handpose.importers.published_frames import PublishedFrames
 
     joints = np.zeros((3, 31, 3)) + (0, 0, 700)
@@ -1134,7 +1134,7 @@ READERS: tuple[Reader, ...] = (
            make_companions, read_companions),
     Reader("store of table 1", ("handpose/experiments/table1/store.py", "handpose/experiments/table1/speed.py"),
            make_store, read_store),
-    Reader("principal components", ("handpose/experiments/table1/principal_components.py",), make_components,
+    Reader("principal components", ("handpose/experiments/table1/derived_nets.py",), make_components,
            read_components),
     Reader("video", ("handpose/sources/ffmpeg.py", "handpose/sources/video.py"), make_videos, read_recording),
     Reader("azure kinect", ("handpose/sources/ffmpeg.py", "handpose/sources/video.py"),

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from netlib.distributed import consistency, mpi
 from netlib.proto import prototxt
 from netlib.errors import DataError, NetlibError
-from netlib.distributed.gradients import Gradients
+from netlib.distributed.allreduce import Gradients
 from netlib.distributed.mpi import MPIRanks
 
 

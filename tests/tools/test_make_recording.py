@@ -84,8 +84,8 @@ def contents() -> dict[str, bytes]:
 
 PLACES = {
     "a frame of a folder": ("a", "handpose.sources.folder_writer.FolderWriter.write", 3),
-    "a frame of a stack": ("a.npz", "handpose.sources.stack_writer.StackWriter.write", 3),
-    "the end of a stack": ("a.npz", "handpose.sources.stack_writer.StackWriter._fill", 1),
+    "a frame of a stack": ("a.npz", "handpose.sources.writing.StackWriter.write", 3),
+    "the end of a stack": ("a.npz", "handpose.sources.writing.StackWriter._fill", 1),
     "a frame of a video": ("a.mkv", "handpose.sources.video_writer.VideoWriter.write", 3),
     "a frame of the truth": ("a.npz", "handpose.track_files.growing.GrowingFile.append", 3),
 }

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.drawing.contact_sheets import ContactSheet
+from handpose.drawing.sheets import ContactSheet
 from handpose.track_files.json_file import JsonWriter
 from netlib.errors import NetlibError
 from tests.support.running import run_tool

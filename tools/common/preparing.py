@@ -12,8 +12,7 @@ from pathlib import Path
 from handpose.data import parts
 from handpose.data.images import BadFrameError
 from handpose.importers.flaws import Flaw
-from handpose.importers.preparation import Outcome
-from handpose.importers.prepared_splits import PreparedSplit, refuse_foreign
+from handpose.importers.preparation import Outcome, PreparedSplit, refuse_foreign
 from handpose.importers.published_frames import PublishedFrames
 from netlib import engine
 from tools.common.arguments import parser_of, positive

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from handpose.drawing.comparisons import side_by_side
+from handpose.drawing.sheets import side_by_side
 from handpose.experiments.table1 import page as table1_page
 from handpose.experiments.table1 import store
 from handpose.experiments.table1.recipes import RECIPES

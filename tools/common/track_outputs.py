@@ -14,8 +14,8 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.drawing.contact_sheets import ContactSheet
 from handpose.drawing.rerun_view import RerunView
+from handpose.drawing.sheets import ContactSheet
 from handpose.drawing.tracks import Painter
 from handpose.drawing.video_file import VideoFile
 from handpose.sources import camera_file

@@ -20,9 +20,8 @@ from pathlib import Path
 
 from handpose.data import parts
 from handpose.experiments.table1 import true_angles
-from handpose.experiments.table1.derived_nets import net_of
+from handpose.experiments.table1.derived_nets import net_of, write_components
 from handpose.experiments.table1.networks import Network
-from handpose.experiments.table1.principal_components import write_components
 from handpose.experiments.table1.recipes import Recipe
 from handpose.experiments.table1.settings import Setting
 from netlib.files import atomic

@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import netlib
 from netlib.blob import Blob
-from netlib.distributed.allreduce import POLL_S, Averaging, Means
+from netlib.distributed.allreduce import POLL_S, Averaging, Gradients, Means
+from netlib.proto import prototxt
+from tests.support.nets import inputs
+
+pytestmark = pytest.mark.both_engines
+
+FIXED = "param { lr_mult: 0 } param { lr_mult: 0 }"
+SHARED = 'param { name: "w" } param { name: "b" }'
 
 
 class Wire:
@@ -91,3 +99,71 @@ def test_buffers_are_made_once() -> None:
     assert means.buffers([array.copy() for array in arrays]) is first
     assert means.buffers([array.astype(np.float64) for array in arrays]) is not first
     assert [place.shape for place in first.places] == [(2, 3), (4,)] and first.flat.size == 10
+
+
+def net_of(*params: str) -> netlib.Net:
+    """Inner products fc0, fc1 ..., with these ``param`` blocks."""
+    text = inputs(x0=(2, 4))
+    for i, param in enumerate(params):
+        text += f"""layer {{ name: "fc{i}" type: "InnerProduct" bottom: "x{i}" top: "x{i + 1}" {param}
+                      inner_product_param {{ num_output: 4 weight_filler {{ type: "xavier" }} }} }}"""
+    text += f'layer {{ name: "sum" type: "Reduction" bottom: "x{len(params)}" top: "loss" loss_weight: 1 }}'
+    return netlib.Net(prototxt.parse(text, "net.prototxt"), netlib.TRAIN)
+
+
+def labels(net: netlib.Net, gradients: Gradients) -> list[list[str]]:
+    of_blob = {id(param.blob): param.label for param in net.learnable}
+    return [[of_blob[id(blob)] for blob in part] for part in gradients.parts]
+
+
+@pytest.mark.parametrize(
+    ("least", "expected"),
+    [
+        (1, [["fc2/1", "fc2/0"], ["fc1/1", "fc1/0"], ["fc0/1", "fc0/0"]]),
+        (81, [["fc2/1", "fc2/0", "fc1/1", "fc1/0"], ["fc0/1", "fc0/0"]]),  # a layer has 80 bytes
+        (2**20, [["fc2/1", "fc2/0", "fc1/1", "fc1/0", "fc0/1", "fc0/0"]]),
+    ],
+)
+def test_parts_end_between_layers(least: int, expected: list[list[str]]) -> None:
+    net = net_of("", "", "")
+    gradients = Gradients(net.layers, net.learnable, least)
+    assert labels(net, gradients) == expected
+    done = [gradients.complete(layer) for layer in reversed(net.layers)]
+    assert done[0] == 0 and done[-2:] == [len(expected)] * 2 and done == sorted(done)  # sum ... fc0, in
+
+
+def test_fixed_and_shared_parameters() -> None:
+    """Fixed ones are in no part; a shared one is complete when the first layer that uses it has run."""
+    net = net_of(SHARED, "", SHARED, FIXED)
+    gradients = Gradients(net.layers, net.learnable, min_bytes=1)
+    assert labels(net, gradients) == [["fc1/1", "fc1/0"], ["fc0/1", "fc0/0"]]
+    assert [gradients.complete(net.layer_dict[f"fc{i}"]) for i in (3, 2, 1, 0)] == [0, 0, 1, 2]
+
+
+def test_what_a_net_says_is_complete_does_not_change() -> None:
+    """While the other layers still run backwards."""
+    net = net_of("", SHARED, SHARED, "")
+    net.forward(x0=np.random.default_rng(0).standard_normal((2, 4)))
+    net.clear_param_diffs()
+    gradients = Gradients(net.layers, net.learnable, min_bytes=1)
+    seen: list[list[np.ndarray]] = []
+
+    def passed(layer: netlib.Layer | None) -> None:
+        if layer is not None:
+            for blobs in gradients.parts[len(seen) : gradients.complete(layer)]:
+                seen.append([blob.diff.copy() for blob in blobs])
+
+    net.run_backward(passed)
+    assert len(seen) == len(gradients.parts) == 3
+    for blobs, diffs in zip(gradients.parts, seen):
+        for blob, diff in zip(blobs, diffs):
+            np.testing.assert_array_equal(blob.diff, diff)
+            assert diff.any()
+
+
+def test_the_papers_network() -> None:
+    """Nearly all bytes are on their way before the convolutions, nearly all work behind them, have run."""
+    net = netlib.Net("prototxt/nyu_deploy.prototxt", netlib.TRAIN)
+    gradients = Gradients(net.layers, net.learnable)
+    assert [part[-1] for part in labels(net, gradients)] == ["FC2/0", "FC1/0", "convL1/0"]
+    assert gradients.complete(net.layer_dict["FC1"]) == 2

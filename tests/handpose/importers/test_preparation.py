@@ -1,4 +1,4 @@
-"""handpose/importers/prepared_splits.py; more of it in the tests of tools/prepare_nyu.py"""
+"""handpose/importers/preparation.py; more of it in the tests of tools/prepare_nyu.py"""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from handpose.data import parts
 from handpose.data.images import MISSING, BadFrameError
 from handpose.facts.cameras import ICVL
-from handpose.importers.prepared_splits import PreparedSplit
+from handpose.importers.preparation import PreparedSplit
 from handpose.importers.published_frames import PublishedFrames
 from netlib.blob import Array
 from netlib.errors import DataError
