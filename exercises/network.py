@@ -40,11 +40,11 @@ def net_text(folder: Path) -> str:
     return text.replace("batch_size: 512", f"batch_size: {BATCH}")
 
 
-def solver_of(net: str, options: str = RATE, kind: type[Solver] = Solver, seed: int = SEED) -> Solver:
+def solver_of(net: str, options: str = RATE, seed: int = SEED) -> Solver:
     """Return a solver of a net given as text, on the plain engine, which runs the layer classes themselves."""
     param = schema.read(prototxt.parse(options, "<exercise>"), SolverParameter, "solver")
     param = schema.changed(param, net_param=prototxt.parse(net, "<exercise>"), display=0, max_iter=10**6)
-    return kind(param, "<exercise>", seed=seed, engine="plain")
+    return Solver(param, "<exercise>", seed=seed, engine="plain")
 
 
 def losses(iterations: int, progress: Progress = lambda count: None) -> Array:

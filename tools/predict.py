@@ -43,8 +43,7 @@ tools.begin(__name__)
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.depth_images import UnitError
-from handpose.data.images import read_crop, read_frame
+from handpose.data.images import UnitError, read_crop, read_frame
 from handpose.depth_fit.search import PLANS
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.nyu import CUBE_MM

@@ -20,13 +20,12 @@ behind it, a quarter 40 mm (320 x 240 pixels, 400 mm away).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.depth_images import numbers
 from handpose.facts.cameras import NYU, Camera
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -34,6 +33,7 @@ from netlib.errors import DataError
 SIZE = 128  # pixels on a side
 CUBES_MM = (50.0, 10_000.0)  # range of a cube's edge: a small hand to several people; values in metres are below it
 
+BACKGROUND = 1.0  # the value of the far face
 STEP_MM = 8.0  # minimum depth step between two surfaces
 STEP_PX = 5.0  # minimum step in pixel widths, for wide pixels: a slope of 79 degrees
 _AROUND = np.ones((3, 3), np.uint8)
@@ -128,6 +128,15 @@ def pixels_of(center: Array, cube_mm: ArrayLike, camera: Camera) -> list[tuple[A
     ]
 
 
+def numbers(values: object, what: str, masked: float) -> NDArray[Any]:
+    """An array of numbers, with ``masked`` in place of masked values. Raises DataError; ``what`` begins its message."""
+    if not isinstance(values, np.ndarray):
+        raise DataError(f"{what} is a {type(values).__name__}, expected an array of numbers")
+    if values.dtype.kind not in "fiub":
+        raise DataError(f"{what} is an array of {values.dtype}, expected numbers")
+    return values.filled(masked) if isinstance(values, np.ma.MaskedArray) else values
+
+
 def check_size(depth: NDArray[np.generic], camera: Camera) -> None:
     """Raise DataError for a depth image of another size than the camera's."""
     if depth.shape != (camera.height, camera.width):
@@ -193,9 +202,7 @@ def clear_crop(
     return without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), cube_mm / 2, d / camera.fx)
 
 
-def without_flying_pixels(
-    crop: NDArray[np.float32], half_mm: float, pixel_mm: float, background: float = 1.0
-) -> NDArray[np.float32]:
+def without_flying_pixels(crop: NDArray[np.float32], half_mm: float, pixel_mm: float) -> NDArray[np.float32]:
     """A crop (S, S) in [-1, 1] in which flying pixels are background.
 
     half_mm   half the edge of the cube
@@ -203,13 +210,13 @@ def without_flying_pixels(
     """
     step = np.float32(max(STEP_MM, STEP_PX * pixel_mm) / half_mm)
     behind = crop - cv2.erode(crop, _AROUND) > step
-    behind &= crop < background
+    behind &= crop < BACKGROUND
     if not behind.any():
         return crop
-    surface = (crop < background) & ~behind
+    surface = (crop < BACKGROUND) & ~behind
     nearest = cv2.erode(np.where(surface, crop, np.float32(9)), _AROUND)
     farthest = cv2.dilate(np.where(surface, crop, np.float32(-9)), _AROUND)
     out = crop.copy()
     # A pixel between two surfaces belongs to the far one if it is close to it.
-    out[behind & (np.abs(farthest - crop) > step) & (np.abs(nearest - crop) > step)] = background
+    out[behind & (np.abs(farthest - crop) > step) & (np.abs(nearest - crop) > step)] = BACKGROUND
     return out

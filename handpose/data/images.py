@@ -1,20 +1,22 @@
-"""Depth image files: frames that cameras and data sets write, and crops. Every file is decoded once.
+"""Depth images: files that cameras and data sets write, each decoded once, and checks of arrays passed from Python.
 
 read_png      a PNG of a published data set, pixels unchanged; errors are kinds of bad frames, as reports name them
 read_picture  any image that a user names
 read_frame    an image that is a whole depth frame, in mm
 read_crop     an image that is a crop, in [-1, 1]
+depth_image   an array, in mm if ``check_unit`` accepts it
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.crops import SIZE
+from handpose.data.crops import SIZE, numbers
 from handpose.facts.cameras import UNIT_MM, Camera
 from netlib import files
 from netlib.blob import Array
@@ -28,6 +30,8 @@ WRONG_SIZE = "wrong size or type of image"
 UNLABELLED = "a joint or the centre is not a number, or not before the camera"
 OUTSIDE = "the cube lies outside the image"
 EMPTY = "no depth around the hand"
+
+NEAR_MM, FAR_MM = 20.0, 20_000.0  # no depth camera measures a whole image nearer or farther
 
 
 def read_png(path: str | Path) -> Array:
@@ -107,3 +111,35 @@ class BadFrameError(DataError):
     def __init__(self, path: object, kind: str, detail: str = "") -> None:
         super().__init__(f"{path}: {kind}{detail and f' ({detail})'}")
         self.kind = kind
+
+
+class UnitError(DataError):
+    """The depths cannot be in mm."""
+
+
+def depth_image(depth: object) -> NDArray[Any]:
+    """The image (height, width), 0 where it is masked. Raises DataError for anything else."""
+    image = numbers(depth, "depth image", 0)
+    if image.ndim != 2:
+        raise DataError(f"depth image of shape {image.shape}, expected (height, width)")
+    return image
+
+
+def check_unit(image: NDArray[Any], farthest: float = FAR_MM) -> None:
+    """Raise UnitError if all depths are negative, too small for mm, or beyond ``farthest``.
+
+    Single negative depths are allowed: some drivers write -1 where there is no reading.
+    """
+    finite = np.isfinite(image)
+    seen = image[finite & (image > 0)]
+    if not len(seen):
+        seen = image[finite & (image < -NEAR_MM)] if image.dtype.kind in "fi" else seen
+    if not len(seen):
+        return
+    low, high = float(seen.min()), float(seen.max())
+    if high < 0:
+        raise UnitError(f"depths from {low:.6g} to {high:.6g}, expected mm, growing away from the camera")
+    if high < NEAR_MM:
+        raise UnitError(f"depths from {low:.3g} to {high:.3g}, expected mm; they may be metres")
+    if low > farthest:
+        raise UnitError(f"depths from {low:.6g} to {high:.6g}, expected mm, nearer than {FAR_MM:g}; check the unit")

@@ -31,6 +31,7 @@ GREY: Colour = (200, 200, 200)
 WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
+YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
 
 
 def overlay(
@@ -82,15 +83,13 @@ def view_3d(
     joints: ArrayLike,
     skeleton: Skeleton,
     truth: ArrayLike | None = None,
-    yaw: float = 35.0,
-    pitch: float = 20.0,
     size: int = 512,
 ) -> Image:
-    """The skeleton in the cube around the body, seen from ``yaw`` degrees to the right of the camera and ``pitch`` up.
+    """The skeleton in the cube around the body, seen from YAW degrees to the right of the camera and PITCH up.
 
     Its shadow is on the floor of the cube. ``truth`` joints in thin black.
     """
-    view = viewer_from_world(yaw, pitch)
+    view = viewer_from_world(YAW, PITCH)
     distance = 7.0  # distance of the viewer in half-cubes: a weak perspective
 
     def place(points: Array) -> Array:

@@ -121,13 +121,11 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
     return np.asarray(result)
 
 
-def angle_errors(
-    skeleton: Skeleton, inputs: ArrayLike, truth: ArrayLike, dofs: NDArray[np.int_] | None = None
-) -> Array:
+def angle_errors(skeleton: Skeleton, inputs: ArrayLike, truth: ArrayLike) -> Array:
     """Differences (N, R) in degrees, 0 to 180, between inputs (N, D) and the true ones, both in canonical form.
 
-    ``dofs`` are the DoFs compared, by default all free rotations (the paper's "mean rotation angle error" is the mean).
+    Of all R free rotations; the paper's "mean rotation angle error" is the mean.
     """
-    chosen = rotations(skeleton) if dofs is None else dofs
+    chosen = rotations(skeleton)
     difference = canonical(skeleton, inputs)[:, chosen] - canonical(skeleton, truth)[:, chosen]
     return np.asarray(np.rad2deg(np.abs(wrap(difference))))

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.depth_images import depth_image
+from handpose.data.images import depth_image
 from handpose.data.places import CUBE_MM, FAR_MM, MIN_DEPTH_MM, SIZE, place_crops, surface_places
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CENTER_IN_PALM

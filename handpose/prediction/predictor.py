@@ -16,8 +16,8 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.crops import CUBES_MM, SIZE
-from handpose.data.depth_images import check_unit, depth_image, numbers
+from handpose.data.crops import CUBES_MM, SIZE, numbers
+from handpose.data.images import check_unit, depth_image
 from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.search import PLANS, Fit

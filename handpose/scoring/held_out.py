@@ -40,21 +40,19 @@ class Predictions:
     made_from: str  # description of the data
 
 
-def predict_all(
-    net: Net, prediction: str = "pred", truth: str = "joint", progress: Callable[[int], None] = lambda done: None
-) -> Predictions:
+def predict_all(net: Net, progress: Callable[[int], None] = lambda done: None) -> Predictions:
     """Run the whole test set once, from its first frame. ``progress`` is called with the number of frames done.
 
     Raises NetlibError, DataError for labels that cannot be scored.
     """
     data, hand = data_layer(net), hand_layer(net)
-    for name in (prediction, truth):
+    for name in ("pred", "joint"):
         if name not in net.blobs:
             raise NetlibError(f"{net.source}: no blob {name!r}; expected the net to make 'pred' and to read 'joint'")
     if data.param.shuffle:
         raise NetlibError(f"{net.source}: layer {data.name!r} shuffles its frames; a test set is read in order")
     data.rewind()
-    wanted = [prediction, truth, *((hand.spec.bottom[0], hand.spec.top[0]) if hand else ())]
+    wanted = ["pred", "joint", *((hand.spec.bottom[0], hand.spec.top[0]) if hand else ())]
     found: dict[str, list[Array]] = {name: [] for name in wanted}
     sums: dict[str, list[float]] = {name: [] for name in net.outputs if net.blobs[name].count == 1}
     if data.rows % data.param.batch_size:  # the last batch would wrap around to the first rows and count them twice
@@ -71,10 +69,10 @@ def predict_all(
         done += take
         progress(done)
     arrays = {name: np.concatenate(parts) for name, parts in found.items()}
-    _check_annotated(arrays[truth], data.files)
+    _check_annotated(arrays["joint"], data.files)
     return Predictions(
-        joints=arrays[prediction].reshape(done, -1, 3),
-        truth=arrays[truth].reshape(done, -1, 3),
+        joints=arrays["pred"].reshape(done, -1, 3),
+        truth=arrays["joint"].reshape(done, -1, 3),
         dof=arrays[hand.spec.bottom[0]] if hand else None,
         skeleton=arrays[hand.spec.top[0]].reshape(done, -1, 3) if hand else None,
         half_cube=np.concatenate([labels.read_half_cubes(file) for file in data.files]),

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.crops import check_size
-from handpose.data.depth_images import check_unit, depth_image
+from handpose.data.images import check_unit, depth_image
 from handpose.depth_fit.rejection import STRETCHED_MM
 from handpose.depth_fit.search import ACCURATE, FAST, Fit, Plan
 from handpose.facts.cameras import Camera

@@ -10,7 +10,7 @@ import pytest
 
 import netlib
 from handpose.data.crops import clear_crop
-from handpose.data.depth_images import UnitError
+from handpose.data.images import UnitError
 from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.prediction import locator

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from handpose.data.depth_images import UnitError
+from handpose.data.images import UnitError
 from handpose.facts.cameras import ICVL, NYU
 from handpose.prediction.packaged import load_predictor
 from handpose.prediction.predictor import Predictor
