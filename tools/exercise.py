@@ -28,11 +28,10 @@ import tools
 tools.begin(__name__)
 
 from exercises import process, solutions
-from exercises.bugs import bugs
 from exercises.checking import Step
 from exercises.exercise import Exercise
 from exercises.reading import ExerciseError
-from exercises.stubs import stub
+from exercises.stubs import bugs, stub
 from exercises.table import EXERCISES
 from netlib.errors import did_you_mean
 from netlib.files.paths import command

@@ -16,10 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.depth_fit.body import CapsuleModel, Posed
+from handpose.depth_fit.depth_residuals import nearest_capsules, point_residuals, sphere_residuals, spheres_of
 from handpose.depth_fit.observation import Floats, Observation
 from handpose.depth_fit.residuals import Residuals, cones_of, joined, normal_equations
-from handpose.depth_fit.silhouette import sphere_residuals, spheres_of
-from handpose.depth_fit.surface import nearest_capsules, point_residuals
 from handpose.facts.nyu import CUBE_MM
 from netlib.blob import Array
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from exercises import solutions
-from exercises.bugs import bugs
 from exercises.checking import steps
 from exercises.reading import ReadersFile
+from exercises.stubs import bugs
 from exercises.table import EXERCISES
 from tests.support.running import run_tool
 from tests.tools.conftest import ROOT

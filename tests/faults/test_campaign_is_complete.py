@@ -30,7 +30,6 @@ NO_READERS = {
     "exercises/network.py": "reads the net that comes with the project",
     "exercises/reading.py": "reads the text of a solution, which is code",
     "exercises/recorded.py": "reads numbers that come with the project",
-    "exercises/bugs.py": "reads the project's own source",
     "exercises/stubs.py": "reads the project's own source",
     "tools/export_onnx.py": "reads back what it has just written",
     "tools/record.py": "opens recordings by handpose.sources.opening",

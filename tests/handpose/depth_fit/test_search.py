@@ -12,7 +12,7 @@ from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError
 from tests.handpose.depth_fit.conftest import Scene
 from tests.handpose.depth_fit.test_body import body
-from tests.handpose.depth_fit.test_surface import PIPE
+from tests.handpose.depth_fit.test_depth_residuals import PIPE
 
 
 @pytest.mark.parametrize("quarter", [0, 1, 2, 3])
