@@ -9,7 +9,7 @@ import pytest
 from tests.faults.isolation import Worker
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def worker() -> Iterator[Worker]:
     """A process that takes all the cases."""
     with Worker() as worker:

@@ -30,6 +30,8 @@ import netlib  # before NumPy: it chooses the BLAS threads
 import h5py
 import numpy as np
 
+from handpose.drawing import strokes
+from handpose.synthetic import prior_file
 from netlib.errors import NetlibError
 from netlib.files import atomic, hdf5_check, hdf5_helper
 from tests.faults import readers
@@ -373,6 +375,8 @@ def undisturbed(name: str) -> Undisturbed:
             if module not in sys.modules:
                 with contextlib.suppress(ImportError):  # a name that a package has put there itself
                     importlib.import_module(module)
+        prior_file.load()  # with the packaged hand: read here once, too, and so is the font
+        strokes.text_width("", 1)
         return Undisturbed(run, folder, result, names())
 
 
