@@ -168,6 +168,17 @@ def _required() -> set[str]:
     return {name for line in lines for name in re.findall(r"^[\w-]+", line)}
 
 
+def _printed_by(tool: str, argv: list[str]) -> str:
+    """What a tool prints in this process, errors included."""
+    with io.StringIO() as out, contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        try:
+            status = importlib.import_module(f"tools.{tool}").main(argv)
+        except SystemExit as stopped:
+            status = stopped.code
+        assert not status, f"tools/{tool}.py: exit status {status}:\n{out.getvalue()[-3000:].rstrip()}"
+        return out.getvalue()
+
+
 def _unknown_extras(words: list[str]) -> str:
     setup = configparser.ConfigParser()
     setup.read(ROOT / "setup.cfg", encoding="utf-8")
@@ -176,11 +187,24 @@ def _unknown_extras(words: list[str]) -> str:
     return f"no extra {', '.join(sorted(unknown))} in setup.cfg" if unknown else ""
 
 
+def _tools(script: str) -> list[list[str]]:
+    """The words of the script's commands, if each starts a tool and nothing in them is for a shell; else none."""
+    found = list(commands(script))
+    plain = not re.search(r"[^\w\s./,:=-]", re.sub(r"(^|\s)#.*", "", script.replace("\\\n", " ")))
+    starts_tool = [words[0] == "python" and re.fullmatch(r"tools/\w+\.py", words[1]) for words in found]
+    return found if plain and all(starts_tool) else []
+
+
 def run(script: str, folder: Path, python: Path) -> str:
     """Run a block in the document's folder; what it printed. Raises AssertionError if a command failed.
 
+    Tools run in this process if ``folder`` is the working directory: hundreds of imports would take most of the time.
+    tests/tools/test_tools.py compares the last lines of all tools, which start them as programs.
     ``python`` is a folder with the Python of the tests, which comes first on PATH.
     """
+    tools = _tools(script) if Path.cwd() == folder else []
+    if tools:
+        return "".join(_printed_by(Path(name).stem, argv) for _, name, *argv in tools)
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NETLIB", "PYTEST", "COV"))}
     environment |= {"PATH": f"{python}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT),
                     "PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "MPLBACKEND": "Agg"}  # fmt: skip
