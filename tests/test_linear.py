@@ -22,7 +22,7 @@ from netlib.proto.upgrade import upgraded
 from tests.support.nets import inputs
 from tools.plot_log import read_log
 
-SIZE = 150  # of the smaller input
+SIZE = 60  # of the smaller input
 INPUT = inputs(x=(1, 1, 4, 4))
 SHARED = 'param { name: "w" } inner_product_param { num_output: 1 bias_term: false }'
 CONVOLUTION = "convolution_param { num_output: 1 kernel_size: 1 }"
@@ -46,10 +46,10 @@ def calls(work: Callable[[], object]) -> int:
 
 
 def assert_linear(work_on: Callable[[int], Callable[[], object]]) -> None:
-    """Four times the input costs at most five times the calls; what the first run only does is not counted."""
+    """Four times the input costs at most 4.4 times the calls; what the first run only does is not counted."""
     work_on(2)()
     small, large = calls(work_on(SIZE)), calls(work_on(4 * SIZE))
-    assert large <= 5 * small, (small, large)
+    assert large <= 4.4 * small, (small, large)
 
 
 def encoded(text: str) -> bytes:
