@@ -12,14 +12,21 @@ import pytest
 from docs.making.chromium import NoBrowserError, chromium
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """The browser of a module's pages, and of no test that forks; skips where there is none."""
+@contextlib.contextmanager
+def browsing() -> Iterator[Any]:
+    """A browser, for tests that do not fork; skips where there is none."""
     try:
         with chromium() as opened:
             yield opened
     except NoBrowserError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """The browser of a module's pages."""
+    with browsing() as opened:
+        yield opened
 
 
 @contextlib.contextmanager
