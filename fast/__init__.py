@@ -4,7 +4,7 @@
     executor      runs a net: rows of layers slice by slice (slices, slice_blobs), others whole; plan decides which, and
                   facts has the properties of each layer type
     tiles         blobs stored in the order in which products write and poolings read
-    convolution, pooling, relu, inner_product, hdf5_data, augment, hand_model, kinematics
+    convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each inherits from the plain layer of the same name and replaces its computation
     row_tiles, window_tiles, max_tiles
                   algorithms for convolution and pooling on tiles

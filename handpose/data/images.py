@@ -24,6 +24,7 @@ from netlib.errors import DataError
 from netlib.files import pictures
 from netlib.files.paths import exists
 
+# Kinds of errors in a published frame, as reports name them.
 MISSING = "no such file"
 DAMAGED = "truncated, damaged or no PNG"
 WRONG_SIZE = "wrong size or type of image"

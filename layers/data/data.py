@@ -3,7 +3,7 @@
 top[0]  data   (batch_size, C, H, W)  images, transformed (transform.py)
 top[1]  label  (batch_size,)          if there is a second top
 
-An entry is a Datum (datum.py): bytes, floats, or an encoded image, which OpenCV decodes. Entries are read in the order
+An entry is a Datum (images.py): bytes, floats, or an encoded image, which OpenCV decodes. Entries are read in the order
 of their keys, starting over after the last. The first image of a batch determines its size; the others must have the
 same, unless they are cropped.
 """
