@@ -30,10 +30,9 @@ from handpose.depth_fit.network_errors import NetworkErrors, covariance, table_o
 from handpose.depth_fit.search import PLANS, Plan
 from handpose.experiments import fit_figures
 from handpose.experiments.fit_figures import frames_of
-from handpose.experiments.model_file import rounded, write_model
 from handpose.facts.nyu import CUBE_MM
 from handpose.prediction.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
-from handpose.prediction.packaged import net_content
+from handpose.prediction.packaged import net_content, rounded, write_model
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import MAX_SEED, Generator
 from netlib.errors import NetlibError

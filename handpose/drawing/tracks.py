@@ -7,6 +7,9 @@ for frame in track:                      # TrackedFrame
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +17,6 @@ from numpy.typing import NDArray
 from handpose.data.crops import check_size
 from handpose.drawing import hands, strokes, surface
 from handpose.drawing.contrast import Contrast
-from handpose.drawing.curves import ConfidenceCurves
 from handpose.drawing.labels import Tags, colour_of, spoken, spoken_loss
 from handpose.drawing.space import Space
 from handpose.drawing.strokes import Colour, Image
@@ -28,7 +30,14 @@ HEAD, STRIP = 32, 88  # pixels of height: the line on top, the curves below
 MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # width of the depth image, as a fraction of the whole image
 MAX_LOST = 3  # number of lost hands that are listed
 _INK: Colour = (40, 40, 40)
+_FAINT: Colour = (110, 110, 110)
 _MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far outside the image
+
+SECONDS = 3.0  # shown by the curves
+_GRID: Colour = (225, 225, 225)
+_LEFT, _RIGHT, _ABOVE, _BELOW = 56, 130, 12, 24  # margins in pixels, for labels
+_ROW = 20  # line height in pixels
+_WORDS = 0.42  # scale of text
 
 
 class Painter:
@@ -127,3 +136,54 @@ def _pixel(point: Array) -> tuple[int, int]:
 def _line_on_top(canvas: Image, words: str, left: int, right: int) -> None:
     """Draw a line of text in the columns from ``left`` to ``right``."""
     strokes.text_within(canvas, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left)
+
+
+class ConfidenceCurves:
+    """A strip of curves; the frames of the last seconds are remembered."""
+
+    def __init__(self) -> None:
+        self._seen: deque[tuple[float, dict[int, float]]] = deque()
+
+    def see(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        self._seen.append((frame.time, {hand.id: hand.confidence for hand in frame.hands}))
+        while self._seen[0][0] < frame.time - SECONDS:
+            self._seen.popleft()
+
+    def picture(self, frame: TrackedFrame, width: int, height: int) -> Image:
+        """The strip (height, width, 3) up to the last frame seen. Without a confidence there is no curve."""
+        canvas = np.full((height, width, 3), 255, dtype=np.uint8)
+        right, bottom = width - _RIGHT, height - _BELOW
+
+        def place(time: float, confidence: float) -> Array:
+            x = right - (frame.time - time) / SECONDS * (right - _LEFT)
+            return np.array([x, bottom - confidence * (bottom - _ABOVE)])
+
+        for level in (0.0, 0.5, 1.0):
+            start = place(frame.time - SECONDS, level)
+            strokes.line(canvas, start, place(frame.time, level), _GRID, 1)
+            words = f"{level:.0%}"
+            strokes.text(canvas, words, start + (-8 - strokes.text_width(words, _WORDS), 5), _FAINT, _WORDS)
+        for back in np.arange(SECONDS + 1):
+            start = place(frame.time - back, 0)
+            strokes.line(canvas, start, place(frame.time - back, 1), _GRID, 1)
+            words = f"-{back:.0f} s" if back else "now"
+            strokes.text(canvas, words, start + (-strokes.text_width(words, _WORDS) // 2, 16), _FAINT, _WORDS)
+        for id, run in self._runs():
+            strokes.lines(canvas, np.array([place(*point) for point in run]), colour_of(id), 2)
+        now = [(hand.id, spoken(hand.hand, hand.confidence)) for hand in frame.hands]
+        now += [(lost.id, f"{lost.hand} lost") for lost in frame.lost]
+        for row, (id, words) in enumerate(sorted(now)):
+            strokes.text(canvas, words, np.array([right + 14, 20 + _ROW * row]), colour_of(id), 0.5)
+        return canvas
+
+    def _runs(self) -> Iterator[tuple[int, list[tuple[float, float]]]]:
+        """The runs of consecutive frames of each hand: id, and (time, confidence) of each frame."""
+        open_runs: dict[int, list[tuple[float, float]]] = {}
+        for time, shown in self._seen:
+            known = {id: confidence for id, confidence in shown.items() if np.isfinite(confidence)}
+            for id in [id for id in open_runs if id not in known]:
+                yield id, open_runs.pop(id)
+            for id, confidence in known.items():
+                open_runs.setdefault(id, []).append((time, confidence))
+        yield from open_runs.items()

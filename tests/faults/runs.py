@@ -136,8 +136,8 @@ def make_texts() -> None:
 
 def write_texts(word: str = "new") -> Any:
     """A text, a mean image, a picture, fitted poses and a model, over old ones."""
-    from handpose.experiments.model_file import write_model
     from handpose.joint_fit.absolute_joints import AbsoluteFit, write_fit
+    from handpose.prediction.packaged import write_model
     from netlib.proto.binaryproto import write_blob
     from tools.common import outputs
 

@@ -9,8 +9,7 @@ import pytest
 import netlib
 from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.network_errors import read_errors
-from handpose.experiments.model_file import rounded
-from handpose.prediction.packaged import HAND_LOCATOR, SYNTHETIC_HAND, read_card
+from handpose.prediction.packaged import HAND_LOCATOR, SYNTHETIC_HAND, read_card, rounded
 from layers.hand import skeleton
 from tests.support.running import run_tool
 

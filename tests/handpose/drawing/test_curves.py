@@ -1,12 +1,12 @@
-"""handpose/drawing/curves.py"""
+"""handpose/drawing/tracks.py: curves of the confidence"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from handpose.drawing.curves import ConfidenceCurves
 from handpose.drawing.labels import colour_of
 from handpose.drawing.strokes import Image
+from handpose.drawing.tracks import ConfidenceCurves
 from handpose.track_files.track import LostHand, TrackedFrame
 from tests.support.tracked_hands import tracked
 
