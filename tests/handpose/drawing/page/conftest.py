@@ -16,9 +16,9 @@ from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.proto import prototxt, schema
-from tests.support.chromium_tabs import browsing, visit, visits
+from tests.support.chromium_tabs import browser, visit, visits
 
-__all__ = ["visit"]  # a fixture
+__all__ = ["browser", "visit"]  # fixtures
 
 # Two bones in a plane, without surface; a DoF that drives two joints, the second one the other way round.
 ARM = """name: "arm"
@@ -70,13 +70,6 @@ def any_body(seed: int) -> str:
 def ask(tab: Any, function: str, question: object) -> Any:
     """What a function in JavaScript answers; as JSON both ways, which is fast."""
     return json.loads(tab.evaluate(f"(text) => JSON.stringify(({function})(JSON.parse(text)))", json.dumps(question)))
-
-
-@pytest.fixture(scope="package")
-def browser() -> Iterator[Any]:
-    """The browser of all pages."""
-    with browsing() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")
