@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import h5py
@@ -22,19 +23,19 @@ from handpose.importers import nyu_files
 from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND
-from tests.support.running import run_python, run_tool, wait_until
+from tests.support.running import Done, run_python, run_tool, wait_until
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 
 
 @pytest.fixture(autouse=True)
-def files_of_100_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+def files_of_40_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     """So that few frames make several files."""
-    monkeypatch.setattr(parts, "FRAMES_PER_FILE", 100)
+    monkeypatch.setattr(parts, "FRAMES_PER_FILE", 40)
 
 
-def arguments(out: Path, *more: str, train: int = 150) -> list[str]:
-    """A small run in this process."""
+def arguments(out: Path, *more: str, train: int = 70) -> list[str]:
+    """A small run in this process, of frames from two blocks of 64."""
     return ["--out", str(out), "--train", str(train), "--test", "10", "--workers", "1", *more]
 
 
@@ -43,30 +44,37 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
+class Made(NamedTuple):
+    """The folder that a run has written, and what it printed."""
+
+    folder: Path
+    done: Done
+
+
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Made]:
     """What a small run of either kind writes, for tests that only read it or that go on from a copy."""
     folder = tmp_path_factory.mktemp("made")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(parts, "FRAMES_PER_FILE", 100)
-        run_tool("make_synthetic", *arguments(folder / "files"))
-    run_tool("make_synthetic", *raw(folder / "raw", train=70))
-    return {"files": folder / "files", "raw": folder / "raw"}
+        patch.setattr(parts, "FRAMES_PER_FILE", 40)
+        files = run_tool("make_synthetic", *arguments(folder / "files"))
+    images = run_tool("make_synthetic", *raw(folder / "raw", train=70))
+    return {"files": Made(folder / "files", files), "raw": Made(folder / "raw", images)}
 
 
-def test_files_and_lists(tmp_path: Path) -> None:
+def test_files_and_lists(made: dict[str, Made]) -> None:
     """Every frame is there once, in order, as the generator draws it; the lists name the files."""
-    done = run_tool("make_synthetic", *arguments(tmp_path))
-    assert names(tmp_path) == ["test.txt", "test_000.h5", "train.txt", "train_000.h5", "train_001.h5"]
-    assert (tmp_path / "train.txt").read_text() == f"{tmp_path}/train_000.h5\n{tmp_path}/train_001.h5\n"
-    with h5py.File(tmp_path / "train_001.h5") as file:
+    folder, done = made["files"]
+    assert names(folder) == ["test.txt", "test_000.h5", "train.txt", "train_000.h5", "train_001.h5"]
+    assert (folder / "train.txt").read_text() == f"{folder}/train_000.h5\n{folder}/train_001.h5\n"
+    with h5py.File(folder / "train_001.h5") as file:
         assert file.attrs["made_from"] == "synthetic" and file.attrs["seed"] == 0
-        np.testing.assert_array_equal(file["index"], np.arange(100, 150))
-        expected = Generator(0).block(1)
-        for name, array in expected.arrays().items():
-            assert file[name].dtype == array.dtype
-            np.testing.assert_array_equal(file[name][:28], array[36:])
-    assert "150 train and 10 test frames" in done.out and not done.err
+        np.testing.assert_array_equal(file["index"], np.arange(40, 70))
+        before, after = (Generator(0).block(number).arrays() for number in range(2))
+        for name in before:
+            assert file[name].dtype == before[name].dtype
+            np.testing.assert_array_equal(file[name], np.concatenate([before[name][40:], after[name][:6]]))
+    assert "70 train and 10 test frames" in done.out and not done.err
 
 
 def test_depth_can_be_mapped(tmp_path: Path) -> None:
@@ -80,31 +88,31 @@ def test_depth_can_be_mapped(tmp_path: Path) -> None:
         np.testing.assert_array_equal(mapped, depth[:])
 
 
-def test_second_run_keeps_everything(made: dict[str, Path], tmp_path: Path) -> None:
+def test_second_run_keeps_everything(made: dict[str, Made], tmp_path: Path) -> None:
     """A run that is already done touches nothing and says so."""
-    shutil.copytree(made["files"], tmp_path, dirs_exist_ok=True)
+    shutil.copytree(made["files"].folder, tmp_path, dirs_exist_ok=True)
     run_tool("make_synthetic", *arguments(tmp_path))  # the lists name other paths now
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert "exist already" in run_tool("make_synthetic", *arguments(tmp_path)).out
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
-def test_other_parameters_are_made_again(made: dict[str, Path], tmp_path: Path) -> None:
+def test_other_parameters_are_made_again(made: dict[str, Made], tmp_path: Path) -> None:
     """Another seed replaces synthetic data; a larger number of frames keeps the files that do not change."""
-    shutil.copytree(made["files"], tmp_path, dirs_exist_ok=True)
+    shutil.copytree(made["files"].folder, tmp_path, dirs_exist_ok=True)
     first = (tmp_path / "train_000.h5").read_bytes()
-    run_tool("make_synthetic", *arguments(tmp_path, train=250))
+    run_tool("make_synthetic", *arguments(tmp_path, train=110))
     assert (tmp_path / "train_000.h5").read_bytes() == first
     assert len((tmp_path / "train.txt").read_text().splitlines()) == 3
     run_tool("make_synthetic", *arguments(tmp_path, "--seed", "5"))
     assert (tmp_path / "train_000.h5").read_bytes() != first
 
 
-def test_workers_change_no_byte(made: dict[str, Path], tmp_path: Path) -> None:
+def test_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> None:
     """Files of two processes are equal to those of one, to the byte."""
     run_tool("make_synthetic", *arguments(tmp_path)[:-1], "2")
     for name in ("train_000.h5", "train_001.h5", "test_000.h5"):
-        assert (tmp_path / name).read_bytes() == (made["files"] / name).read_bytes()
+        assert (tmp_path / name).read_bytes() == (made["files"].folder / name).read_bytes()
 
 
 @pytest.mark.parametrize("name", ["train_001.h5", "elsewhere.h5"])
@@ -116,7 +124,7 @@ def test_real_data_is_left_alone(tmp_path: Path, name: str) -> None:
     error = run_tool("make_synthetic", *arguments(tmp_path), status=1).err
     assert error.count("\n") == 1 and "made from NYU" in error and "--force" in error
     assert names(tmp_path) == sorted([name, "train.txt"])
-    run_tool("make_synthetic", *arguments(tmp_path, "--force"))
+    run_tool("make_synthetic", *arguments(tmp_path, "--force", train=41))
 
 
 def test_unknown_file_is_left_alone(tmp_path: Path) -> None:
@@ -152,13 +160,13 @@ def test_failure_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert error == f"{tmp_path}: No space left on device\n"
     assert names(tmp_path) == ["train_000.h5"]
     monkeypatch.setattr(files, "generate", whole)
-    assert "made 60 of them" in run_tool("make_synthetic", *arguments(tmp_path)).out
+    assert "made 40 of them" in run_tool("make_synthetic", *arguments(tmp_path)).out
 
 
 def test_small_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Too little room is found out before the work."""
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**6, 0, 10**6))  # type: ignore[attr-defined]
-    assert "needs 11 MB, 1 MB are free" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
+    assert "needs 5 MB, 1 MB are free" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
 
 
 def test_disk_that_fills(tmp_path: Path) -> None:
@@ -167,7 +175,7 @@ def test_disk_that_fills(tmp_path: Path) -> None:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, 4_000_000))
 
-    command = [TOOL, *arguments(tmp_path / "out", train=200)]
+    command = [TOOL, *arguments(tmp_path / "out")]
     done = run_python(*command, status=1, preexec_fn=limit)
     assert done.out == ""
     assert done.err == f"{tmp_path / 'out'}: File too large\n"
@@ -227,24 +235,24 @@ def raw(out: Path, *more: str, train: int = 5) -> list[str]:
     return ["--raw", "--out", str(out), "--train", str(train), "--test", "3", "--workers", "1", *more]
 
 
-def test_raw_files(tmp_path: Path) -> None:
+def test_raw_files(made: dict[str, Made]) -> None:
     """One folder per split, with one image per frame and the labels of all 36 joints, not clipped to the cube."""
-    done = run_tool("make_synthetic", *raw(tmp_path, train=70))
+    folder, done = made["raw"]
     images = [frame_name(i) for i in range(70)]
-    assert names(tmp_path / "train") == [*images, "joint_data.mat", "synthetic.json"]
-    labels = nyu_files.read_annotation(tmp_path / "train" / nyu_files.ANNOTATION)
+    assert names(folder / "train") == [*images, "joint_data.mat", "synthetic.json"]
+    labels = nyu_files.read_annotation(folder / "train" / nyu_files.ANNOTATION)
     assert labels.uvd.shape == (70, 36, 3) and np.isfinite(labels.xyz).all() and labels.made_from == "synthetic"
     from_center = np.abs(labels.xyz - labels.xyz[:, CENTER_JOINT, None])
     assert 150 < from_center.max() < 260
-    depth = nyu_files.read_nyu_depth(tmp_path / "train" / frame_name(69))
+    depth = nyu_files.read_nyu_depth(folder / "train" / frame_name(69))
     assert depth.shape == (480, 640) and (depth == 0).mean() > 0.5
     assert "70 train and 3 test frames (synthetic, seed 0) in NYU's format" in done.out
 
 
-def test_raw_images_are_solid(made: dict[str, Path]) -> None:
+def test_raw_images_are_solid(made: dict[str, Made]) -> None:
     """The hand has no grid of holes where the crop picks every other pixel."""
     for i in range(5):
-        seen = (nyu_files.read_nyu_depth(made["raw"] / "train" / frame_name(i)) > 0).astype(np.uint8)
+        seen = (nyu_files.read_nyu_depth(made["raw"].folder / "train" / frame_name(i)) > 0).astype(np.uint8)
         closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         assert (closed > seen).sum() < 0.03 * seen.sum()
 
@@ -272,12 +280,14 @@ def test_raw_leaves_real_data_alone(tmp_path: Path) -> None:
     run_tool("make_synthetic", *raw(tmp_path, "--force"))
 
 
-def test_raw_workers_change_no_byte(made: dict[str, Path], tmp_path: Path) -> None:
+def test_raw_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> None:
     """Images of two processes are equal to those of one, and so are the labels."""
     assert run_tool("make_synthetic", *raw(tmp_path, train=70)[:-1], "2").err == ""
     for name in (frame_name(0), frame_name(69)):
-        assert (made["raw"] / "train" / name).read_bytes() == (tmp_path / "train" / name).read_bytes()
-    a, b = (nyu_files.read_annotation(folder / "train" / nyu_files.ANNOTATION) for folder in (made["raw"], tmp_path))
+        assert (made["raw"].folder / "train" / name).read_bytes() == (tmp_path / "train" / name).read_bytes()
+    a, b = (
+        nyu_files.read_annotation(folder / "train" / nyu_files.ANNOTATION) for folder in (made["raw"].folder, tmp_path)
+    )
     np.testing.assert_array_equal(a.xyz, b.xyz)
 
 
