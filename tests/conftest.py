@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import signal
 import sys
@@ -19,7 +20,9 @@ from hypothesis import settings  # noqa: E402
 
 import netlib  # noqa: E402  before NumPy: it chooses the BLAS threads
 from netlib import engine  # noqa: E402
+from netlib.files.reading import Content  # noqa: E402
 from netlib.proto import prototxt  # noqa: E402
+from netlib.snapshots import hdf5_format  # noqa: E402
 
 ENGINES = ("plain", "fast") if engine.has_fast() else ("plain",)
 
@@ -60,6 +63,19 @@ def engine_in_use(request: pytest.FixtureRequest) -> Iterator[str | None]:
         if name is not None:
             patch.setenv("NETLIB_ENGINE", name)
         yield name
+
+
+@pytest.fixture(autouse=True, scope="session")
+def forget_weights() -> Iterator[Callable[[], None]]:
+    """The same content of a file gives the same weights: hundreds of tests take those of a packaged model.
+
+    After ``forget_weights()`` they are read again.
+    """
+    read = hdf5_format.read_weights
+    known = functools.lru_cache(maxsize=4)(read)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hdf5_format, "read_weights", lambda path: (known if isinstance(path, Content) else read)(path))
+        yield known.cache_clear
 
 
 @pytest.fixture(scope="session")

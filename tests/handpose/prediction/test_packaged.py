@@ -60,8 +60,11 @@ def test_the_packaged_locator() -> None:
 
 
 @pytest.mark.parametrize("load", [load_predictor, load_locator])
-def test_weights_are_read_once(monkeypatch: pytest.MonkeyPatch, load: Callable[[], object]) -> None:
+def test_weights_are_read_once(
+    monkeypatch: pytest.MonkeyPatch, forget_weights: Callable[[], None], load: Callable[[], object]
+) -> None:
     """Checksum, weights and the network's errors come from one read of the file."""
+    forget_weights()
     read, read_content = [], snapshot.read_content
     parsed, file = [], h5py.File
 
