@@ -32,6 +32,7 @@ import netlib
 from fast import slices
 from layers.vision.pooling import Pooling
 from netlib.proto import prototxt
+from netlib.proto.net_parameter import load_parameter
 from tests.support.nets import inputs
 
 TOLERANCE = 1e-9  # of the largest value of an array, or of 1 where all are smaller
@@ -222,11 +223,11 @@ class Program:
         net = NetText(self.rng)
         self.fixed_size, self.window = net.fixed_size, net.window
         show(net.text)
-        tree = prototxt.parse(net.text)
+        param = load_parameter(prototxt.parse(net.text))
 
         def build(seed: int) -> list[netlib.Net]:
             engines = ("plain", "fast", "fast")
-            return [netlib.Net(tree, netlib.TRAIN, dtype=np.float64, seed=seed, engine=name) for name in engines]
+            return [netlib.Net(param, netlib.TRAIN, dtype=np.float64, seed=seed, engine=name) for name in engines]
 
         self.nets = build(1)
         self.others = functools.cache(lambda: build(2))  # built by the first program that shares parameters
