@@ -20,7 +20,7 @@ from netlib.errors import PrototxtError, did_you_mean
 from netlib.proto import schema
 from netlib.proto.messages import Filler
 
-__all__ = ["Filler", "fill"]
+__all__ = ["Filler", "check", "fill"]
 
 BLOCK = 1 << 20  # numbers drawn at a time
 TYPES = ("constant", "uniform", "gaussian", "xavier", "msra", "positive_unitball", "bilinear")
@@ -31,11 +31,19 @@ def Constant(value: float) -> Filler:
     return Filler(value=value)
 
 
-def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
-    """Set every element of ``array``. Raises PrototxtError for an unknown type."""
-    fault = _fault(array.shape, filler)
+def check(shape: tuple[int, ...], filler: Filler) -> None:
+    """Raise PrototxtError for an unknown type, or for options that cannot fill an array of this shape."""
+    if filler.type not in TYPES:
+        advice = did_you_mean(filler.type, TYPES) or f"; known types: {', '.join(TYPES)}"
+        raise PrototxtError(schema.position_of(filler, "type"), f"unknown filler type {filler.type!r}{advice}")
+    fault = _fault(shape, filler)
     if fault:
         raise PrototxtError(schema.position_of(filler, "type"), f"filler {filler.type!r}: {fault}")
+
+
+def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
+    """Set every element of ``array``. Raises PrototxtError as ``check`` does."""
+    check(array.shape, filler)
     if filler.type == "constant":
         array[...] = filler.value
     elif filler.type == "uniform":
@@ -53,11 +61,8 @@ def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
     elif filler.type == "positive_unitball":
         _draw(array, rng.random)
         array /= array.reshape(len(array), -1).sum(axis=1).reshape((-1,) + (1,) * (array.ndim - 1))
-    elif filler.type == "bilinear":
-        array[...] = _bilinear(array.shape)
     else:
-        advice = did_you_mean(filler.type, TYPES) or f"; known types: {', '.join(TYPES)}"
-        raise PrototxtError(schema.position_of(filler, "type"), f"unknown filler type {filler.type!r}{advice}")
+        array[...] = _bilinear(array.shape)
 
 
 def _draw(array: NDArray[Any], draw: Callable[[int], NDArray[np.float64]]) -> None:

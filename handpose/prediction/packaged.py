@@ -22,7 +22,7 @@ from handpose.depth_fit.search import Fit
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.sides import SoughtSide
 from handpose.prediction.locator import Locator
-from handpose.prediction.nets import best_fit, cube_of, hand_layer, trained
+from handpose.prediction.nets import Unfilled, best_fit, cube_of, hand_layer, trained
 from handpose.prediction.predictor import Predictor, check_options
 from netlib import files
 from netlib.errors import NetlibError, WeightsError
@@ -122,7 +122,7 @@ def predictor_of(
     hand  default: "either" with a fit, otherwise "right"
     """
     check_options(cube_mm=cube_mm, hand=hand or "right", refine=refine, fit=fit or "no")  # before reading the weights
-    net = Net(model, TEST, engine=engine)
+    net = Net(model, TEST, engine=engine, layer_hook=Unfilled())
     content = weights if isinstance(weights, Content) else snapshot.read_content(find(str(weights), None))
     net.copy_from(content, strict=True)
     fit = fit or best_fit(net)

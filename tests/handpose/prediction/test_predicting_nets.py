@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from handpose.facts.cameras import NYU
-from handpose.prediction.nets import hand_inputs, hand_poses, skeleton_to_fit
-from handpose.prediction.packaged import load_predictor
+from handpose.prediction.nets import hand_inputs, hand_poses, skeleton_to_fit, trained
+from handpose.prediction.packaged import HAND_LOCATOR, load_predictor, read_card
 from layers.hand.bodies import kinematics_of
+from netlib.errors import PrototxtError
+from netlib.layer import TEST
 from netlib.net import Net
 
 
@@ -25,6 +29,18 @@ def crops() -> np.ndarray:
     for crop, depth in zip(crops, (-0.2, 0.0, 0.2), strict=True):
         crop[36:92, 44:84] = depth
     return crops
+
+
+def test_weights_replace_initial_values(tmp_path: Path) -> None:
+    """All of them, though none was drawn; a filler that does not exist is an error all the same."""
+    card = read_card(HAND_LOCATOR)
+    found, expected = trained(card.net, card.weights), Net(card.net, card.weights, TEST)
+    for name, blobs in expected.params.items():
+        for one, other in zip(found.params[name], blobs, strict=True):
+            np.testing.assert_array_equal(one.data, other.data)
+    (tmp_path / "net.prototxt").write_text(card.net.read_text(encoding="utf-8").replace("xavier", "xaver", 1))
+    with pytest.raises(PrototxtError, match=r"unknown filler type 'xaver' \(did you mean 'xavier'\?\)"):
+        trained(tmp_path / "net.prototxt", card.weights)
 
 
 def test_the_hand_model_takes_them(net: Net, crops: np.ndarray) -> None:
