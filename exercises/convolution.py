@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from exercises.exercise import known
+from exercises.exercise import known_in
 from exercises.layer_examples import Example, Letters, numbers
 from exercises.layers import layer_exercise
 from layers.vision.convolution import Convolution
@@ -281,26 +281,5 @@ EXERCISE = layer_exercise(
         "conv_group2": Example(_options(6, "kernel_size: 3 pad: 1 group: 2"), ()),
         "conv_dil2_p2_s2": Example(_options(6, "kernel_size: 3 dilation: 2 pad: 2 stride: 2"), ()),
     },
-    mistakes=known(
-        RoundsUp,
-        ForgetsPadInSize,
-        PadsOneSide,
-        ForgetsDilationInSize,
-        ForgetsOne,
-        Flips,
-        NoBias,
-        MixesGroups,
-        SwapsStrideAndDilation,
-        KeepsLastImage,
-        OverwritesShared,
-        OverwritesWindows,
-        Transposes,
-        RepeatsEdge,
-        PadsTwice,
-        NoStrideBackward,
-        Interleaves,
-        BiasOfLastImage,
-        BiasMean,
-        FlipsBackward,
-    ),
+    mistakes=known_in(globals(), Convolution),
 )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exercises.exercise import known
+from exercises.exercise import known_in
 from exercises.layer_examples import Example, Letters, numbers
 from exercises.layers import layer_exercise
 from layers.common.dropout import Dropout
@@ -164,18 +164,5 @@ EXERCISE = layer_exercise(
         "dropout_test": Example(_options(0.3), (), phase="TEST"),
         "dropout_train_ratio0": Example(_options(0), ()),
     },
-    mistakes=known(
-        NeverScales,
-        ScalesByP,
-        KeepsTheDropped,
-        DrawsOtherwise,
-        OneMaskForAll,
-        DrawsOnce,
-        DropsInTest,
-        ScalesInTest,
-        IgnoresScaleTrain,
-        PassesAll,
-        NoScaleBackward,
-        DrawsAgain,
-    ),
+    mistakes=known_in(globals(), Dropout),
 )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exercises.exercise import known
+from exercises.exercise import known_in
 from exercises.layer_examples import Example, Letters, numbers
 from exercises.layers import layer_exercise
 from layers.loss.euclidean_loss import EuclideanLoss
@@ -130,17 +130,5 @@ EXERCISE = layer_exercise(
         Example("", (numbers(2, 5), numbers(2, 5, seed=3)), wanted=(True, False), note="gradient of the first only"),
     ],
     from_caffe={"euclid": Example("", ()), "euclid_lw3": Example("loss_weight: 3", ())},
-    mistakes=known(
-        NoHalf,
-        NoItems,
-        MeanOfValues,
-        PlainMean,
-        Root,
-        Absolute,
-        NoTopDiff,
-        SameSign,
-        BothSigns,
-        GradientDoubled,
-        GradientNotDivided,
-    ),
+    mistakes=known_in(globals(), EuclideanLoss),
 )  # fmt: skip

@@ -65,6 +65,12 @@ def known(*parts: Part) -> tuple[Mistake, ...]:
     return tuple(Mistake(part, advice_of(part)) for part in parts)
 
 
+def known_in(module: Mapping[str, Any], reference: type) -> tuple[Mistake, ...]:
+    """Return the mistakes of a module, given its names: its public subclasses of the reference, in their order."""
+    parts = (thing for name, thing in module.items() if not name.startswith("_") and isinstance(thing, type))
+    return known(*(part for part in parts if issubclass(part, reference) and part.__module__ == module["__name__"]))
+
+
 def advice_of(thing: Any) -> str:
     """Return the docstring of a class or function on one line."""
     return " ".join((thing.__doc__ or "").split())

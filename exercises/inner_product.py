@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from exercises.exercise import known
+from exercises.exercise import known_in
 from exercises.layer_examples import Example, Letters, numbers
 from exercises.layers import layer_exercise
 from layers.common.inner_product import InnerProduct
@@ -158,18 +158,5 @@ EXERCISE = layer_exercise(
         "ip_4d": Example("inner_product_param { num_output: 7 }", ()),
         "ip_axis2": Example("inner_product_param { num_output: 7 axis: 2 }", ()),
     },
-    mistakes=known(
-        KeepsAxes,
-        FlattensAll,
-        TakesColumns,
-        IgnoresTranspose,
-        NoBias,
-        BiasPerItem,
-        TransposedInBackward,
-        IgnoresTransposeBackward,
-        WeightGradientTransposed,
-        Means,
-        BiasOverOutputs,
-        ForgetsBiasGradient,
-    ),
+    mistakes=known_in(globals(), InnerProduct),
 )  # fmt: skip

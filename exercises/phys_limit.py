@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from exercises import hand
-from exercises.exercise import known
+from exercises.exercise import known_in
 from exercises.layer_examples import Example, Letters
 from exercises.layers import layer_exercise
 from layers.hand.phys_limit import PhysLimit
@@ -214,24 +214,5 @@ EXERCISE = layer_exercise(
               Example(L2, (_arm_like(),), on_kinks=True, note="two angles beyond, two at a limit"),
               Example(L1, (_poses(2, 1),)), Example(L2, (_poses(2, 2),)), Example("", (_poses(3, 3),), gradient=False)],
     from_caffe={"phys_limit": Example(L2, ())},
-    mistakes=known(
-        SquaresAlways,
-        SquaresNever,
-        UpperOnly,
-        Cancels,
-        NotDivided,
-        MeanOfDofs,
-        Halved,
-        MeanOfViolations,
-        SquareOfSum,
-        SquareOfWholeSum,
-        Degrees,
-        BothUp,
-        TwoForgotten,
-        GradientOfSquare,
-        SlopeAtLimit,
-        SlopeIsV,
-        NoTopDiff,
-        GradientNotDivided,
-    ),
+    mistakes=known_in(globals(), PhysLimit),
 )  # fmt: skip

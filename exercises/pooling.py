@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exercises.exercise import known
+from exercises.exercise import known_in
 from exercises.layer_examples import Example, Letters
 from exercises.layers import layer_exercise
 from layers.vision.pooling import Pooling
@@ -198,18 +198,5 @@ EXERCISE = layer_exercise(
         "pool_AVE_k3s2p1_odd": Example(_options("pool: AVE kernel_size: 3 stride: 2 pad: 1"), ()),
         "pool_AVE_k2s2_odd": Example(_options("pool: AVE kernel_size: 2 stride: 2"), ()),
     },
-    mistakes=known(
-        RoundsDown,
-        IgnoresRoundMode,
-        KeepsLastWindow,
-        DropsAlways,
-        ZeroCanWin,
-        CountsWhatHangsOver,
-        CountsNoPadding,
-        ForgetsAreaBackward,
-        LastOfEqual,
-        PlaceInWindow,
-        AllOfEqual,
-        OverwritesShared,
-    ),
+    mistakes=known_in(globals(), Pooling),
 )  # fmt: skip

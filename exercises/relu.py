@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exercises.exercise import known
+from exercises.exercise import known_in
 from exercises.layer_examples import Example, Letters, numbers
 from exercises.layers import layer_exercise
 from layers.activation.relu import ReLU
@@ -71,20 +71,20 @@ class OneAtZero(ReLU):
         bottom[0].diff[...] = top[0].diff * ((x >= 0) + self.slope * (x < 0))
 
 
-class TimesOutput(ReLU):
-    """The slope is multiplied by y. By the chain rule it is multiplied by dy, the gradient of the loss."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        x = bottom[0].data
-        bottom[0].diff[...] = np.where(x > 0, 1, self.slope) * np.where(x > 0, x, self.slope * x)
-
-
 class LooksAtGradient(ReLU):
     """backward uses the sign of dy. It must use the sign of x: dx is dy where x > 0."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
         bottom[0].diff[...] = dy * ((dy > 0) + self.slope * (dy <= 0))
+
+
+class TimesOutput(ReLU):
+    """The slope is multiplied by y. By the chain rule it is multiplied by dy, the gradient of the loss."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        x = bottom[0].data
+        bottom[0].diff[...] = np.where(x > 0, 1, self.slope) * np.where(x > 0, x, self.slope * x)
 
 
 LEAKY = "relu_param { negative_slope: 0.1 }"
@@ -109,15 +109,5 @@ EXERCISE = layer_exercise(
         Example(LEAKY, (numbers(2, 3, 4, seed=2),), in_place=True),
     ],
     from_caffe={"relu": Example("", ()), "relu_neg": Example(LEAKY, ())},
-    mistakes=known(
-        ForgetsSlope,
-        SwapsSides,
-        ReadsWhatItWrote,
-        ChangesBottom,
-        ForgetsSlopeBackward,
-        ForgetsTopDiff,
-        OneAtZero,
-        LooksAtGradient,
-        TimesOutput,
-    ),
+    mistakes=known_in(globals(), ReLU),
 )  # fmt: skip

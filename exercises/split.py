@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from exercises.exercise import known
+from exercises.exercise import known_in
 from exercises.layer_examples import Example, Letters, numbers
 from exercises.layers import layer_exercise
 from layers.common.split import Split
@@ -89,14 +89,5 @@ EXERCISE = layer_exercise(
         Example("", (numbers(3, 2, seed=1),), tops=3, note="3 tops"),
     ],
     from_caffe={"split_explicit": Example("", (), tops=3)},
-    mistakes=known(
-        ShapesOne,
-        WritesOne,
-        Divides,
-        TakesLast,
-        TakesFirst,
-        Means,
-        CountsFirstTwice,
-        TwoOnly,
-    ),
+    mistakes=known_in(globals(), Split),
 )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from exercises import hand, recorded
-from exercises.exercise import Case, Check, Exercise, Part, Values, known
+from exercises.exercise import Case, Check, Exercise, Part, Values, known_in
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Motion, Skeleton
 from netlib.blob import Array
@@ -321,26 +321,6 @@ EXERCISE = Exercise(
             Case("poses of the NYU hand", _caffe, _caffes, "Caffe has", AXES, 1e-11, "backward"),
         )),
     ),
-    mistakes=known(
-        CrossReversed,
-        LeverReversed,
-        AllReversed,
-        LastJointOnly,
-        AboutJoint,
-        AboutOrigin,
-        KeepsForce,
-        NoLever,
-        KeepsTorque,
-        Overwrites,
-        TurnsAll,
-        ParentsFirst,
-        FileOrder,
-        ReversedFileOrder,
-        CountsLeverTwice,
-        AboutParent,
-        FinishedAxis,
-        ChangesGiven,
-        MovesFixed,
-    ),
+    mistakes=known_in(globals(), Kinematics),
     train=hand.losses,
 )  # fmt: skip
