@@ -31,10 +31,9 @@ from netlib.net import Net
 from netlib.proto import schema
 from netlib.training import solver_parameter
 from tools.common import training
-from tools.common.advice import on_missing_data
 from tools.common.arguments import caffes_flags, parser_of, positive
 from tools.common.caffe_log import BarHandler
-from tools.common.console import DONE, guarded
+from tools.common.console import DONE, guarded, on_missing_data
 from tools.common.costs import report_test, report_time
 from tools.common.ranks import only_first_prints, world
 

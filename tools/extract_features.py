@@ -27,9 +27,8 @@ from netlib.errors import NetlibError, did_you_mean
 from netlib.net import Net
 from netlib.proto.messages import Datum
 from tools.common import databases
-from tools.common.advice import on_missing_data
 from tools.common.arguments import add_engine, parser_of, positive
-from tools.common.console import guarded
+from tools.common.console import guarded, on_missing_data
 from tools.common.progress import ProgressBar
 
 

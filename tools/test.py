@@ -41,9 +41,8 @@ from layers.hand import skeleton as skeletons
 from netlib.files.paths import ROOT
 from netlib.net import Net
 from tools.common import outputs
-from tools.common.advice import on_missing_data
 from tools.common.arguments import add_engine, name_in, parser_of, reject_given
-from tools.common.console import DONE, aligned, guarded, say
+from tools.common.console import DONE, aligned, guarded, on_missing_data, say
 from tools.common.progress import ProgressBar
 
 DRAWN = 12  # frames in a figure

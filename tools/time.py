@@ -26,9 +26,8 @@ import numpy as np
 import netlib
 from netlib import engine
 from netlib.net import Net
-from tools.common.advice import on_missing_data
 from tools.common.arguments import add_engine, parser_of, positive
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, guarded, on_missing_data, say
 from tools.common.costs import layer_lines, memory_of, pass_lines, time_passes
 
 

@@ -29,8 +29,7 @@ from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import File
 from netlib.interruption.solver import InterruptibleSolver as Solver
 from tools.common import training
-from tools.common.advice import on_missing_data
-from tools.common.console import DONE, duration, say
+from tools.common.console import DONE, duration, on_missing_data, say
 from tools.common.progress import ProgressBar
 from tools.common.stopper import fill_folder
 

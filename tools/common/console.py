@@ -1,18 +1,25 @@
-"""Conventions of all tools: exit statuses, one-line errors, tables, durations."""
+"""Conventions of all tools: exit statuses, one-line errors and their advice, tables, durations."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TextIO
 
 import tools
 from netlib.building import python_layer
-from netlib.errors import NetlibError, printable, reason_of
+from netlib.errors import DataError, NetlibError, printable, reason_of
+from netlib.files.paths import command
 
 DONE, FAILED = 0, 1  # argparse exits with 2 for wrong usage
+
+ADVICE = (
+    f"generate synthetic hands with '{command('make_synthetic')}', or read the NYU data set with "
+    f"'{command('prepare_nyu')} NYU_ROOT'"
+)
 
 
 def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
@@ -57,3 +64,15 @@ def duration(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+
+
+@contextlib.contextmanager
+def on_missing_data() -> Iterator[None]:
+    """Context manager that adds advice to errors about missing lists in data/nyu."""
+    try:
+        yield
+    except DataError as error:
+        text = str(error)
+        if "cannot read the list" in text and "data/nyu" in text:
+            text = f"{text}; {ADVICE}"
+        raise DataError(text) from error

@@ -21,9 +21,8 @@ from netlib.distributed.ranks import ALONE, Ranks
 from netlib.interruption.solver import InterruptibleSolver as Solver
 from netlib.proto import prototxt
 from netlib.training.resume import rank_and_count
-from tools.common import advice
 from tools.common.caffe_log import BarHandler, log_to
-from tools.common.console import DONE, duration
+from tools.common.console import DONE, duration, on_missing_data
 from tools.common.progress import ProgressBar
 from tools.common.ranks import ended_together, threads_of
 
@@ -99,7 +98,7 @@ def new_solver(
     log.info("Initializing solver from parameters: \n%s", prototxt.parse_file(solver_file))
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))
-    with advice.on_missing_data():
+    with on_missing_data():
         solver = netlib.get_solver(solver_file, seed, engine, ranks=ranks if ranks.count > 1 else None, **changes)
     _describe(solver)
     return solver
