@@ -71,10 +71,12 @@ test: .venv/test
 	$(RUN) -m pytest -n auto --dist worksteal
 
 # As on a processor without AVX. NumPy refuses names of features that it does not have, so it is asked for those.
+# test_processors.py chooses kernels by itself.
 SIMD := import numpy; print(*numpy.show_config("dicts").get("SIMD Extensions", {}).get("found", []))
 kernels: .venv/test
 	OPENBLAS_CORETYPE=Nehalem NPY_DISABLE_CPU_FEATURES="$$($(RUN) -c '$(SIMD)')" $(RUN) -m pytest -n auto \
-		--dist worksteal tests/docs/test_made.py tests/handpose/depth_fit tests/handpose/prediction tests/layers/hand
+		--dist worksteal tests/docs/test_made.py tests/handpose/depth_fit tests/handpose/prediction tests/layers/hand \
+		--ignore tests/handpose/prediction/test_processors.py
 
 faults: .venv/test
 	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")
