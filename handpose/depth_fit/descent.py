@@ -70,6 +70,8 @@ def _chosen(better: NDArray[np.bool_], new: T, old: T) -> T:
     """The rows of ``new`` where ``better``, elsewhere those of ``old``; for arrays and tuples of them."""
     if better.all():
         return new
+    if not better.any():
+        return old
     if isinstance(new, tuple):
         return type(new)(*(_chosen(better, n, o) for n, o in zip(new, old)))
     return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)

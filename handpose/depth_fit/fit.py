@@ -115,26 +115,28 @@ class DepthFitter:
 
         starts  x (N, V) predicted in the crops, one array for each quarter turn of the plan
         size    of the body, one or (N,), if it is known
-        before  x (N, V) expected from earlier frames: one more start, with a prior about itself
+        before  x (N, V) expected from earlier frames: one more start, with a prior about itself; NaN without
         seed    of the drawn starts
         """
         model = self.model
         if len(starts) != len(plan.quarters):
             raise DataError(f"{len(starts)} starts, expected {len(plan.quarters)} for the plan {plan.name!r}")
         own = np.stack([rounded(x, NETWORK_STEP) for x in starts])
-        if before is not None:
-            own = np.concatenate([own, before[None]])
         if own.shape[1] != len(seen):
             raise DataError(f"starts of {own.shape[1]} frames for {len(seen)} crops")
-        network = model.joints(own[0])
-        tried, priors = [own], [own if before is None else np.concatenate([own[:-1], self._expected(before)[None]])]
+        network, priors = model.joints(own[0]), own
+        handicap = np.ones((len(own) + (before is not None) + plan.draws, len(seen)))
+        if before is not None:
+            unknown = np.isnan(before[:, 0])
+            handicap[len(own)] = np.where(unknown, np.inf, STAY)
+            expected = np.where(unknown[:, None], own[0], before)
+            own = np.concatenate([own, expected[None]])
+            priors = np.concatenate([priors, np.where(unknown[:, None], own[0], self._expected(expected))[None]])
+        tried, about = [own], [priors]
         if plan.draws:
             tried.append(drawn(model, own[0], self.errors.limbs, plan.draws, seed))
-            priors.append(np.tile(own[:1], (plan.draws, 1, 1)))
-        handicap = np.ones(len(own) + plan.draws)
-        if before is not None:
-            handicap[len(own) - 1] = STAY
-        found = self._searched(seen, np.concatenate(tried), np.concatenate(priors), plan, size, handicap)
+            about.append(np.tile(own[:1], (plan.draws, 1, 1)))
+        found = self._searched(seen, np.concatenate(tried), np.concatenate(about), plan, size, handicap)
         return self._results(found, seen, network, plan)
 
     def follow(
@@ -149,7 +151,7 @@ class DepthFitter:
         """
         network = self.model.joints(before)
         priors = self._expected(before)[None]
-        found = self._searched(seen, before[None].copy(), priors, plan.refining(), size, np.ones(1), HOLD)
+        found = self._searched(seen, before[None].copy(), priors, plan.refining(), size, np.ones((1, len(seen))), HOLD)
         off = (found.x - priors[0])[:, self.model.limbs]
         found.parts[:, 3] -= (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
         return self._results(found, seen, network, plan, moved_mm)
@@ -167,7 +169,8 @@ class DepthFitter:
     ) -> Found:  # fmt: skip
         """The best of starts (K, N, V) with these priors, in batches that fit the cache.
 
-        hold  factor of the limbs' precision, relative to the network's
+        handicap  (K, N) factors of the costs
+        hold      factor of the limbs' precision, relative to the network's
         """
         objective, (K, N, V) = self.objective, starts.shape
         precision = hold * self.precision
@@ -177,7 +180,9 @@ class DepthFitter:
         found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
 
         def job(rows: slice) -> None:
-            part = search(objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, plan, handicap)
+            part = search(
+                objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, plan, handicap[:, rows]
+            )
             for whole, values in zip(found, part):
                 whole[rows] = values
 

@@ -69,19 +69,19 @@ def search(
 ) -> Found:  # fmt: skip
     """The best of K starts (K, N, V); each has a prior about the prediction ``priors`` (K, N, V).
 
-    handicap  (K,) factors of the costs that are compared
+    handicap  (K, N) factors of the costs that are compared
     """
     K, N, _ = starts.shape
-    every, handicaps = np.tile(np.arange(N), K), np.broadcast_to(handicap, K)
+    every, handicaps = np.tile(np.arange(N), K), np.broadcast_to(handicap, (K, N))
     x, own = starts.reshape(K * N, -1), objective.prior_of(priors.reshape(K * N, -1), precision)
     chosen = np.arange(K * N)
     if plan.first and K > 1:
         x, cost = descend(objective, x, seen.thinned(plan.thin).take(every), own, plan.first)
-        order = (handicaps[:, None] * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)[: plan.keep]
+        order = (handicaps * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)[: plan.keep]
         chosen = (order * N + np.arange(N)).reshape(-1)
     own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
     x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
-    compared = handicaps[chosen // N] * data_cost(cost.parts)
+    compared = handicaps.reshape(-1)[chosen] * data_cost(cost.parts)
     best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
     return Found(x[best], cost.parts[best], chosen[best] // N)
 

@@ -108,14 +108,14 @@ class PoseEstimator:
         plan  of the fit; by default the predictor's
         """
         crops: list[NDArray[np.float32] | None] = []
-        alike: dict[tuple[bool, ...], list[int]] = {}
+        alike: dict[tuple[bool, bool], list[int]] = {}
         for i, region in enumerate(regions):
             try:
                 crops.append(clear_crop(depth, region.center_uvd, self.cube_mm, self.camera))
             except DataError:
                 crops.append(None)
                 continue
-            kind = (region.size is not None, region.before is not None, region.moved_mm is not None)
+            kind = (region.size is not None, region.moved_mm is not None)
             alike.setdefault(kind, []).append(i)
         found: list[Estimate | None] = [None] * len(regions)
         for own in alike.values():
@@ -172,15 +172,17 @@ class PoseEstimator:
         return HandCrops.of_sides(crops, uvd, self.camera, self.cube_mm, [region.side for region in regions])
 
     def _estimate(self, regions: Sequence[SearchRegion], crops: NDArray[np.float32], plan: Plan) -> list[Estimate]:
-        """``estimate`` for regions with the same known values."""
+        """``estimate`` for regions of which all or none have a size, and all or none run the network."""
         hands = self._hands(regions, crops)
         seen, centers = hands.observe(plan.points), hands.center_mm
-        placed = [(region.before, center) for region, center in zip(regions, centers) if region.before is not None]
-        before, model = None, self.fitter.model
-        if placed:
-            before = np.clip(np.stack([self.converter.variables(*one) for one in placed]), model.lower, model.upper)
+        model = self.fitter.model
+        known = np.array([region.before is not None for region in regions])
+        before = np.full((len(regions), model.variables), np.nan) if known.any() else None
+        for i, (region, center) in enumerate(zip(regions, centers)):
+            if before is not None and region.before is not None:
+                before[i] = np.clip(self.converter.variables(region.before, center), model.lower, model.upper)
         sizes = np.array([region.size for region in regions]) if regions[0].size is not None else None
-        goes_on = np.full(len(regions), before is not None)
+        goes_on = known.copy()
         if before is not None and regions[0].moved_mm is not None:
             fit = self.fitter.follow(seen, before, np.array([region.moved_mm for region in regions]), plan, size=sizes)
         else:

@@ -181,6 +181,19 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
     assert (accurate.start == 4).mean() > 0.5
 
 
+@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
+def test_frames_without_a_frame_before(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
+    """A NaN row: that frame is fitted as without a previous frame, and the others as in a batch of their own."""
+    starts = [scene.truth + np.random.default_rng(q).normal(0, 0.1, scene.truth.shape) for q in plan.quarters]
+    before = scene.truth.copy()
+    before[::2] = np.nan
+    found = fitter.fit(scene.seen, starts, plan, before=before)
+    alone = fitter.fit(scene.seen, starts, plan)
+    followed = fitter.fit(scene.seen, starts, plan, before=scene.truth)
+    np.testing.assert_array_equal(found.x[::2], alone.x[::2])
+    np.testing.assert_array_equal(found.x[1::2], followed.x[1::2])
+
+
 def test_sizes_of_several_hands(fitter: DepthFitter, scene: Scene) -> None:
     """Each frame has its own, also of the start that is given."""
     inputs, sizes = fitter.model.inputs_of(scene.truth), np.linspace(0.9, 1.1, len(scene.truth))
