@@ -21,9 +21,6 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update",
          "--disable-sync")  # fmt: skip
 
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser
-
 
 class NoBrowserError(NetlibError):
     """There is none on this machine, or nothing to drive it."""

@@ -121,23 +121,24 @@ class DepthFitter:
         model = self.model
         if len(starts) != len(plan.quarters):
             raise DataError(f"{len(starts)} starts, expected {len(plan.quarters)} for the plan {plan.name!r}")
-        own = np.stack([rounded(x, NETWORK_STEP) for x in starts])
-        if own.shape[1] != len(seen):
-            raise DataError(f"starts of {own.shape[1]} frames for {len(seen)} crops")
-        network, priors = model.joints(own[0]), own
-        handicap = np.ones((len(own) + (before is not None) + plan.draws, len(seen)))
+        predicted = np.stack([rounded(x, NETWORK_STEP) for x in starts])
+        if predicted.shape[1] != len(seen):
+            raise DataError(f"starts of {predicted.shape[1]} frames for {len(seen)} crops")
+        first = predicted[0]
+        tried, priors, handicaps = [predicted], [predicted], [np.ones(predicted.shape[:2])]
         if before is not None:
-            unknown = np.isnan(before[:, 0])
-            handicap[len(own)] = np.where(unknown, np.inf, STAY)
-            expected = np.where(unknown[:, None], own[0], before)
-            own = np.concatenate([own, expected[None]])
-            priors = np.concatenate([priors, np.where(unknown[:, None], own[0], self._expected(expected))[None]])
-        tried, about = [own], [priors]
+            unknown = np.isnan(before[:, :1])
+            tried.append(np.where(unknown, first, before)[None])
+            priors.append(np.where(unknown, first, self._expected(before))[None])
+            handicaps.append(np.where(unknown, np.inf, STAY).T)
         if plan.draws:
-            tried.append(drawn(model, own[0], self.errors.limbs, plan.draws, seed))
-            about.append(np.tile(own[:1], (plan.draws, 1, 1)))
-        found = self._searched(seen, np.concatenate(tried), np.concatenate(about), plan, size, handicap)
-        return self._results(found, seen, network, plan)
+            tried.append(drawn(model, first, self.errors.limbs, plan.draws, seed))
+            priors.append(np.tile(first, (plan.draws, 1, 1)))
+            handicaps.append(np.ones((plan.draws, len(seen))))
+        found = self._searched(
+            seen, np.concatenate(tried), np.concatenate(priors), plan, size, np.concatenate(handicaps)
+        )
+        return self._results(found, seen, model.joints(first), plan)
 
     def follow(
         self, seen: Observation, before: Array, moved_mm: Array, plan: Plan, *, size: float | Array | None = None

@@ -177,18 +177,20 @@ class PoseEstimator:
         seen, centers = hands.observe(plan.points), hands.center_mm
         model = self.fitter.model
         known = np.array([region.before is not None for region in regions])
-        before = np.full((len(regions), model.variables), np.nan) if known.any() else None
-        for i, (region, center) in enumerate(zip(regions, centers)):
-            if before is not None and region.before is not None:
-                before[i] = np.clip(self.converter.variables(region.before, center), model.lower, model.upper)
+        nothing = np.full(model.variables, np.nan)
+        expected = [
+            nothing if region.before is None else self.converter.variables(region.before, center)
+            for region, center in zip(regions, centers)
+        ]
+        before = np.clip(np.stack(expected), model.lower, model.upper) if known.any() else None
         sizes = np.array([region.size for region in regions]) if regions[0].size is not None else None
-        goes_on = known.copy()
+        goes_on = known
         if before is not None and regions[0].moved_mm is not None:
             fit = self.fitter.follow(seen, before, np.array([region.moved_mm for region in regions]), plan, size=sizes)
         else:
             starts = fit_starts(self.net, model, hands.as_right, plan.quarters)
             fit = self.fitter.fit(seen, starts, plan, size=sizes, before=before)
-            goes_on &= fit.start == len(plan.quarters)
+            goes_on = known & (fit.start == len(plan.quarters))
         estimates = []
         for i, (region, center) in enumerate(zip(regions, centers)):
             own = fit.take(slice(i, i + 1))
