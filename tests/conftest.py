@@ -97,7 +97,7 @@ def net_of() -> Callable[..., netlib.Net]:
 
 @pytest.fixture
 def write_rows(tmp_path: Path) -> Callable[..., Path]:
-    """``write_rows("list.txt", [4, 3], data=(2, 5, 5), label=(3,))``: HDF5 files of so many rows, and their list."""
+    """``write_rows("list.txt", [4, 3], data=(2, 5, 5), label=(3,))``: HDF5 files of 4 and 3 rows, and their list."""
 
     def write(name: str, rows: list[int], seed: int = 0, **shapes: tuple[int, ...]) -> Path:
         rng = np.random.default_rng(seed)

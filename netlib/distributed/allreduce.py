@@ -1,6 +1,6 @@
 """Gradients of a net grouped into buckets, and means over MPI ranks.
 
-Means are summed in the order of the ranks, so that a training run is reproducible to the bit.
+Means are summed in the order of the ranks, so that training runs give bitwise equal results.
 
 Arrays are packed into one flat buffer of N shards. In the first round every rank sends shard r to rank r, which sums
 them from first rank to last and divides by N; in the second round it sends the mean to all. Each rank sends and

@@ -1,4 +1,4 @@
-"""A body that nobody has designed goes all the way that hands go: drawn, trained on, fitted to joints and to depth."""
+"""A random body is used like a hand: drawn, trained on, fitted to joints and to depth."""
 
 from __future__ import annotations
 

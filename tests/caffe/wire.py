@@ -1,7 +1,7 @@
 """Caffe's binary snapshots, read for the tests: as much of protobuf's wire format as they need.
 
 A message is a row of fields. A field is a key (its number * 8 + wire type) and a value: a varint (type 0), 8 bytes (1),
-a length and so many bytes (2), or 4 bytes (5). A varint has seven bits in each byte, the lowest first; the high bit
+a length and its bytes (2), or 4 bytes (5). A varint has seven bits in each byte, the lowest first; the high bit
 says that another byte follows. The numbers of the fields are those of caffe.proto.
 """
 

@@ -33,7 +33,7 @@ def test_a_chapter_has_a_goal_a_recap_three_questions_and_a_picture(path: Path) 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
 def test_a_chapter_is_short(path: Path) -> None:
-    """At most so many words outside code."""
+    """A maximum number of words outside code."""
     prose = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     assert len(prose.split()) <= MAX_WORDS
 

@@ -31,7 +31,7 @@ def test_the_list(work: Path) -> None:
 
 @pytest.mark.parametrize("name", EXERCISES)
 def test_start(name: str, work: Path) -> None:
-    """The stub of docs/exercises, in the working folder; somebody's work is never overwritten."""
+    """The stub of docs/exercises, in the working folder; an existing file is never overwritten."""
     done = run_tool("exercise", name, "--start")
     path = work / f"{name}.py"
     assert path.read_bytes() == (ROOT / "docs" / "exercises" / path.name).read_bytes()

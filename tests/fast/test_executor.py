@@ -431,7 +431,7 @@ def test_blobs_of_different_numbers_of_items(net_of: MakeNet, rng: np.random.Gen
 def test_two_convolutions_in_a_row(
     net_of: MakeNet, rng: np.random.Generator, kernels: tuple[int, int], frozen: bool
 ) -> None:
-    """The second needs all of what the first writes, though nobody asks for the gradient of the image."""
+    """The second needs all of what the first writes, although the gradient of the image is not needed."""
     text = inputs(x=(2, 1, 28, 28))
     for name, bottom, size in zip(("c1", "c2"), ("x", "c1"), kernels):
         rate = "param { lr_mult: 0 } param { lr_mult: 0 }" if name == "c1" else ""

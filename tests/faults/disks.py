@@ -223,7 +223,7 @@ def two_trainings(number: int) -> Outcome:
 
 
 def planted_links(run: str, number: int) -> Outcome:
-    """Links at all names that could be guessed for temporary files lead to somebody's file, which stays as it is."""
+    """Links at all names that could be guessed for temporary files lead to another file, which does not change."""
     if number >= 2:
         return Outcome("over")
     before = runs.undisturbed(run)
@@ -245,7 +245,7 @@ def planted_links(run: str, number: int) -> Outcome:
         status, answer = runs.forked(plant)
         expect_refusal(status, answer, "planted links")
         if Path("victim").read_bytes() != b"precious":
-            raise BrokenPromise("LOST", "a file was written through a link that somebody had planted")
+            raise BrokenPromise("LOST", "a file was written through a planted link")
     return Outcome("held")
 
 

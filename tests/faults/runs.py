@@ -41,7 +41,7 @@ from tests.faults.readers import digest
 # ---------------------------------------------------------------------------------------------- the runs
 
 LONGEST_S = 120  # that a child lives
-FOREIGN = ".foreign_iter_5.caffemodel.h5.4194305.tmp"  # of a process that cannot be: nobody's here to clear away
+FOREIGN = ".foreign_iter_5.caffemodel.h5.4194305.tmp"  # of an impossible process id: not to be removed
 
 
 @dataclass(frozen=True)

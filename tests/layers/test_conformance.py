@@ -136,7 +136,7 @@ def test_types_that_share_a_block_read_the_same_in_it() -> None:
 
 @pytest.mark.parametrize("name", list(LAYER_TYPES))
 def test_options_are_frozen_dataclasses_with_a_docstring(name: str) -> None:
-    """Nobody changes them after the prototxt was read."""
+    """They do not change after the prototxt was read."""
     cls = LAYER_TYPES[name]
     assert cls.param_type.__dataclass_params__.frozen  # type: ignore[attr-defined]
     generated = f"{cls.param_type.__name__}("  # so begins the docstring of a dataclass that was given none

@@ -429,7 +429,7 @@ def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: 
 
 @pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="links cannot be told apart here")
 def test_a_lock_that_is_in_the_way_is_named(solver_of: MakeSolver, work: Path) -> None:
-    """The folder can be written: what cannot is a file that another user, or somebody who plants links, has left."""
+    """The folder is writable, but not a file or link that another user has left in it."""
     (work / ".x.netlib.lock").symlink_to("victim")
     with pytest.raises(
         netlib.WeightsError, match=r"^\.: cannot write snapshots there: \.x\.netlib\.lock: Too many levels"
@@ -474,7 +474,7 @@ def test_stop_during_a_test_ends_the_test(solver_of: MakeSolver, work: Path) -> 
 
 @pytest.mark.parametrize("rule", list(RULES))
 def test_n_updates_resume_n_more_equal_2n(solver_of: MakeSolver, rows: None, rule: str) -> None:
-    """Bit for bit: dropout, shuffled data in mid-file, a step policy, averaged loss; nobody gave a seed."""
+    """Bit for bit: dropout, shuffled data in mid-file, a step policy, averaged loss; without a given seed."""
     options = RULES[rule] + (
         ' base_lr: 0.01 lr_policy: "step" stepsize: 5 gamma: 0.5 weight_decay: 0.01 average_loss: 3 iter_size: 2'
         " test_iter: 1 test_interval: 3"

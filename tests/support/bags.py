@@ -43,7 +43,7 @@ class Messages:
         return types["std_msgs/msg/Header"](stamp=time, frame_id="camera", **more)
 
     def image(self, values: Depth, ns: int, encoding: str = "16UC1", padding: int = 0, big: bool = False) -> bytes:
-        """Rows with so many bytes of padding; in either order of bytes."""
+        """Rows with this number of padding bytes, in either byte order."""
         swapped = values.astype(values.dtype.newbyteorder(">" if big else "<"))
         rows = swapped.view(np.uint8).reshape(len(values), -1)
         data = np.hstack([rows, np.full((len(rows), padding), 99, np.uint8)])

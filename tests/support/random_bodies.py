@@ -1,4 +1,4 @@
-"""Bodies that nobody has designed: a random tree of joints with random axes, limits and surface, and how it is held."""
+"""Random bodies: a tree of joints with random axes, limits and surface, and its pose."""
 
 from __future__ import annotations
 

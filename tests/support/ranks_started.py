@@ -27,7 +27,7 @@ needs_mpi = pytest.mark.skipif(
 
 
 def command(count: int, *words: object, by: tuple[str, ...] = ("-m", "mpi4py")) -> list[str]:
-    """A Python program, on so many ranks. Each writes its process id into pid.RANK of the working directory, and runs
+    """A Python program on several ranks. Each writes its process id into pid.RANK of the working directory, and runs
     in the folder rank.RANK of it, if there is one."""
     shell = 'echo $$ > pid.$PMI_RANK; if [ -d rank.$PMI_RANK ]; then cd rank.$PMI_RANK; fi; exec "$0" "$@"'
     return [str(MPIEXEC), "-n", str(count), "sh", "-c", shell, sys.executable, *by, *map(str, words)]

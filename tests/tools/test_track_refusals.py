@@ -75,7 +75,7 @@ def test_the_default_names_do_not_replace_frames(frames: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize("name", ["frames.json", "frames.png"])
 def test_the_default_names_replace_nothing(name: str) -> None:
-    """A file that nobody named may be anybody's; the line says how to name it."""
+    """A file that was not named is not taken; the line says how to name it."""
     Path(name).write_text("mine")
     before = contents()
     assert run_tool("track", "frames", status=1).err == (

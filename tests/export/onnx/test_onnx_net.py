@@ -14,7 +14,7 @@ from tests.support.onnx_nets import SYNTHETIC, net_text
 
 
 def test_layers_in_place(files, onnx):
-    """A blob that several layers write has the last value under its name, and one that nobody changes two names."""
+    """A blob that several layers write has its last value under its name; one that is never changed has two names."""
     net = load(*files(
         'layer { name: "ip" type: "InnerProduct" bottom: "x0" top: "y" inner_product_param { num_output: 3 } }'
         'layer { name: "relu" type: "ReLU" bottom: "y" top: "y" }'

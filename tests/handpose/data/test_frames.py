@@ -10,7 +10,7 @@ from netlib.files.paths import ROOT
 
 
 def made(n: int, dof: np.ndarray | None = None) -> Frames:
-    """So many frames with two joints, some of them outside the cube."""
+    """``n`` frames with two joints, some of them outside the cube."""
     rng = np.random.default_rng(0)
     joints, uvd = rng.normal(size=(n, 2, 3)), np.array([320.0, 240.0, 700.0]) + rng.normal(size=(n, 3))
     return Frames.of(np.zeros((n, 128, 128)), joints, uvd, NYU, 150.0, np.arange(n), dof)

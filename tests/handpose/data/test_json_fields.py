@@ -19,7 +19,7 @@ def fields() -> Fields:
 
 
 def test_values() -> None:
-    """As they stand there; null is NaN where nobody may know."""
+    """Values as in the file; null is NaN where a value may be unknown."""
     of = fields()
     assert (of.whole("n"), of.number("x"), of.truth("yes"), of.text("t")) == (3, -1.5, True, "text")
     assert of.numbers("a", 2, 2).tolist() == [[1, 2], [3, 4]] and of.part("o").whole("b") == 1

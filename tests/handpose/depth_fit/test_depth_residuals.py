@@ -117,7 +117,7 @@ def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_spheres_are_on_the_skeletons_own_capsules(model: CapsuleModel) -> None:
-    """Not on the forearm, whose end nobody knows."""
+    """No sphere is on the forearm, whose end is not modelled."""
     capsule, place = spheres_of(model)
     assert not model.surface.limbs[capsule].any() and len(capsule) == (~model.surface.limbs).sum()
     assert (place == 1).all()

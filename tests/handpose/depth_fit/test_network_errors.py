@@ -129,7 +129,7 @@ def test_crops_that_show_nothing() -> None:
 
 
 def test_too_little_to_measure() -> None:
-    """One fit, or many that are alike: no table that nobody could read again."""
+    """One fit, or many equal ones, give no table, because it could not be read again."""
     for count in (1, 30):
         with pytest.raises(DataError, match=f"{count} fits with the same uncertainty, expected many different ones"):
             table_of(np.full(count, 3.0), np.linspace(1, 50, count))

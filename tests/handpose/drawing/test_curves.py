@@ -64,7 +64,7 @@ def test_only_the_last_seconds() -> None:
 
 
 def test_without_a_confidence_there_is_no_curve() -> None:
-    """Nobody has measured it, so nothing is drawn but the hand's name."""
+    """Without a confidence only the hand's name is drawn."""
     picture = strip(*(frame(n / 10, h1=np.nan) for n in range(20)))
     assert columns(picture, 1) == []
     assert says_a_name(picture, 1)

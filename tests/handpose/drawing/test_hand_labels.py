@@ -21,7 +21,7 @@ def test_colours() -> None:
 
 
 def test_words() -> None:
-    """Whole per cent, none where nobody has measured; a loss with its time and its reason."""
+    """The confidence is in whole per cent, and omitted if unknown; a lost hand has the time and the reason."""
     assert spoken("right", 0.934) == "right 93%"
     assert spoken("left", float("nan")) == "left"
     assert [percent(sure) for sure in (0.0, 0.994, 0.996, 1.0)] == ["0%", "99%", ">99%", ">99%"]

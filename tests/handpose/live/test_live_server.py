@@ -140,7 +140,7 @@ def test_a_client_that_leaves_in_the_middle_of_a_frame(clients: Clients, serve: 
 
 
 def test_without_clients(serve: Serve) -> None:
-    """Nobody is waited for, and nothing is kept."""
+    """The server does not wait for clients, and stores nothing for them."""
     with serve() as server:
         assert not server.wait_for_client(0) and not server.has_clients(LINES) and not server.has_clients(VIEWS)
         server.put(LINES, "a")

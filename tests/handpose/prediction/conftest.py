@@ -32,7 +32,7 @@ def seeing(net_of: NetOf) -> netlib.Net:
 
 @pytest.fixture
 def fixed(net_of: NetOf) -> Callable[..., netlib.Net]:
-    """A net that sees the same hand in every crop: as training crops have it, and then so many mm beside."""
+    """A net that predicts the same hand in every crop, at its place in training crops, then shifted by some mm."""
 
     def make(*beside: float) -> netlib.Net:
         prior = prior_file.load().but(center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0)

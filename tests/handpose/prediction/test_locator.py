@@ -168,7 +168,7 @@ def test_the_hand_is_found(camera):
 
 
 def test_in_frames_of_nyus_format():
-    """With the sensor's noise, and cut off at the cube: nearly as the comment of the constants says."""
+    """With sensor noise and cut at the cube, the errors are close to those in the comment of the constants."""
     generator = Generator(seed=3)
     scenes = [generator.scene(number) for number in range(3)]
     images = [whole_image(scene, n) for scene in scenes for n in range(BLOCK)]
@@ -184,7 +184,7 @@ def test_a_real_frame(nyu_data):
 
 
 def test_what_is_behind_does_not_matter(frames):
-    """A wall, or somebody's body: the same centre to the bit."""
+    """A wall or a person behind the hand does not change the centre at all."""
     for image in frames[0][:4]:
         found = find_hand(image, NYU)
         hand = np.isfinite(image)
@@ -209,7 +209,7 @@ def test_noise_in_front_does_not_matter(frames, rng):
 
 @pytest.mark.parametrize("unread", [0, -1, np.nan, np.inf, -np.inf])
 def test_pixels_without_a_reading(frames, unread):
-    """Zero, negative, not a number or infinite: all the same."""
+    """Zero, negative, NaN and infinite depths are treated alike."""
     image = frames[0][0]
     assert np.array_equal(find_hand(np.where(np.isfinite(image), image, unread), NYU), find_hand(image, NYU))
 
@@ -257,7 +257,7 @@ def test_a_crop_as_in_training_stays(hands):
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_crop_beside_moves_to_the_place_of_training(hands, side):
-    """By as much as it is off; the mirror image of a hand too, whose joints are mirrored and whose centre is beside."""
+    """The centre moves by its error; for a mirrored hand, with mirrored joints and a shifted centre, as well."""
     inputs, centers, sampler = hands
     mirror = mirror_of(side)
     off = np.array([25.0, -40.0, 30.0])

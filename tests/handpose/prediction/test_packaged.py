@@ -154,7 +154,7 @@ def test_cards_with_something_wrong(copy: Path, text: str | None, message: str) 
 
 @given(st.floats(2.0**-100, 2.0**100, width=32), st.integers(0, 23), st.booleans())
 def test_rounding(value: float, bits: int, negative: bool) -> None:
-    """To the nearest number of so many bits, ties to even: what NumPy's own rounding of the mantissa says."""
+    """Mantissas are rounded to nearest, ties to even, as by NumPy's rounding."""
     number = np.float32(-value if negative else value)
     mantissa, exponent = np.frexp(np.float64(number))
     expected = np.ldexp(np.rint(mantissa * 2 ** (bits + 1)), exponent - bits - 1)

@@ -135,7 +135,7 @@ def test_hands_as_in_a_whole_frame(frame: np.ndarray) -> None:
 
 
 def test_a_hand_at_a_place_without_a_fit(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """The first one in sight, for nobody can choose."""
+    """The first place in the image is taken, because there is no score to choose by."""
     away, there = KINECT2.project(np.array([[9000.0, 0, 700], [30, -20, 700]]))
     (found,) = Predictor(seeing, KINECT2, refine=0).hands_at(frame, [away, there], [1.0, 0.0])
     np.testing.assert_array_equal(found.center_uvd, there)

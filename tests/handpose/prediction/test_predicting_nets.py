@@ -18,7 +18,7 @@ from netlib.net import Net
 
 @pytest.fixture
 def net() -> Net:
-    """The packaged one, which nobody has run or looked at yet."""
+    """The packaged net, before its first run."""
     return load_predictor(NYU, fit="no", hand="right").net
 
 
@@ -32,7 +32,7 @@ def crops() -> np.ndarray:
 
 
 def test_weights_replace_initial_values(tmp_path: Path) -> None:
-    """All of them, though none was drawn; a filler that does not exist is an error all the same."""
+    """All parameters have the file's weights, although none was filled; an unknown filler is still an error."""
     card = read_card(HAND_LOCATOR)
     found, expected = trained(card.net, card.weights), Net(card.net, card.weights, TEST)
     for name, blobs in expected.params.items():

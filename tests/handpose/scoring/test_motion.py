@@ -75,7 +75,7 @@ def test_drift_and_movement_are_no_jitter() -> None:
 
 
 def test_a_missing_frame_ends_a_rest() -> None:
-    """What happened meanwhile, nobody knows."""
+    """The motion during the missing frame is unknown."""
     still = np.broadcast_to(BASE, (4, 31, 3))
     assert rests(np.array([0, 1, 3, 4]), still) == [(0, 2), (2, 4)]
 

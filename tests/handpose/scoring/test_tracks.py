@@ -34,7 +34,7 @@ def frames(hands: Sequence[Sequence[TrackedHand]], lost: Sequence[Sequence[LostH
 
 
 def moved(one: TrackedHand, *by: float) -> TrackedHand:
-    """The same, so many mm farther."""
+    """The same hand, shifted by some mm."""
     return replace(one, xyz=one.xyz + np.array(by))
 
 

@@ -20,7 +20,7 @@ STEP = 1 / 120
 
 
 def played(*acts: Act, seconds: float, seed: int = 1, side: str = "right", outward: float = 0.0) -> Movement:
-    """The movement of somebody's hand."""
+    """The movement of one person's hand."""
     rng = np.random.default_rng(seed)
     person = Person.draw(rng, SAMPLER)
     return Actor(rng, SAMPLER, person, side, Volume(NYU).roomy(), outward).act(acts, seconds)

@@ -100,7 +100,7 @@ def test_lenses_that_are_not_modelled(tmp_path: Path, model: str) -> None:
 
 
 def test_what_has_no_depth(tmp_path: Path) -> None:
-    """Passive infrared, or a mode that nobody knows."""
+    """Passive infrared, and an unknown mode."""
     with pytest.raises(DataError, match="no track DEPTH, only IR, COLOR"):
         open_video(put(tmp_path, track="COLOR"), Given())
     with pytest.raises(DataError, match="depth mode 'PASSIVE_IR'; expected NFOV_UNBINNED"):

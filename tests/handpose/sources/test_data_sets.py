@@ -59,7 +59,7 @@ def test_icvl_is_known_by_its_labels(tmp_path: Path) -> None:
 
 
 def test_the_user_knows_better(tmp_path: Path) -> None:
-    """Somebody may name frames as a data set does."""
+    """The user's own frames may be named like those of a data set."""
     put(tmp_path / "depth_1_0000001.png", hand_sized())
     recording = open_folder(tmp_path, GIVEN)
     assert (recording.camera, recording.unit_mm) == (GIVEN.camera, 0.5)

@@ -32,14 +32,14 @@ def test_frames_by_number(folder: Path) -> None:
 
 
 def test_the_rate_is_assumed_and_said(folder: Path) -> None:
-    """If nobody knows it, and the names are no times."""
+    """The rate is assumed if it is not given and the names contain no times."""
     recording = open_folder(folder, replace(GIVEN, rate=None))
     assert [frame.time for frame in recording] == [0, 1 / 30, 0.1]
     assert recording.remarks[-1].startswith("rate unknown: 30 frames per second assumed")
 
 
 def test_times_in_names(tmp_path: Path) -> None:
-    """Are the times; the rate is then nobody's business."""
+    """Times in names are used, and the rate is ignored."""
     for stamp in (1616799936125, 1616799936175):
         put(tmp_path / f"{stamp}.png", hand_sized())
     recording = open_folder(tmp_path, replace(GIVEN, rate=None))

@@ -60,7 +60,7 @@ def test_frame_by_frame(tmp_path: Path) -> None:
 
 
 def test_small_arrays(tmp_path: Path, monkeypatch) -> None:
-    """Of numbers and texts; large ones are nobody's camera, objects nobody's at all."""
+    """Small arrays of numbers and texts are read; large arrays and objects are not."""
     monkeypatch.setattr(numpy_files, "SMALL", 200)
     np.savez(tmp_path / "a.npz", depth=np.zeros((2, 3, 4)), fx=60.0, camera="{}", large=np.zeros(1000),
              objects=np.array([None]))  # fmt: skip

@@ -86,7 +86,7 @@ def test_the_user_is_believed_first() -> None:
 
 
 def test_the_unit_of_a_known_camera() -> None:
-    """Is that of its pictures, where nobody says another; its name alone does not make a camera known."""
+    """The unit is that of the camera's images unless another is given; a camera's name alone is not enough."""
     given = Given(SR305, origin="--camera")
     found = settle(given, NOTHING, NOTHING, (480, 640), U16, "take")
     assert found.unit_mm == 0.125 and found.remarks == ("camera sr305, by --camera",)
@@ -119,7 +119,7 @@ def test_a_lens_that_is_left_in_is_told() -> None:
 
 
 def test_frames_without_times() -> None:
-    """Have 30 a second, which is said, unless somebody knows."""
+    """30 frames per second are assumed, with a warning, unless a rate is given."""
     given = Given(CAMERA, unit_mm=1.0)
     assert settle(replace(given, rate=60.0), NOTHING, NOTHING, (48, 64), U16, "take").paced() == (60.0, ())
     rate, told = settle(given, NOTHING, NOTHING, (48, 64), U16, "take").paced()

@@ -1,4 +1,4 @@
-"""handpose/sources/recording.py: who knows what of a camera, and who is believed."""
+"""handpose/sources/recording.py: where camera parameters come from, and which source takes precedence."""
 
 from __future__ import annotations
 

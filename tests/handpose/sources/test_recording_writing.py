@@ -216,7 +216,7 @@ def test_what_another_writer_took_away_is_put_back(tmp_path: Path, monkeypatch: 
 
 @pytest.mark.parametrize("other", ["empty", "notes", "file"])
 def test_an_old_recording_stays_beside_what_is_not_the_new_one(tmp_path: Path, other: str) -> None:
-    """Somebody has put something else there since; nothing goes, and both are named."""
+    """If something else has been put there since, nothing is removed, and both are named."""
     left = tmp_path / ".take.0123abcd.netlib.old"
     write(left, frames(3))
     before = contents(left)
@@ -269,7 +269,7 @@ def test_an_old_recording_that_cannot_be_put_back_is_told(
 
 
 def test_an_old_recording_is_locked_before_it_loses_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody else takes it for that of a writer that was killed."""
+    """Another process does not take it for the remains of a killed writer."""
     write(tmp_path / "take", frames(3))
     rename, seen = Path.rename, []
 
@@ -303,7 +303,7 @@ def test_a_file_where_a_folder_should_be(tmp_path: Path, name: str) -> None:
 
 
 def test_a_folder_with_other_files_is_never_replaced(tmp_path: Path) -> None:
-    """They may be dear to somebody."""
+    """The other files may be important."""
     (tmp_path / "thesis.txt").touch()
     with pytest.raises(NetlibError, match=r"holds thesis\.txt, which no recording has; name a new folder$"):
         write(tmp_path, frames(1), replace=True)

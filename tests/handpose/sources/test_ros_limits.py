@@ -26,7 +26,7 @@ DEPTH = np.random.default_rng(0).integers(0, 4000, (2, 48, 64)).astype(np.uint16
 
 @pytest.mark.parametrize("name", ["a.bag", "a.db3", "a.mcap"])
 def test_a_huge_file_of_nothing(tmp_path: Path, name: str) -> None:
-    """Nobody reads on for the end of a first line."""
+    """The reader does not search the whole file for the end of its first line."""
     (tmp_path / name).touch()
     os.truncate(tmp_path / name, 1 << 40)
     with pytest.raises(DataError, match=f"{name}: cannot read the bag: it does not begin with"):
@@ -36,7 +36,7 @@ def test_a_huge_file_of_nothing(tmp_path: Path, name: str) -> None:
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
 @pytest.mark.parametrize("name", ["ros2.db3", "metadata.yaml", "b.db3.zstd"])
 def test_a_pipe_in_a_folder(tmp_path: Path, name: str) -> None:
-    """Nobody waits for whoever is to write into it."""
+    """The reader does not wait for a writer."""
     folder = bags.write_ros2(tmp_path / "ros2", DEPTH)
     (folder / name).unlink(missing_ok=True)
     os.mkfifo(folder / name)

@@ -145,7 +145,7 @@ def test_what_loses_depth_is_refused(tmp_path: Path, codec: str, pixels: str, sa
 
 
 def test_the_lens_is_taken_away(tmp_path: Path) -> None:
-    """A lens that somebody gives is applied to the frames."""
+    """The distortion of a given lens is removed from the frames."""
     path = write(tmp_path / "a.mkv", frames(1))
     bent = Given(CAMERA, Lens((0.3, 0.0, 0.0, 0.0)), 0.125, origin="--camera")
     plain, straight = (next(iter(open_video(path, given))).depth for given in (Given(), bent))

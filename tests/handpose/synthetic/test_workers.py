@@ -40,7 +40,7 @@ def test_what_starts_within_does_not_see_ctrl_c() -> None:
     assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
 
 
-@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="no way to wait for a process that is nobody's child")
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="waiting for a process that is not a child needs pidfd_open")
 def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
     """Not even if it is killed and can tell them nothing."""
     script = tmp_path / "parent.py"

@@ -95,6 +95,6 @@ def test_no_hand_there() -> None:
 
 
 def test_at_the_camera() -> None:
-    """Where no cube is, nobody can look."""
+    """At the camera there is no crop."""
     assert why(wall(), d=-10, confidence=None) == LEFT
     assert why(plate(600), confidence=None) == why(plate(600), u=float("nan")) == LEFT

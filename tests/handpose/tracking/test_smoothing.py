@@ -65,7 +65,7 @@ def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:
 
 
 def test_a_pose_that_is_not_sure_moves_little(model: CapsuleModel, trembling: np.ndarray) -> None:
-    """The worse it is said to be, the less it counts, but never nothing; where nobody knows, as if it were good."""
+    """A larger expected error gives a smaller weight, which is never 0; an unknown error counts as a small one."""
     converter = PoseConverter(model)
     other = trembling[0].copy()
     other[model.limbs] += 0.5

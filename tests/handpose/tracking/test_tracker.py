@@ -194,7 +194,7 @@ def test_what_does_not_look_like_a_hand_is_dropped(
 
 
 def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
-    """Nobody knows where the hand is: it is lost, for that reason, until it is found again."""
+    """The hand's position is unknown: it is lost, with that reason, until it is found again."""
     tracker = begun(predictor, shown)
     told = tracker.step(DepthFrame(99, 9.0, np.full((240, 320), 1500, np.float32)))
     assert not told.hands and told.lost[0].reason == "no frame for 8.7 s, and not found again"
@@ -304,7 +304,7 @@ def test_a_frame_of_another_size(shown: Take, predictor: Predictor, hands: int) 
 
 
 def test_times_that_do_not_ascend(shown: Take, predictor: Predictor) -> None:
-    """Are an error: nobody could say how fast a hand is."""
+    """They are an error, because velocities would be undefined."""
     tracker = begun(predictor, shown)
     for time in (5 / RATE, 0.0, float("nan")):
         with pytest.raises(DataError, match=r"frame 9 is of \S+ s, after one of 0.333333 s; times must ascend"):
@@ -338,7 +338,7 @@ def test_masked_frames(shown: Take, predictor: Predictor) -> None:
 
 
 def test_predictors_of_other_kinds() -> None:
-    """Without a fit nobody can be followed."""
+    """Tracking needs a fit."""
     with pytest.raises(NetlibError, match="a tracker needs a predictor with a fit and a locator"):
         Tracker(load_predictor(NYU, fit="no", hand="right"))
 

@@ -40,7 +40,7 @@ def layer(source, batch, shuffle=False):
 
 
 def numbers(net, batches):
-    """The numbers of the rows of so many batches; all tops must agree."""
+    """The row numbers of this number of batches; all tops must agree."""
     found = []
     for _ in range(batches):
         net.forward()
@@ -263,7 +263,7 @@ def test_a_rest_that_is_not_there(tmp_path, net_of, other, message):
     ],
 )
 def test_a_rest_elsewhere(tmp_path, net_of, rest, link):
-    """A file that somebody else made reads nothing but the data beside it."""
+    """A data file from elsewhere reads only data next to it."""
     for folder in ("set/a", "set/near/below"):
         (tmp_path / folder).mkdir(parents=True)
     for place in ("private.h5", "set/near/below/private.h5"):

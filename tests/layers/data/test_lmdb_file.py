@@ -41,7 +41,7 @@ def walked(path: Path) -> Iterator[tuple[bytes, bytes]]:
 
 
 def numbered(count: int, size: int = 20, key: int = 8) -> Entries:
-    """So many entries, of so long keys."""
+    """This number of entries, with keys of this length."""
     return {f"{i:0{key}}".encode(): bytes([i % 251]) * size for i in range(count)}
 
 
@@ -148,7 +148,7 @@ def pointer(key: bytes, number: int) -> bytes:
 
 
 def overflow(number: int, count: int, value: bytes, size: int) -> bytes:
-    """A value in so many pages."""
+    """A value that occupies this number of pages."""
     return (struct.pack("<QHHI", number, 0, OVERFLOW, count) + value).ljust(count * size, b"\0")
 
 

@@ -111,7 +111,7 @@ def test_mistakes(run, options, bottoms, message):
 
 
 def test_h_from_a_file(run, tmp_path, monkeypatch):
-    """A .binaryproto in any shape of so many values: the same as a third bottom."""
+    """A .binaryproto of any shape with this number of values acts like a third bottom."""
     monkeypatch.chdir(tmp_path)
     binaryproto.write_blob(np.float32(H).reshape(1, 1, 3, 3), "H.binaryproto")
     from_file = run('type: "InfogainLoss" infogain_loss_param { source: "H.binaryproto" }', X, [2, 0])

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(height, pool="MAX"):
-    """The layer with so many levels."""
+    """The layer with this number of levels."""
     return f'type: "SPP" spp_param {{ pyramid_height: {height} pool: {pool} }}'
 
 

@@ -162,7 +162,7 @@ def test_what_a_net_says_is_complete_does_not_change() -> None:
 
 
 def test_the_papers_network() -> None:
-    """Nearly all bytes are on their way before the convolutions, nearly all work behind them, have run."""
+    """Nearly all bytes are sent before the backward passes of the convolutions, which are most of the work."""
     net = netlib.Net("prototxt/nyu_deploy.prototxt", netlib.TRAIN)
     gradients = Gradients(net.layers, net.learnable)
     assert [part[-1] for part in labels(net, gradients)] == ["FC2/0", "FC1/0", "convL1/0"]

@@ -120,7 +120,7 @@ def test_files_that_are_not_opened(tmp_path: Path, make: Any, fault: str) -> Non
 
 
 def test_links_within_a_file(tmp_path: Path) -> None:
-    """Are followed; one that leads nowhere harms nobody who does not ask for it, nor does a circle."""
+    """Links are followed; a broken or circular link matters only to those who read it."""
     with h5py.File(write(tmp_path / "a.h5", x=np.arange(3)), "r+") as file:
         file["y"], file["nowhere"] = h5py.SoftLink("/x"), h5py.SoftLink("/none")
         file["group/up"] = file["/"]

@@ -50,7 +50,7 @@ def test_the_projects_own_files(tree: Path) -> None:
 
 
 def test_no_other_place(tree: Path) -> None:
-    """Data are not looked for in the folders above: they are those of somebody else."""
+    """Data are not searched for in parent folders, which may belong to another project."""
     put(tree / "data" / "nyu" / "train.txt")
     source = str(put(tree / "prototxt" / "net.prototxt"))
     for name in ("data/nyu/train.txt", "prototxt/none.prototxt", "none.prototxt"):

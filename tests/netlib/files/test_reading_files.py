@@ -69,7 +69,7 @@ def kinds_in(folder: Path) -> dict[str, str]:
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names here")
 def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A pipe that nobody writes into is not waited for, a device without an end is not read."""
+    """A pipe without a writer is not waited for, and an endless device is not read."""
     monkeypatch.chdir(tmp_path)  # a socket's name must be short
     for name, reason in kinds_in(Path()).items():
         for read in (files.read_bytes, files.read_text, files.opened):
@@ -155,7 +155,7 @@ def test_a_source_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.skipif(not hasattr(os, "preadv"), reason="no reads that leave a file's position alone")
 def test_a_source_in_two_processes(tmp_path: Path) -> None:
-    """A forked one shares the file's position; so nobody goes by it."""
+    """A forked process shares the file's position, so it is not relied on."""
     (tmp_path / "a").write_bytes(bytes(100))
     source = files.Source(tmp_path / "a", "the data")
     source.read(20, 30)

@@ -27,7 +27,7 @@ INNER = """layer { name: "FC1" type: "InnerProduct" bottom: "x" top: "y"
 
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
-    """``machine(1e6)``: it has so many bytes."""
+    """``machine(1e6)``: a machine with this number of bytes."""
 
     def make(size: float) -> None:
         monkeypatch.setattr(memory, "available", lambda: (size, "this machine has"))

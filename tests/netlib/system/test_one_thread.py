@@ -228,7 +228,7 @@ def solver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> netlib.Solver:
 
 
 def after(solver: netlib.Solver, steps: int) -> bytes:
-    """All weights after so many steps more."""
+    """All weights after this number of further steps."""
     solver.step(steps)
     return b"".join(p.blob.data.tobytes() for p in solver.net.learnable)
 

@@ -102,7 +102,7 @@ def everything(solver: netlib.Solver) -> str:
 
 
 def changed(path: Path, **fields: Any) -> None:
-    """A state whose fields say something else, with the right checksum, as nobody's hand would make it."""
+    """A state with other fields and a correct checksum, which no editor would produce."""
     state = snapshot.read_state(path)
     extra = {**state.extra, **fields.pop("extra", {})}
     extra.pop(fields.pop("drop", ""), None)

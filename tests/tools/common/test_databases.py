@@ -18,7 +18,7 @@ from tools.common.databases import read_database, write_databases
 
 
 def put(count: int, label: int = 0):
-    """A function that writes so many entries of 4 x 5 pixels to each database."""
+    """A function that writes a number of entries of 4 x 5 pixels to each database."""
 
     def fill(writers):
         for writer in writers:

@@ -36,7 +36,7 @@ def body_of(text: str, name: str = "body.prototxt") -> Skeleton:
 
 
 def any_body(seed: int) -> str:
-    """The file of a body that nobody has: joints in any order, all axes, motions, fixed and shared DoFs, surface."""
+    """The file of a random body: joints in any order, all axes and motions, fixed and shared DoFs, a surface."""
     rng = np.random.default_rng(seed)
     axes, K, D = ["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"], 12, 15
 

@@ -25,7 +25,7 @@ HAND = str(skeletons.NYU_HAND.read_text(encoding="utf-8"))
 NETLIB = Path(__file__).parents[3] / "netlib" / "proto"
 MM = 150.0
 
-# Bodies that nobody looks at: their poses, and what forces do to them.
+# Bodies that are not drawn: their poses, and the gradients of forces on them.
 COMPUTED = """([text, poses, forces, side]) => {
   const body = new hand.Body(text, "body.prototxt", hand.data.place);
   body.side = side;

@@ -58,7 +58,7 @@ def test_the_next_length() -> None:
 
 
 def test_the_order() -> None:
-    """Seed by seed in the paper's setting, then many hands, by our recipe; what nobody asks only if it is named."""
+    """Seed by seed in the paper's setting, then many hands, by our recipe; optional settings only if they are named."""
     jobs = list(order(ONE_HAND))
     blocks = list(dict.fromkeys((job.setting.name, job.recipe.name, job.seed) for job in jobs))
     one = [("one_hand", recipe, seed) for seed in (1, 2) for recipe in ("adam", "paper")]
