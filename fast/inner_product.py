@@ -3,7 +3,8 @@ for dx.
 
 Blocks do not depend on the number of threads, so neither does the rounding of a sum; they are large, because every
 product packs its factors again. For a few items that takes longer than the product: they are computed one at a time,
-each on one thread, since a product with one row reads the weights in place, limited by memory bandwidth.
+since a product with one row reads the weights in place, limited by memory bandwidth. The blocks are then so small that
+the second item finds the weights of the first in the cache.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from netlib.system.memory import blocks
 
 LARGEST_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
 FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/parts.py shows both
+CACHED_BYTES = 1 << 20  # of the weights of a block, which stay in the cache from item to item
 
 
 class FastInnerProduct(FastLayer, InnerProduct):
@@ -30,15 +32,19 @@ class FastInnerProduct(FastLayer, InnerProduct):
         """y = x wᵀ + b by blocks of outputs, or item by item."""
         x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.weight.data)
 
-        def job(rows: slice, o: slice) -> None:
-            np.matmul(x[rows], w[o].T, out=y[rows, o])
-            if self.param.bias_term:
-                y[rows, o] += self.bias.data[o]
+        few = len(x) <= FEW_ITEMS
 
-        if len(x) <= FEW_ITEMS:
-            parallel.run([partial(job, slice(n, n + 1), slice(None)) for n in range(len(x))])
+        def job(o: slice) -> None:
+            for rows in blocks(len(x), 1) if few else [slice(None)]:
+                np.matmul(x[rows], w[o].T, out=y[rows, o])
+            if self.param.bias_term:
+                y[:, o] += self.bias.data[o]
+
+        if few:
+            cached = max(1, CACHED_BYTES // max(w[:1].nbytes, 1))
+            parallel.run([partial(job, o) for o in blocks(len(w), cached if len(x) > 1 else len(w))])
         else:
-            parallel.run(_by_blocks(partial(job, slice(None)), len(w)))
+            parallel.run(_by_blocks(job, len(w)))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """dw = dyᵀ x and db by blocks of outputs, dx = dy w by blocks of inputs."""
