@@ -19,7 +19,7 @@ from netlib.errors import DataError
 from netlib.files import atomic
 
 RESULTS = Path(__file__).parent / "results"
-SMALLEST_CHANGE = 0.03  # relative variation of median ratios between runs
+MIN_CHANGE = 0.03  # relative variation of median ratios between runs
 
 Row = dict[str, Any]
 
@@ -65,7 +65,7 @@ def slower(rows: Sequence[Row], before: Sequence[Row]) -> list[str]:
         old = stored.get((row["what"], row.get("peer", "")))
         if old is None:
             continue
-        noise = max(SMALLEST_CHANGE, (row["noise"] ** 2 + old["noise"] ** 2) ** 0.5)
+        noise = max(MIN_CHANGE, (row["noise"] ** 2 + old["noise"] ** 2) ** 0.5)
         if row["ratio"] < old["ratio"] * (1 - noise):
             lines.append(f"{row['what']}, against {row['peer']}: {row['ratio']:.2f}x, "
                          f"was {old['ratio']:.2f}x (noise {noise:.0%})")  # fmt: skip

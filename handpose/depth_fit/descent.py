@@ -36,7 +36,7 @@ class Stage(NamedTuple):
 
     robust: float  # mm
     iterations: int
-    least_gain: float = 0.0  # relative decrease of the cost in an iteration
+    min_gain: float = 0.0  # relative decrease of the cost in an iteration
 
 
 def descend(
@@ -56,7 +56,7 @@ def descend(
             trial_measured = objective.measure(trial, seen, prior)
             found = objective.weigh(trial_measured, seen, stage.robust)
             better = active & (found.total < now.total)
-            active &= ~better | (now.total - found.total >= stage.least_gain * now.total)
+            active &= ~better | (now.total - found.total >= stage.min_gain * now.total)
             moved = np.where(better[:, None], trial - x, 0)
             x = _chosen(better, trial, x)
             measured, now = _chosen(better, trial_measured, measured), _chosen(better, found, now)

@@ -125,18 +125,18 @@ class DepthFitter:
         if predicted.shape[1] != len(seen):
             raise DataError(f"starts of {predicted.shape[1]} frames for {len(seen)} crops")
         first = predicted[0]
-        tried, priors, handicaps = [predicted], [predicted], [np.ones(predicted.shape[:2])]
+        tried, priors, cost_factors = [predicted], [predicted], [np.ones(predicted.shape[:2])]
         if before is not None:
             unknown = np.isnan(before[:, :1])
             tried.append(np.where(unknown, first, before)[None])
             priors.append(np.where(unknown, first, self._expected(before))[None])
-            handicaps.append(np.where(unknown, np.inf, STAY).T)
+            cost_factors.append(np.where(unknown, np.inf, STAY).T)
         if plan.draws:
             tried.append(drawn(model, first, self.errors.limbs, plan.draws, seed))
             priors.append(np.tile(first, (plan.draws, 1, 1)))
-            handicaps.append(np.ones((plan.draws, len(seen))))
+            cost_factors.append(np.ones((plan.draws, len(seen))))
         found = self._searched(
-            seen, np.concatenate(tried), np.concatenate(priors), plan, size, np.concatenate(handicaps)
+            seen, np.concatenate(tried), np.concatenate(priors), plan, size, np.concatenate(cost_factors)
         )
         return self._results(found, seen, model.joints(first), plan)
 
@@ -165,13 +165,13 @@ class DepthFitter:
         return prior
 
     def _searched(
-        self, seen: Observation, starts: Array, priors: Array, plan: Plan, size: float | Array | None, handicap: Array,
-        hold: float = 1.0,
+        self, seen: Observation, starts: Array, priors: Array, plan: Plan, size: float | Array | None,
+        cost_factor: Array, hold: float = 1.0,
     ) -> Found:  # fmt: skip
         """The best of starts (K, N, V) with these priors, in batches that fit the cache.
 
-        handicap  (K, N) factors of the costs
-        hold      factor of the limbs' precision, relative to the network's
+        cost_factor  (K, N) factors of the costs
+        hold         factor of the limbs' precision, relative to the network's
         """
         objective, (K, N, V) = self.objective, starts.shape
         precision = hold * self.precision
@@ -182,7 +182,7 @@ class DepthFitter:
 
         def job(rows: slice) -> None:
             part = search(
-                objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, plan, handicap[:, rows]
+                objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, plan, cost_factor[:, rows]
             )
             for whole, values in zip(found, part):
                 whole[rows] = values

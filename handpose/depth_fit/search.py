@@ -45,10 +45,10 @@ class Plan:
 
     def refining(self) -> Plan:
         """The plan from one start that is already close to the solution."""
-        return replace(self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, REFINING, LEAST_GAIN),))
+        return replace(self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, REFINING, MIN_GAIN),))
 
 
-REFINING, LEAST_GAIN = 4, 0.02  # iterations from a start that is close, and when they end earlier: ``Stage``
+REFINING, MIN_GAIN = 4, 0.02  # iterations from a start that is close, and when they end earlier: ``Stage``
 FAST = Plan("fast", 300, (0,), 0, 1, (), 1, (Stage(13, 6),))
 ACCURATE = Plan("accurate", 400, (0, 1, 2, 3), 6, 4, (Stage(15, 5),), 2, (Stage(13, 5),))
 PLANS = {plan.name: plan for plan in (FAST, ACCURATE)}
@@ -65,23 +65,23 @@ class Found(NamedTuple):
 
 def search(
     objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan,
-    handicap: Array | float = 1.0,
+    cost_factor: Array | float = 1.0,
 ) -> Found:  # fmt: skip
     """The best of K starts (K, N, V); each has a prior about the prediction ``priors`` (K, N, V).
 
-    handicap  (K, N) factors of the costs that are compared
+    cost_factor  (K, N) factors of the costs that are compared
     """
     K, N, _ = starts.shape
-    every, handicaps = np.tile(np.arange(N), K), np.broadcast_to(handicap, (K, N))
+    every, cost_factors = np.tile(np.arange(N), K), np.broadcast_to(cost_factor, (K, N))
     x, own = starts.reshape(K * N, -1), objective.prior_of(priors.reshape(K * N, -1), precision)
     chosen = np.arange(K * N)
     if plan.first and K > 1:
         x, cost = descend(objective, x, seen.thinned(plan.thin).take(every), own, plan.first)
-        order = (handicaps * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)[: plan.keep]
+        order = (cost_factors * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)[: plan.keep]
         chosen = (order * N + np.arange(N)).reshape(-1)
     own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
     x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
-    compared = handicaps.reshape(-1)[chosen] * data_cost(cost.parts)
+    compared = cost_factors.reshape(-1)[chosen] * data_cost(cost.parts)
     best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
     return Found(x[best], cost.parts[best], chosen[best] // N)
 

@@ -21,7 +21,7 @@ from netlib.blob import Array
 KINDS = ("forearm", "body", "clutter")
 DEPTH = RangeParameter(450.0, 900.0)
 SEEN = 0.5  # minimum visible share of a hand's surface
-MOSTLY = 0.9  # minimum share of its joints in the image
+MIN_INSIDE = 0.9  # minimum share of its joints in the image
 ARM_MM = 290.0  # from the elbow to the shoulder
 BODY = (  # from, to, both radii; mm from the middle between the shoulders, x towards the other arm's side
     ((0, 180, 20), (0, 260, 10), 85, 95),  # head
@@ -92,7 +92,7 @@ def _visible_scene(
         )
         u, v, _ = camera.project(xyz).T
         inside = ((u > 0) & (u < camera.width) & (v > 0) & (v < camera.height)).mean()
-        if inside > MOSTLY and (image >= hand)[np.isfinite(hand)].mean() > SEEN:
+        if inside > MIN_INSIDE and (image >= hand)[np.isfinite(hand)].mean() > SEEN:
             return image, center, xyz, wall
 
 

@@ -18,11 +18,11 @@ from handpose.tracking.pose_estimator import LIKELY
 from netlib.blob import Array
 
 ROUND, ROUND_ALONE = 0.5, 0.2  # s per scan with and without a tracked hand
-MOST, MOST_ALONE = 120.0, 1500.0  # places per second at most
+MAX_RATE, MAX_RATE_ALONE = 120.0, 1500.0  # places per second at most
 APART_MM, ARM_MM = 170.0, 100.0  # minimum distances from tracked hands and from their arms
 TIMES = 2  # evaluations of a likely place, each at the predicted position
 # A rejected place, such as an elbow, is skipped for a pause, which doubles each time.
-REJECTED_MM, PAUSE, LONGEST_PAUSE = 100.0, 0.5, 4.0
+REJECTED_MM, PAUSE, MAX_PAUSE = 100.0, 0.5, 4.0
 
 
 NOWHERE = np.zeros((0, 3))
@@ -48,9 +48,9 @@ class Detector:
 
     def reject(self, place: Array, time: float) -> None:
         """Skip the surroundings of a place (3,) in mm for a while, because it was not a hand."""
-        recent = [r for r in self._rejected if time < r.until + LONGEST_PAUSE]
+        recent = [r for r in self._rejected if time < r.until + MAX_PAUSE]
         near = [np.linalg.norm(r.place - place) < REJECTED_MM for r in recent]
-        pause = min(max((2 * r.pause for r, is_near in zip(recent, near) if is_near), default=PAUSE), LONGEST_PAUSE)
+        pause = min(max((2 * r.pause for r, is_near in zip(recent, near) if is_near), default=PAUSE), MAX_PAUSE)
         others = [r for r, is_near in zip(recent, near) if not is_near]
         self._rejected = [*others, Rejected(place, pause, time + pause)]
 
@@ -73,7 +73,7 @@ class Detector:
         seconds, self._last = time - self._last, time
         if seconds > ROUND:  # outdated places
             self._left = self._left[:0]
-        lasts, most = (ROUND, MOST) if len(followed) else (ROUND_ALONE, MOST_ALONE)
+        lasts, most = (ROUND, MAX_RATE) if len(followed) else (ROUND_ALONE, MAX_RATE_ALONE)
         if not len(self._left):
             if len(followed) and time - self._begun < ROUND:
                 return None

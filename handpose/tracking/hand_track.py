@@ -14,7 +14,7 @@ from handpose.tracking.smoothing import PoseFilter
 
 ENOUGH = 0.3  # minimum confidence of a hand
 SURE = 0.985  # confidence below which a full fit is run
-PAUSE, LONGEST_PAUSE = 0.25, 1.0  # s between full fits; doubled after each without improvement
+PAUSE, MAX_PAUSE = 0.25, 1.0  # s between full fits; doubled after each without improvement
 SOON = 0.06  # s between full fits after an alarm, or if the side is uncertain
 TROUBLE, ALARM = 1.4, 2.0  # selection cost relative to its average: run the network; run a full fit
 HABIT = 0.1  # weight of the last frame in the average selection cost
@@ -156,7 +156,7 @@ class HandTrack:
             # The accurate plan expects smaller errors of the same pose, so only another pose can be a better one.
             better = any(not estimate.goes_on and estimate.selection_cost < BETTER * before for estimate in own)
             doubted = self._evidence > 0  # it may be a hand of the other side
-            self._pause = SOON if doubted else PAUSE if better else min(2 * self._pause, LONGEST_PAUSE)
+            self._pause = SOON if doubted else PAUSE if better else min(2 * self._pause, MAX_PAUSE)
         self._missed = not own or max(estimate.confidence for estimate in own) < ENOUGH
         if self._missed:
             return False

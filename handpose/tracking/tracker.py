@@ -42,7 +42,7 @@ SAME_MM = 70.0  # palms closer together are the same hand
 # Limits of the rejection score of new and of tracked hands. In synthetic scenes with three cameras 92% of 187 hands are
 # below 100 mm and 99% below 135 mm; of other things that the detector offers, the lowest has 113 mm. Before the search,
 # fitted fast at the place itself, the hands that are accepted later have at most 116 mm.
-STRANGE_NEW_MM, STRANGE_FIRST_MM, STRANGE_MM = 100.0, 120.0, 135.0
+REJECT_NEW_MM, REJECT_FIRST_MM, REJECT_MM = 100.0, 120.0, 135.0
 CHECK, SUSPECT = 0.2, 0.08  # s between checks of certain and of uncertain hands
 RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a new hand is a lost one
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
@@ -120,7 +120,7 @@ class Tracker:
         self._follow(depth, time)
         after_gap, self._time = time - self._time > COAST, time
         self._drop_doubles()
-        self._drop_strange(depth, time)
+        self._drop_other_objects(depth, time)
         while (count := len(self.tracks)) < self.limit:
             self._detect(depth, time)
             self._drop_doubles()
@@ -180,15 +180,15 @@ class Tracker:
                     self.tracks.remove(other)
                     self.known[other.id].reason = "another hand is tracked at its position"
 
-    def _drop_strange(self, depth: NDArray[np.float32], time: float) -> None:
+    def _drop_other_objects(self, depth: NDArray[np.float32], time: float) -> None:
         """Drop tracks of objects that are not hands, which network and fit may resemble."""
         for track in list(self.tracks):
             pause = CHECK if track.is_sure else SUSPECT
             if track.time < time or time - track.checked < pause:
                 continue
             track.checked = time
-            thickness = self.known[track.id].sizes.thickness  # a thick hand is not strange for it
-            limit = STRANGE_MM + STRETCHED_MM * abs(np.log(thickness))
+            thickness = self.known[track.id].sizes.thickness  # which alone is no reason to reject a hand
+            limit = REJECT_MM + STRETCHED_MM * abs(np.log(thickness))
             good = self._looks_like_a_hand(depth, track.best.estimate, limit)
             track.rejections = 0 if good else track.rejections + 1
             if track.rejections >= MAX_REJECTIONS:
@@ -197,11 +197,11 @@ class Tracker:
                 why = reason(depth, self.camera, self.estimator.cube_mm, estimate.region, estimate)
                 self.known[track.id].reason = NO_HAND if why.startswith(NO_HAND) else why
 
-    def _looks_like_a_hand(self, depth: NDArray[np.float32], estimate: Estimate, strange_mm: float) -> bool:
+    def _looks_like_a_hand(self, depth: NDArray[np.float32], estimate: Estimate, limit_mm: float) -> bool:
         """True if the locator finds a hand and the rejection score is low enough."""
         if self.detector.probability(depth, estimate.center_mm * mirror_of(estimate.region.side)) < LIKELY:
             return False
-        return self.estimator.rejection_score(estimate) < strange_mm
+        return self.estimator.rejection_score(estimate) < limit_mm
 
     def _detect(self, depth: NDArray[np.float32], time: float) -> None:
         """Search for a hand that is not tracked."""
@@ -229,7 +229,7 @@ class Tracker:
         """
         start = self.camera.project(place)
         if all(
-            self.estimator.rejection_score(estimate) > STRANGE_FIRST_MM
+            self.estimator.rejection_score(estimate) > REJECT_FIRST_MM
             for estimate in self._sides_at(depth, start, FAST)
         ):
             return []
@@ -237,13 +237,13 @@ class Tracker:
             found = self.predictor.hands_at(depth, [start], [0.0])[0]
         except DataError:  # out of sight
             return []
-        if found.fit is None or found.fit.rejection_score > STRANGE_MM:
+        if found.fit is None or found.fit.rejection_score > REJECT_MM:
             return []
         seen = self._sides_at(depth, found.center_uvd, ACCURATE)
         if not seen or max(s.confidence for s in seen) < ENOUGH:
             return []
         best = min(seen, key=lambda s: s.uncertainty)
-        return seen if self._looks_like_a_hand(depth, best, STRANGE_NEW_MM) else []
+        return seen if self._looks_like_a_hand(depth, best, REJECT_NEW_MM) else []
 
     def _sides_at(self, depth: NDArray[np.float32], center_uvd: Array, plan: Plan) -> list[Estimate]:
         """The poses in a crop about a centre (3,), as a hand of each side; none if it is outside the image."""

@@ -117,8 +117,8 @@ def test_hands_at_places(frame: np.ndarray) -> None:
     found = predictor.hands_at(frame, [wall, away, hand], [0.0, 5.0, 0.0])
     assert len(found) >= 2 and np.linalg.norm(found[0].center_mm - (30, -20, 700)) < 60
     assert all(one.fit is not None and one.camera == KINECT2 for one in found)
-    strange = [one.fit.rejection_score for one in found if one.fit]
-    assert strange[0] == min(strange)
+    scores = [one.fit.rejection_score for one in found if one.fit]
+    assert scores[0] == min(scores)
     bribed = predictor.hands_at(frame, [wall, hand], [100.0, 0.0])
     assert np.linalg.norm(bribed[0].center_mm - (-250, 100, 1480)) < 100
     with pytest.raises(DataError, match="lies outside the image"):
@@ -159,12 +159,12 @@ def test_weights_that_are_not_finite(fixed: Callable[..., netlib.Net]) -> None:
 
 def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> None:
     """With nearly the same rejection score, also for a camera that does not look from the middle of its image."""
-    part, strange = frame[:, 150:400], []
+    part, scores = frame[:, 150:400], []
     for depth, u0, hand in ((part, KINECT2.u0 - 150, "right"), (part[:, ::-1], 249 - (KINECT2.u0 - 150), "left")):
         camera = Camera("part", KINECT2.fx, KINECT2.fy, u0, KINECT2.v0, 250, 424)
         predictor = load_predictor(camera, fit="accurate", hand=hand)  # type: ignore[arg-type]
         center = camera.project(np.array([30.0, -20, 700]) * mirror_of(hand))
         found = predictor.in_frame(np.ascontiguousarray(depth), center)
         assert found.fit is not None and found.camera == camera
-        strange.append(found.fit.rejection_score)
-    assert strange[0] == pytest.approx(strange[1], rel=0.2)
+        scores.append(found.fit.rejection_score)
+    assert scores[0] == pytest.approx(scores[1], rel=0.2)
