@@ -25,7 +25,7 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.sources.first_look import look
+from handpose.sources.inspection import inspect
 from handpose.sources.recording import Recording
 from handpose.sources.writing import RecordingWriter
 from netlib.errors import NetlibError
@@ -33,7 +33,7 @@ from tools.common import outputs
 from tools.common.arguments import parser_of, positive, positive_number
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
-from tools.common.sources import add_source_options, opened, print_first_look, print_new_remarks, total_of
+from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
 from tools.common.stopper import StoppedError, Stopper
 
 COARSEST_MM = 1.0  # largest default depth unit: sources in metres have fractions
@@ -61,8 +61,8 @@ def run(args: argparse.Namespace) -> int:
     with opened(args) as recording:
         unit = args.out_unit or min(recording.unit_mm, COARSEST_MM)
         writer = RecordingWriter(args.out, recording.camera, unit, recording.rate, replace=args.force)
-        seen = look(recording)
-        print_first_look(seen)
+        seen = inspect(recording)
+        print_inspection(seen)
         try:
             with Stopper() as stopper:
                 seconds = _write(recording, writer, stopper, args.seconds, args.frames)

@@ -40,7 +40,7 @@ tools.begin(__name__)
 from handpose.drawing.tracks import Painter
 from handpose.facts.sides import SOUGHT_SIDES
 from handpose.prediction.packaged import load_predictor
-from handpose.sources.first_look import FirstLook, look
+from handpose.sources.inspection import Inspection, inspect
 from handpose.sources.recording import Recording
 from handpose.track_files.track import TrackedFrame, TrackHeader
 from handpose.tracking import sizing
@@ -51,7 +51,7 @@ from tools.common import findings, outputs
 from tools.common.arguments import add_engine, parser_of, positive, positive_number
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
-from tools.common.sources import add_source_options, opened, print_first_look, print_new_remarks, total_of
+from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
 from tools.common.stopper import StoppedError, Stopper
 from tools.common.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
 
@@ -80,8 +80,8 @@ def run(args: argparse.Namespace) -> int:
     talk = sys.stderr if args.json == "-" else sys.stdout
     with opened(args) as recording:
         refuse_inputs(args, recording)
-        seen = look(recording)
-        print_first_look(seen, talk)
+        seen = inspect(recording)
+        print_inspection(seen, talk)
         if args.look is not None:
             return _draw_first(args, seen)
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine)
@@ -131,7 +131,7 @@ def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextI
         say(f"wrote {name}", file=talk)
 
 
-def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
+def _draw_first(args: argparse.Namespace, seen: Inspection) -> int:
     """Draw the first hand in the first frames; if there is none, draw the first frame, which may show why."""
     predictor = load_predictor(seen.camera, fit=args.fit, hand=args.hand, engine=args.engine)
     for frame in seen.frames:

@@ -13,7 +13,7 @@ from typing import Any
 
 from handpose.facts.cameras import Camera
 from handpose.sources.lens import Lens, lens_of
-from handpose.sources.recording import Given
+from handpose.sources.recording import CameraInfo
 from netlib.errors import DataError
 
 TITLE, TRACK, MODE, CALIBRATION = "Azure Kinect", "DEPTH", "K4A_DEPTH_MODE", "calibration.json"
@@ -42,7 +42,7 @@ def depth_track(container: Any, where: str) -> Any:
     return tracks[TRACK]
 
 
-def given(container: Any, stream: Any, where: str) -> Given:
+def given(container: Any, stream: Any, where: str) -> CameraInfo:
     """Camera, lens, unit and rate of the depth. Raises DataError."""
     mode = stream.metadata.get(MODE, container.metadata.get(MODE, ""))
     if mode not in MODES:
@@ -50,9 +50,9 @@ def given(container: Any, stream: Any, where: str) -> Given:
     rate = float(stream.average_rate) if stream.average_rate else None
     said = next((s for s in container.streams.attachments if s.name == CALIBRATION), None)
     if said is None:  # recordings of other programs may lack it
-        return Given(unit_mm=1.0, rate=rate, origin=where)
+        return CameraInfo(unit_mm=1.0, rate=rate, origin=where)
     camera, lens = _calibrated(_loaded(said, where), mode, f"{where}: {CALIBRATION}")
-    return Given(camera, lens, 1.0, rate, where)
+    return CameraInfo(camera, lens, 1.0, rate, where)
 
 
 def _loaded(attachment: Any, where: str) -> Any:

@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 from handpose.data.json_fields import unique_keys
 from handpose.facts.cameras import Camera
 from handpose.sources.lens import Lens, lens_of
-from handpose.sources.recording import Given
+from handpose.sources.recording import CameraInfo
 from netlib.errors import DataError, did_you_mean
 from netlib.files import atomic, read_text
 from netlib.files.paths import exists
@@ -45,12 +45,12 @@ KNOWN = (*RANGES, "name", *LENS, *IGNORED)
 KEYS = (*KNOWN, *SAME)  # all valid keys
 
 
-def next_to(source: Path) -> Given:
+def next_to(source: Path) -> CameraInfo:
     """The camera.json of a recording: in a folder, next to a file as NAME.camera.json or camera.json.
 
     Raises DataError.
     """
-    return next((read(place) for place in places_next_to(source) if exists(place)), Given())
+    return next((read(place) for place in places_next_to(source) if exists(place)), CameraInfo())
 
 
 def places_next_to(source: Path) -> list[Path]:
@@ -58,17 +58,17 @@ def places_next_to(source: Path) -> list[Path]:
     return [source / NAME] if source.is_dir() else [source.with_suffix(f".{NAME}"), source.with_name(NAME)]
 
 
-def read(path: Path) -> Given:
+def read(path: Path) -> CameraInfo:
     """Read a camera.json. Raises DataError."""
     return parse(read_text(path, "the camera"), str(path))
 
 
-def write(path: Path, given: Given) -> None:
+def write(path: Path, given: CameraInfo) -> None:
     """Write a camera.json atomically. Raises OSError."""
     atomic.replace_text(path, to_text(given) + "\n")
 
 
-def to_text(given: Given) -> str:
+def to_text(given: CameraInfo) -> str:
     """The text that ``parse`` reads, without loss of precision."""
     said: dict[str, Any] = {}
     if given.camera is not None:
@@ -81,12 +81,12 @@ def to_text(given: Given) -> str:
     return json.dumps(said, indent=1)
 
 
-def parse(text: str, where: str) -> Given:
+def parse(text: str, where: str) -> CameraInfo:
     """Parse the text of a camera.json; ``where`` begins every error. Raises DataError."""
     return of(_loaded(text, where), where)
 
 
-def of(values: dict[str, Any], where: str) -> Given:
+def of(values: dict[str, Any], where: str) -> CameraInfo:
     """The camera parameters of a camera.json's values. Raises DataError."""
     said = _Said(values, where)
     said.check(KNOWN)
@@ -99,7 +99,7 @@ def of(values: dict[str, Any], where: str) -> Given:
     elif stray := [key for key in (*SIZE, "name") if key in said.values]:
         said.refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
     unit, rate = (said.number(key) if key in said.values else None for key in ("unit_mm", "rate"))
-    return Given(camera, _lens(said), unit, rate, where)
+    return CameraInfo(camera, _lens(said), unit, rate, where)
 
 
 def _lens(said: _Said) -> Lens | None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from handpose.sources.raw import Settled
+from handpose.sources.raw import Calibration
 from handpose.sources.recording import DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
@@ -19,11 +19,16 @@ MAX_DISTANCE_BACK = 1.0  # s; a larger step back means that the clock was set
 class Contained(Recording):
     """Frames until the end of the file, or of its intact part. Every iteration opens the file again."""
 
-    def __init__(self, path: Path, settled: Settled, count: int | None = None) -> None:
+    def __init__(self, path: Path, calibration: Calibration, count: int | None = None) -> None:
         self.name = str(path)
-        self.camera, self.unit_mm, self.rate, self.count = settled.camera, settled.unit_mm, settled.rate, count
-        self.remarks = self._assumed = settled.remarks
-        self._path, self._develop = path, settled.developer(self.name)
+        self.camera, self.unit_mm, self.rate, self.count = (
+            calibration.camera,
+            calibration.unit_mm,
+            calibration.rate,
+            count,
+        )
+        self.remarks = self._assumed = calibration.remarks
+        self._path, self._decode = path, calibration.decoder(self.name)
 
     @abstractmethod
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
@@ -40,7 +45,7 @@ class Contained(Recording):
             for number, (time, raw) in enumerate(self._stored()):
                 seconds = clock(time)
                 if seconds is not None:
-                    yield DepthFrame(number, seconds, self._develop(raw, f"{self.name}: frame {number}"))
+                    yield DepthFrame(number, seconds, self._decode(raw, f"{self.name}: frame {number}"))
         except NetlibError:
             raise
         except Exception as error:  # for a damaged file a library may raise any exception

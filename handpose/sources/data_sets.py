@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import ICVL, MSRA15, NYU, Camera
-from handpose.sources.recording import Given
+from handpose.sources.recording import CameraInfo
 from netlib import files
 from netlib.errors import DataError
 from netlib.files.paths import names_in
@@ -38,9 +38,9 @@ class DataSet:
     frame: re.Pattern[str]
 
     @property
-    def given(self) -> Given:
+    def given(self) -> CameraInfo:
         """The camera parameters of its frames."""
-        return Given(self.camera, unit_mm=1.0, origin=f"the data set {self.name}")
+        return CameraInfo(self.camera, unit_mm=1.0, origin=f"the data set {self.name}")
 
     def frames(self, names: Iterable[str]) -> list[str]:
         """The names of depth frames among these."""

@@ -21,8 +21,8 @@ from handpose.sources import camera_file
 from handpose.sources.data_sets import MSRA_FRAME, DataSet, read_msra, recognised
 from handpose.sources.folder_writer import put_back
 from handpose.sources.frame_names import NamedFrames, in_order
-from handpose.sources.raw import Settled, settle
-from handpose.sources.recording import NOTHING, DepthFrame, Given, Recording
+from handpose.sources.raw import Calibration, calibration_of
+from handpose.sources.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, did_you_mean
 from netlib.files.paths import exists, names_in
 
@@ -30,23 +30,23 @@ PICTURES = (".png", ".tif", ".tiff")
 OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw", ".bin")  # named in an error message
 
 
-def open_folder(source: Path, given: Given = NOTHING) -> FolderRecording:
+def open_folder(source: Path, given: CameraInfo = UNKNOWN) -> FolderRecording:
     """The frames in a folder, or those matching a pattern of names, or one name. Raises DataError."""
     folder, names = _frames_in(source)
     data_set = recognised(folder, names)
     if data_set is not None:
         names = data_set.frames(names)
-    own = NOTHING if data_set is None else data_set.given
+    own = UNKNOWN if data_set is None else data_set.given
     camera_json = camera_file.next_to(folder)
-    known = given.else_by(own).else_by(camera_json)
+    known = given.or_else(own).or_else(camera_json)
     packed = known.camera == NYU or own.camera == NYU
     frames = in_order(names, str(folder))
     path, image = _first_whole(folder, frames)
     raw = _grey(image, packed, path)
     if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
         raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-    settled = settle(given, own, camera_json, raw.shape, raw.dtype, str(path))
-    return FolderRecording(source, folder, frames, settled, packed, data_set)
+    calibration = calibration_of(given, own, camera_json, raw.shape, raw.dtype, str(path))
+    return FolderRecording(source, folder, frames, calibration, packed, data_set)
 
 
 class FolderRecording(Recording):
@@ -56,20 +56,26 @@ class FolderRecording(Recording):
     """
 
     def __init__(
-        self, source: Path, folder: Path, frames: NamedFrames, settled: Settled, packed: bool, data_set: DataSet | None
+        self,
+        source: Path,
+        folder: Path,
+        frames: NamedFrames,
+        calibration: Calibration,
+        packed: bool,
+        data_set: DataSet | None,
     ) -> None:
         self.name = str(source)
-        self.camera, self.unit_mm, self.count = settled.camera, settled.unit_mm, len(frames.names)
-        self.rate = settled.rate
-        remarks = [frames.interpretation, *settled.remarks]
+        self.camera, self.unit_mm, self.count = calibration.camera, calibration.unit_mm, len(frames.names)
+        self.rate = calibration.rate
+        remarks = [frames.interpretation, *calibration.remarks]
         if data_set is not None:
             remarks.insert(0, f"frames of {data_set.name}, by their names")
         if not frames.ticks and len(frames.names) > 1:
-            self.rate, assumed = settled.paced()
+            self.rate, assumed = calibration.paced()
             remarks += assumed
         self.remarks = self._remarks = tuple(remarks)
         self.folder, self._frames, self._packed = folder, frames, packed
-        self._develop = settled.developer(self.name)
+        self._decode = calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind."""
@@ -83,7 +89,7 @@ class FolderRecording(Recording):
                 damaged, first = damaged + 1, first or str(error)
                 self.remarks = (*self._remarks, f"{damaged} damaged frames are left out, the first: {first}")
                 continue
-            yield DepthFrame(number, time / ticks, self._develop(_grey(image, self._packed, path), str(path)))
+            yield DepthFrame(number, time / ticks, self._decode(_grey(image, self._packed, path), str(path)))
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:

@@ -15,7 +15,7 @@ import cv2
 from handpose.facts.cameras import Camera
 from handpose.sources import camera_file
 from handpose.sources.raw import stored
-from handpose.sources.recording import DepthFrame, Given
+from handpose.sources.recording import CameraInfo, DepthFrame
 from netlib import files
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic, locks
@@ -49,7 +49,7 @@ class FolderWriter:
         with contextlib.ExitStack() as stack, atomic.error_names(path):
             if self._old:
                 self._fresh = stack.enter_context(atomic.temporary_folder(self._old))
-            camera_file.write(self._fresh / camera_file.NAME, Given(camera, unit_mm=unit_mm, rate=rate))
+            camera_file.write(self._fresh / camera_file.NAME, CameraInfo(camera, unit_mm=unit_mm, rate=rate))
             self._stack = stack.pop_all()
 
     def write(self, frame: DepthFrame) -> None:

@@ -113,7 +113,7 @@ def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
         raise DataError(f"{where}: {error}") from None
 
 
-class Straightener:
+class Undistorter:
     """Undistorts depth images.
 
     By nearest neighbour, because the mean of two depths at an edge would be a point in empty space. Pixels outside the

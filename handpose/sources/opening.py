@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from handpose.sources.recording import NOTHING, Given, Recording
+from handpose.sources.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
 
@@ -19,7 +19,7 @@ EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *V
             "a camera that is connected")  # fmt: skip
 
 
-def open_recording(source: str | Path, given: Given = NOTHING) -> Recording:
+def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording:
     """The recording in a folder or a file, or a live camera.
 
     given  camera parameters from the user; unknown ones are taken from the source itself, then from a camera.json

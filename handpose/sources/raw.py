@@ -1,8 +1,8 @@
 """From stored values to depth, for all sources: unit, holes, size, lens.
 
-settled = settle(given, own, camera_json, raw.shape, raw.dtype, "take.mkv")   # parameters, by order of precedence
-develop = settled.developer("take.mkv")
-develop(raw)                                                             # (height, width) mm
+calibration = calibration_of(given, own, camera_json, raw.shape, raw.dtype, "take.mkv")   # by order of precedence
+decode = calibration.decoder("take.mkv")
+decode(raw)                                                                               # (height, width) mm
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import CAMERAS, UNIT_MM, Camera
-from handpose.sources.lens import Lens, Straightener
-from handpose.sources.recording import Given
+from handpose.sources.lens import Lens, Undistorter
+from handpose.sources.recording import CameraInfo
 from netlib.errors import DataError
 
 EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
@@ -23,7 +23,7 @@ RATE = 30.0  # frames per second, if unknown
 MAX_UINT16 = 65535  # maximum of 16 bits
 
 
-class Developer:
+class DepthDecoder:
     """Converts stored frames to depth.
 
     camera   of the frames, with their size
@@ -36,7 +36,7 @@ class Developer:
         self.camera, self.unit_mm, self.where = camera, unit_mm, where
         self._unit = np.float32(unit_mm)
         try:
-            self._straighten = None if lens is None or lens.is_straight else Straightener(camera, lens)
+            self._undistort = None if lens is None or lens.is_straight else Undistorter(camera, lens)
         except DataError as error:
             raise DataError(f"{where}: {error}") from None
 
@@ -56,11 +56,11 @@ class Developer:
             depth[~np.isfinite(depth)] = 0  # ROS has NaN, and infinities for too near and too far
         if raw.dtype.kind != "u" and depth.min(initial=0) < 0:
             raise DataError(f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more")
-        return depth if self._straighten is None else self._straighten(depth)
+        return depth if self._undistort is None else self._undistort(depth)
 
 
 def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np.uint16]:
-    """16-bit values for depth in mm: the inverse of a Developer without a lens.
+    """16-bit values for depth in mm: the inverse of a DepthDecoder without a lens.
 
     Raises DataError for depths beyond 16 bits, which would change.
     """
@@ -72,7 +72,7 @@ def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np
 
 
 @dataclass(frozen=True)
-class Settled:
+class Calibration:
     """The parameters of a recording.
 
     camera   with the frames' size
@@ -88,9 +88,9 @@ class Settled:
     rate: float | None
     remarks: tuple[str, ...]
 
-    def developer(self, where: str) -> Developer:
-        """The developer for frames of the source ``where`` (for messages). Raises DataError for an invalid lens."""
-        return Developer(self.camera, self.lens, self.unit_mm, where)
+    def decoder(self, where: str) -> DepthDecoder:
+        """The decoder for frames of the source ``where`` (for messages). Raises DataError for an invalid lens."""
+        return DepthDecoder(self.camera, self.lens, self.unit_mm, where)
 
     def paced(self) -> tuple[float, tuple[str, ...]]:
         """Frames per second for frames without times, and a remark about it."""
@@ -99,15 +99,20 @@ class Settled:
         return RATE, (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
 
 
-def settle(
-    given: Given, own: Given, camera_json: Given, shape: tuple[int, ...], dtype: np.dtype[Any], where: str
-) -> Settled:
+def calibration_of(
+    given: CameraInfo,
+    own: CameraInfo,
+    camera_json: CameraInfo,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    where: str,
+) -> Calibration:
     """The parameters of frames of a shape and type: from the user, else the file itself, else a camera.json.
 
     Raises DataError if the camera is unknown, or the unit of numbers that may be metres.
     """
     check_values(dtype, where)
-    known = given.else_by(own).else_by(camera_json)
+    known = given.or_else(own).or_else(camera_json)
     if known.camera is None:
         raise DataError(f"{where}: the camera of these frames is unknown; write {EXAMPLE} into a file camera.json "
                         f"next to them, or give --camera, {', '.join(CAMERAS)} or FX,FY,U0,V0")  # fmt: skip
@@ -128,7 +133,7 @@ def settle(
     elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
         remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
                        "if it holds for this one")  # fmt: skip
-    return Settled(sized(known.camera, shape, where), known.lens, unit, known.rate, tuple(remarks))
+    return Calibration(sized(known.camera, shape, where), known.lens, unit, known.rate, tuple(remarks))
 
 
 def sized(camera: Camera, shape: tuple[int, ...], where: str) -> Camera:

@@ -1,6 +1,6 @@
 """A connected RealSense camera, through pyrealsense2.
 
-with open_live(None, Given()) as recording:    # or a camera's serial number
+with open_live(None, CameraInfo()) as recording:    # or a camera's serial number
     for frame in recording: ...
 
 Tested with pyrealsense2's software device, not with a real camera.
@@ -16,14 +16,14 @@ import numpy as np
 
 from handpose.facts.cameras import Camera
 from handpose.sources.lens import lens_of
-from handpose.sources.raw import Settled, settle
-from handpose.sources.recording import NOTHING, DepthFrame, Given, Recording
+from handpose.sources.raw import Calibration, calibration_of
+from handpose.sources.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
 WAIT_MS, WAITS = 1000, 5  # Ctrl-C is handled after each; a starting camera may need a few seconds
 
 
-def open_live(serial: str | None, given: Given) -> Recording:
+def open_live(serial: str | None, given: CameraInfo) -> Recording:
     """The depth stream of a connected camera, by serial number or any, in its default size and rate.
 
     Raises DataError if there is none, and NetlibError without pyrealsense2.
@@ -45,7 +45,7 @@ def open_live(serial: str | None, given: Given) -> Recording:
         device = profile.get_device()
         name = f"{device.get_info(rs.camera_info.name)} {device.get_info(rs.camera_info.serial_number)}"
         own, shape = _own(rs, profile, name)
-        live = _Live(name, settle(given, own, NOTHING, shape, np.dtype(np.uint16), name), pipeline)
+        live = _Live(name, calibration_of(given, own, UNKNOWN, shape, np.dtype(np.uint16), name), pipeline)
         stack.pop_all()
     return live
 
@@ -68,7 +68,7 @@ def _connected(rs: Any) -> list[str]:
     return []
 
 
-def _own(rs: Any, profile: Any, name: str) -> tuple[Given, tuple[int, int]]:
+def _own(rs: Any, profile: Any, name: str) -> tuple[CameraInfo, tuple[int, int]]:
     """The camera's own parameters, and the height and width of its frames. Raises DataError."""
     stream = profile.get_stream(rs.stream.depth).as_video_stream_profile()
     if stream.format() != rs.format.z16:
@@ -81,7 +81,7 @@ def _own(rs: Any, profile: Any, name: str) -> tuple[Given, tuple[int, int]]:
         raise DataError(f"{name}: {error}") from None
     metres = profile.get_device().first_depth_sensor().get_depth_scale()
     unit_mm = float(f"{1000 * metres:.6g}")  # 0.001 as a float of 32 bits is not 0.001
-    return Given(camera, lens, unit_mm, float(stream.fps()), name), (said.height, said.width)
+    return CameraInfo(camera, lens, unit_mm, float(stream.fps()), name), (said.height, said.width)
 
 
 class _Live(Recording):
@@ -89,10 +89,15 @@ class _Live(Recording):
 
     live = True
 
-    def __init__(self, name: str, settled: Settled, pipeline: Any) -> None:
-        self.name, self.camera, self.unit_mm, self.rate = name, settled.camera, settled.unit_mm, settled.rate
-        self.remarks = self._assumed = settled.remarks
-        self._develop, self._pipeline = settled.developer(name), pipeline
+    def __init__(self, name: str, calibration: Calibration, pipeline: Any) -> None:
+        self.name, self.camera, self.unit_mm, self.rate = (
+            name,
+            calibration.camera,
+            calibration.unit_mm,
+            calibration.rate,
+        )
+        self.remarks = self._assumed = calibration.remarks
+        self._decode, self._pipeline = calibration.decoder(name), pipeline
 
     def __iter__(self) -> Iterator[DepthFrame]:
         self.cut, self.remarks = "", self._assumed
@@ -108,7 +113,7 @@ class _Live(Recording):
                     continue
                 last, lost = last + step, lost + step - 1
                 time = clock(frame.get_timestamp(), frame.get_frame_timestamp_domain())
-                yield DepthFrame(last, time, self._develop(np.asanyarray(frame.get_data())))
+                yield DepthFrame(last, time, self._decode(np.asanyarray(frame.get_data())))
         finally:
             if lost:
                 self.remarks += (f"frames lost because they were not taken in time: {lost}",)

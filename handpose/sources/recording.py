@@ -4,7 +4,7 @@ with open_recording("my_frames") as recording:     # handpose.sources.opening
     for frame in recording:
         frame.time, frame.depth                    # s; (height, width) in mm, 0 where there is no reading
 
-What is known of its camera, from the user, the file itself, or a camera.json, is ``Given``.
+What is known of its camera, from the user, the file itself, or a camera.json, is ``CameraInfo``.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Recording(ABC):
 
 
 @dataclass(frozen=True)
-class Given:
+class CameraInfo:
     """Camera parameters; None is unknown. A camera whose width and height are 0 accepts frames of any size.
 
     camera   of the frames
@@ -92,7 +92,7 @@ class Given:
     rate: float | None = None
     origin: str = ""
 
-    def else_by(self, other: Given) -> Given:
+    def or_else(self, other: CameraInfo) -> CameraInfo:
         """These parameters; those of ``other`` where these are unknown."""
         unknown = {name: value for name, value in vars(other).items() if getattr(self, name) in (None, "")}
         if self.camera is not None:  # camera and lens come from the same origin
@@ -100,4 +100,4 @@ class Given:
         return replace(self, **unknown)
 
 
-NOTHING = Given()
+UNKNOWN = CameraInfo()

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from handpose.sources import camera_file, ros_limits
 from handpose.sources import ros_messages as messages
 from handpose.sources.contained import Contained
-from handpose.sources.raw import Settled, settle
-from handpose.sources.recording import Given, Recording
+from handpose.sources.raw import Calibration, calibration_of
+from handpose.sources.recording import CameraInfo, Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
 from netlib.files.paths import exists
 
@@ -116,7 +116,7 @@ def _opened(path: Path) -> Iterator[Bag]:
         yield Bag(reader, is_ros1, str(path))
 
 
-def open_bag(path: Path, given: Given) -> Recording:
+def open_bag(path: Path, given: CameraInfo) -> Recording:
     """The depth of a bag. Raises DataError, and NetlibError without rosbags."""
     name, _, asked = str(path).partition("#")
     if asked and not exists(path):
@@ -127,15 +127,15 @@ def open_bag(path: Path, given: Given) -> Recording:
         image = bag.first(topic, *messages.IMAGES)
         values = messages.values_of(image, where)
         own = _own(bag, topic, messages.encoding_of(image))
-        settled = settle(given, own, camera_file.next_to(path), values.shape, values.dtype, where)
-        return _BagRecording(path, settled, topic, bag.topics(*messages.IMAGES)[topic])
+        calibration = calibration_of(given, own, camera_file.next_to(path), values.shape, values.dtype, where)
+        return _BagRecording(path, calibration, topic, bag.topics(*messages.IMAGES)[topic])
 
 
 class _BagRecording(Contained):
     """The images of one topic."""
 
-    def __init__(self, path: Path, settled: Settled, topic: str, count: int) -> None:
-        super().__init__(path, settled, count)
+    def __init__(self, path: Path, calibration: Calibration, topic: str, count: int) -> None:
+        super().__init__(path, calibration, count)
         self._topic = topic
 
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
@@ -173,15 +173,15 @@ def _depth_topic(bag: Bag, asked: str) -> str:
     return named[0]
 
 
-def _own(bag: Bag, topic: str, encoding: str) -> Given:
+def _own(bag: Bag, topic: str, encoding: str) -> CameraInfo:
     """The bag's parameters of the camera of a topic, and the unit."""
     base = topic.removesuffix(messages.PACKED)
     parent = base.rpartition("/")[0]
     places = (f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info")  # ROS's and RealSense's
     infos = bag.topics(messages.INFO)
     found = next((place for place in places if place in infos), None)
-    said = messages.given_by(bag.first(found, messages.INFO), base, f"{bag.where}: {found}") if found else Given()
-    return Given(said.camera, said.lens, _unit_mm(bag, base, encoding), None, bag.where)
+    said = messages.given_by(bag.first(found, messages.INFO), base, f"{bag.where}: {found}") if found else CameraInfo()
+    return CameraInfo(said.camera, said.lens, _unit_mm(bag, base, encoding), None, bag.where)
 
 
 def _unit_mm(bag: Bag, topic: str, encoding: str) -> float | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
 from handpose.sources.lens import Lens, lens_of
-from handpose.sources.recording import Given
+from handpose.sources.recording import CameraInfo
 from netlib.errors import DataError
 from netlib.files import pictures
 
@@ -65,7 +65,7 @@ def nanoseconds_of(message: Any) -> int:
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-def given_by(info: Any, topic: str, where: str) -> Given:
+def given_by(info: Any, topic: str, where: str) -> CameraInfo:
     """Camera and lens of a CameraInfo for a topic; unknown if the camera is not calibrated. Raises DataError.
 
     Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others.
@@ -74,11 +74,11 @@ def given_by(info: Any, topic: str, where: str) -> Given:
     straight = "rect" in topic.rpartition("/")[2] and len(p) == 12 and p[0] > 0
     fx, fy, u0, v0 = (p[0], p[5], p[2], p[6]) if straight else (k[0], k[4], k[2], k[5])
     if not fx:
-        return Given()
+        return CameraInfo()
     if not (math.isfinite(fx + fy + u0 + v0) and min(fx, fy) > 0):
         raise DataError(f"{where}: focal lengths {fx:g}, {fy:g}, middle {u0:g}, {v0:g}; expected finite ones")
     lens = Lens() if straight else lens_of(info.distortion_model, d, where)
-    return Given(Camera("ros", fx, fy, u0, v0, info.width, info.height), lens, origin=where)
+    return CameraInfo(Camera("ros", fx, fy, u0, v0, info.width, info.height), lens, origin=where)
 
 
 def metres_of(message: Any, where: str) -> float:

@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 
 from handpose.sources import camera_file
 from handpose.sources.numpy_files import HEADER, Header, NpzFile, header_of
-from handpose.sources.raw import settle
-from handpose.sources.recording import NOTHING, DepthFrame, Given, Recording
+from handpose.sources.raw import calibration_of
+from handpose.sources.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError
 from netlib.files import Source, hdf5
 
 OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # ambiguous keys, ignored without fx
 
 
-def open_stack(path: Path, given: Given = NOTHING) -> Recording:
+def open_stack(path: Path, given: CameraInfo = UNKNOWN) -> Recording:
     """The frames of an .npy, .npz or .h5 file. Raises DataError."""
     kinds: dict[str, type[_Frames]] = {".npy": _Npy, ".npz": _Npz}
     return StackRecording(path, kinds.get(path.suffix.lower(), _Hdf5)(path), given)
@@ -38,20 +38,22 @@ def open_stack(path: Path, given: Given = NOTHING) -> Recording:
 class StackRecording(Recording):
     """The frames of an array."""
 
-    def __init__(self, path: Path, frames: _Frames, given: Given) -> None:
-        settled = settle(given, frames.own, camera_file.next_to(path), frames.shape[1:], frames.dtype, str(path))
-        self.name, self.camera, self.unit_mm = str(path), settled.camera, settled.unit_mm
-        self.count, self.rate, self.remarks = frames.shape[0], settled.rate, settled.remarks
+    def __init__(self, path: Path, frames: _Frames, given: CameraInfo) -> None:
+        calibration = calibration_of(
+            given, frames.own, camera_file.next_to(path), frames.shape[1:], frames.dtype, str(path)
+        )
+        self.name, self.camera, self.unit_mm = str(path), calibration.camera, calibration.unit_mm
+        self.count, self.rate, self.remarks = frames.shape[0], calibration.rate, calibration.remarks
         if frames.times is None and self.count > 1:
-            self.rate, remarks = settled.paced()
+            self.rate, remarks = calibration.paced()
             self.remarks += remarks
-        self._frames, self._develop = frames, settled.developer(self.name)
+        self._frames, self._decode = frames, calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         times = self._frames.times
         for number, raw in enumerate(self._frames):
             time = number / (self.rate or 1.0) if times is None else float(times[number] - times[0])
-            yield DepthFrame(number, time, self._develop(raw, f"{self.name}: frame {number}"))
+            yield DepthFrame(number, time, self._decode(raw, f"{self.name}: frame {number}"))
         self.cut = self._frames.cut
 
 
@@ -68,7 +70,7 @@ class _Frames:
     shape: tuple[int, int, int]
     dtype: np.dtype[Any]
     times: NDArray[np.float64] | None = None
-    own: Given = NOTHING
+    own: CameraInfo = UNKNOWN
     cut: str = ""
 
     def __init__(self, path: Path) -> None:
@@ -128,16 +130,16 @@ class _Hdf5(_Frames):
             yield self._rows[number] if len(self._rows.shape) == 3 else self._rows[:]
 
 
-def _own(found: Mapping[str, NDArray[Any]], path: Path) -> Given:
+def _own(found: Mapping[str, NDArray[Any]], path: Path) -> CameraInfo:
     """The camera parameters in the other arrays of the file. Raises DataError."""
     keys = [key for key in camera_file.KEYS if key in found and ("fx" in found or key not in OF_ANYTHING)]
     said = {key: _plain(found[key], f"{path}: {key}") for key in keys}
-    own = camera_file.of(said, str(path)) if said else NOTHING
+    own = camera_file.of(said, str(path)) if said else UNKNOWN
     if "camera" not in found:
         return own
     if found["camera"].size != 1:
         raise DataError(f"{path}: camera has the shape {found['camera'].shape}, expected one text: a camera.json")
-    return own.else_by(camera_file.parse(_text(found["camera"]), f"{path}: camera"))
+    return own.or_else(camera_file.parse(_text(found["camera"]), f"{path}: camera"))
 
 
 def _plain(value: NDArray[Any], where: str) -> float | list[float] | str:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from handpose.sources import azure_kinect, camera_file, ffmpeg
 from handpose.sources.contained import Contained
-from handpose.sources.raw import Settled, settle
-from handpose.sources.recording import Given, Recording
+from handpose.sources.raw import Calibration, calibration_of
+from handpose.sources.recording import CameraInfo, Recording
 from handpose.sources.video_writer import TAG
 from netlib.errors import DataError
 from netlib.files import pictures
@@ -27,7 +27,7 @@ GRAY = re.compile(r"gray(9|10|12|14|16)(le|be)")
 EXPECTED = "depth does not survive that; expected FFV1 of 16 bits (ffmpeg -c:v ffv1 -pix_fmt gray16le)"
 
 
-def open_video(path: Path, given: Given) -> Recording:
+def open_video(path: Path, given: CameraInfo) -> Recording:
     """The depth of a video. Raises DataError, and NetlibError without PyAV."""
     with ffmpeg.opened(path) as container:
         azure = azure_kinect.is_recording(container)
@@ -37,15 +37,17 @@ def open_video(path: Path, given: Given) -> Recording:
         context = stream.codec_context
         if context.width * context.height > pictures.MAX_PIXELS:
             raise DataError(f"{path}: {context.width} x {context.height} pixels; expected those of a depth camera")
-        settled = settle(given, own, camera_file.next_to(path), (context.height, context.width), dtype, str(path))
-        return _Video(path, settled, stream.index, dtype)
+        calibration = calibration_of(
+            given, own, camera_file.next_to(path), (context.height, context.width), dtype, str(path)
+        )
+        return _Video(path, calibration, stream.index, dtype)
 
 
 class _Video(Contained):
     """One stream of a container."""
 
-    def __init__(self, path: Path, settled: Settled, stream: int, dtype: np.dtype[Any]) -> None:
-        super().__init__(path, settled)
+    def __init__(self, path: Path, calibration: Calibration, stream: int, dtype: np.dtype[Any]) -> None:
+        super().__init__(path, calibration)
         self._stream, self._dtype = stream, dtype
 
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
@@ -80,12 +82,12 @@ def _dtype(stream: Any, where: str) -> np.dtype[Any]:
     return np.dtype("<u2" if gray[2] == "le" else ">u2")
 
 
-def _own(container: Any, stream: Any, path: Path) -> Given:
+def _own(container: Any, stream: Any, path: Path) -> CameraInfo:
     """The parameters written by VideoWriter, or the stream's rate."""
     tags = {key.upper(): value for key, value in container.metadata.items()}
     if TAG in tags:
         return camera_file.parse(tags[TAG], f"{path}: tag {TAG}")
-    return Given(rate=float(stream.average_rate) if stream.average_rate else None)
+    return CameraInfo(rate=float(stream.average_rate) if stream.average_rate else None)
 
 
 def _values(frame: Any, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -11,7 +11,7 @@ from typing import Any
 from handpose.facts.cameras import Camera
 from handpose.sources import camera_file, ffmpeg
 from handpose.sources.raw import RATE, stored
-from handpose.sources.recording import DepthFrame, Given
+from handpose.sources.recording import CameraInfo, DepthFrame
 from netlib.errors import DataError
 from netlib.files import atomic
 
@@ -52,7 +52,7 @@ class VideoWriter:
         return self
 
     def _new_stream(self) -> Any:
-        said = Given(self._camera, None, self._unit, self._rate)
+        said = CameraInfo(self._camera, None, self._unit, self._rate)
         self._container.metadata[TAG] = camera_file.to_text(said)
         rate = Fraction(self._rate or RATE).limit_denominator(1 << 16)
         stream = self._container.add_stream("ffv1", rate=rate, options=OPTIONS)

@@ -24,7 +24,7 @@ from handpose.sources import camera_file
 from handpose.sources.folder_writer import FolderWriter
 from handpose.sources.opening import BAGS, PICTURES, STACKS, VIDEOS
 from handpose.sources.raw import stored
-from handpose.sources.recording import DepthFrame, Given
+from handpose.sources.recording import CameraInfo, DepthFrame
 from netlib import files
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
@@ -143,7 +143,7 @@ class StackWriter:
 
     def _fill(self, fresh: Path) -> None:
         shape = (len(self._times), self._camera.height, self._camera.width)
-        said = camera_file.to_text(Given(self._camera, unit_mm=self._unit, rate=self._rate))
+        said = camera_file.to_text(CameraInfo(self._camera, unit_mm=self._unit, rate=self._rate))
         with zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED, compresslevel=FASTEST) as archive:
             for name, small in (("time", np.array(self._times)), ("camera", np.array(said))):
                 with archive.open(f"{name}.npy", "w") as out:

@@ -74,9 +74,9 @@ class HandTrack:
         estimates: Sequence[Estimate],
         time: float,
         size: float | None,
-        leaning: float = 0.0,
+        side_prior: float = 0.0,
     ) -> None:
-        """``leaning``: prior evidence for a right hand (above 0) or a left one."""
+        """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
         self.id, self.time, self.size = id, time, size
         self.likely: float | None = None
         self.rejections, self.checked = 0, time
@@ -85,7 +85,7 @@ class HandTrack:
         self._asked = self._looked = time
         self._pause, self._missed = PAUSE, False
         self._usual = min(estimate.selection_cost for estimate in estimates)
-        self._evidence, self._comparisons = leaning, 0
+        self._evidence, self._comparisons = side_prior, 0
         self._weigh(estimates)
 
     @property

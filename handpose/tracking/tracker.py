@@ -216,7 +216,7 @@ class Tracker:
             return
         returned = self._just_lost(place, time)
         seen = [estimate for estimate in seen if estimate.region.side in returned] or seen
-        track = HandTrack(-1, self.estimator, seen, time, self.size, self._leaning(time))
+        track = HandTrack(-1, self.estimator, seen, time, self.size, self._side_prior(time))
         track.id = self._id_of(track.hand, time)
         known = self.known.setdefault(track.id, Known(track.hand, time, "", SizeKeeper(self.estimator), self.size))
         known.since, known.hand, track.size = time, track.hand, known.size
@@ -264,7 +264,7 @@ class Tracker:
             if one.place is not None and time - one.since < RETURN and np.linalg.norm(one.place - place) < RETURN_MM
         }
 
-    def _leaning(self, time: float) -> float:
+    def _side_prior(self, time: float) -> float:
         """Prior evidence for a right hand (1) or a left one (-1): lost hands return."""
         sides = [self.known[id].hand for id in self._missing(time)]
         return float("right" in sides) - float("left" in sides)

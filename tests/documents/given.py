@@ -29,7 +29,7 @@ from tools import make_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
 Names = dict[str, object]
-Given = Callable[[Path], Names]
+CameraInfo = Callable[[Path], Names]
 SECONDS = 0.1  # of the hand before the camera
 
 
@@ -162,7 +162,7 @@ def pictures(folder: Path) -> Names:
     return {}
 
 
-BY_DOCUMENT: dict[str, tuple[Given, ...]] = {
+BY_DOCUMENT: dict[str, tuple[CameraInfo, ...]] = {
     "README.md": (frames, frame, crop, weights, data),
     "docs/caffe.md": (nets,),
     "docs/caffe_tools.md": (pictures,),

@@ -922,7 +922,7 @@ def make_dice() -> list[str]:
 def read_mixed_bag(path: Path) -> Any:
     """A bag of random records: messages of any type under any name, several types under one."""
     from handpose.facts.cameras import Camera
-    from handpose.sources.recording import Given
+    from handpose.sources.recording import CameraInfo
     from handpose.sources.ros_bag import open_bag
     from tests.support import bags
 
@@ -954,7 +954,7 @@ def read_mixed_bag(path: Path) -> Any:
     name = "mixed.bag" if write is bags.write_ros1 else "mixed"
     camera = Camera("own", 60, 60, 4, 3, 8, 6)
     try:
-        for i, given in enumerate((Given(camera), Given())):
+        for i, given in enumerate((CameraInfo(camera), CameraInfo())):
             list(open_bag(write(Path(f"{i}_{name}"), depth[None], make=records), given))
     except NetlibError as error:
         if name not in str(error):
@@ -1006,11 +1006,11 @@ def make_camera_json() -> list[str]:
 def read_camera_json(path: Path) -> Any:
     """And use the lens that it tells of."""
     from handpose.sources import camera_file
-    from handpose.sources.raw import settle
+    from handpose.sources.raw import calibration_of
 
     given = camera_file.read(path)
     raw = np.full((48, 64), 4000, np.uint16)
-    settle(given, given, given, raw.shape, raw.dtype, str(path)).developer(str(path))(raw)
+    calibration_of(given, given, given, raw.shape, raw.dtype, str(path)).decoder(str(path))(raw)
 
 
 def make_passed() -> list[str]:
@@ -1054,11 +1054,11 @@ def make_stacks() -> list[str]:
 
 def read_recording(path: Path) -> Any:
     """Look at it first, then read all its frames, of a folder those of the others, too."""
-    from handpose.sources.first_look import look
+    from handpose.sources.inspection import inspect
     from handpose.sources.opening import open_recording
 
     with open_recording(path.parent if path.suffix in (".png", ".bin", ".yaml") else path) as recording:
-        look(recording)
+        inspect(recording)
         return [(frame.time, frame.depth) for frame in recording]
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.experiments.table1 import results, store, trainings
-from handpose.experiments.table1.plan import Job, next_length, of_job, verdict
+from handpose.experiments.table1.plan import Job, convergence_of, next_length, of_job
 from handpose.experiments.table1.results import Truth
 from handpose.experiments.table1.settings import ONE_HAND, Setting, is_real_nyu
 from handpose.experiments.table1.speed import machine
@@ -111,7 +111,9 @@ class Campaign:
             entry = self._score(one, length, data)
             self.store_of(job.setting).append(entry)
             one.forget_end(length)
-            end = "done" if job.only else verdict(of_job(self.store_of(job.setting), job), job.recipe.lengths).end
+            end = (
+                "done" if job.only else convergence_of(of_job(self.store_of(job.setting), job), job.recipe.lengths).end
+            )
             say_now(f"{which} {job}: {length} iterations, {entry.error_mm:.2f} mm, {end}; "
                     f"scored in {duration(time.perf_counter() - begun)}")  # fmt: skip
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from handpose.facts.cameras import CAMERAS, UNIT_MM, Camera
 from handpose.sources import camera_file
 from handpose.sources.camera_file import RANGES
-from handpose.sources.first_look import FirstLook, doubts
+from handpose.sources.inspection import Inspection, warnings_of
 from handpose.sources.lens import Lens
 from handpose.sources.opening import EXPECTED, open_recording
-from handpose.sources.recording import Given, Recording
+from handpose.sources.recording import CameraInfo, Recording
 from netlib.errors import DataError
 from tools.common import arguments
 from tools.common.console import say
@@ -43,29 +43,31 @@ def add_source_options(parser: argparse.ArgumentParser) -> None:
 
 def opened(args: argparse.Namespace) -> Recording:
     """Open the recording that the parsed arguments name. Raises NetlibError."""
-    said = Given(None, args.distortion, args.unit, args.rate)
+    said = CameraInfo(None, args.distortion, args.unit, args.rate)
     if isinstance(args.camera, Path):
-        return open_recording(args.source, said.else_by(camera_file.read(args.camera)))
-    return open_recording(args.source, said.else_by(Given(args.camera, origin="--camera")))
+        return open_recording(args.source, said.or_else(camera_file.read(args.camera)))
+    return open_recording(args.source, said.or_else(CameraInfo(args.camera, origin="--camera")))
 
 
-def print_first_look(look: FirstLook, file: TextIO | None = None) -> None:
+def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     """Print a report on a recording and its first frames; warnings go to stderr."""
-    camera = look.camera
-    length = f"{look.count} frames" if look.count is not None else "live" if look.live else "unknown number of frames"
-    rate = f", {look.rate:g} frames/s" if look.rate else ""
-    say(f"{look.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
+    camera = found.camera
+    length = (
+        f"{found.count} frames" if found.count is not None else "live" if found.live else "unknown number of frames"
+    )
+    rate = f", {found.rate:g} frames/s" if found.rate else ""
+    say(f"{found.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
     say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
-        f"field of view {look.view[0]:.0f} x {look.view[1]:.0f} degrees", file=file)  # fmt: skip
-    if look.depth_mm is not None and look.nearest is not None:
-        low, middle, high = look.depth_mm
-        say(f"  depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {look.zeros:.0%} of the pixels empty; "
-            f"unit {look.unit_mm:g} mm", file=file)  # fmt: skip
-        say(f"  nearest object: {look.nearest[0]:.0f} mm away, {look.nearest[1]:.0f} mm wide", file=file)
-    for remark in look.remarks:
+        f"field of view {found.view[0]:.0f} x {found.view[1]:.0f} degrees", file=file)  # fmt: skip
+    if found.depth_mm is not None and found.nearest is not None:
+        low, middle, high = found.depth_mm
+        say(f"  depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
+            f"unit {found.unit_mm:g} mm", file=file)  # fmt: skip
+        say(f"  nearest object: {found.nearest[0]:.0f} mm away, {found.nearest[1]:.0f} mm wide", file=file)
+    for remark in found.remarks:
         say(f"  {remark}", file=file)
-    for warning in look.warnings:
-        say(f"warning: {look.name}: {warning}", file=sys.stderr)
+    for warning in found.warnings:
+        say(f"warning: {found.name}: {warning}", file=sys.stderr)
 
 
 def print_warnings(
@@ -75,11 +77,11 @@ def print_warnings(
 
     ``confidence`` is that of the hand found in the frame; a high one confirms the unit.
     """
-    for warning in doubts(depth, camera, unit_mm or UNIT_MM.get(camera.name, 1.0), confidence >= CONFIRMS_UNIT):
+    for warning in warnings_of(depth, camera, unit_mm or UNIT_MM.get(camera.name, 1.0), confidence >= CONFIRMS_UNIT):
         say(f"warning: {name}: {warning}", file=sys.stderr)
 
 
-def print_new_remarks(recording: Recording, seen: FirstLook) -> None:
+def print_new_remarks(recording: Recording, seen: Inspection) -> None:
     """Print remarks about a recording that came up after the report on its first frames."""
     for line in (*recording.remarks, recording.cut):
         if line and line not in seen.remarks:

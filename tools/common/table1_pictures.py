@@ -46,7 +46,7 @@ def write_pictures(out: Path, folder: Path, entries: table1_page.Store, skeleton
 
 
 def _counted(line: Line) -> list[Entry]:
-    return [found.counts for found in line.verdicts.values() if found.counts]
+    return [found.counts for found in line.by_seed.values() if found.counts]
 
 
 def _draw_joints(path: Path, lines: Mapping[str, Line], skeleton: Skeleton, title: str) -> None:

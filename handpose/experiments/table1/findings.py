@@ -107,16 +107,16 @@ FINDINGS = (
 
 def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
     """Decide a finding from the seeds that all its networks have; ``lines`` are by network."""
-    chosen = {name: lines[name] for name in finding.networks if name in lines and lines[name].verdicts}
+    chosen = {name: lines[name] for name in finding.networks if name in lines and lines[name].by_seed}
     if len(chosen) < len(finding.networks):
         return Decision("undecided", (), "not trained yet")
-    seeds = set.intersection(*(set(line.verdicts) for line in chosen.values()))
-    if not seeds or any(line.verdicts[seed].end == "not yet" for line in chosen.values() for seed in seeds):
+    seeds = set.intersection(*(set(line.by_seed) for line in chosen.values()))
+    if not seeds or any(line.by_seed[seed].end == "not yet" for line in chosen.values() for seed in seeds):
         return Decision("undecided", (), "not trained long enough yet")
     of_seeds = [{name: _figures_of(line, seed) for name, line in chosen.items()} for seed in sorted(seeds)]
     differences = [finding.difference(of) for of in of_seeds]
     margins = [finding.margin(of) for of in of_seeds]
-    falls = any(line.verdicts[seed].end == "falls" for line in chosen.values() for seed in seeds)
+    falls = any(line.by_seed[seed].end == "falls" for line in chosen.values() for seed in seeds)
     earlier = [finding.margin({name: _figures_of(line, seed, before=falls) for name, line in chosen.items()})
                for seed in sorted(seeds)]  # fmt: skip
     mean, spread = sum(margins) / len(margins), max(margins) - min(margins)

@@ -11,12 +11,12 @@ from handpose.experiments.table1.networks import LAMBDAS, NETWORKS
 from handpose.experiments.table1.plan import (
     ASKED_OF_MANY,
     MATTERS,
+    convergence_of,
     is_asked,
     lambdas,
     next_length,
     of_job,
     order,
-    verdict,
 )
 from handpose.experiments.table1.recipes import ADAM, PAPER, RECIPES, Recipe
 from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, SETTINGS, Setting
@@ -92,7 +92,7 @@ def lines_of(store: Store, setting: Setting, recipe: Recipe) -> dict[str, Line]:
     """The lines of a setting by a recipe, by network, in the order of the table."""
     entries = store.get(setting.name, ())
     found = {network.name: line_of(entries, setting, network, recipe) for network in NETWORKS}
-    return {name: line for name, line in found.items() if line.verdicts}
+    return {name: line for name, line in found.items() if line.by_seed}
 
 
 def first_of(store: Store) -> Setting:
@@ -128,7 +128,7 @@ def _left(store: Store, setting: Setting) -> list[str]:
         if job.only:
             what, is_due = "the weight of PhysLimit", next_length(entries, job) is not None
         else:
-            what, is_due = job.recipe.title, verdict(of_job(entries, job), job.recipe.lengths).end == "not yet"
+            what, is_due = job.recipe.title, convergence_of(of_job(entries, job), job.recipe.lengths).end == "not yet"
         due.setdefault(f"{job.setting.title}, {what}", []).append(is_due)
     left = [f"{where}: {sum(some)} of {len(some)}" for where, some in due.items() if any(some)]
     return ["", f"**Missing training runs:** {'; '.join(left)}."] if left else []

@@ -21,7 +21,7 @@ ASKED_OF_MANY = ("direct_joint", "ours", "ours_scale", "ours_bones")
 End = Literal["done", "rises", "falls", "not yet"]
 
 
-class Verdict(NamedTuple):
+class Convergence(NamedTuple):
     """The convergence of a training.
 
     entries  of its lengths, ascending, up to the one that ended it
@@ -55,8 +55,8 @@ class Job:
         return f"{self.setting.name}: {self.network.name}, {self.recipe.name}, seed {self.seed}{length}"
 
 
-def verdict(entries: Iterable[Entry], lengths: Sequence[int]) -> Verdict:
-    """The verdict on the entries of one training; those of other lengths, and beyond a gap, do not count."""
+def convergence_of(entries: Iterable[Entry], lengths: Sequence[int]) -> Convergence:
+    """The convergence of one training by its entries; those of other lengths, and beyond a gap, do not count."""
     by_length = {entry.iterations: entry for entry in entries}
     found: list[Entry] = []
     for length in lengths:
@@ -66,10 +66,10 @@ def verdict(entries: Iterable[Entry], lengths: Sequence[int]) -> Verdict:
         if len(found) > 1:
             before, now = found[-2].error_mm, found[-1].error_mm
             if abs(now - before) < MATTERS * before:
-                return Verdict(found, found[-1], "done")
+                return Convergence(found, found[-1], "done")
             if now > before:
-                return Verdict(found, found[-2], "rises")
-    return Verdict(found, found[-1] if found else None, "falls" if len(found) == len(lengths) else "not yet")
+                return Convergence(found, found[-2], "rises")
+    return Convergence(found, found[-1] if found else None, "falls" if len(found) == len(lengths) else "not yet")
 
 
 def of_job(store: Iterable[Entry], job: Job) -> list[Entry]:
@@ -83,7 +83,7 @@ def next_length(store: Iterable[Entry], job: Job, longest: int | None = None) ->
     entries = of_job(store, job)
     if job.only:
         return None if any(entry.iterations == job.only for entry in entries) else job.only
-    found = verdict(entries, job.recipe.lengths)
+    found = convergence_of(entries, job.recipe.lengths)
     if found.end != "not yet":
         return None
     length = job.recipe.lengths[len(found.entries)]
@@ -128,7 +128,7 @@ def order(
 
 def lambdas(store: Sequence[Entry], setting: Setting, length: int | None = None, recipe: Recipe = ADAM) -> list[Job]:
     """The training runs of ours by weights of PhysLimit, all as long as ours was trained; none before that is known."""
-    ours = verdict(of_job(store, Job(setting, OURS, recipe, 1)), recipe.lengths)
+    ours = convergence_of(of_job(store, Job(setting, OURS, recipe, 1)), recipe.lengths)
     if length is None and ours.end != "not yet" and ours.counts is not None:
         length = ours.counts.iterations
     return [Job(setting, network, recipe, 1, length) for network in LAMBDAS] if length else []
@@ -143,7 +143,7 @@ def report(
     rows, total = [["training", "lengths", "error, mm", "state", "hours left"]], 0.0
     for job in jobs:
         entries = of_job(store_of(job.setting), job)
-        found = verdict(entries, job.recipe.lengths)
+        found = convergence_of(entries, job.recipe.lengths)
         done = [entry for entry in entries if entry.iterations == job.only] if job.only else found.entries
         left = _hours(every, job, len(done)) if next_length(store_of(job.setting), job, longest) else 0.0
         state = ("done" if done else "missing") if job.only else found.end if done else "missing"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handpose.experiments.table1.networks import Network
-from handpose.experiments.table1.plan import Job, Verdict, of_job, verdict
+from handpose.experiments.table1.plan import Convergence, Job, convergence_of, of_job
 from handpose.experiments.table1.recipes import Recipe
 from handpose.experiments.table1.settings import Setting
 from handpose.experiments.table1.store import Entry, Figures
@@ -19,30 +19,30 @@ from handpose.experiments.table1.store import Entry, Figures
 class Line:
     """A network by a recipe in a setting.
 
-    verdicts  of its seeds
+    by_seed  of its seeds
     """
 
     network: Network
-    verdicts: dict[int, Verdict]
+    by_seed: dict[int, Convergence]
 
     def values(self, figure: str, subject: str | None = None, *, before: bool = False) -> dict[int, float]:
         """The values of a score for each seed, over all test frames or for one subject; seeds without it are left out.
 
         before  the score at the previous length
         """
-        entries = {seed: v.before if before else v.counts for seed, v in self.verdicts.items()}
+        entries = {seed: v.before if before else v.counts for seed, v in self.by_seed.items()}
         found = {seed: value_of(entry, figure, subject) for seed, entry in entries.items() if entry}
         return {seed: value for seed, value in found.items() if math.isfinite(value)}
 
     @property
     def lengths(self) -> list[int]:
         """The lengths that count, without repetition."""
-        return sorted({v.counts.iterations for v in self.verdicts.values() if v.counts})
+        return sorted({v.counts.iterations for v in self.by_seed.values() if v.counts})
 
     @property
     def ends(self) -> list[str]:
         """How the training runs ended, without repetition."""
-        return sorted({v.end for v in self.verdicts.values()})
+        return sorted({v.end for v in self.by_seed.values()})
 
 
 def value_of(entry: Entry, figure: str, subject: str | None = None) -> float:
@@ -69,8 +69,10 @@ def line_of(entries: Sequence[Entry], setting: Setting, network: Network, recipe
     """The line of a network: of the seeds that were trained long enough, otherwise of those that have a length."""
     key = (setting.name, network.name, recipe.name)
     seeds = sorted({entry.seed for entry in entries if entry.key[:3] == key})
-    verdicts = {seed: verdict(of_job(entries, Job(setting, network, recipe, seed)), recipe.lengths) for seed in seeds}
-    begun = {seed: found for seed, found in verdicts.items() if found.counts}
+    by_seed = {
+        seed: convergence_of(of_job(entries, Job(setting, network, recipe, seed)), recipe.lengths) for seed in seeds
+    }
+    begun = {seed: found for seed, found in by_seed.items() if found.counts}
     return Line(network, {seed: found for seed, found in begun.items() if found.end != "not yet"} or begun)
 
 

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.sources.recording import Given
+from handpose.sources.recording import CameraInfo
 
 CAMERA = Camera("own", 60.0, 61.0, 31.5, 23.5, 64, 48)
-GIVEN = Given(CAMERA, unit_mm=0.5, rate=10.0, origin="--camera")
+GIVEN = CameraInfo(CAMERA, unit_mm=0.5, rate=10.0, origin="--camera")
 
 
 def hand_sized(shape: tuple[int, int] = (48, 64), distance: int = 1000) -> NDArray[np.uint16]:

@@ -10,7 +10,7 @@ import pytest
 
 from handpose.facts.cameras import Camera
 from handpose.sources.lens import Lens
-from handpose.sources.recording import Given
+from handpose.sources.recording import CameraInfo
 from handpose.sources.video import open_video
 from netlib.errors import DataError
 from tests.support import azure_file
@@ -42,7 +42,7 @@ def test_depth_and_camera(
     """Millimetres of the track DEPTH, not of the infrared; the calibration in the pixels of the mode."""
     images = depth(shape, 2)
     path = azure_file.write(tmp_path / "a.mkv", images, mode, azure_file.calibration(MIDDLE))
-    recording = open_video(path, Given())
+    recording = open_video(path, CameraInfo())
     camera = recording.camera
     assert (camera.u0, camera.v0, camera.fx, camera.fy) == (*middle, focal, focal)
     assert (camera.height, camera.width, recording.unit_mm, recording.rate) == (*shape, 1.0, 30.0)
@@ -55,11 +55,11 @@ def test_depth_and_camera(
 def test_the_lens(tmp_path: Path) -> None:
     """Is that of the calibration, p2 before p1, in OpenCV's order: the same as if it had been given."""
     path = put(tmp_path)
-    own = open_video(path, Given())
+    own = open_video(path, CameraInfo())
     k = azure_file.NUMBERS
     lens = Lens((k[4], k[5], k[13], k[12], *k[6:10]))
-    same = open_video(path, Given(own.camera, lens))
-    none = open_video(path, Given(own.camera, Lens()))
+    same = open_video(path, CameraInfo(own.camera, lens))
+    none = open_video(path, CameraInfo(own.camera, Lens()))
     first = next(iter(own)).depth
     assert np.array_equal(first, next(iter(same)).depth)
     assert not np.array_equal(first, next(iter(none)).depth)
@@ -69,9 +69,9 @@ def test_without_a_calibration(tmp_path: Path) -> None:
     """The camera must be given; the unit is known."""
     path = azure_file.write(tmp_path / "a.mkv", depth())
     with pytest.raises(DataError, match="the camera of these frames is unknown"):
-        open_video(path, Given())
+        open_video(path, CameraInfo())
     camera = Camera("own", 250, 250, 160, 144, 0, 0)
-    assert open_video(path, Given(camera=camera, origin="--camera")).unit_mm == 1.0
+    assert open_video(path, CameraInfo(camera=camera, origin="--camera")).unit_mm == 1.0
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_without_a_calibration(tmp_path: Path) -> None:
 def test_calibrations_that_are_none(tmp_path: Path, said: Any, expected: str) -> None:
     """Are one line with the file's name."""
     with pytest.raises(DataError, match=rf"a\.mkv: .*{expected}"):
-        open_video(put(tmp_path, said), Given())
+        open_video(put(tmp_path, said), CameraInfo())
 
 
 @pytest.mark.parametrize("model", ["Theta", "Polynomial3K", "Rational6KT"])
@@ -96,15 +96,15 @@ def test_lenses_that_are_not_modelled(tmp_path: Path, model: str) -> None:
     """No device is known to have them."""
     intrinsics = {"ModelParameters": azure_file.NUMBERS, "ModelType": f"CALIBRATION_LensDistortionModel{model}"}
     with pytest.raises(DataError, match=model):
-        open_video(put(tmp_path, azure_file.calibration(Intrinsics=intrinsics)), Given())
+        open_video(put(tmp_path, azure_file.calibration(Intrinsics=intrinsics)), CameraInfo())
 
 
 def test_what_has_no_depth(tmp_path: Path) -> None:
     """Passive infrared, and an unknown mode."""
     with pytest.raises(DataError, match="no track DEPTH, only IR, COLOR"):
-        open_video(put(tmp_path, track="COLOR"), Given())
+        open_video(put(tmp_path, track="COLOR"), CameraInfo())
     with pytest.raises(DataError, match="depth mode 'PASSIVE_IR'; expected NFOV_UNBINNED"):
-        open_video(put(tmp_path, mode="PASSIVE_IR"), Given())
+        open_video(put(tmp_path, mode="PASSIVE_IR"), CameraInfo())
 
 
 def test_a_cut_file(tmp_path: Path) -> None:
@@ -112,6 +112,6 @@ def test_a_cut_file(tmp_path: Path) -> None:
     path = put(tmp_path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) - 100_000])
-    recording = open_video(path, Given())
+    recording = open_video(path, CameraInfo())
     assert len(list(recording)) == 2
     assert recording.cut != ""

@@ -13,7 +13,7 @@ from handpose.facts.cameras import Camera
 from handpose.sources import camera_file
 from handpose.sources.camera_file import next_to, parse, read, to_text, write
 from handpose.sources.lens import Lens
-from handpose.sources.recording import NOTHING, Given
+from handpose.sources.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
 
 FOUR = '"fx": 60, "fy": 61, "u0": 31.5, "v0": 23.5'
@@ -22,7 +22,7 @@ FOUR = '"fx": 60, "fy": 61, "u0": 31.5, "v0": 23.5'
 def test_the_example_of_the_docstring() -> None:
     """As it stands there."""
     text = (camera_file.__doc__ or "").split("\n\n")[1]
-    assert parse(text, "x") == Given(
+    assert parse(text, "x") == CameraInfo(
         Camera("own", 476.0, 476.0, 313.7, 242.8, 640, 480), Lens((0.1, -0.2, 0, 0, 0)), 0.125, 30.0, "x"
     )
 
@@ -30,22 +30,22 @@ def test_the_example_of_the_docstring() -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("{}", Given(origin="x")),
-        ('{"unit_mm": 0.125}', Given(unit_mm=0.125, origin="x")),
-        (f"{{{FOUR}}}", Given(Camera("own", 60, 61, 31.5, 23.5, 0, 0), origin="x")),
+        ("{}", CameraInfo(origin="x")),
+        ('{"unit_mm": 0.125}', CameraInfo(unit_mm=0.125, origin="x")),
+        (f"{{{FOUR}}}", CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), origin="x")),
         (f'{{{FOUR}, "distortion": [0.1, 0, 0, 0]}}',
-         Given(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((0.1, 0, 0, 0)), origin="x")),
+         CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((0.1, 0, 0, 0)), origin="x")),
         ('{"width": 64, "height": 48, "fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "model": "Inverse Brown Conrady", '
          '"coeffs": [0.1, 0, 0, 0, 0], "depth_scale": 0.001, "fps": 30}',
-         Given(Camera("own", 60, 61, 31.5, 23.5, 64, 48), Lens((0.1, 0, 0, 0, 0), "inverse_brown_conrady"), 1.0, 30.0,
-               "x")),
+         CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), Lens((0.1, 0, 0, 0, 0), "inverse_brown_conrady"), 1.0,
+                    30.0, "x")),
         ('{"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "k1": 1, "k2": 2, "k3": 3, "k4": 4, "k5": 5, "k6": 6, "p1": 7, '
          '"p2": 8, "codx": 0, "cody": 0, "metric_radius": 1.7}',
-         Given(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((1, 2, 7, 8, 3, 4, 5, 6)), origin="x")),
+         CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((1, 2, 7, 8, 3, 4, 5, 6)), origin="x")),
     ],
     ids=["nothing", "a unit", "a camera", "a list", "RealSense", "Azure"],
 )  # fmt: skip
-def test_what_is_understood(text: str, expected: Given) -> None:
+def test_what_is_understood(text: str, expected: CameraInfo) -> None:
     """In our own words, RealSense's and Azure's."""
     assert parse(text, "x") == expected
 
@@ -99,17 +99,19 @@ def test_every_number_returns(
     fx: float, fy: float, u0: float, v0: float, width: int, unit: float | None, lens: list[float] | None
 ) -> None:
     """Bit for bit; a lens without distortion is none."""
-    said = Given(Camera("any", fx, fy, u0, v0, width, 7 if width else 0), lens and Lens(tuple(lens)), unit, unit, "x")
+    said = CameraInfo(
+        Camera("any", fx, fy, u0, v0, width, 7 if width else 0), lens and Lens(tuple(lens)), unit, unit, "x"
+    )
     if said.lens is not None and said.lens.is_straight:
-        said = Given(said.camera, None, unit, unit, "x")
+        said = CameraInfo(said.camera, None, unit, unit, "x")
     assert parse(to_text(said), "x") == said
 
 
 def test_a_file(tmp_path: Path) -> None:
     """Is written and read; one that cannot be is a line."""
     path = tmp_path / "camera.json"
-    write(path, Given(Camera("own", 60, 61, 31.5, 23.5, 64, 48), unit_mm=0.5))
-    assert read(path) == Given(Camera("own", 60, 61, 31.5, 23.5, 64, 48), unit_mm=0.5, origin=str(path))
+    write(path, CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), unit_mm=0.5))
+    assert read(path) == CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), unit_mm=0.5, origin=str(path))
     assert json.loads(path.read_text())["width"] == 64
     with pytest.raises(DataError, match=r"none\.json: cannot read the camera: No such file"):
         read(tmp_path / "none.json")
@@ -118,8 +120,8 @@ def test_a_file(tmp_path: Path) -> None:
 def test_beside(tmp_path: Path) -> None:
     """A folder holds its own; a file's own name is looked for first."""
     take = tmp_path / "take.npz"
-    assert next_to(tmp_path) == next_to(take) == NOTHING
-    write(tmp_path / "camera.json", Given(unit_mm=1.0))
+    assert next_to(tmp_path) == next_to(take) == UNKNOWN
+    write(tmp_path / "camera.json", CameraInfo(unit_mm=1.0))
     assert next_to(tmp_path).unit_mm == next_to(take).unit_mm == 1
-    write(tmp_path / "take.camera.json", Given(unit_mm=2.0))
+    write(tmp_path / "take.camera.json", CameraInfo(unit_mm=2.0))
     assert (next_to(tmp_path).unit_mm, next_to(take).unit_mm) == (1, 2)

@@ -13,7 +13,7 @@ from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
 from handpose.sources import camera_file
 from handpose.sources.folder import open_folder
-from handpose.sources.recording import Given
+from handpose.sources.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import CAMERA, GIVEN, hand_sized, put
 
@@ -82,11 +82,11 @@ def test_a_float_picture_needs_its_unit(tmp_path: Path) -> None:
 
 def test_camera_json(folder: Path) -> None:
     """In the folder; what the user says is believed first."""
-    camera_file.write(folder / "camera.json", Given(CAMERA, unit_mm=2.0, rate=5.0))
+    camera_file.write(folder / "camera.json", CameraInfo(CAMERA, unit_mm=2.0, rate=5.0))
     recording = open_folder(folder)
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 2, 5)
     assert f"camera own, by {folder / 'camera.json'}" in recording.remarks
-    assert open_folder(folder / "*.png", Given(unit_mm=1.0)).unit_mm == 1
+    assert open_folder(folder / "*.png", CameraInfo(unit_mm=1.0)).unit_mm == 1
 
 
 def test_a_damaged_frame_is_left_out_and_said(folder: Path) -> None:
@@ -146,7 +146,7 @@ def test_the_packing_of_nyu(tmp_path: Path) -> None:
     recording = open_folder(tmp_path / "nyu")
     assert (recording.camera, recording.unit_mm, recording.count) == (NYU, 1, 1)
     assert recording.remarks[0] == "frames of NYU, by their names"
-    for found in (recording, open_folder(tmp_path / "own", Given(NYU))):
+    for found in (recording, open_folder(tmp_path / "own", CameraInfo(NYU))):
         assert [float(frame.depth.mean()) for frame in found] == [700]
 
 

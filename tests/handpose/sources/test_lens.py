@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.facts.cameras import Camera
-from handpose.sources.lens import Lens, Straightener, lens_of
+from handpose.sources.lens import Lens, Undistorter, lens_of
 from netlib.errors import DataError
 
 CAMERA = Camera("own", 100.0, 104.0, 78.0, 62.0, 160, 120)
@@ -36,7 +36,7 @@ def test_the_same_map_as_opencvs(coefficients: tuple[float, ...]) -> None:
     column, row = np.rint(u).astype(int), np.rint(v).astype(int)
     inside = (column >= 0) & (column < CAMERA.width) & (row >= 0) & (row < CAMERA.height)
     expected = np.where(inside, row * CAMERA.width + column + 1, 0)
-    straight = Straightener(CAMERA, Lens(coefficients))(numbered())
+    straight = Undistorter(CAMERA, Lens(coefficients))(numbered())
     assert clear.mean() > 0.98 and inside.mean() > 0.5
     np.testing.assert_array_equal(straight[clear], expected[clear])
 
@@ -45,7 +45,7 @@ def test_no_distortion_changes_nothing() -> None:
     """Nor does one of zeros."""
     for lens in (Lens(), Lens((0, 0, 0, 0, 0))):
         assert lens.is_straight
-        np.testing.assert_array_equal(Straightener(CAMERA, lens)(numbered()), numbered())
+        np.testing.assert_array_equal(Undistorter(CAMERA, lens)(numbered()), numbered())
 
 
 @given(st.tuples(st.floats(-0.1, 0.2), st.floats(-0.02, 0.05), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)))
@@ -60,7 +60,7 @@ def test_the_inverse_lens_is_the_inverse(coefficients: tuple[float, ...]) -> Non
 def test_nothing_is_shown_beyond_a_fold() -> None:
     """With k1 = -1/3 the formula turns back at slope 1: rays farther out are in no picture, and come out as 0."""
     wide = Camera("own", 40.0, 40.0, 79.5, 59.5, 160, 120)
-    straight = Straightener(wide, Lens((-1 / 3, 0, 0, 0)))(numbered())
+    straight = Undistorter(wide, Lens((-1 / 3, 0, 0, 0)))(numbered())
     assert straight[60, 80] > 0 and straight[60, 80 + 38] > 0
     assert not straight[60, 80 + 42 :].any() and not straight[:18].any()
 
@@ -76,7 +76,7 @@ def test_nothing_is_shown_beyond_a_fold() -> None:
 def test_a_lens_that_makes_no_sense(coefficients: tuple[float, ...], model: str, what: str) -> None:
     """One line, not a picture of nonsense."""
     with pytest.raises(DataError, match=what):
-        Straightener(CAMERA, lens_of(model, coefficients, "x"))
+        Undistorter(CAMERA, lens_of(model, coefficients, "x"))
 
 
 @pytest.mark.parametrize("coefficients", [(0.1,), (0.1,) * 6, (np.nan, 0, 0, 0)])

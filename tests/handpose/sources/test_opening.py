@@ -11,19 +11,19 @@ import pytest
 
 from handpose.sources.folder import FolderRecording
 from handpose.sources.opening import open_recording
-from handpose.sources.recording import NOTHING, Given
+from handpose.sources.recording import UNKNOWN, CameraInfo
 from handpose.sources.stack import StackRecording
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import GIVEN, hand_sized
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, Given]]:
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo]]:
     """What was asked of the readers that need packages, which are not asked here."""
-    found: list[tuple[str, object, Given]] = []
+    found: list[tuple[str, object, CameraInfo]] = []
     for module, name in (("video", "open_video"), ("ros_bag", "open_bag"), ("realsense", "open_live")):
 
-        def opened(source: object, given: Given, name: str = name) -> None:
+        def opened(source: object, given: CameraInfo, name: str = name) -> None:
             found.append((name, source, given))
 
         monkeypatch.setitem(sys.modules, f"handpose.sources.{module}", SimpleNamespace(**{name: opened}))
@@ -48,25 +48,25 @@ def test_stacks(tmp_path: Path) -> None:
     ("name", "reader"),
     [("a.mkv", "open_video"), ("A.AVI", "open_video"), ("a.bag", "open_bag"), ("a.mcap", "open_bag")],
 )
-def test_containers(tmp_path: Path, asked: list[tuple[str, object, Given]], name: str, reader: str) -> None:
+def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]], name: str, reader: str) -> None:
     """Their modules are loaded when they are needed."""
     (tmp_path / name).touch()
     open_recording(tmp_path / name, GIVEN)
     assert asked == [(reader, tmp_path / name, GIVEN)]
 
 
-def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, Given]]) -> None:
+def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]]) -> None:
     """As ROS 2 writes it."""
     (tmp_path / "metadata.yaml").touch()
     open_recording(tmp_path)
-    assert asked == [("open_bag", tmp_path, NOTHING)]
+    assert asked == [("open_bag", tmp_path, UNKNOWN)]
 
 
-def test_a_live_camera(asked: list[tuple[str, object, Given]]) -> None:
+def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:
     """The first one, or one by its number."""
     open_recording("realsense")
     open_recording("realsense:0123", GIVEN)
-    assert asked == [("open_live", None, NOTHING), ("open_live", "0123", GIVEN)]
+    assert asked == [("open_live", None, UNKNOWN), ("open_live", "0123", GIVEN)]
 
 
 @pytest.mark.parametrize("name", ["none.npz", "none.mkv", "none.bag", "none", "none/of/these.png"])

@@ -10,38 +10,38 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.facts.cameras import SR305
-from handpose.sources.lens import Lens, Straightener
-from handpose.sources.raw import Developer, settle, sized, stored
-from handpose.sources.recording import NOTHING, Given
+from handpose.sources.lens import Lens, Undistorter
+from handpose.sources.raw import DepthDecoder, calibration_of, sized, stored
+from handpose.sources.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import CAMERA, hand_sized
 
 U16, F32 = np.dtype(np.uint16), np.dtype(np.float32)
 
 
-def develop(raw: np.ndarray, unit_mm: float = 0.5) -> np.ndarray:
+def decode(raw: np.ndarray, unit_mm: float = 0.5) -> np.ndarray:
     """Of a camera without a lens."""
-    return Developer(replace(CAMERA, width=raw.shape[1], height=raw.shape[0]), None, unit_mm, "take")(raw)
+    return DepthDecoder(replace(CAMERA, width=raw.shape[1], height=raw.shape[0]), None, unit_mm, "take")(raw)
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.int32, np.uint64, np.float32, np.float64])
 def test_depth_is_in_mm(dtype: str) -> None:
     """Whatever type the values have."""
-    depth = develop(np.array([[0, 1, 65]], dtype))
+    depth = decode(np.array([[0, 1, 65]], dtype))
     assert depth.dtype == np.float32
     np.testing.assert_array_equal(depth, [[0, 0.5, 32.5]])
 
 
 def test_what_is_no_number_was_not_read() -> None:
     """NaN, infinities, and what float32 cannot hold."""
-    np.testing.assert_array_equal(develop(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]])
+    np.testing.assert_array_equal(decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]])
 
 
 def test_the_lens_is_taken_out() -> None:
-    """By a Straightener."""
+    """By a Undistorter."""
     lens, raw = Lens((0.3, 0, 0, 0)), hand_sized()
-    expected = Straightener(CAMERA, lens)(raw.astype(np.float32))
-    np.testing.assert_array_equal(Developer(CAMERA, lens, 1.0, "take")(raw), expected)
+    expected = Undistorter(CAMERA, lens)(raw.astype(np.float32))
+    np.testing.assert_array_equal(DepthDecoder(CAMERA, lens, 1.0, "take")(raw), expected)
 
 
 @pytest.mark.parametrize(
@@ -59,14 +59,14 @@ def test_the_lens_is_taken_out() -> None:
 def test_what_is_no_depth(raw: np.ndarray, what: str) -> None:
     """One line each."""
     with pytest.raises(DataError, match=what):
-        Developer(CAMERA, None, 0.5, "take")(raw)
+        DepthDecoder(CAMERA, None, 0.5, "take")(raw)
 
 
 @given(st.lists(st.integers(0, 65535), min_size=1, max_size=50), st.sampled_from([0.1, 0.125, 0.25, 1 / 3, 1, 5]))
 def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
     """Every value of 16 bits comes back, in any unit."""
     raw = np.array([values], np.uint16)
-    np.testing.assert_array_equal(stored(develop(raw, unit_mm), unit_mm, "take"), raw)
+    np.testing.assert_array_equal(stored(decode(raw, unit_mm), unit_mm, "take"), raw)
 
 
 @pytest.mark.parametrize("depth", [65535.6, -0.6, np.nan])
@@ -78,30 +78,30 @@ def test_depths_that_16_bits_cannot_hold(depth: float) -> None:
 
 def test_the_user_is_believed_first() -> None:
     """Then the file, then a camera.json; each thing by itself."""
-    own, beside = Given(SR305, unit_mm=0.25), Given(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json")
+    own, beside = CameraInfo(SR305, unit_mm=0.25), CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json")
     shape = (SR305.height, SR305.width)
-    found = settle(Given(unit_mm=3.0), own, beside, shape, U16, "take")
+    found = calibration_of(CameraInfo(unit_mm=3.0), own, beside, shape, U16, "take")
     assert (found.camera, found.unit_mm, found.rate, found.remarks) == (SR305, 3.0, 5.0, ())
-    assert settle(NOTHING, own, beside, shape, U16, "take").unit_mm == 0.25
+    assert calibration_of(UNKNOWN, own, beside, shape, U16, "take").unit_mm == 0.25
 
 
 def test_the_unit_of_a_known_camera() -> None:
     """The unit is that of the camera's images unless another is given; a camera's name alone is not enough."""
-    given = Given(SR305, origin="--camera")
-    found = settle(given, NOTHING, NOTHING, (480, 640), U16, "take")
+    given = CameraInfo(SR305, origin="--camera")
+    found = calibration_of(given, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
     assert found.unit_mm == 0.125 and found.remarks == ("camera sr305, by --camera",)
-    stranger = Given(replace(SR305, fx=500.0), origin="--camera")
-    found = settle(stranger, NOTHING, NOTHING, (480, 640), U16, "take")
+    stranger = CameraInfo(replace(SR305, fx=500.0), origin="--camera")
+    found = calibration_of(stranger, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
     assert found.unit_mm == 1 and "unit unknown: a value of 1 is taken for 1 mm" in found.remarks[1]
 
 
 def test_nothing_is_guessed() -> None:
     """No camera, no size, and no unit of floating-point numbers, which may be metres."""
     with pytest.raises(DataError, match=r"take: the camera of these frames .*camera\.json.*--camera, nyu, icvl"):
-        settle(NOTHING, NOTHING, NOTHING, (48, 64), U16, "take")
+        calibration_of(UNKNOWN, UNKNOWN, UNKNOWN, (48, 64), U16, "take")
     for camera, shape in ((CAMERA, (48, 64)), (SR305, (480, 640))):  # whose unit is that of its pictures
         with pytest.raises(DataError, match="take: float32 depth of unknown unit; give --unit 1 for mm"):
-            settle(Given(camera), NOTHING, NOTHING, shape, F32, "take")
+            calibration_of(CameraInfo(camera), UNKNOWN, UNKNOWN, shape, F32, "take")
     assert sized(replace(CAMERA, width=0, height=0), (48, 64), "take") == CAMERA
     with pytest.raises(DataError, match="take: 48 x 64 pixels; camera own has 64 x 48"):
         sized(CAMERA, (64, 48), "take")
@@ -111,16 +111,16 @@ def test_nothing_is_guessed() -> None:
 
 def test_a_lens_that_is_left_in_is_told() -> None:
     """The user's camera takes the place of the file's, and of its lens."""
-    own = Given(CAMERA, Lens((0.3, 0, 0, 0)), 1.0)
-    found = settle(Given(CAMERA), own, NOTHING, (48, 64), U16, "take")
+    own = CameraInfo(CAMERA, Lens((0.3, 0, 0, 0)), 1.0)
+    found = calibration_of(CameraInfo(CAMERA), own, UNKNOWN, (48, 64), U16, "take")
     assert found.lens is None and "the distortion in take is of another camera" in found.remarks[0]
-    found = settle(NOTHING, own, NOTHING, (48, 64), U16, "take")
+    found = calibration_of(UNKNOWN, own, UNKNOWN, (48, 64), U16, "take")
     assert found.lens == own.lens and found.remarks == ("the distortion of the lens is taken out",)
 
 
 def test_frames_without_times() -> None:
     """30 frames per second are assumed, with a warning, unless a rate is given."""
-    given = Given(CAMERA, unit_mm=1.0)
-    assert settle(replace(given, rate=60.0), NOTHING, NOTHING, (48, 64), U16, "take").paced() == (60.0, ())
-    rate, told = settle(given, NOTHING, NOTHING, (48, 64), U16, "take").paced()
+    given = CameraInfo(CAMERA, unit_mm=1.0)
+    assert calibration_of(replace(given, rate=60.0), UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced() == (60.0, ())
+    rate, told = calibration_of(given, UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced()
     assert rate == 30 and "30 frames per second assumed" in told[0]

@@ -16,7 +16,7 @@ from handpose.facts.cameras import Camera
 from handpose.sources import realsense
 from handpose.sources.lens import Lens
 from handpose.sources.realsense import open_live
-from handpose.sources.recording import NOTHING, Given
+from handpose.sources.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError, NetlibError
 
 Sent = tuple[int, float, str]  # frame number, time in ms, the clock's name
@@ -100,7 +100,7 @@ def plug_in(monkeypatch: pytest.MonkeyPatch, *arguments: Any, **more: Any) -> Fa
 def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
     """Depth in the camera's unit, its numbers and its times; a camera that is unplugged ends the recording."""
     module = plug_in(monkeypatch, every())
-    with open_live(None, NOTHING) as recording:
+    with open_live(None, UNKNOWN) as recording:
         assert recording.camera == Camera("Fake D400 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
         assert (recording.unit_mm, recording.rate, recording.live, recording.count) == (0.1, 30, True, None)
         frames = list(recording)
@@ -119,14 +119,14 @@ def test_a_camera_without_focal_lengths(monkeypatch: pytest.MonkeyPatch) -> None
     with pytest.raises(
         DataError, match=r"Fake D400 0123: camera 'Fake D400 0123': fx is 0\.0, expected more than 0 px"
     ):
-        open_live(None, NOTHING)
+        open_live(None, UNKNOWN)
 
 
 def test_frames_that_nobody_took(monkeypatch: pytest.MonkeyPatch) -> None:
     """Are counted, and not given twice."""
     sent = every(6)
     plug_in(monkeypatch, [sent[0], sent[0], sent[1], sent[4], sent[5]])
-    recording = open_live(None, NOTHING)
+    recording = open_live(None, UNKNOWN)
     assert [(f.number, round(f.time, 3)) for f in recording] == [(0, 0.0), (1, 0.033), (4, 0.132), (5, 0.165)]
     assert recording.remarks == ("frames lost because they were not taken in time: 2",)
 
@@ -135,14 +135,14 @@ def test_a_clock_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the camera's to the computer's, after the first frames: times go on."""
     later = [(12 + i, 1.7e12 + i * 33.0, "global") for i in range(2)]
     plug_in(monkeypatch, every(2) + later)
-    times = [f.time for f in open_live(None, NOTHING)]
+    times = [f.time for f in open_live(None, UNKNOWN)]
     assert np.diff(times) == pytest.approx([0.033, 1 / 30, 0.033], abs=1e-3)
 
 
 def test_times_always_ascend(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where the camera's clock starts again, or stands."""
     plug_in(monkeypatch, [(1, 500.0, "a"), (2, 500.0, "a"), (3, 0.0, "a"), (4, 33.0, "a"), (0, 40.0, "a")])
-    frames = list(open_live(None, NOTHING))
+    frames = list(open_live(None, UNKNOWN))
     assert all(a.time < b.time and a.number < b.number for a, b in itertools.pairwise(frames))
     assert len(frames) == 5
 
@@ -151,9 +151,9 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
     """Is taken away, unless the user says that there is none."""
     lens: dict[str, Any] = {"model": "distortion.inverse_brown_conrady", "coeffs": (0.2, 0.1, 0, 0, 0)}
     plug_in(monkeypatch, every(), **lens)
-    bent = next(iter(open_live(None, NOTHING)))
+    bent = next(iter(open_live(None, UNKNOWN)))
     plug_in(monkeypatch, every(), **lens)
-    plain = next(iter(open_live(None, Given(Camera("own", 60.5, 61.5, 31.25, 23.75, 64, 48), Lens()))))
+    plain = next(iter(open_live(None, CameraInfo(Camera("own", 60.5, 61.5, 31.25, 23.75, 64, 48), Lens()))))
     assert (plain.depth > 0).all()
     assert not np.array_equal(bent.depth, plain.depth)
 
@@ -161,16 +161,16 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_camera_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that is not there is a line with those that are."""
     plug_in(monkeypatch, every())
-    assert open_live("0123", NOTHING).name == "Fake D400 0123"
+    assert open_live("0123", UNKNOWN).name == "Fake D400 0123"
     with pytest.raises(DataError, match="camera 999 cannot be started: No device connected; connected: 0123"):
-        open_live("999", NOTHING)
+        open_live("999", UNKNOWN)
 
 
 def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Is let go of."""
     module = plug_in(monkeypatch, every())
     with pytest.raises(DataError, match="64 x 48"):
-        open_live(None, Given(Camera("own", 60, 60, 32, 24, 640, 480)))
+        open_live(None, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480)))
     assert module.stopped == 1
 
 
@@ -192,7 +192,7 @@ def test_without_the_package(monkeypatch: pytest.MonkeyPatch, error: ImportError
     monkeypatch.delitem(sys.modules, "pyrealsense2", raising=False)
     monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
     with pytest.raises(NetlibError, match=said):
-        open_live(None, NOTHING)
+        open_live(None, UNKNOWN)
 
 
 @pytest.fixture
@@ -245,7 +245,7 @@ def test_the_real_module(software: Any, monkeypatch: pytest.MonkeyPatch) -> None
     """Frames of a software device, one asked for after the other; then it sends no more."""
     monkeypatch.setattr(realsense, "WAIT_MS", 200)
     monkeypatch.setattr(realsense, "WAITS", 2)
-    with open_live(None, NOTHING) as recording:
+    with open_live(None, UNKNOWN) as recording:
         assert recording.camera == Camera("Software 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
         assert (recording.unit_mm, recording.rate) == (0.1, 30.0)
         frames = iter(recording)

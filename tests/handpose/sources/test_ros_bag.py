@@ -14,7 +14,7 @@ import pytest
 from handpose.facts.cameras import Camera
 from handpose.sources.lens import Lens
 from handpose.sources.opening import open_recording
-from handpose.sources.recording import NOTHING, DepthFrame, Given, Recording
+from handpose.sources.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from handpose.sources.ros_bag import open_bag
 from netlib.errors import DataError, NetlibError
 from tests.support import bags
@@ -23,7 +23,7 @@ pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
 
 DEPTH = np.random.default_rng(0).integers(0, 4000, (4, 48, 64)).astype(np.uint16)
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
-GIVEN = Given(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
+GIVEN = CameraInfo(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
 KINDS: dict[str, Any] = {
     "realsense.bag": bags.write_realsense,
     "plain.bag": bags.write_ros1,
@@ -43,7 +43,7 @@ def images(*messages: tuple[bytes, int], topic: str = bags.TOPIC, **info: Any) -
     return make
 
 
-def read(path: Path, given: Given = NOTHING) -> tuple[Recording, list[DepthFrame]]:
+def read(path: Path, given: CameraInfo = UNKNOWN) -> tuple[Recording, list[DepthFrame]]:
     recording = open_bag(path, given)
     return recording, list(recording)
 
@@ -117,7 +117,7 @@ def test_lenses(tmp_path: Path, model: str, d: tuple[float, ...], lens: Lens) ->
     make = functools.partial(bags.driver, model=model, d=d)
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
     own, frames = read(path)
-    _, same = read(path, Given(own.camera, lens))
+    _, same = read(path, CameraInfo(own.camera, lens))
     assert np.array_equal(frames[0].depth, same[0].depth)
     assert np.array_equal(frames[0].depth, DEPTH[0]) == lens.is_straight
 
@@ -134,14 +134,14 @@ def test_rectified_images(tmp_path: Path) -> None:
 def test_a_lens_that_is_not_known(tmp_path: Path) -> None:
     make = functools.partial(bags.driver, model="equidistant", d=(0.2, 0.1, 0, 0))
     with pytest.raises(DataError, match=r"a\.bag: /camera/depth/camera_info: .*'equidistant' is not known"):
-        open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make), Given())
+        open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make), CameraInfo())
 
 
 def test_a_camera_that_is_not_calibrated(tmp_path: Path) -> None:
     """Must be given."""
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, k=[0] * 9, p=[0] * 12))
     with pytest.raises(DataError, match="the camera of these frames is unknown"):
-        open_bag(path, NOTHING)
+        open_bag(path, UNKNOWN)
     assert read(path, GIVEN)[0].camera.fx == 60
 
 
@@ -157,12 +157,12 @@ class TestTopics:
         path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=self.two)
         both = "depth of 2 topics: /camera/aligned_depth_to_color/image_raw, /camera/depth/image_raw; name one by"
         with pytest.raises(DataError, match=both):
-            open_bag(path, NOTHING)
+            open_bag(path, UNKNOWN)
         recording, frames = read(Path(f"{path}#/camera/aligned_depth_to_color/image_raw"))
         assert open_recording(f"{path}#/camera/aligned_depth_to_color/image_raw").camera == recording.camera
         assert (recording.camera.fx, recording.count, len(frames)) == (90, 2, 2)
         with pytest.raises(DataError, match=r"no images of '/camera/depth/image_rw' \(did you mean"):
-            open_bag(Path(f"{path}#/camera/depth/image_rw"), Given())
+            open_bag(Path(f"{path}#/camera/depth/image_rw"), CameraInfo())
 
     def test_infrared_and_colour_are_no_depth(self, tmp_path: Path) -> None:
         """Though infrared has 16 bits, too."""
@@ -187,7 +187,7 @@ class TestTopics:
         message = bags.Messages(True).image(DEPTH[0], 5, "rgb8")
         path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5), topic="/camera/color/image_raw"))
         with pytest.raises(DataError, match="no images of depth; it has /camera/color/image_raw"):
-            open_bag(path, NOTHING)
+            open_bag(path, UNKNOWN)
 
 
 class TestOneTopicOfSeveralTypes:
@@ -221,7 +221,7 @@ class TestOneTopicOfSeveralTypes:
         path = write(tmp_path / name, DEPTH, make=make)
         for asked in (path, Path(f"{path}#{bags.TOPIC}")):
             with pytest.raises(DataError, match=f"{bags.TOPIC}: messages of 2 types, .*CompressedImage, .*Image; expe"):
-                open_bag(asked, NOTHING)
+                open_bag(asked, UNKNOWN)
 
     @pytest.mark.parametrize(("name", "write"), WRITERS)
     @pytest.mark.parametrize("kind", [INFO, "std_msgs/msg/String", "sensor_msgs/msg/CompressedImage"])
@@ -242,7 +242,7 @@ class TestOneTopicOfSeveralTypes:
         assert (content.count(image), content.count(info)) == (4, 1)
         path.write_bytes(content.replace(image, info))
         with pytest.raises(DataError, match=f"{bags.TOPIC}: no message can be read: the index leads to a message of"):
-            open_bag(path, NOTHING)
+            open_bag(path, UNKNOWN)
 
 
 @pytest.mark.parametrize("text", ["e", "1e", "--", "", "2", "0", "nan"])
@@ -254,7 +254,7 @@ def test_depth_units_that_are_no_number(tmp_path: Path, text: str) -> None:
         ]
 
     with pytest.raises(DataError, match=f"depth units of '{text}' m; expected a number between 0 and 1"):
-        open_bag(bags.write_ros2(tmp_path / "a", DEPTH, make=make), NOTHING)
+        open_bag(bags.write_ros2(tmp_path / "a", DEPTH, make=make), UNKNOWN)
 
 
 class TestTimes:
@@ -290,7 +290,7 @@ class TestDamage:
         path = bags.write_ros1(tmp_path / "a.bag", DEPTH)
         path.write_bytes(path.read_bytes()[:-3000])
         with pytest.raises(DataError, match=r"a\.bag: cannot read the bag.*rosbag reindex"):
-            open_bag(path, NOTHING)
+            open_bag(path, UNKNOWN)
 
     @pytest.mark.parametrize(
         ("rows", "said"),
@@ -304,7 +304,7 @@ class TestDamage:
         size = struct.Struct("<II")
         message = message.replace(size.pack(48, 64), size.pack(rows, 64))
         with pytest.raises(DataError, match=said):
-            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))), Given())
+            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))), CameraInfo())
 
     @pytest.mark.parametrize("form", ["16UC1; compressedDepth rvl", "32FC1; compressedDepth png"])
     def test_other_compressions(self, tmp_path: Path, form: str) -> None:
@@ -320,11 +320,11 @@ class TestDamage:
         for content in (b"", b"no bag"):
             (tmp_path / name).write_bytes(content)
             with pytest.raises(DataError, match=f"{name}: "):
-                open_bag(tmp_path / name, Given())
+                open_bag(tmp_path / name, CameraInfo())
 
 
 def test_without_rosbags(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """One line with the command."""
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(NetlibError, match="pip install rosbags"):
-        open_bag(tmp_path / "a.bag", Given())
+        open_bag(tmp_path / "a.bag", CameraInfo())

@@ -12,7 +12,7 @@ import pytest
 
 from handpose.facts.cameras import Camera
 from handpose.sources import ros_limits
-from handpose.sources.recording import Given
+from handpose.sources.recording import CameraInfo
 from netlib.errors import DataError
 from tests.support import bags
 
@@ -20,7 +20,7 @@ pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
 
 from handpose.sources.ros_bag import open_bag
 
-GIVEN = Given(Camera("own", 60, 60, 32, 24, 64, 48))
+GIVEN = CameraInfo(Camera("own", 60, 60, 32, 24, 64, 48))
 DEPTH = np.random.default_rng(0).integers(0, 4000, (2, 48, 64)).astype(np.uint16)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from handpose.sources import camera_file
-from handpose.sources.recording import Given
+from handpose.sources.recording import CameraInfo
 from handpose.sources.stack import open_stack
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import CAMERA, GIVEN, hand_sized
@@ -55,10 +55,10 @@ def test_what_stands_beside_the_frames(tmp_path: Path, suffix: str) -> None:
     recording = open_stack(save(tmp_path / f"a{suffix}", time=TIMES, **BESIDE))
     assert [frame.time for frame in recording] == [0, 0.25, 1.5]
     assert (recording.camera, recording.unit_mm, recording.rate, recording.remarks) == (CAMERA, 0.5, None, ())
-    text = camera_file.to_text(Given(CAMERA, unit_mm=0.25, rate=20.0))
+    text = camera_file.to_text(CameraInfo(CAMERA, unit_mm=0.25, rate=20.0))
     recording = open_stack(save(tmp_path / f"b{suffix}", camera=text))
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.25, 20)
-    assert open_stack(tmp_path / f"b{suffix}", Given(unit_mm=3.0)).unit_mm == 3
+    assert open_stack(tmp_path / f"b{suffix}", CameraInfo(unit_mm=3.0)).unit_mm == 3
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
@@ -86,7 +86,7 @@ def test_camera_json_beside(tmp_path: Path) -> None:
 
 def test_the_rate_is_assumed_and_said(tmp_path: Path) -> None:
     """Of frames without times."""
-    recording = open_stack(save(tmp_path / "take.npy"), Given(CAMERA, unit_mm=1.0))
+    recording = open_stack(save(tmp_path / "take.npy"), CameraInfo(CAMERA, unit_mm=1.0))
     assert recording.rate == 30 and "30 frames per second assumed" in recording.remarks[-1]
 
 

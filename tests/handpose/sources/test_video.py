@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from handpose.facts.cameras import Camera
 from handpose.sources.lens import Lens
-from handpose.sources.recording import DepthFrame, Given
+from handpose.sources.recording import CameraInfo, DepthFrame
 from handpose.sources.video import open_video
 from handpose.sources.video_writer import VideoWriter
 from netlib.errors import DataError, NetlibError
@@ -26,7 +26,7 @@ from netlib.errors import DataError, NetlibError
 av = pytest.importorskip("av", reason="PyAV is missing: pip install av")
 
 CAMERA = Camera("own", 61.25, 60.5, 31.3, 23.7, 64, 48)
-GIVEN = Given(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
+GIVEN = CameraInfo(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
 
 
 def frames(count: int = 6, unit_mm: float = 0.125) -> list[DepthFrame]:
@@ -73,7 +73,7 @@ def write_other(path: Path, codec: str, pixels: str, count: int = 3, **options: 
 def test_every_value_returns(tmp_path: Path) -> None:
     """With camera, unit, rate and times; and again, from the first frame on."""
     written = frames()
-    with open_video(write(tmp_path / "a.mkv", written), Given()) as recording:
+    with open_video(write(tmp_path / "a.mkv", written), CameraInfo()) as recording:
         assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.125, 30.0)
         for _ in range(2):
             read = list(recording)
@@ -99,7 +99,7 @@ def test_any_depth_at_any_time(
     raw = rng.integers(0, 1 << 16, (len(times), 48, 64)).astype(np.float32) * np.float32(unit)
     path = tmp_path_factory.mktemp("any") / "a.mkv"
     write(path, [DepthFrame(i, float(t), d) for i, (t, d) in enumerate(zip(times, raw))], unit, None)
-    recording = open_video(path, Given())
+    recording = open_video(path, CameraInfo())
     read = list(recording)
     assert np.abs(np.array([f.time for f in read]) - times).max() < 0.00051
     assert all(np.array_equal(f.depth, d) for f, d in zip(read, raw))
@@ -111,7 +111,7 @@ def test_videos_of_other_programs(tmp_path: Path, pixels: str) -> None:
     """Their camera has to be given; values of fewer bits are what they are."""
     path = write_other(tmp_path / "a.mkv", "ffv1", pixels)
     with pytest.raises(DataError, match="the camera of these frames is unknown"):
-        open_video(path, Given())
+        open_video(path, CameraInfo())
     recording = open_video(path, GIVEN)
     shift = 16 - int(pixels[4:6])
     expected = [1600 * (i + 1) >> shift for i in range(3)]
@@ -123,7 +123,7 @@ def test_camera_beside_the_file(tmp_path: Path) -> None:
     """A camera.json serves a video that says nothing."""
     path = write_other(tmp_path / "a.mkv", "ffv1", "gray16le")
     (tmp_path / "camera.json").write_text('{"fx": 50, "fy": 50, "u0": 32, "v0": 24, "unit_mm": 0.5}')
-    recording = open_video(path, Given())
+    recording = open_video(path, CameraInfo())
     assert (recording.camera.fx, recording.unit_mm) == (50, 0.5)
     assert next(iter(recording)).depth[0, 0] == 800
 
@@ -147,8 +147,8 @@ def test_what_loses_depth_is_refused(tmp_path: Path, codec: str, pixels: str, sa
 def test_the_lens_is_taken_away(tmp_path: Path) -> None:
     """The distortion of a given lens is removed from the frames."""
     path = write(tmp_path / "a.mkv", frames(1))
-    bent = Given(CAMERA, Lens((0.3, 0.0, 0.0, 0.0)), 0.125, origin="--camera")
-    plain, straight = (next(iter(open_video(path, given))).depth for given in (Given(), bent))
+    bent = CameraInfo(CAMERA, Lens((0.3, 0.0, 0.0, 0.0)), 0.125, origin="--camera")
+    plain, straight = (next(iter(open_video(path, given))).depth for given in (CameraInfo(), bent))
     assert plain[24, 31] == straight[24, 31]
     assert not np.array_equal(plain, straight)
 
@@ -160,7 +160,7 @@ def test_a_cut_file(tmp_path: Path, at: float) -> None:
     path = write(tmp_path / "a.mkv", written)
     content = path.read_bytes()
     path.write_bytes(content[: int(len(content) * at)])
-    recording = open_video(path, Given())
+    recording = open_video(path, CameraInfo())
     read = list(recording)
     assert 0 < len(read) < 10
     assert all(np.array_equal(a.depth, b.depth) for a, b in zip(read, written))
@@ -173,7 +173,7 @@ def test_a_file_cut_between_two_frames(tmp_path: Path) -> None:
     with av.open(str(path)) as container:
         ninth = [p.pos for p in container.demux(video=0) if p.size][8]
     path.write_bytes(path.read_bytes()[:ninth])
-    recording = open_video(path, Given())
+    recording = open_video(path, CameraInfo())
     assert len(list(recording)) == 8
     assert "the file ends at byte" in recording.cut
 
@@ -185,7 +185,7 @@ def test_a_writer_that_was_killed(tmp_path: Path) -> None:
     at = content.index(b"\x18\x53\x80\x67") + 4
     content[at : at + 8] = b"\x01" + b"\xff" * 7  # a size that is not known
     path.write_bytes(content)
-    recording = open_video(path, Given())
+    recording = open_video(path, CameraInfo())
     assert len(list(recording)) == 10
     assert "its writer was interrupted" in recording.cut
 
@@ -196,7 +196,7 @@ def test_a_damaged_frame_is_no_frame(tmp_path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 0xFF
     path.write_bytes(content)
-    recording = open_video(path, Given())
+    recording = open_video(path, CameraInfo())
     read = list(recording)
     assert all(np.array_equal(a.depth, b.depth) for a, b in zip(read, frames(10)))
     assert "frame 4" in recording.cut or "frame 3" in recording.cut
@@ -226,7 +226,7 @@ class TestWriter:
 
         with pytest.raises(KeyboardInterrupt):
             interrupted()
-        recording = open_video(tmp_path / "a.mkv", Given())
+        recording = open_video(tmp_path / "a.mkv", CameraInfo())
         assert [np.array_equal(a.depth, b.depth) for a, b in zip(recording, written)] == [True] * 4
         assert recording.cut == ""
         assert [path.name for path in tmp_path.iterdir()] == ["a.mkv"]
@@ -260,7 +260,7 @@ class TestWriter:
         first = frames(1)[0]
         with pytest.raises(DataError, match=said):
             write(tmp_path / "a.mkv", [first, first._replace(number=1, **{"time": 0.1, **change})])
-        assert len(list(open_video(tmp_path / "a.mkv", Given()))) == 1
+        assert len(list(open_video(tmp_path / "a.mkv", CameraInfo()))) == 1
 
     @pytest.mark.parametrize("failing_at", ["a frame", "the end"])
     def test_a_disk_that_fails(self, tmp_path: Path, failing_at: str) -> None:
@@ -276,7 +276,7 @@ class TestWriter:
         path.unlink()
         with pytest.raises(OSError, match=r"File too large: .*a\.mkv"), room_for(size // 2):
             write(path, written[:count])
-        recording = open_video(tmp_path / "a.mkv", Given())
+        recording = open_video(tmp_path / "a.mkv", CameraInfo())
         read = list(recording)
         assert recording.cut and 0 < len(read) < 35
         assert all(np.array_equal(a.depth, b.depth) for a, b in zip(read, written))
@@ -304,4 +304,4 @@ def test_without_pyav(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """One line with the command."""
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(NetlibError, match="pip install av"):
-        open_video(tmp_path / "a.mkv", Given())
+        open_video(tmp_path / "a.mkv", CameraInfo())

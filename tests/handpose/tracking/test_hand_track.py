@@ -119,10 +119,10 @@ def test_who_decided_in_bad_light_may_be_wrong() -> None:
     assert list(one.sides) == ["right"] and one.best.estimate.body.place[0] in (0, 5)
 
 
-@pytest.mark.parametrize(("leaning", "side"), [(1.0, "right"), (-1.0, "left")])
-def test_what_else_is_known(leaning: float, side: str) -> None:
+@pytest.mark.parametrize(("side_prior", "side"), [(1.0, "right"), (-1.0, "left")])
+def test_what_else_is_known(side_prior: float, side: str) -> None:
     """Decides where pictures do not."""
-    one = HandTrack(0, ESTIMATOR, both(), 0.0, None, leaning)
+    one = HandTrack(0, ESTIMATOR, both(), 0.0, None, side_prior)
     assert one.best.estimate.region.side == side
     compared(one, [both()] * 29)
     assert list(one.sides) == [side]

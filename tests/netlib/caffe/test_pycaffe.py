@@ -152,7 +152,7 @@ def test_weights_in_both_formats(net: pycaffe.Net) -> None:
 
 
 def test_images_in_memory() -> None:
-    """Given to a MemoryData layer, which must be the first."""
+    """CameraInfo to a MemoryData layer, which must be the first."""
     memory = "memory_data_param { batch_size: 2 channels: 1 height: 1 width: 3 }"
     Path("m.prototxt").write_text(f'layer {{ name: "m" type: "MemoryData" top: "d" top: "t" {memory} }}')
     net = pycaffe.Net("m.prototxt", netlib.TEST)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import SR305, Camera
-from handpose.sources.first_look import look
-from tools.common.sources import add_source_options, opened, print_first_look, print_warnings
+from handpose.sources.inspection import inspect
+from tools.common.sources import add_source_options, opened, print_inspection, print_warnings
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_wrong_usage(argv: tuple[str, ...], what: str, capsys: pytest.CaptureFix
 
 def test_what_a_first_look_shows(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """On stdout; warnings on stderr."""
-    print_first_look(look(opened(parsed("--camera", "sr305", "--rate", "60"))))
+    print_inspection(inspect(opened(parsed("--camera", "sr305", "--rate", "60"))))
     assert capsys.readouterr().out.splitlines() == [
         "*.png: 2 frames, 640 x 480 pixels, 60 frames/s",
         "  camera sr305: fx 476.007, fy 476.007, u0 313.68, v0 242.76; field of view 68 x 54 degrees",
@@ -76,7 +76,7 @@ def test_what_a_first_look_shows(frames: Path, capsys: pytest.CaptureFixture[str
         "  frames in the order of the numbers in their names",
         "  camera sr305, by --camera",
     ]
-    print_first_look(look(opened(parsed("--camera", "sr305", "--unit", "10"))))
+    print_inspection(inspect(opened(parsed("--camera", "sr305", "--unit", "10"))))
     assert "warning: *.png: the nearest object is 40 m away and 51.8 m wide" in capsys.readouterr().err
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from handpose.experiments.table1.networks import DIRECT_JOINT, NO_LIMIT, OURS
-from handpose.experiments.table1.plan import Job, lambdas, next_length, order, report, verdict
+from handpose.experiments.table1.plan import Job, convergence_of, lambdas, next_length, order, report
 from handpose.experiments.table1.recipes import ADAM, PAPER
 from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND
 from tests.support.made_store import entry
@@ -20,32 +20,32 @@ def series(*errors: float) -> list:  # type: ignore[type-arg]
 def test_a_training_is_done_when_half_of_it_changes_little() -> None:
     """Less than 2%, up or down; the last one counts. (The error over both subjects is 1 mm more.)"""
     for last in (18.65, 19.35):
-        found = verdict(series(24, 19, last), LENGTHS)
+        found = convergence_of(series(24, 19, last), LENGTHS)
         assert (found.end, found.counts, len(found.entries)) == ("done", found.entries[2], 3)
-    assert verdict(series(24, 19, 18.5), LENGTHS).end == "not yet"
+    assert convergence_of(series(24, 19, 18.5), LENGTHS).end == "not yet"
 
 
 def test_a_training_that_gets_worse_ends() -> None:
     """The best length counts."""
-    found = verdict(series(24, 19, 20), LENGTHS)
+    found = convergence_of(series(24, 19, 20), LENGTHS)
     assert found.end == "rises" and found.counts is found.entries[1]
 
 
 def test_a_training_whose_error_falls_where_the_lengths_end() -> None:
     """It ends there; half a training before, its figures were those of the length before."""
-    found = verdict(series(50, 40, 30, 24), LENGTHS)
+    found = convergence_of(series(50, 40, 30, 24), LENGTHS)
     assert (found.end, found.counts, found.before) == ("falls", found.entries[3], found.entries[2])
-    done = verdict(series(24, 19, 18.65), LENGTHS)
+    done = convergence_of(series(24, 19, 18.65), LENGTHS)
     assert done.before is done.entries[-2]
-    rises = verdict(series(24, 19, 20), LENGTHS)
-    assert rises.before is rises.counts and verdict(series(24), LENGTHS).before is not None
+    rises = convergence_of(series(24, 19, 20), LENGTHS)
+    assert rises.before is rises.counts and convergence_of(series(24), LENGTHS).before is not None
 
 
 def test_what_is_beyond_a_gap_or_the_end_does_not_count() -> None:
     """Nor are the entries in any order."""
-    assert verdict([*series(24)[::-1], entry("ours", 10, LENGTHS[2])], LENGTHS).end == "not yet"
-    assert len(verdict(series(24, 23.9, 10)[::-1], LENGTHS).entries) == 2
-    assert verdict([], LENGTHS) == ([], None, "not yet")
+    assert convergence_of([*series(24)[::-1], entry("ours", 10, LENGTHS[2])], LENGTHS).end == "not yet"
+    assert len(convergence_of(series(24, 23.9, 10)[::-1], LENGTHS).entries) == 2
+    assert convergence_of([], LENGTHS) == ([], None, "not yet")
 
 
 def test_the_next_length() -> None:

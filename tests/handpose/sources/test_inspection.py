@@ -1,4 +1,4 @@
-"""handpose/sources/first_look.py: what is seen, and each warning."""
+"""handpose/sources/inspection.py: what is seen, and each warning."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import Camera
-from handpose.sources.first_look import doubts, look, nearest_thing
 from handpose.sources.folder import open_folder
-from handpose.sources.recording import DepthFrame, Given, Recording
+from handpose.sources.inspection import inspect, nearest_thing, warnings_of
+from handpose.sources.recording import CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError
 from tests.handpose.sources.conftest import CAMERA, hand_sized, put
 
@@ -41,7 +41,7 @@ def moving(factor: float = 1.0) -> list[np.ndarray]:
 @pytest.mark.parametrize("step", [33.3, 1e-9])
 def test_times_that_are_no_seconds(step: float) -> None:
     """Milliseconds, or hours."""
-    (warning,) = look(Taken(moving(), step=step)).warnings
+    (warning,) = inspect(Taken(moving(), step=step)).warnings
     assert warning == f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
 
 
@@ -49,7 +49,7 @@ def test_times_by_their_steps(tmp_path: Path) -> None:
     """Names with microseconds and no unit: the step that follows from them is shown, and fits the usual rates."""
     for number, image in zip((790154000, 790187333, 790220667), moving()):
         put(tmp_path / f"{number}_depth.png", image.astype(np.uint16))
-    found = look(open_folder(tmp_path, Given(CAMERA, unit_mm=1.0, rate=30.0)))
+    found = inspect(open_folder(tmp_path, CameraInfo(CAMERA, unit_mm=1.0, rate=30.0)))
     assert [frame.time for frame in found.frames] == pytest.approx([0, 0.033333, 0.066667])
     assert "times from the file names, in us by their steps: a frame every 33.3 ms" in found.remarks
     assert not found.warnings
@@ -59,17 +59,17 @@ def test_a_rate_that_is_not_that_of_the_times() -> None:
     """A rate is for frames without times."""
     taken = Taken(moving(), step=1 / 30)
     taken.rate = 60.0
-    (warning,) = look(taken).warnings
+    (warning,) = inspect(taken).warnings
     assert warning == "60 frames per second given, but 30 by their times; the times are used"
     taken.rate = 28.0
-    assert not look(taken).warnings
+    assert not inspect(taken).warnings
 
 
 def test_what_is_seen() -> None:
     """Size, depth, zeros, view; and no warning where all is well."""
     images = moving()
     images[0][:24] = 0
-    found = look(Taken(images))
+    found = inspect(Taken(images))
     assert (found.name, found.count, found.camera, found.unit_mm) == ("take", 3, CAMERA, 1)
     assert found.depth_mm == (501, 1002, 1004)
     assert found.zeros == pytest.approx(1 / 6)
@@ -80,13 +80,13 @@ def test_what_is_seen() -> None:
 
 def test_only_the_first_frames_are_read() -> None:
     """As many as one asks for."""
-    assert len(look(Taken(moving()), frames=2).frames) == 2
+    assert len(inspect(Taken(moving()), frames=2).frames) == 2
 
 
 def test_no_frames() -> None:
     """One line."""
     with pytest.raises(DataError, match="take: no frame in it"):
-        look(Taken([]))
+        inspect(Taken([]))
 
 
 @pytest.mark.parametrize("factor", [0.001, 1.0, 30.0])
@@ -107,7 +107,7 @@ def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
 )  # fmt: skip
 def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str) -> None:
     """A hand 40 m away, or a millimetre wide; the unit that would do, if there is one that cameras have."""
-    (warning,) = look(Taken(moving(factor), unit_mm=unit_mm)).warnings
+    (warning,) = inspect(Taken(moving(factor), unit_mm=unit_mm)).warnings
     assert re.search(advice, warning)
 
 
@@ -122,22 +122,22 @@ def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str)
 )
 def test_a_camera_of_another_picture(camera: Camera, what: str) -> None:
     """Numbers that are for another size."""
-    assert what in " ".join(look(Taken(moving(), camera)).warnings)
+    assert what in " ".join(inspect(Taken(moving(), camera)).warnings)
 
 
-def test_doubts_of_a_single_frame() -> None:
+def test_warnings_of_a_single_frame() -> None:
     """Those of camera and unit, as of a recording."""
     (image, *_), wrong = moving(0.001), replace(CAMERA, fx=9.0, fy=9.0)
-    assert doubts(moving()[0].astype(np.float32), CAMERA, 1.0) == []
-    camera, unit = doubts(image.astype(np.float32), wrong, 1.0)
+    assert warnings_of(moving()[0].astype(np.float32), CAMERA, 1.0) == []
+    camera, unit = warnings_of(image.astype(np.float32), wrong, 1.0)
     assert "check fx and fy" in camera and "check the unit, here 1 mm" in unit
-    assert doubts(image.astype(np.float32), wrong, 1.0, unit_is_known=True) == [camera]
-    assert len(doubts(np.zeros((48, 64), np.float32), wrong, 1.0)) == 1
+    assert warnings_of(image.astype(np.float32), wrong, 1.0, unit_is_known=True) == [camera]
+    assert len(warnings_of(np.zeros((48, 64), np.float32), wrong, 1.0)) == 1
 
 
 def test_nothing_was_read() -> None:
     """All zeros."""
-    found = look(Taken([np.zeros((48, 64))] * 3))
+    found = inspect(Taken([np.zeros((48, 64))] * 3))
     assert (found.depth_mm, found.nearest, found.zeros) == (None, None, 1)
     assert "every depth is 0" in found.warnings[0]
 
@@ -145,6 +145,7 @@ def test_nothing_was_read() -> None:
 def test_frames_that_do_not_change() -> None:
     """A real camera has noise."""
     assert (
-        "the first 3 frames are the same to the last value" in look(Taken([hand_sized(distance=500)] * 3)).warnings[0]
+        "the first 3 frames are the same to the last value"
+        in inspect(Taken([hand_sized(distance=500)] * 3)).warnings[0]
     )
-    assert look(Taken([hand_sized(distance=500)] * 2)).warnings == ()
+    assert inspect(Taken([hand_sized(distance=500)] * 2)).warnings == ()

@@ -29,7 +29,7 @@ OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a 
 
 
 @dataclass(frozen=True)
-class FirstLook:
+class Inspection:
     """The result of an inspection.
 
     name, count, rate, live, camera, unit_mm, remarks  of the recording
@@ -56,7 +56,7 @@ class FirstLook:
     warnings: tuple[str, ...]
 
 
-def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
+def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
     """Inspect the first frames of a recording. Raises DataError if none can be read."""
     seen = tuple(islice(recording, frames))
     if not seen:
@@ -71,7 +71,7 @@ def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
         *_of_times(seen, recording.rate),
         *(_of_unit(near, recording.unit_mm) if near else ()),
     ]
-    return FirstLook(
+    return Inspection(
         name=recording.name,
         count=recording.count,
         rate=recording.rate,
@@ -88,7 +88,7 @@ def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
     )
 
 
-def doubts(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit_is_known: bool = False) -> list[str]:
+def warnings_of(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit_is_known: bool = False) -> list[str]:
     """Likely errors of the camera and the unit of a single frame (height, width) in mm, one line each.
 
     With ``unit_is_known`` only the camera is checked.
