@@ -140,7 +140,7 @@ class LastJointOnly(_Climb):
             for motion in motions:
                 if motion.row >= 0:
                     a, P = pose.axis[:, motion.row], pose.pivot[:, motion.row]
-                    k = int(np.flatnonzero(sk.carries[j])[-1])
+                    k = int(np.flatnonzero(sk.descendants[j])[-1])
                     push = dX[:, k] if motion.kind == "translate" else np.cross(X[:, k] - P, dX[:, k])
                     dtheta[:, motion.dof] = (a * push).sum(axis=1)
         return dtheta.astype(self.dtype)

@@ -72,7 +72,7 @@ def groups_of(
     skeleton: Skeleton, steps: Sequence[Sequence[Part]], dtype: DTypeLike
 ) -> tuple[list[Group], dict[int, tuple[int, int]]]:
     """Joints that can be computed together, parents first; and the (group, slot) of every joint."""
-    parents, depth = skeleton.parents, skeleton.carries.sum(axis=0)
+    parents, depth = skeleton.parents, skeleton.descendants.sum(axis=0)
     alike: dict[object, list[int]] = {}
     places: dict[int, tuple[int, int]] = {}
     for j in skeleton.order:
@@ -87,7 +87,7 @@ def groups_of(
             slots = [places[int(parents[j])][1] if parent >= 0 else 0 for j in joints]
             together = [_together(same_step, dtype) for same_step in zip(*(steps[j] for j in joints))]
             places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
-            bodies = [_as_slice(np.flatnonzero(skeleton.carries[j]).tolist()) for j in joints if parent < 0]
+            bodies = [_as_slice(np.flatnonzero(skeleton.descendants[j]).tolist()) for j in joints if parent < 0]
             axis = int(max(skeleton.bone_axes[joints[0]], 0))
             groups.append(Group(joints, parent, _as_slice(slots), together, axis, bodies))
     return groups, places

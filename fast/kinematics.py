@@ -70,8 +70,8 @@ class FastKinematics(Kinematics):
         self.spare: FastPose | None = None
         self._slides = np.flatnonzero([step.kind == "translate" for _, step in moving])
         self._joint_of = np.array([j for j, _ in moving], dtype=int)
-        carried = skeleton.carries[[j for j, _ in moving]].reshape(len(moving), len(skeleton.parents))
-        self._moves, self._carries = carried.astype(self.dtype), skeleton.carries.astype(self.dtype)
+        carried = skeleton.descendants[[j for j, _ in moving]].reshape(len(moving), len(skeleton.parents))
+        self._moves, self._descendants = carried.astype(self.dtype), skeleton.descendants.astype(self.dtype)
         self.groups, self._places = groups_of(skeleton, steps, self.dtype)
         self._few = FewPoses(skeleton, steps)
         self._repeats = len(set(self.dof_of.tolist())) < len(self.dof_of)
@@ -154,7 +154,7 @@ class FastKinematics(Kinematics):
     def backward_bones(self, pose: Pose, dX: Array) -> Array:
         """All forces in one product."""
         f = np.ascontiguousarray(dX.transpose(1, 2, 0), dtype=self.dtype)
-        force = (self._carries @ f.reshape(len(f), -1)).reshape(f.shape)
+        force = (self._descendants @ f.reshape(len(f), -1)).reshape(f.shape)
         return np.asarray((self.bone_directions(pose).transpose(1, 2, 0) * force).sum(axis=1).T)
 
     def jacobian(self, pose: Pose, joints: Sequence[int] | None = None) -> Array:

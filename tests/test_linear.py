@@ -178,4 +178,4 @@ def test_the_depth_of_a_skeleton_says_who_carries_whom() -> None:
     text = 'joint { name: "tip" parent: "middle" } joint { name: "root" } joint { name: "middle" parent: "root" }'
     skeleton = Skeleton(schema.read(prototxt.parse(text), SkeletonParameter))
     assert skeleton.order == [1, 2, 0]
-    assert np.array_equal(skeleton.carries, np.array([[1, 0, 0], [1, 1, 1], [1, 0, 1]], bool))
+    assert np.array_equal(skeleton.descendants, np.array([[1, 0, 0], [1, 1, 1], [1, 0, 1]], bool))

@@ -92,7 +92,7 @@ class Kinematics:
 
     def backward_bones(self, pose: Pose, dX: Array) -> Array:
         """Gradient (N, K) with respect to the signed bone lengths; 0 for joints without a bone."""
-        force = self.skeleton.carries @ dX.astype(np.float64)
+        force = self.skeleton.descendants @ dX.astype(np.float64)
         return np.asarray((self.bone_directions(pose) * force).sum(axis=2), dtype=self.dtype)
 
     def joints(self, inputs: Array, bones: Array | None = None) -> Array:

@@ -96,7 +96,7 @@ class CalibrationProblem:
         self.bones = np.flatnonzero(template.bone_axes >= 0)
         # Motions of one DoF are added: (Q, F + angles).
         self.sums = (driven[:, None] == np.concatenate([self.free, self.angles])).astype(float)
-        self.carries = template.carries[self.bones][:, self.joints].astype(float)  # (bones, K)
+        self.beyond = template.descendants[self.bones][:, self.joints].astype(float)  # (bones, K)
         lengths = np.abs(template.bones[self.bones])
         self.spread = np.concatenate([np.full(len(self.angles), ANGLE_SPREAD), BONE_SPREAD * lengths])  # (S,)
         roots = np.flatnonzero(template.parents < 0)
@@ -155,7 +155,7 @@ class CalibrationProblem:
         J = np.empty((n, turned + len(self.bones), 3 * len(self.joints)))
         np.matmul(self.sums.T, self.kinematics.jacobian(pose, self.joints), out=J[:, :turned])
         along = self.kinematics.bone_directions(pose)[:, self.bones]  # (n, bones, 3)
-        J[:, turned:] = (self.carries[:, :, None] * along[:, :, None]).reshape(n, len(self.bones), -1)
+        J[:, turned:] = (self.beyond[:, :, None] * along[:, :, None]).reshape(n, len(self.bones), -1)
         J[:, len(self.free) :] *= self.spread[:, None]
         J *= np.repeat(self.known[rows], 3, axis=1)[:, None]
         return J, self.residual(pose.joints, rows)

@@ -169,7 +169,7 @@ def limbs(skeleton: Skeleton) -> list[NDArray[np.int_]]:
     """The free rotations of each limb, the subtree of one child of a root."""
     children = np.flatnonzero(np.isin(skeleton.parents, np.flatnonzero(skeleton.parents < 0)))
     found = []
-    for joints in sorted(np.flatnonzero(skeleton.carries[child]).tolist() for child in children):
+    for joints in sorted(np.flatnonzero(skeleton.descendants[child]).tolist() for child in children):
         own = {m.dof for joint in joints for m in skeleton.motions[joint] if m.kind == "rotate" and m.row >= 0}
         found.append(np.array(sorted(own), dtype=int))
     return [own for own in found if len(own)]

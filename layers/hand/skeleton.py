@@ -93,18 +93,18 @@ class Skeleton:
         self._moved = [j for j, _ in free]  # (Q,) the joint of each free motion
 
     @functools.cached_property
-    def carries(self) -> Array:
+    def descendants(self) -> Array:
         """(K, K) bool: whether the second joint is the first or one of its descendants."""
-        carries = np.eye(len(self.parents), dtype=bool)
+        descendants = np.eye(len(self.parents), dtype=bool)
         for j in self.order:
             if self.parents[j] >= 0:
-                carries[:, j] |= carries[:, self.parents[j]]
-        return carries
+                descendants[:, j] |= descendants[:, self.parents[j]]
+        return descendants
 
     @functools.cached_property
     def moves(self) -> Array:
         """(Q, K) bool: whether the free motion moves the joint."""
-        return np.asarray(self.carries[self._moved].reshape(len(self._moved), len(self.parents)))
+        return np.asarray(self.descendants[self._moved].reshape(len(self._moved), len(self.parents)))
 
     def theta(self, inputs: Array) -> Array:
         """Values of the DoFs, (N, D) float64, for inputs (N, D)."""
