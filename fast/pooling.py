@@ -52,7 +52,7 @@ class FastPooling(FastLayer, Pooling):
         """Maximum and winners."""
         if self.tile:
             self.tiles.forward(bottom[0], top[0])
-        elif self.fits and self.kernel == bottom[0].shape[2:] and top[0].shape[2:] == (1, 1) and self.pad == (0, 0):
+        elif self.fits and self.kernel == bottom[0].shape[2:] and self.pad == (0, 0):
             flat = bottom[0].data.reshape(*bottom[0].shape[:2], math.prod(self.kernel))  # there may be no items
             self.winners = flat.argmax(axis=2)[..., None, None]
             top[0].data[...] = flat.max(axis=2)[..., None, None]

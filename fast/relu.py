@@ -15,7 +15,7 @@ ROW = 1 << 14
 
 
 class FastReLU(FastLayer, ReLU):
-    """ReLU for large contiguous blobs."""
+    """ReLU of large blobs."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         """Make the row of zeros."""
@@ -24,15 +24,13 @@ class FastReLU(FastLayer, ReLU):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """y = max(x, 0), row by row."""
-        x, y = bottom[0].data, top[0].data
+        x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         if self.slope:
             np.multiply(x, np.where(x > 0, self.dtype.type(1), self.slope), out=y)
-        elif x.size < ROW or not (x.flags.c_contiguous and y.flags.c_contiguous):
-            np.maximum(x, self.zeros[: x.shape[-1]] if x.ndim > 0 and x.shape[-1] <= ROW else 0, out=y)
-        else:
-            x, y, whole = x.reshape(-1), y.reshape(-1), x.size // ROW * ROW
-            np.maximum(x[:whole].reshape(-1, ROW), self.zeros, out=y[:whole].reshape(-1, ROW))
-            np.maximum(x[whole:], self.zeros[: x.size - whole], out=y[whole:])
+            return
+        whole = x.size // ROW * ROW
+        np.maximum(x[:whole].reshape(-1, ROW), self.zeros, out=y[:whole].reshape(-1, ROW))
+        np.maximum(x[whole:], self.zeros[: x.size - whole], out=y[whole:])
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """dx = dy where x > 0. Not the sign of y: a layer in place may have written over it."""

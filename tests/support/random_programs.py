@@ -349,8 +349,11 @@ class Program:
         self._pass(lambda net: net.forward(**given))
 
     def _forward_new_count(self) -> None:
-        count = self.rng.randint(0, 7)
-        given = {name: self._image((count, *self._shape(name)[1:])) for name in self.nets[0].inputs}
+        count, alike = self.rng.randint(0, 7), self.rng.random() < 0.8
+        given = {}
+        for name in self.nets[0].inputs:
+            items = count if alike else self.rng.randint(0, 7)
+            given[name] = self._image((items, *self._shape(name)[1:]))
         self._pass(lambda net: net.forward(**given))
 
     def _write_input(self) -> None:

@@ -110,6 +110,13 @@ def test_a_window_far_larger_than_its_bottom(run):
     assert run(text(pool="AVE", kernel_size=10**9, stride=10**9), x).y.item() == 15 / 4
 
 
+def test_a_window_as_large_as_its_bottom_that_begins_in_the_padding(run):
+    """It reads neither the last row nor the last column."""
+    done = run(text(kernel_size=3, stride=5, pad=1), np.arange(9.0).reshape(1, 1, 3, 3))
+    assert done.y.tolist() == [[[[4]]]]
+    assert done.backward([[[[1]]]])[0][0, 0].tolist() == [[0, 0, 0], [0, 1, 0], [0, 0, 0]]
+
+
 def test_padding_on_one_axis_drops_empty_windows_on_the_other(run):
     """As Caffe: of 6 columns, those at 0 and 3; without any padding also one at 6, which is empty."""
     options = {"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3}

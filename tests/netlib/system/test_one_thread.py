@@ -105,6 +105,17 @@ def test_looking_at_a_hidden_blob_is_use(net_of: MakeNet) -> None:
         assert in_a_thread(lambda blob=blob: blob.data) is None
 
 
+@pytest.mark.parametrize("use", ["forward", "backward"])
+def test_a_part_of_a_second_thread_changes_nothing(net_of: MakeNet, use: str) -> None:
+    """A net that is run in parts gets other steps, which the first thread would meet in the middle of a pass."""
+    net = net_of(NET)
+    net.forward()
+    steps = net.executor.steps
+    with net.executor.one_thread:
+        assert "in use by another thread" in str(in_a_thread(lambda: getattr(net.executor, use)(0, 2)))
+    assert net.executor.steps is steps
+
+
 def test_the_same_thread_may_enter_again() -> None:
     """And has left only when it has left as often."""
     one = OneThread("a")
