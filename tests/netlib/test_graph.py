@@ -225,6 +225,7 @@ def test_a_name_that_a_repeated_one_would_get(net_of: MakeNet) -> None:
         (ip("a", "x", "a", 'bottom: "x"'), "layer 'a': has 2 bottoms, InnerProduct takes 1"),
         (ip("a", "x", "a", 'top: "b"'), "layer 'a': has 2 tops, InnerProduct takes 1"),
         ('layer { name: "c" type: "Concat" top: "c" }', "has 0 bottoms, Concat takes at least 1"),
+        ('layer { name: "l" type: "EuclideanLoss" bottom: "x" }', "has 1 bottoms, EuclideanLoss takes 2"),
         (ip("a", "x", "a", "loss_weight: 1 loss_weight: 2"), "has 1 tops, but 2 loss_weight"),
         (ip("a", "x", "a", "propagate_down: true propagate_down: true"), "has 1 bottoms, but 2 propagate_down"),
         (loss("x").replace("dim: 2 dim: 3", "dim: 2 dim: 4"),
