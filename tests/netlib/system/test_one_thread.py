@@ -93,6 +93,15 @@ def test_inputs_of_a_thread_that_is_told_change_nothing(net_of: MakeNet, rng: np
     assert np.array_equal(net.forward(x=mine)["f"], want)
 
 
+def test_slopes_of_a_thread_that_is_told_change_nothing(net_of: MakeNet) -> None:
+    """The diffs of outputs stay as they are."""
+    net = net_of(NET)
+    slopes = np.ones_like(net.forward()["f"])
+    with net.executor.one_thread:
+        assert isinstance(in_a_thread(lambda: net.backward(f=slopes)), netlib.NetlibError)
+    assert not net.blobs["f"].diff.any()
+
+
 def test_looking_at_a_hidden_blob_is_use(net_of: MakeNet) -> None:
     """Where there are such blobs: to show one, the net computes it again."""
     net = net_of(NET)
