@@ -346,7 +346,7 @@ class Program:
             least = 2 * self.window or 5
             size = max(least, H + change[0]), max(least, W + change[1])
             given[name] = self._image((N, C, *size))
-        self._pass(lambda net: net.forward(**given))
+        self._forward_of(given)
 
     def _forward_new_count(self) -> None:
         count, alike = self.rng.randint(0, 7), self.rng.random() < 0.8
@@ -354,7 +354,16 @@ class Program:
         for name in self.nets[0].inputs:
             items = count if alike else self.rng.randint(0, 7)
             given[name] = self._image((items, *self._shape(name)[1:]))
-        self._pass(lambda net: net.forward(**given))
+        self._forward_of(given)
+
+    def _forward_of(self, given: dict[str, np.ndarray]) -> None:
+        """Arrays of new shapes, given to the pass, or written before it into blobs that are reshaped by hand."""
+        by_hand = self.rng.random() < 0.3
+        for net in self.nets if by_hand else []:
+            for name, value in given.items():
+                net.blobs[name].reshape(value.shape)
+                net.blobs[name].data[...] = value
+        self._pass(lambda net: net.forward(**({} if by_hand else given)))
 
     def _write_input(self) -> None:
         name = self.rng.choice(self.nets[0].inputs)
