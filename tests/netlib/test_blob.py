@@ -27,8 +27,10 @@ def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_another_c
     assert (blob.data == 5).all()
     blob.reshape(3, 3)
     assert not blob.data.any()
-    blob.reshape(())
-    assert blob.data.shape == ()
+    for scalar in ([()], []):
+        blob.reshape(2, 3)
+        blob.reshape(*scalar)
+        assert blob.data.shape == ()
     with pytest.raises(ValueError, match=r"cannot have the shape \(2, -1\)"):
         blob.reshape(2, -1)
 
