@@ -32,7 +32,7 @@ from netlib.errors import DataError
 def cut_and_resize(
     depth: NDArray[np.float32], uvd: tuple[float, float, float], cube: float, camera: Camera
 ) -> NDArray[np.float32]:
-    """The released preprocessing the long way: cut the window, pad, clamp, resize with OpenCV, paste."""
+    """The released preprocessing, step by step: cut the window, pad, clamp, resize with OpenCV, paste."""
     (u, v, d), h = uvd, cube / 2
     left, right = (floor((u * d / camera.fx + side) / d * camera.fx) for side in (-h, h))
     top, bottom = (floor((v * d / camera.fy + side) / d * camera.fy) for side in (-h, h))
@@ -53,7 +53,7 @@ def cut_and_resize(
 
 
 def test_the_published_crop(nyu_data: Path) -> None:
-    """The first real test frame becomes the crop that the paper's authors published, on every pixel."""
+    """The crop of the first real test frame equals the crop published by the paper's authors, on every pixel."""
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][0, CENTER_JOINT]
     made = crop(read_nyu_depth(nyu_data / "depth_1_0000001.png"), uvd, CUBE_MM)
     published = cv2.imread(str(nyu_data / "crops" / "0.png"), cv2.IMREAD_GRAYSCALE)
@@ -71,7 +71,7 @@ def test_the_published_crop(nyu_data: Path) -> None:
     cube=st.sampled_from([200.0, 250.0, 261.0, 300.0]),
 )
 def test_same_as_cutting_and_resizing(camera: Camera, across: float, down: float, d: float, cube: float) -> None:
-    """Choosing pixels gives what cutting, padding and OpenCV's nearest-neighbour resize give, also at the borders."""
+    """Choosing pixels equals cutting, padding and OpenCV's nearest-neighbour resize, also at the image borders."""
     rng = np.random.default_rng(0)
     depth = rng.uniform(d - cube, d + cube, (camera.height, camera.width)).astype(np.float32)
     depth[rng.random(depth.shape) < 0.1] = 0
@@ -81,7 +81,7 @@ def test_same_as_cutting_and_resizing(camera: Camera, across: float, down: float
 
 
 def test_near_far_and_no_reading() -> None:
-    """Nearer than the cube is -1, farther is 1, the centre's depth is 0, and no reading or NaN is background."""
+    """Depths nearer than the cube become -1, farther ones 1, the centre's depth 0; missing readings are background."""
     for reading, value in ((10, -1), (650, -1), (800, 0), (875, 0.5), (5000, 1), (0, 1), (np.nan, 1)):
         depth = np.full((480, 640), reading)
         np.testing.assert_allclose(crop(depth, (320, 240, 800), 300), value, atol=1e-7)
@@ -89,7 +89,7 @@ def test_near_far_and_no_reading() -> None:
 
 @given(seed=st.integers(0, 10**6))
 def test_crops_together(seed: int) -> None:
-    """Windows of one image: each crop is what it is alone, also at the borders and where nothing was read."""
+    """Crops of several windows of one image equal single crops, also at the borders and at missing readings."""
     rng = np.random.default_rng(seed)
     depth = rng.uniform(400, 1000, (240, 320)).astype(np.float32)
     depth[rng.random(depth.shape) < 0.1] = 0
@@ -103,14 +103,14 @@ def test_crops_together(seed: int) -> None:
 
 
 def test_outside_the_image_is_background() -> None:
-    """At the image's corner, three quarters of the crop are background."""
+    """For a centre at the image's corner, three quarters of the crop are background."""
     made = crop(np.full((480, 640), 800, np.uint16), (0, 0, 800), 300)
     assert (made[:63] == 1).all() and (made[:, :63] == 1).all()
     assert (made[66:, 66:126] == 0).all()
 
 
 def test_window_is_square_in_space() -> None:
-    """A camera with another fy keeps the aspect: the shorter side is padded in the middle."""
+    """With a smaller fy the aspect is kept: the shorter side is padded equally on both ends."""
     wide = Camera("wide", 600.0, 300.0, 320.0, 240.0, 640, 480)
     columns, rows = window([[320, 240, 800]], 200, wide)
     assert (columns >= 0).all()
@@ -119,7 +119,7 @@ def test_window_is_square_in_space() -> None:
 
 @pytest.mark.parametrize("distance", [350, 600, 1000])
 def test_crop_scale_is_half_a_pixel_before_the_window(distance: float) -> None:
-    """On average over the pixels that are picked, for which ``crop_pixels`` is right."""
+    """``crop_scale`` is half a pixel less than the picked pixels on average; ``crop_pixels`` corrects for it."""
     centers = np.stack([np.linspace(200.1, 300.7, 37), np.full(37, 200.3), np.full(37, distance)], axis=1)
     columns = window(centers, 300.0).columns
     first, factor = crop_scale(centers, 300.0)
@@ -131,7 +131,7 @@ def test_crop_scale_is_half_a_pixel_before_the_window(distance: float) -> None:
 
 
 def test_crop_pixels_undo_the_window() -> None:
-    """The image pixel that a crop pixel shows is drawn at that crop pixel."""
+    """``crop_pixels`` maps the image pixel shown at a crop pixel back to that crop pixel."""
     centers = np.array([[200.3, 150.8, 700.0], [320.0, 240.0, 1000.0]])
     columns, rows = window(centers, 300)
     uvd = np.stack([columns, rows, np.full_like(rows, 700)], axis=-1)
@@ -143,7 +143,7 @@ def test_crop_pixels_undo_the_window() -> None:
 
 
 def test_joints_there_and_back() -> None:
-    """Half-cubes from the centre, and back, each frame with its own cube."""
+    """Joints convert to half-cubes relative to the centre and back, with a separate cube for each frame."""
     xyz = np.array([[[10.0, 20.0, 800.0], [10.0, 20.0, 1100.0]], [[0.0, 0.0, 700.0], [130.5, 0.0, 700.0]]])
     center, half = np.array([[10.0, 20.0, 800.0], [0.0, 0.0, 700.0]]), np.array([150.0, 130.5])
     joints = normalise_joints(xyz, center, half)
@@ -161,19 +161,19 @@ def test_joints_there_and_back() -> None:
     ],
 )
 def test_impossible_crops(uvd: tuple[float, float, float], cube: float, message: str) -> None:
-    """A centre or cube that no hand can have is an error that shows the numbers."""
+    """A centre or cube that is impossible for a hand raises an error with the numbers."""
     with pytest.raises(DataError, match=message):
         crop(np.ones((480, 640)), uvd, cube, NYU)
 
 
 def test_image_of_another_camera() -> None:
-    """An image of the wrong size is an error that names the camera."""
+    """An image of the wrong size raises an error that names the camera."""
     with pytest.raises(DataError, match=r"\(240, 320\), expected \(480, 640\) of camera 'nyu'"):
         crop(np.ones((240, 320)), (100, 100, 800), 300)
 
 
 def plate() -> np.ndarray:
-    """A slanted plate, and a bar 45 mm before it, in a cube of 300 mm."""
+    """A slanted plate, with a bar 45 mm in front of it, in a cube of 300 mm."""
     crop = np.ones((128, 128), np.float32)
     crop[30:100, 20:110] = np.linspace(0, 0.5, 90, dtype=np.float32)  # 0.8 mm from pixel to pixel
     crop[50:60] = np.where(crop[50:60] < 1, crop[50:60] - 0.3, 1)
@@ -181,12 +181,12 @@ def plate() -> np.ndarray:
 
 
 def test_clean_edges_stay() -> None:
-    """What a camera reads right at edges is kept, before the background as before other surfaces."""
+    """Correct readings at edges are kept, in front of the background and in front of other surfaces."""
     np.testing.assert_array_equal(without_flying_pixels(plate(), 150.0, 1.5), plate())
 
 
 def test_flying_pixels() -> None:
-    """Depths between a surface and the background are removed, also two pixels wide."""
+    """Depths between a surface and the background are removed, also where they are two pixels wide."""
     crop = plate()
     crop[100, 20:110] = crop[99, 20:110] + 0.15
     crop[101, 20:110] = crop[99, 20:110] + 0.4
@@ -194,7 +194,7 @@ def test_flying_pixels() -> None:
 
 
 def test_between_two_surfaces() -> None:
-    """A row at a depth between bar and plate is removed; its neighbours stay."""
+    """A row of depths between the bar and the plate is removed; its neighbours stay."""
     crop = plate()
     crop[60, 20:110] = (crop[59, 20:110] + crop[61, 20:110]) / 2
     found = without_flying_pixels(crop, 150.0, 1.5)
@@ -203,16 +203,16 @@ def test_between_two_surfaces() -> None:
 
 
 def test_wide_pixels() -> None:
-    """Where pixels are 6 mm wide, 25 mm from one to the next are a slope."""
+    """For pixels 6 mm wide, a step of 25 mm between neighbours counts as a slope and is kept."""
     ramp = np.ones((128, 128), np.float32)
     ramp[:, 40:80] = np.linspace(-0.9, 0.9, 40, dtype=np.float32)  # 7 mm
-    ramp[:, 40:80:2] -= 0.06  # and steps of up to 16
+    ramp[:, 40:80:2] -= 0.06  # plus steps of up to 16 mm
     assert (without_flying_pixels(ramp, 150.0, 1.0)[:, 41:80] == 1).any()
     np.testing.assert_array_equal(without_flying_pixels(ramp, 150.0, 6.0), ramp)
 
 
 def test_crop_of_a_frame() -> None:
-    """``crop``, then without flying pixels: a disc whose rim reads halfway to the wall loses the rim."""
+    """``clear_crop`` removes the rim of a disc whose rim reads a depth between the disc and the wall."""
     depth = np.full((424, 512), 1500, np.float32)
     v, u = np.indices(depth.shape)
     far = np.hypot(u - 256, v - 212)

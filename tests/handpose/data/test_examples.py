@@ -16,12 +16,12 @@ from netlib.errors import DataError
     ("total", "count", "numbers"), [(10, 4, [0, 3, 6, 9]), (3, 8, [0, 1, 2]), (5, 1, [0]), (0, 3, [])]
 )
 def test_spread(total: int, count: int, numbers: list[int]) -> None:
-    """The first and the last are among them, and no number twice."""
+    """The first and the last number are included, and no number occurs twice."""
     assert spread(total, count).tolist() == numbers
 
 
 def test_frames_of_a_list_come_from_all_its_files(tmp_path: Path) -> None:
-    """In order, with joints where a file has them."""
+    """The frames come in order, with joints where the file has them."""
     for name, value in (("a", 0.25), ("b", 0.5)):
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:
             file["depth"] = np.full((2, 1, 8, 8), value, np.float32)
@@ -36,6 +36,6 @@ def test_frames_of_a_list_come_from_all_its_files(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_pictures(tmp_path: Path) -> None:
-    """Is no set of crops."""
+    """A folder without PNG pictures raises an error."""
     with pytest.raises(DataError, match="no PNG pictures in this folder"):
         examples_of(tmp_path, 3)

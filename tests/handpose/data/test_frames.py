@@ -17,7 +17,7 @@ def made(n: int, dof: np.ndarray | None = None) -> Frames:
 
 
 def test_columns() -> None:
-    """Shapes and types are those of the files, of no frames too; joints are cut off at the cube, lengths in mm."""
+    """Arrays have the shapes and types of the files, also for 0 frames; joints are clipped to the cube."""
     for n, dof in ((3, None), (3, np.ones((3, 5))), (0, None), (0, np.ones((0, 5)))):
         arrays = made(n, dof).arrays()
         names = ["depth", "joint", *(["dof"] if dof is not None else []), "center", "center_uvd", "index", "half_cube"]
@@ -35,7 +35,7 @@ def test_columns() -> None:
 
 
 def test_some_of_the_frames() -> None:
-    """All arrays are cut alike."""
+    """``rows`` selects the same rows of every array."""
     frames = made(5, np.arange(10.0).reshape(5, 2))
     some = frames.rows(slice(1, 3))
     assert len(some) == 2 and some.index.tolist() == [1, 2]
@@ -44,7 +44,7 @@ def test_some_of_the_frames() -> None:
 
 
 def test_all_columns_are_documented() -> None:
-    """In the table of the files."""
+    """Every column appears with its shape in the table of docs/data.md."""
     page = (ROOT / "docs" / "data.md").read_text()
     for name, array in empty_frames(31, 47, bones=True).arrays().items():
         shape = ", ".join(map(str, ("n", *array.shape[1:])))

@@ -15,7 +15,7 @@ from netlib.errors import DataError
 
 
 def test_png_that_is_not_whole(tmp_path: Path) -> None:
-    """Wherever a PNG file is cut, and whatever byte of it is wrong, it is refused before it is decoded."""
+    """A PNG file that is truncated at any place, or has one wrong byte, is rejected before it is decoded."""
     image = np.random.default_rng(0).integers(0, 65536, (40, 30)).astype(np.uint16)
     raw = cv2.imencode(".png", image)[1].tobytes()
     path = tmp_path / "image.png"
@@ -35,7 +35,7 @@ def test_png_that_is_not_whole(tmp_path: Path) -> None:
 
 
 def test_a_truncated_picture_of_a_user(tmp_path: Path) -> None:
-    """Is refused too, and not filled up; a picture of another format is as good as a PNG."""
+    """A truncated picture is rejected instead of being filled up; other formats than PNG are read as well."""
     image = np.random.default_rng(0).integers(0, 256, (40, 30)).astype(np.uint8)
     raw = cv2.imencode(".png", image)[1].tobytes()
     path = tmp_path / "image.png"
@@ -50,7 +50,7 @@ def test_a_truncated_picture_of_a_user(tmp_path: Path) -> None:
 
 
 def test_a_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also a frame in NYU's colour packing, which takes a look at the pixels to tell."""
+    """A picture is decoded only once, also a frame in NYU's colour packing."""
     depth = np.random.default_rng(0).integers(0, 3000, (480, 640))
     cv2.imwrite(str(tmp_path / "frame.png"), images.pack_depth(depth))
     decode, calls = cv2.imdecode, []
@@ -60,7 +60,7 @@ def test_a_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_frames_of_cameras_without_a_size(tmp_path: Path) -> None:
-    """Are taken as they are; others must have the camera's."""
+    """A camera without a size accepts frames of any size; otherwise the size must match the camera's."""
     cv2.imwrite(str(tmp_path / "frame.png"), np.full((30, 40), 500, np.uint16))
     own = Camera("own", 300.0, 300.0, 20.0, 15.0, 0, 0)
     assert (images.read_frame(tmp_path / "frame.png", own, 0.5) == 250).all()
@@ -69,7 +69,7 @@ def test_frames_of_cameras_without_a_size(tmp_path: Path) -> None:
 
 
 def test_depth_packed_in_colours() -> None:
-    """Whole mm come back; green counts 256 of them."""
+    """Whole mm survive packing and unpacking; the green channel counts units of 256 mm."""
     depth = np.array([[0, 1, 255], [256, 773, 65535]])
     pixels = images.pack_depth(depth)
     assert pixels[1, 1].tolist() == [5, 3, 0]
@@ -77,7 +77,7 @@ def test_depth_packed_in_colours() -> None:
 
 
 def test_what_is_masked_was_not_read() -> None:
-    """Another array is given back as it is."""
+    """Masked pixels become 0; an array without a mask is returned unchanged."""
     image = np.array([[700, 0], [65535, 800]], np.uint16)
     assert depth_image(image) is image
     assert depth_image(np.ma.masked_equal(image, 65535)).tolist() == [[700, 0], [0, 800]]
@@ -94,7 +94,7 @@ def test_what_is_masked_was_not_read() -> None:
     ],
 )
 def test_what_is_no_image(given: object, message: str) -> None:
-    """One line."""
+    """An invalid depth image raises an error with its type or shape."""
     with pytest.raises(DataError, match=message):
         depth_image(given)
 
@@ -108,7 +108,7 @@ def test_what_is_no_image(given: object, message: str) -> None:
     ],
 )
 def test_other_units(image: np.ndarray, message: str) -> None:
-    """Where all that was read says so."""
+    """An error is raised if all depths suggest another unit than mm, and none if one depth is plausible."""
     with pytest.raises(UnitError, match=message):
         check_unit(image)
     check_unit(np.append(image, 700.0))
@@ -116,5 +116,5 @@ def test_other_units(image: np.ndarray, message: str) -> None:
 
 @pytest.mark.parametrize("unread", [0, -1, np.nan, np.inf])
 def test_nothing_read(unread: float) -> None:
-    """Says nothing of the unit."""
+    """An image without readings passes the check of units."""
     check_unit(np.full((2, 2), unread))

@@ -1,4 +1,4 @@
-"""handpose/data/json_fields.py: a line for whatever is not what it should be."""
+"""handpose/data/json_fields.py: one-line errors for invalid JSON and invalid fields."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from netlib.errors import DataError
 
 
 def fields() -> Fields:
-    """Of each kind one."""
+    """An object with one field of each kind."""
     return Fields(
         {"n": 3, "x": -1.5, "no": None, "yes": True, "t": "text", "a": [[1, 2], [3, 4]], "o": {"b": 1}, "l": [{}]}, "f"
     )
 
 
 def test_values() -> None:
-    """Values as in the file; null is NaN where a value may be unknown."""
+    """Values are returned as in the file; null becomes NaN where a value may be unknown."""
     of = fields()
     assert (of.whole("n"), of.number("x"), of.truth("yes"), of.text("t")) == (3, -1.5, True, "text")
     assert of.numbers("a", 2, 2).tolist() == [[1, 2], [3, 4]] and of.part("o").whole("b") == 1
@@ -45,7 +45,7 @@ def test_values() -> None:
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_what_is_not_what_it_should_be(ask: Callable[[Fields], object], message: str) -> None:
-    """Names the place and the field, what was found and what was expected."""
+    """The error names the place, the field, what was found and what was expected."""
     with pytest.raises(DataError) as caught:
         ask(fields())
     assert str(caught.value) == message
@@ -62,7 +62,7 @@ def test_what_is_not_what_it_should_be(ask: Callable[[Fields], object], message:
     ids=["cut", "deep", "twice", "long"],
 )
 def test_what_is_no_json(text: str, message: str) -> None:
-    """One line."""
+    """Invalid JSON raises an error of one line."""
     with pytest.raises(DataError) as caught:
         parsed(text, "f")
     assert str(caught.value).startswith(message) and "\n" not in str(caught.value)

@@ -20,7 +20,7 @@ def write(path, **arrays):
 
 
 def at(values, number, where=1):
-    """The values with another number in one frame."""
+    """A copy of the values with another number in one frame."""
     changed = np.array(values, np.float64)
     changed[where] = number
     return changed
@@ -30,7 +30,7 @@ def at(values, number, where=1):
 @pytest.mark.parametrize("dtype", ["f4", "f8", ">f4", "i2"])
 @pytest.mark.parametrize("options", [{}, {"compression": "gzip"}], ids=["in one piece", "compressed"])
 def test_joints_in_any_storage(tmp_path, shape, dtype, options):
-    """In float64, in an array that can be written and does not change the file."""
+    """Joints are read as float64, into a writable array that is independent of the file."""
     stored = (100 * ROWS).astype(dtype)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("joint", data=stored.reshape(shape), **options)
@@ -43,14 +43,14 @@ def test_joints_in_any_storage(tmp_path, shape, dtype, options):
 @pytest.mark.parametrize("shape", [(4,), (4, 1)])
 @pytest.mark.parametrize("dtype", ["f4", "i2"])
 def test_half_cubes(tmp_path, shape, dtype):
-    """One per frame, of the labels and of an open file."""
+    """There is one half-cube per frame, from the labels and from an open file alike."""
     path = write(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
     for found in (labels.read(path, [2]).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
 
 def test_a_file_without_half_cubes(tmp_path):
-    """Has the usual ones: of NYU, or what the caller says."""
+    """A file without half-cubes gets NYU's, or those that the caller passes."""
     path = write(tmp_path / "a.h5", joint=ROWS)
     assert labels.read(path, [2]).half_cube.tolist() == [150] * 4
     assert labels.read(path, [2], usual=125).half_cube.tolist() == [125] * 4
@@ -58,7 +58,7 @@ def test_a_file_without_half_cubes(tmp_path):
 
 
 def test_what_else_a_file_holds(tmp_path):
-    """Names in the order of the file, and what the data are."""
+    """The names of the other data sets are returned in the order of the file, with the attribute ``made_from``."""
     path = write(tmp_path / "a.h5", joint=ROWS, depth=np.zeros(4))
     assert labels.read(path, [2]).made_from == "an unknown source"
     with h5py.File(path, "a") as file:
@@ -68,7 +68,7 @@ def test_what_else_a_file_holds(tmp_path):
 
 
 def test_joints_that_are_not_seen(tmp_path):
-    """At the faces of the cube, beyond them, and unknown; they are as stored, and told."""
+    """Joints on or beyond the faces of the cube, or NaN, are returned as stored and marked as not seen."""
     joints = np.array([[0.5, -0.5, 0, 0.9, -0.9, 0], [0, 0, 1, 0, -1, 0], [0, 0, 0, np.nan, 0, 0], [0, 2, 0, 0, 0, 0]])
     found = labels.read(write(tmp_path / "a.h5", joint=joints), [2])
     assert np.array_equal(found.joints.reshape(4, 6), joints, equal_nan=True)
@@ -76,7 +76,7 @@ def test_joints_that_are_not_seen(tmp_path):
 
 
 def test_labels_of_another_file(tmp_path):
-    """What a file lacks is looked up in the file that it names."""
+    """Data sets that a file lacks are read from the file that its attribute ``rest_in`` names."""
     write(tmp_path / "first.h5", joint=ROWS, half_cube=np.full(4, 130.5))
     path = write(tmp_path / "a.h5", dof=np.zeros((4, 3)))
     with h5py.File(path, "r+") as file:
@@ -133,7 +133,7 @@ def test_labels_of_another_file(tmp_path):
     ids=lambda value: value.replace("data set ", "")[:40] if isinstance(value, str) else "",
 )
 def test_labels_with_something_wrong_in_them(tmp_path, arrays, message):
-    """The file, the data set, what was found and what was expected, on one line."""
+    """The error names the file, the data set, what was found and what was expected, on one line."""
     path = write(tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in arrays else {}), **arrays)
     with pytest.raises(DataError) as error:
         labels.read(path, [2, 3])
@@ -141,7 +141,7 @@ def test_labels_with_something_wrong_in_them(tmp_path, arrays, message):
 
 
 def test_centers_that_tell_no_camera(tmp_path):
-    """All on the axis, or all at one place: any focal length would do, and none follows."""
+    """Centres on the optical axis or at one place do not determine the focal length, which raises an error."""
     own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
     for camera, spread in ((NYU, (0, 0)), (own, (0, 0)), (own, (9, 90)), (own, (90, 9))):
         uvd = np.tile([camera.u0, camera.v0, 700.0], (4, 1)) + (0 if camera is NYU else 50, 0, 0)
@@ -153,7 +153,7 @@ def test_centers_that_tell_no_camera(tmp_path):
 
 @pytest.mark.parametrize("value", [1e-300, 1e300, np.nan, np.inf, -700.0, 0.0])
 def test_centers_that_are_nowhere(tmp_path, value):
-    """One line, whatever the quotients are."""
+    """Centres that are not finite, or not in front of the camera, raise an error of one line."""
     uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
     xyz = NYU.unproject(uvd)
     xyz[2, 2] = value
@@ -164,7 +164,7 @@ def test_centers_that_are_nowhere(tmp_path, value):
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_the_camera_of_one_frame(tmp_path, name):
-    """A known one maps its centre exactly."""
+    """A known camera is recognised from the centre of one frame."""
     uvd = np.tile([200.0, 100.0, 700.0], (4, 1))
     path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=CAMERAS[name].unproject(uvd))
     found, camera = labels.read_crop_centers([File(path, ("joint",))])
@@ -172,7 +172,7 @@ def test_the_camera_of_one_frame(tmp_path, name):
 
 
 def test_the_camera_follows_from_the_centers(tmp_path):
-    """One that is not known, from centres that were rounded."""
+    """The parameters of an unknown camera are estimated from rounded centres."""
     own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
     uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
     path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=np.round(uvd), center=own.unproject(uvd + 0.3))
@@ -182,7 +182,7 @@ def test_the_camera_follows_from_the_centers(tmp_path):
 
 @pytest.mark.parametrize("content", [None, b"", b"no HDF5 at all", "cut"], ids=["missing", "empty", "text", "cut"])
 def test_files_that_are_not_hdf5(tmp_path, content):
-    """Or not any more."""
+    """A missing, empty, truncated or non-HDF5 file raises an error of one line."""
     path = tmp_path / "a.h5"
     if content is not None:
         write(path, joint=ROWS)

@@ -17,7 +17,7 @@ COLUMNS = {"a": np.zeros((0, 200, 5), np.float32), "b": np.zeros((0,), np.int64)
 
 
 def pieces(rows: int) -> Iterator[dict[str, np.ndarray]]:
-    """Rows in pieces of 30, some of them empty."""
+    """Rows in pieces of 30, separated by empty pieces."""
     rng = np.random.default_rng(0)
     for first in range(0, rows, 30):
         count = min(30, rows - first)
@@ -27,7 +27,7 @@ def pieces(rows: int) -> Iterator[dict[str, np.ndarray]]:
 
 @pytest.mark.parametrize("rows", [0, 1, 100, 130])
 def test_fewer_rows_than_expected(tmp_path: Path, rows: int) -> None:
-    """A part whose pieces have fewer rows is as long as they are, with the attributes as they are in the end."""
+    """A part with fewer rows than expected has their number of rows, and the attributes as of the end of writing."""
     part = Part(tmp_path / "part.h5", 130, "recipe")
     counted = iter(range(9))
     assert parts.write_part(part, COLUMNS, pieces(rows), lambda: {"asked": next(counted)}) == rows
@@ -42,7 +42,7 @@ def test_fewer_rows_than_expected(tmp_path: Path, rows: int) -> None:
 
 
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    """Neither a part nor a temporary file stays if a piece cannot be made, and what was there before is kept."""
+    """If making a piece fails, neither a part nor a temporary file is left, and an older part is kept."""
 
     def failing() -> Iterator[dict[str, np.ndarray]]:
         yield from pieces(30)
@@ -56,7 +56,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_room(tmp_path: Path) -> None:
-    """Less than is needed is said in MB, also of a folder that is not there yet."""
+    """Insufficient disk space raises an error in MB, also for a folder that does not exist yet."""
     for folder in (tmp_path, tmp_path / "new" / "er"):
         parts.check_room(folder, 1)
         with pytest.raises(DataError, match=r"needs 1000000000000 MB, \d+ MB are free"):
@@ -67,7 +67,7 @@ def test_room(tmp_path: Path) -> None:
 
 @pytest.fixture
 def ours(tmp_path: Path) -> Path:
-    """data/a.h5, of our own origin."""
+    """The file data/a.h5, whose attribute ``made_from`` is ours."""
     (tmp_path / "data").mkdir()
     with h5py.File(tmp_path / "data" / "a.h5", "w") as file:
         file.attrs["made_from"] = "us"
@@ -76,14 +76,14 @@ def ours(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("line", ["{folder}/a.h5", "a.h5", "data/a.h5", "data/b.h5", ""])
 def test_our_own_list(ours: Path, line: str) -> None:
-    """May be replaced, from whatever folder it names our files, and also where they are gone."""
+    """A list that names our own files may be replaced, relative to any folder, also if the files are missing."""
     (ours.parent / "list.txt").write_text(line.format(folder=ours.parent) + "\n")
     parts.refuse_foreign([ours, ours.with_name("b.h5")], [ours.parent / "list.txt"], ["us"])
 
 
 @pytest.mark.parametrize("line", ["precious", "real/a.h5", "/gone/a.h5", "c.h5", "a\0.h5", "x" * 5000])
 def test_a_list_of_others(ours: Path, line: str) -> None:
-    """Of files that are not there from here, or no list at all, is replaced only by force."""
+    """A list of other files, or a file that is not a list, is replaced only with ``force``."""
     given = [ours, ours.with_name("b.h5")], [ours.parent / "list.txt"], ["us"]
     (ours.parent / "list.txt").write_text(f"a.h5\n{line}\n")
     with pytest.raises(DataError, match=r"list.txt: names .*, which is not there; .* or use --force") as error:
@@ -95,7 +95,7 @@ def test_a_list_of_others(ours: Path, line: str) -> None:
 @pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize("name", ["a.h5", "list.txt"])
 def test_folders_are_never_replaced(tmp_path: Path, name: str, force: bool) -> None:
-    """Whatever is asked for, they cannot be."""
+    """A folder in place of a file raises an error, with and without ``force``."""
     (tmp_path / name).mkdir()
     with pytest.raises(DataError, match=rf"/{name}: is not a file; move it away"):
         parts.refuse_foreign([tmp_path / "a.h5"], [tmp_path / "list.txt"], ["us"], force)

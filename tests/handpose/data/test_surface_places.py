@@ -14,14 +14,14 @@ from netlib.errors import DataError
 
 
 def plate(z: float = 700) -> np.ndarray:
-    """A plate of 300 x 200 pixels before nothing."""
+    """A plate of 300 x 200 pixels without background."""
     depth = np.zeros((480, 640))
     depth[100:300, 200:500] = z
     return depth
 
 
 def test_places_lie_on_the_surface() -> None:
-    """Everywhere on it, about a voxel apart, a little behind what is seen."""
+    """Places cover the whole surface, about a voxel apart, at a small distance behind it."""
     places = surface_places(plate(), NYU)
     np.testing.assert_allclose(places[:, 2], 700 + BEHIND_MM)
     u, v, _ = NYU.project(places).T
@@ -35,7 +35,7 @@ def test_places_lie_on_the_surface() -> None:
 
 
 def test_what_is_no_place() -> None:
-    """What was not read, what is too far away, and specks."""
+    """Missing readings, surfaces too far away and specks have no places."""
     assert surface_places(np.zeros((480, 640)), NYU).shape == (0, 3)
     assert surface_places(np.full((480, 640), np.nan), NYU).shape == (0, 3)
     assert surface_places(plate(FAR_MM + 1), NYU).shape == (0, 3)
@@ -45,7 +45,7 @@ def test_what_is_no_place() -> None:
 
 
 def test_crops_of_places() -> None:
-    """Of those in sight: the plate, at its depth in half-cubes from the place."""
+    """Only places in sight have crops; the crop shows the plate's depth in half-cubes from the place."""
     places = np.array([[0.0, 0, 720], [5000, 0, 720], [0, 0, 50]])
     crops, kept = place_crops(plate(), places, NYU)
     np.testing.assert_array_equal(kept, places[:1])
@@ -56,7 +56,7 @@ def test_crops_of_places() -> None:
 
 @given(seed=st.integers(0, 10**6))
 def test_crops_of_places_are_those_of_each(seed: int) -> None:
-    """In their order, cut one by one; what is out of sight is left out."""
+    """Crops of several places equal crops cut one by one, in the same order, without places out of sight."""
     rng = np.random.default_rng(seed)
     depth = np.where(rng.random((480, 640)) < 0.9, rng.uniform(400, 1500, (480, 640)), 0)
     places = rng.uniform((-900, -700, -100), (900, 700, 1500), (8, 3))
@@ -74,6 +74,6 @@ def test_crops_of_places_are_those_of_each(seed: int) -> None:
 
 
 def test_places_in_an_image_of_another_camera() -> None:
-    """Are an error, though there be none."""
+    """An image of the wrong size raises an error, even if there are no places."""
     with pytest.raises(DataError, match=r"\(240, 320\), expected \(480, 640\) of camera 'nyu'"):
         place_crops(np.ones((240, 320)), np.zeros((0, 3)), NYU)
