@@ -1,4 +1,4 @@
-"""Hands whose pose is known, and what a camera sees of them."""
+"""Hands with known poses, and their depth images."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def scene(model: CapsuleModel) -> Scene:
 
 
 def written_out(model: CapsuleModel, posed: Posed, r: Residuals) -> np.ndarray:
-    """The Jacobian (N, 2, R, V) of residuals, row by row from how the ends of their capsules move."""
+    """The Jacobian (N, 2, R, V) of residuals, computed row by row from the motion of the capsules' ends."""
     n, s = np.arange(len(posed.ends))[:, None], r.place[..., None, None]
     motion = posed.motion[n, model.start[r.capsule]] * (1 - s) + posed.motion[n, model.end[r.capsule]] * s
     J = np.einsum("nitr,nriv->ntrv", r.direction.astype(float), motion)

@@ -18,12 +18,12 @@ COUPLED = ARM.replace('rotate { axis: Z dof: "elbow" }', 'rotate { axis: Z dof: 
 
 
 def body(text: str) -> CapsuleModel:
-    """The surface of a skeleton's text, a unit being 10 mm."""
+    """The surface of a skeleton given as text; one unit is 10 mm."""
     return CapsuleModel(Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test")), 10.0)
 
 
 def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:
-    """The ends (N, E, 3) in mm, in float64, from the surface itself."""
+    """The ends (N, E, 3) in mm, in float64, computed from the surface itself."""
     inputs = np.zeros((len(x), len(model.whole.initial)))
     inputs[:, model.free] = x[:, :SIZE]
     size, kinematics = np.exp(x[:, SIZE]), kinematics_of(model.whole)
@@ -34,7 +34,7 @@ def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("text", [None, ARM, COUPLED], ids=["hand", "arm", "coupled"])
 def test_ends_and_how_they_move(model: CapsuleModel, text: str | None) -> None:
-    """As the surface says, and as central differences of it, for the forearm, the offsets, size and thickness."""
+    """Ends and their motion equal the surface's and its central differences, with all kinds of variables."""
     surface = model if text is None else body(text)
     x = np.random.default_rng(0).normal(0, 0.2, (5, surface.variables))
     posed = surface.posed(x)
@@ -47,7 +47,7 @@ def test_ends_and_how_they_move(model: CapsuleModel, text: str | None) -> None:
 
 
 def test_variables_of_the_hand(model: CapsuleModel) -> None:
-    """26 of the skeleton and 2 of the forearm, size and thickness; what hangs on the palm alone, the wrist as well."""
+    """The skeleton has 26 variables, the forearm 2; size and thickness are one each. Knuckles and wrist are rigid."""
     assert model.variables == 30
     assert (len(model.root), len(model.limbs), len(model.own)) == (6, 20, 2)
     used = np.unique(np.concatenate([model.surface.start, model.surface.end]))
@@ -57,7 +57,7 @@ def test_variables_of_the_hand(model: CapsuleModel) -> None:
 
 
 def test_there_and_back(model: CapsuleModel) -> None:
-    """Inputs of the skeleton survive; limbs are cut at their limits; joints are the kinematics'."""
+    """Inputs survive conversion to variables and back; limbs are clipped to their limits; size scales the joints."""
     inputs = np.zeros((3, 47))
     inputs[:, ~model.skeleton.fixed] = np.random.default_rng(1).normal(0, 0.05, (3, 26))
     lower, upper = model.skeleton.lower, model.skeleton.upper
@@ -74,7 +74,7 @@ def test_there_and_back(model: CapsuleModel) -> None:
 
 
 def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
-    """Moved to the centre, as thick as size and thickness say."""
+    """The capsules are moved to the centre, and their radii are scaled by the thickness."""
     x = np.zeros((1, model.variables))
     x[0, THICKNESS] = np.log(1.2)
     capsules = model.capsules(x, np.array([[1.0, 2, 700]]))
@@ -91,6 +91,6 @@ def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
     ids=["slides", "two roots"],
 )
 def test_bodies_that_cannot_be_fitted(text: str) -> None:
-    """Are refused in one line."""
+    """A body whose root does not translate alone, or with two roots, raises an error."""
     with pytest.raises(NetlibError, match=r"skeleton 'arm': expected one root, without a bone, that alone translates"):
         body(text)

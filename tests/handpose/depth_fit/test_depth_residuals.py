@@ -26,12 +26,12 @@ def pipe(ra: float = 1, rb: float = 1) -> CapsuleModel:
 
 
 def cones_at(model: CapsuleModel, x: np.ndarray) -> Cones:
-    """All capsules at x."""
+    """All capsules at variables x."""
     return cones_of(model, model.posed(x))
 
 
 def looking(points: np.ndarray) -> Observation:
-    """Points (P, 3) seen by a camera far away, along z."""
+    """Points (P, 3) seen by a distant camera along z."""
     P = len(points)
     rays = np.tile(np.array([[0], [0], [1]], np.float32), (1, 1, P))
     zero = np.zeros((1, 128, 128), np.float32)
@@ -44,16 +44,16 @@ def looking(points: np.ndarray) -> Observation:
     ("point", "place", "values"),
     [
         ((50, 0, -10), 0.5, (0, 0)),  # on the facing side
-        ((50, 0, -13), 0.5, (3, 0)),  # before it
+        ((50, 0, -13), 0.5, (3, 0)),  # in front of it
         ((50, 0, -6), 0.5, (-4, 0)),  # inside
         ((-7, 0, 0), 0.0, (-3, 0)),  # at the round end
         ((50, 10, 0), 0.5, (0, 0)),  # on the outline
         ((50, 4, 8), 0.5, (-6, 8)),  # behind: to the outline, sideways and along the ray
-        ((50, 0, 10), 0.5, (-10, 10)),  # on the far side, which no camera sees
+        ((50, 0, 10), 0.5, (-10, 10)),  # on the far side, which the camera cannot see
     ],
 )
 def test_residuals_of_a_pipe(point: tuple[float, ...], place: float, values: tuple[float, ...]) -> None:
-    """By hand."""
+    """The residuals equal values worked out by hand."""
     model = pipe()
     found = point_residuals(cones_at(model, np.zeros((1, 4))), looking(np.array([point])), np.zeros((1, 1), int))
     assert found.place[0, 0] == pytest.approx(place)
@@ -61,7 +61,7 @@ def test_residuals_of_a_pipe(point: tuple[float, ...], place: float, values: tup
 
 
 def test_the_surface_of_a_cone() -> None:
-    """With different radii, points of the tangent cone have no residual, wherever they are."""
+    """For different radii, points on the tangent cone have residual 0, at any place along it."""
     model, (a, b, ra, rb) = pipe(2, 1), (0.0, 100.0, 20.0, 10.0)
     tilt = np.arcsin((ra - rb) / (b - a))
     s = np.linspace(0.05, 0.9, 9)
@@ -73,9 +73,9 @@ def test_the_surface_of_a_cone() -> None:
 
 
 def test_how_residuals_change(model: CapsuleModel, scene: Scene) -> None:
-    """The direction and the swelling of each, with its capsule kept, are its derivative along each variable.
+    """With fixed capsules, direction and swelling are the residuals' derivatives by each variable.
 
-    Of points on the facing side, that is: the place of those behind slides along the outline, to the second order.
+    This holds for the facing side only: the place of points behind it slides along the outline, to second order.
     """
     rng = np.random.default_rng(0)
     x = scene.truth + rng.normal(0, 0.03, scene.truth.shape)
@@ -96,7 +96,7 @@ def test_how_residuals_change(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_points_find_their_capsules(model: CapsuleModel, scene: Scene) -> None:
-    """At the true pose, what the camera saw lies on the capsules but for the forearm, whose angles are not known."""
+    """At the true pose the observed points lie on the capsules, except for the forearm, whose angles are unknown."""
     cones = cones_at(model, scene.truth)
     capsule = nearest_capsules(cones, scene.seen)
     off = np.linalg.norm(point_residuals(cones, scene.seen, capsule).value, axis=1)
@@ -105,7 +105,7 @@ def test_points_find_their_capsules(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
-    """No other capsule is nearer by more than what the difference of radii is worth."""
+    """No other capsule is nearer by more than the effect of different radii."""
     cones = cones_at(model, scene.truth)
     chosen = nearest_capsules(cones, scene.seen)
 
@@ -117,14 +117,14 @@ def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_spheres_are_on_the_skeletons_own_capsules(model: CapsuleModel) -> None:
-    """No sphere is on the forearm, whose end is not modelled."""
+    """The forearm has no spheres, because its end is not modelled."""
     capsule, place = spheres_of(model)
     assert not model.surface.limbs[capsule].any() and len(capsule) == (~model.surface.limbs).sum()
     assert (place == 1).all()
 
 
 def test_nothing_sticks_out_of_its_own_picture(model: CapsuleModel, scene: Scene) -> None:
-    """At the true pose hardly a sphere is where nothing was seen; a hand moved aside is."""
+    """At the true pose few spheres lie where nothing was seen; if the hand is moved aside, many do."""
     spheres = spheres_of(model)
     still = sphere_residuals(cones_of(model, model.posed(scene.truth)), scene.seen, spheres, 3.0).value
     assert (still > 2).mean() < 0.02
@@ -140,7 +140,7 @@ def test_nothing_sticks_out_of_its_own_picture(model: CapsuleModel, scene: Scene
 
 
 def test_how_they_change(model: CapsuleModel, scene: Scene) -> None:
-    """The interpolated outline has an exact slope: residuals that stay active change as direction and swelling say."""
+    """The interpolated outline has an exact slope: active residuals change as direction and swelling predict."""
     spheres = spheres_of(model)
     x = scene.truth.copy()
     x[:, 0] += 0.1
@@ -156,11 +156,11 @@ def test_how_they_change(model: CapsuleModel, scene: Scene) -> None:
         ]
         active = (both[0][:, 0] > 0) & (both[1][:, 0] > 0) & (r.value[:, 0] > 0)
         off = np.abs((both[0] - both[1])[:, 0] / 2e-3 - J[..., v])[active]
-        assert active.sum() > 25 and np.percentile(off, 80) < 4  # mm per radian, where no pixel's border is crossed
+        assert active.sum() > 25 and np.percentile(off, 80) < 4  # mm per radian, except at borders of pixels
 
 
 def test_a_sphere_before_a_plate() -> None:
-    """By hand: a plate 30 mm behind the centre, a hand at the centre: before it by the depth and its radius."""
+    """The residual, worked out by hand, of a sphere in front of a plate that lies 30 mm behind the centre."""
     from layers.hand import skeleton
 
     model = CapsuleModel(skeleton.load(), 150.0)

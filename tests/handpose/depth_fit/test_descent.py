@@ -15,7 +15,7 @@ STAGES = (Stage(30, 6), Stage(15, 6), Stage(10, 4))
 
 
 def start_of(scene: Scene, model: CapsuleModel) -> np.ndarray:
-    """Off by some 0.15 radians in every angle, 15 mm in every direction."""
+    """The truth with errors of about 0.15 radians in every angle and 15 mm in every direction."""
     off = np.random.default_rng(1).normal(0, 0.15, scene.truth.shape)
     off[:, :3] *= 0.6
     off[:, -2:] = 0
@@ -23,7 +23,7 @@ def start_of(scene: Scene, model: CapsuleModel) -> np.ndarray:
 
 
 def prior_of(objective: Objective, x: np.ndarray) -> Prior:
-    """Of a network that is off by so much."""
+    """The prior of a network whose angles have a standard error of 0.15 radians."""
     return objective.prior_of(x, np.eye(len(objective.model.limbs)) / 0.15**2)
 
 
@@ -33,7 +33,7 @@ def error(model: CapsuleModel, x: np.ndarray, scene: Scene) -> np.ndarray:
 
 
 def test_it_comes_near_the_truth(model: CapsuleModel, scene: Scene) -> None:
-    """From a centimetre and a half to a few millimetres; no frame gets much worse."""
+    """The error falls from more than 12 mm to less than 5 mm, and no frame gets more than 3 mm worse."""
     objective, x = Objective(model, Weights()), start_of(scene, model)
     found, cost = descend(objective, x, scene.seen, prior_of(objective, x), STAGES)
     before, after = error(model, x, scene), error(model, found, scene)
@@ -44,7 +44,7 @@ def test_it_comes_near_the_truth(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) -> None:
-    """More iterations are never worse."""
+    """More iterations within a stage never give a higher cost."""
     objective, x = Objective(model, Weights()), start_of(scene, model)
     costs = [descend(objective, x, scene.seen, prior_of(objective, x), (Stage(30, n),))[1].total for n in (0, 2, 5, 9)]
     for earlier, later in itertools.pairwise(costs):
@@ -52,7 +52,7 @@ def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) 
 
 
 def test_frames_do_not_depend_on_each_other(model: CapsuleModel, scene: Scene) -> None:
-    """Alone, together, or among the same ones several times: the same to rounding."""
+    """A frame fitted alone, with others, or several times in one batch gives the same result up to rounding."""
     objective, x = Objective(model, Weights()), start_of(scene, model)
     together, _ = descend(objective, x, scene.seen, prior_of(objective, x), STAGES[:1])
     rows = np.array([5, 2, 5])
@@ -62,7 +62,7 @@ def test_frames_do_not_depend_on_each_other(model: CapsuleModel, scene: Scene) -
 
 
 def test_an_empty_picture_leaves_the_prediction(model: CapsuleModel, scene: Scene) -> None:
-    """Nothing was seen, so the prior is all there is."""
+    """Without depth readings the result equals the prior's centre."""
     from handpose.depth_fit.observation import observe
     from handpose.facts.cameras import NYU
 

@@ -24,7 +24,7 @@ from netlib.proto import prototxt, schema
 from tests.handpose.depth_fit.conftest import Scene
 from tests.handpose.depth_fit.test_descent import error, start_of
 
-# Three bones in a row, nothing of a hand: moves in space, turns about all axes, bends twice.
+# Three bones in a row, unlike a hand: moves in space, turns about all axes, has two bending joints.
 WORM = """name: "worm"
 dof { name: "x" } dof { name: "y" } dof { name: "z" } dof { name: "rz" } dof { name: "rx" } dof { name: "ry" }
 dof { name: "bend" lower: -1.5 upper: 1.5 } dof { name: "curl" lower: -1.5 upper: 1.5 }
@@ -45,13 +45,13 @@ flesh {
 
 @pytest.fixture(scope="module")
 def fitter(model: CapsuleModel) -> DepthFitter:
-    """Of a network whose limbs are off by 0.15 radians."""
+    """The fitter for a network whose limbs have errors of 0.15 radians."""
     table = np.array([[1.0, 2, 1], [100, 20, 0.5], [1000, 60, 0]])
     return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}, {"fast": np.full(5, 0.2)}))
 
 
 def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
-    """Joints near the truth, inputs that make them, a size, a cost, and what the table says of it."""
+    """A fast fit returns joints near the truth, matching inputs, size and cost, and the error from the table."""
     model = fitter.model
     start = start_of(scene, model)
     found = fitter.fit(scene.seen, [start], FAST)
@@ -67,7 +67,7 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
 
 
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
-    """The accurate plan, on average; its errors are not measured here, so its confidence is unknown."""
+    """The accurate plan has a lower cost on average; its confidence is NaN, because its errors were not measured."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     fast = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST)
     accurate = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
@@ -77,7 +77,7 @@ def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
-    """A frame's fit does not depend on the frames beside it, nor on threads; a second run is the same bit for bit."""
+    """A frame's fit is independent of other frames and of the number of threads, and is reproducible bit for bit."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     quarters = len(plan.quarters)
     whole = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
@@ -97,7 +97,7 @@ def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: Plan) -> No
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
-    """Predictions that differ as those of two processors do, by 1e-7, are fitted alike."""
+    """Predictions that differ by 1e-7, as between two processors, give the same fit."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     nearly = inputs + np.random.default_rng(0).normal(0, 1e-7, inputs.shape) * (inputs != 0)
     quarters = len(plan.quarters)
@@ -108,7 +108,7 @@ def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, scene: Sce
 
 
 def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> None:
-    """An empty crop contradicts no hand, and a speck few: neither is a sure one. JSON can hold the error."""
+    """An empty crop and a speck get confidence 0; the error stays finite, so that JSON can represent it."""
     crops = np.ones((2, 128, 128), np.float32)
     crops[1, 60:70, 60:70] = 0
     inputs = fitter.model.inputs_of(scene.truth[:2])
@@ -117,7 +117,7 @@ def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> Non
 
 
 def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) -> None:
-    """The longer its edge cuts the hand, the less; nothing else changes."""
+    """The longer the image border cuts the hand, the lower the confidence; nothing else changes."""
     start = [start_of(scene, fitter.model)]
     cut = [np.full(len(scene.seen), mm, np.float32) for mm in (0, 40, 60, 300)]
     found = [fitter.fit(replace(scene.seen, cut_mm=own), start, FAST) for own in cut]
@@ -128,14 +128,14 @@ def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) 
 
 
 def test_a_known_size_is_kept(fitter: DepthFitter, scene: Scene) -> None:
-    """Exactly enough."""
+    """A known size is kept to within 0.002."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     found = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=1.07)
     assert found.size == pytest.approx(1.07, abs=2e-3)
 
 
 def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None:
-    """The true pose as a start, of the hand and of its mirror image."""
+    """From the true pose, every right hand costs less as a right hand than as its mirror image."""
     inputs = fitter.model.inputs_of(scene.truth)
     right = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
     left = fitter.fit(scene.seen.mirrored(), [fitter.model.variables_of(inputs)] * 4, ACCURATE)
@@ -143,7 +143,7 @@ def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None
 
 
 def test_any_body_with_surface() -> None:
-    """A worm of three bones, drawn at a known pose, found again from beside it."""
+    """A worm of three bones, drawn at a known pose, is fitted from a start with errors of 0.15."""
     skeleton = Skeleton(schema.read(prototxt.parse(WORM), SkeletonParameter, "worm"))
     surface, rng = Surface(skeleton), np.random.default_rng(0)
     inputs = np.zeros((8, 8))
@@ -164,7 +164,7 @@ def test_any_body_with_surface() -> None:
 
 
 def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
-    """One more start, which wins where the network is far off, and loses where it is itself."""
+    """The previous frame is one more start, which wins if the network is far off, and loses if it is far off itself."""
     model = fitter.model
     far = scene.truth.copy()
     far[:, model.limbs] = np.clip(far[:, model.limbs] + 0.9, model.lower[model.limbs], model.upper[model.limbs])
@@ -183,7 +183,7 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_frames_without_a_frame_before(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
-    """A NaN row: that frame is fitted as without a previous frame, and the others as in a batch of their own."""
+    """A frame with NaN as its previous frame is fitted as if it had none; the other frames are not affected."""
     starts = [scene.truth + np.random.default_rng(q).normal(0, 0.1, scene.truth.shape) for q in plan.quarters]
     before = scene.truth.copy()
     before[::2] = np.nan
@@ -195,7 +195,7 @@ def test_frames_without_a_frame_before(fitter: DepthFitter, scene: Scene, plan: 
 
 
 def test_sizes_of_several_hands(fitter: DepthFitter, scene: Scene) -> None:
-    """Each frame has its own, also of the start that is given."""
+    """Each frame can have its own known size, which also holds for the start from the previous frame."""
     inputs, sizes = fitter.model.inputs_of(scene.truth), np.linspace(0.9, 1.1, len(scene.truth))
     for found in (
         fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=sizes),
@@ -207,7 +207,7 @@ def test_sizes_of_several_hands(fitter: DepthFitter, scene: Scene) -> None:
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
-    """From near the truth a little nearer, without a network; how far that was off is still a sign of uncertainty."""
+    """Following reduces the error without a network; ``moved``, the network's error, still adds to the uncertainty."""
     model = fitter.model
     before = scene.truth + np.random.default_rng(0).normal(0, 0.05, scene.truth.shape)
     before[:, -2:] = 0
@@ -224,7 +224,7 @@ def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
 
 
 def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nearer to what is expected of them than by the network's errors; as signs they are counted by those."""
+    """Limbs stay nearer to the expected pose than the network's errors imply; the signs use the network's errors."""
     model, objective = fitter.model, fitter.objective
     before = scene.truth + np.random.default_rng(0).normal(0, 0.1, scene.truth.shape)
     before[:, -2:] = 0
@@ -241,7 +241,7 @@ def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch:
 
 
 def test_mistakes(fitter: DepthFitter, scene: Scene) -> None:
-    """As many starts as quarter turns, as many frames as crops."""
+    """The number of starts must match the quarter turns, and the number of frames the crops."""
     inputs = fitter.model.inputs_of(scene.truth)
     with pytest.raises(DataError, match="1 starts, expected 4 for the plan 'accurate'"):
         fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], ACCURATE)

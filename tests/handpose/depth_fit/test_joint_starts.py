@@ -15,7 +15,7 @@ def error(model: CapsuleModel, x: np.ndarray, scene: Scene) -> np.ndarray:
 
 
 def test_true_joints(model: CapsuleModel, scene: Scene) -> None:
-    """From angles that are off by 0.2 radians: the pose, nearly, for the angles still count a little."""
+    """From angles 0.2 radians off, the true pose is found nearly, because the start keeps a small weight."""
     start = scene.truth.copy()
     start[:, model.limbs] += np.random.default_rng(0).normal(0, 0.2, (12, 20))
     start = np.clip(start, model.lower, model.upper)
@@ -26,14 +26,14 @@ def test_true_joints(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_joints_of_another_size(model: CapsuleModel, scene: Scene) -> None:
-    """The size follows joints that are farther from the root than the skeleton's."""
+    """The size grows with joints that are farther from the root than the skeleton's."""
     root = scene.joints[:, [24]]
     found = near_joints(model, scene.truth, root + 1.1 * (scene.joints - root))
     np.testing.assert_allclose(np.exp(found[:, SIZE]), 1.1, atol=0.02)
 
 
 def test_joints_that_are_no_body(model: CapsuleModel, scene: Scene) -> None:
-    """Independent errors of 14 mm of each joint become smaller ones of a body."""
+    """Independent joint errors of 14 mm become smaller, because the result is a body."""
     noisy = scene.joints + np.random.default_rng(1).normal(0, 14 / 3**0.5, scene.joints.shape)
     found = near_joints(model, scene.truth, noisy)
     given = np.linalg.norm(noisy - scene.joints, axis=2).mean()
@@ -41,7 +41,7 @@ def test_joints_that_are_no_body(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_another_rotation(model: CapsuleModel, scene: Scene) -> None:
-    """A rotated and shifted body is aligned with the joints, exactly if its limbs are right."""
+    """A rotated and shifted body is aligned with the joints, exactly if its limb angles are right."""
     start = scene.truth.copy()
     start[:, model.root] += np.random.default_rng(2).normal(0, 2, (12, 6)) * (0.1, 0.1, 0.1, 1, 1, 1)
     assert error(model, start, scene).min() > 15

@@ -30,12 +30,12 @@ EVEN = np.full(len(SIGNS), 1 / len(SIGNS))
 
 
 def all_signs(uncertainty: list[float]) -> np.ndarray:
-    """Signs (N, 5) that are all the same, of which any weights make this uncertainty."""
+    """Signs (N, 5) with equal values in each row, so that any weights give this uncertainty."""
     return np.repeat(np.array(uncertainty)[:, None] - 1, len(SIGNS), axis=1)
 
 
 def write(path: Path, **arrays: object) -> Path:
-    """A file with a group fit."""
+    """A file with a group ``fit``."""
     with h5py.File(path, "w") as file:
         file.create_group("data")
         for name, values in arrays.items():
@@ -44,7 +44,7 @@ def write(path: Path, **arrays: object) -> Path:
 
 
 def test_read(model: CapsuleModel, tmp_path: Path) -> None:
-    """Covariance, weights, tables, interpolated between the rows; beyond the last one it gets worse in proportion."""
+    """Covariance, weights and tables are read; tables are interpolated, and extrapolated in proportion at the end."""
     own = np.eye(20) * 0.04
     found = read_errors(write(tmp_path / "w.h5", **{"limbs": own, "fast": TABLE, "fast.signs": EVEN}), model)
     np.testing.assert_array_equal(found.limbs, own)
@@ -60,7 +60,7 @@ def test_read(model: CapsuleModel, tmp_path: Path) -> None:
 
 
 def test_weights_that_nobody_measured(model: CapsuleModel, tmp_path: Path) -> None:
-    """Of Caffe, or of another format: a spread is assumed, and no confidence is told."""
+    """For Caffe's weights, or those of another format, a default spread is assumed and the confidence is NaN."""
     with h5py.File(tmp_path / "w.h5", "w") as file:
         file.create_group("data")
     (tmp_path / "binary.caffemodel").write_bytes(b"\x0a\x03abc")
@@ -101,19 +101,19 @@ def test_weights_that_nobody_measured(model: CapsuleModel, tmp_path: Path) -> No
 def test_files_with_something_wrong(
     model: CapsuleModel, tmp_path: Path, arrays: dict[str, object], message: str
 ) -> None:
-    """One line."""
+    """An invalid group ``fit`` raises an error with the name and the shape."""
     with pytest.raises(DataError, match=message):
         read_errors(write(tmp_path / "w.h5", **arrays), model)
 
 
 def test_covariance() -> None:
-    """About 0, not about the mean: a network that is always off by 0.1 is off."""
+    """The covariance is about 0, not about the mean, so that a constant error counts."""
     np.testing.assert_allclose(covariance(np.full((5, 2), 0.1)), np.full((2, 2), 0.01))
 
 
 @given(st.lists(st.tuples(st.floats(1, 1000), st.floats(0, 100)), min_size=2, max_size=200, unique_by=lambda p: p[0]))
 def test_a_table_is_ascending(pairs: list[tuple[float, float]]) -> None:
-    """Whatever the fits were; and it keeps the mean error."""
+    """Uncertainty and error ascend and the chance descends for any fits; the errors stay within the measured range."""
     uncertainty, error = np.array(pairs).T
     table = table_of(uncertainty, error)
     assert (np.diff(table[:, 0]) > 0).all()
@@ -122,23 +122,23 @@ def test_a_table_is_ascending(pairs: list[tuple[float, float]]) -> None:
 
 
 def test_crops_that_show_nothing() -> None:
-    """Their uncertainty is infinite: the table is that of the others."""
+    """Crops with infinite uncertainty do not change the table."""
     uncertainty, error = np.arange(1.0, 101), np.linspace(2, 60, 100)
     shown = table_of(uncertainty, error)
     np.testing.assert_array_equal(table_of(np.append(uncertainty, [np.inf] * 7), np.append(error, [99.0] * 7)), shown)
 
 
 def test_too_little_to_measure() -> None:
-    """One fit, or many equal ones, give no table, because it could not be read again."""
+    """One fit, or many with equal uncertainty, raise an error, because the table could not be interpolated."""
     for count in (1, 30):
         with pytest.raises(DataError, match=f"{count} fits with the same uncertainty, expected many different ones"):
             table_of(np.full(count, 3.0), np.linspace(1, 50, count))
-    with pytest.raises(DataError, match="0 fits with the same uncertainty"):  # all crops show nothing
+    with pytest.raises(DataError, match="0 fits with the same uncertainty"):  # no crop shows anything
         table_of(np.full(30, np.inf), np.linspace(1, 50, 30))
 
 
 def test_a_table_of_fits_that_are_known() -> None:
-    """Errors that grow with the uncertainty come back."""
+    """The table reproduces errors that grow linearly with the uncertainty."""
     uncertainty = np.random.default_rng(0).uniform(1, 100, 5000)
     errors = NetworkErrors(np.eye(1), {"fast": table_of(uncertainty, 3 + uncertainty / 2)}, {"fast": EVEN})
     _, expected, chance = errors.expected("fast", all_signs([20, 50, 90]))
@@ -147,13 +147,13 @@ def test_a_table_of_fits_that_are_known() -> None:
 
 
 def test_the_doubt() -> None:
-    """The geometric mean of 1 + each sign."""
+    """The uncertainty is the weighted geometric mean of 1 + each sign."""
     signs = np.array([[0.0, 3, 8, 0, 0]])
     np.testing.assert_allclose(uncertainty_of(signs, np.array([0, 0.5, 0.5, 0, 0])), [6])
 
 
 def test_the_sign_that_tells_failures_gets_the_weight() -> None:
-    """Others get nothing, not less than nothing; without failures, or with nothing else, all count the same."""
+    """The weight goes to the sign that predicts failures; no weight is negative; without information all are equal."""
     signs = np.random.default_rng(0).exponential(10, (4000, 5))
     error = np.where(signs[:, 1] > 25, GOOD_MM + 10, 5)
     weights = weights_of(signs, error)

@@ -16,29 +16,29 @@ SURFACE, OUTLINE, FRONT, PRIOR = range(4)
 
 
 def moved(scene: Scene, size: float = 0.05) -> np.ndarray:
-    """The truth, off by some angles and mm."""
+    """The truth with small errors in all variables."""
     return scene.truth + np.random.default_rng(0).normal(0, size, scene.truth.shape)
 
 
 def prior_of(objective: Objective, scene: Scene) -> Prior:
-    """About the truth."""
+    """The prior about the truth."""
     return objective.prior_of(scene.truth, np.eye(len(objective.model.limbs)) * 11.0)
 
 
 def cost(objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0) -> objectives.Cost:
-    """Everything at x."""
+    """The total cost and its parts at x."""
     prior = prior_of(objective, scene)
     return objective.weigh(objective.measure(x, scene.seen, prior), scene.seen, robust)
 
 
 def equations(objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0) -> tuple[np.ndarray, np.ndarray]:
-    """Curvature and half the gradient at x."""
+    """The curvature and half the gradient at x."""
     measured = objective.measure(x, scene.seen, prior_of(objective, scene))
     return objective.equations(measured, objective.weigh(measured, scene.seen, robust))
 
 
 def test_the_truth_costs_little(model: CapsuleModel, scene: Scene) -> None:
-    """Every term but the forearm's part of the surface is small there, and larger beside it."""
+    """Every term costs less at the truth than at some distance from it, and the parts add up to the total."""
     objective = Objective(model, Weights())
     true, off = cost(objective, scene.truth, scene), cost(objective, moved(scene, 0.15), scene)
     for term in (SURFACE, OUTLINE, FRONT, PRIOR):
@@ -48,7 +48,7 @@ def test_the_truth_costs_little(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
-    """Limbs by their precision, the forearm by its deviation, size, thickness by theirs, the palm by the ends' mm."""
+    """The prior equals values worked out by hand, for a limb, the forearm, the thickness and the palm."""
     weights = Weights(limbs=2.0, size=0.1, thickness=0.2)
     objective = Objective(model, weights)
     x = scene.truth.copy()
@@ -67,7 +67,7 @@ def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
 
 @pytest.mark.parametrize("robust", [40.0, 10.0])
 def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: CapsuleModel, scene: Scene, robust: float) -> None:
-    """b is half the gradient: of the prior exactly, of all terms where no point changes its capsule or its pixel."""
+    """b is half the gradient: exactly for the prior, and for all terms where no point changes its capsule or pixel."""
     x = moved(scene, 0.02)
     alone = Objective(model, Weights(independent=1e-9, outline=0.0, front=0.0))
     everything = Objective(model, Weights(outline=0.0, front=0.0))
@@ -85,14 +85,14 @@ def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: CapsuleModel, 
 
 
 def test_curvature_is_symmetric_and_not_negative(model: CapsuleModel, scene: Scene) -> None:
-    """As of a sum of squares."""
+    """The curvature is symmetric and positive definite, as for a sum of squares."""
     A, _ = equations(Objective(model, Weights()), moved(scene), scene)
     np.testing.assert_allclose(A, A.swapaxes(1, 2), rtol=1e-3, atol=0.5)
     assert (np.linalg.eigvalsh(A) > 0).all()
 
 
 def test_each_weight_weighs_its_term(model: CapsuleModel, scene: Scene) -> None:
-    """Twice the weight is twice the part, and no other changes."""
+    """Doubling a weight doubles its part of the cost and leaves the other parts unchanged."""
     x, w = moved(scene, 0.1), Weights()
     base = cost(Objective(model, w), x, scene).parts
     for change, term in (("independent", SURFACE), ("outline", OUTLINE), ("front", FRONT)):

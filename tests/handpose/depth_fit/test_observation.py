@@ -13,7 +13,7 @@ from tests.handpose.depth_fit.conftest import Scene
 
 
 def test_points_lie_on_the_surface(scene: Scene) -> None:
-    """Every point projects to a pixel of the crop that has its depth; the ray goes through it."""
+    """Every point projects to a pixel of the crop with the same depth, and its ray passes through it."""
     seen = scene.seen
     assert (seen.known == 1).all()
     points, rays = seen.points.swapaxes(1, 2), seen.rays.swapaxes(1, 2)
@@ -21,13 +21,13 @@ def test_points_lie_on_the_surface(scene: Scene) -> None:
     at = np.rint(crop_pixels(NYU.project(xyz), scene.center_uvd, 300.0)).astype(int)
     n = np.arange(len(xyz))[:, None]
     found = scene.crops[n, at[..., 1], at[..., 0]] * 150
-    assert (np.abs(found - points[..., 2]) < 1e-2).mean() > 0.98  # the crop's own rounding moves a few by a pixel
+    assert (np.abs(found - points[..., 2]) < 1e-2).mean() > 0.98  # rounding in the crop moves a few points by a pixel
     np.testing.assert_allclose(np.cross(xyz, rays), 0, atol=1e-2)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=2), 1, atol=1e-6)
 
 
 def test_columns_and_rows(scene: Scene) -> None:
-    """``offset`` and ``factor`` say where a point of space appears in the crop."""
+    """``offset`` and ``factor`` map a point in space to its column and row in the crop."""
     seen = scene.seen
     xyz = np.random.default_rng(0).uniform(-100, 100, (12, 7, 3)) + seen.center[:, None]
     x, y, z = np.moveaxis(xyz, -1, 0)
@@ -38,10 +38,10 @@ def test_columns_and_rows(scene: Scene) -> None:
 
 
 def test_outside_and_nearest() -> None:
-    """A square plate: mm outside of it, negative inside; the near pixel of nine."""
+    """``outside`` is in mm, negative inside a square plate; ``nearest`` is the smallest depth of nine pixels."""
     crop = np.ones((1, 128, 128), np.float32)
     crop[:, 40:80, 50:70] = 0.2
-    crop[:, 60, 60] = 1  # a pixel that was not read
+    crop[:, 60, 60] = 1  # a pixel without a reading
     seen = observe(crop, [[320, 240, 700]], NYU, 300.0)
     px = 300 / 128
     assert seen.outside[0, 60, 45] == pytest.approx(4.5 * px, rel=0.02)
@@ -49,15 +49,16 @@ def test_outside_and_nearest() -> None:
     assert seen.outside[0, 60, 60] < 0
     assert seen.nearest[0, 39, 49] == pytest.approx(30) and seen.nearest[0, 38, 49] == 150
     cut = np.full((1, 128, 128), 0.2, np.float32)
-    assert observe(cut, [[320, 240, 700]], NYU, 300.0).outside.max() < -60 * px  # it goes on beyond the crop
+    assert observe(cut, [[320, 240, 700]], NYU, 300.0).outside.max() < -60 * px  # the plate continues beyond the crop
 
 
 @pytest.mark.parametrize("camera", [NYU, KINECT2], ids=lambda camera: camera.name)
 @pytest.mark.parametrize(("u", "v", "cut_mm"), [(0.5, 0.5, 0), (0.0, 0.5, 90), (1.0, 0.5, 90), (0.5, 0.0, 60),
                                                 (0.5, 1.0, 60), (0.0, 1.0, 75)])  # fmt: skip
 def test_what_the_edge_of_the_image_cuts(camera: Camera, u: float, v: float, cut_mm: float) -> None:
-    """mm of it that something is seen at: a plate, 60 mm wide and 90 high, whose middle is in the image or at its edge,
-    or at a corner."""
+    """``cut_mm`` is the length in mm along which the image border cuts a plate of 60 x 90 mm.
+
+    The plate's middle lies within the image, at its border, or at a corner."""
     uvd = np.array([[u * (camera.width - 1), v * (camera.height - 1), 700]])
     column, row = np.arange(128) - 63.5, (np.arange(128) - 63.5)[:, None]
     plate = (abs(column) * 300 / 128 < 30) & (abs(row) * 300 / 128 < 45)
@@ -69,7 +70,7 @@ def test_what_the_edge_of_the_image_cuts(camera: Camera, u: float, v: float, cut
 
 
 def test_few_points_and_none() -> None:
-    """Fewer pixels than points: each once, the rest unknown. An empty crop: nothing known."""
+    """If there are fewer pixels than points, each is used once and the rest are unknown; an empty crop has none."""
     crop = np.ones((2, 128, 128), np.float32)
     crop[0, 60:65, 60:70] = 0
     seen = observe(crop, [[320, 240, 700]] * 2, NYU, 300.0, 80)
@@ -78,7 +79,7 @@ def test_few_points_and_none() -> None:
 
 
 def test_what_lies_outside_the_image_is_no_surface() -> None:
-    """Crop pixels beyond the image's border have no ray."""
+    """Crop pixels beyond the image border yield no points."""
     crop = np.zeros((1, 128, 128), np.float32)
     seen = observe(crop, [[5, 240, 700]], NYU, 300.0)
     u = NYU.project(seen.points[0].T + seen.center[0])[:, 0]
@@ -86,7 +87,7 @@ def test_what_lies_outside_the_image_is_no_surface() -> None:
 
 
 def test_thin_parts_have_more_points() -> None:
-    """A finger gets more points than as much of a palm."""
+    """A finger gets more points per pixel than a palm."""
     crop = np.ones((1, 128, 128), np.float32)
     crop[0, 20:100, 20:26] = 0  # 80 x 6
     crop[0, 60:100, 50:100] = 0  # 40 x 50
@@ -96,7 +97,7 @@ def test_thin_parts_have_more_points() -> None:
 
 
 def test_the_mirror_image(scene: Scene) -> None:
-    """Is the observation of the mirrored crop, to the pixel that the crop's rounding moves."""
+    """The mirrored observation equals the observation of the mirrored crop, up to rounding to a pixel."""
     once = scene.seen.mirrored()
     np.testing.assert_array_equal(once.points, scene.seen.points * np.array([[-1], [1], [1]]))
     uvd = scene.center_uvd * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
@@ -108,7 +109,7 @@ def test_the_mirror_image(scene: Scene) -> None:
 
 
 def test_some_in_the_mirror(scene: Scene) -> None:
-    """Each frame as the whole mirror image has it, or as it was; nothing that was given is changed."""
+    """Only the selected frames are mirrored, and the original observation is not modified."""
     which = np.arange(len(scene.seen)) % 3 == 1
     before = {name: values.copy() for name, values in vars(scene.seen).items()}
     some, everything = scene.seen.mirrored(which), scene.seen.mirrored()
@@ -122,7 +123,7 @@ def test_some_in_the_mirror(scene: Scene) -> None:
 
 
 def test_some_frames_and_some_points(scene: Scene) -> None:
-    """By rows, several times, and every third."""
+    """``take`` selects frames, also repeatedly; ``thinned`` keeps every third point."""
     few = scene.seen.take(np.array([3, 3, 1])).thinned(3)
     np.testing.assert_array_equal(few.points[1], scene.seen.points[3, :, ::3])
     assert len(few) == 3 and few.frame.tolist() == [3, 3, 1] and few.known.shape == (3, 134)
@@ -130,6 +131,6 @@ def test_some_frames_and_some_points(scene: Scene) -> None:
 
 
 def test_mistakes() -> None:
-    """A crop alone is no stack of crops."""
+    """A single crop instead of a stack of crops raises an error."""
     with pytest.raises(DataError, match=r"crops of shape \(128, 128\), expected \(N, size, size\)"):
         observe(np.zeros((128, 128)), [[1, 2, 3]], KINECT2, 300.0)

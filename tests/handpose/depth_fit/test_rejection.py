@@ -36,18 +36,18 @@ def fit(model: CapsuleModel) -> DepthFit:
 
 @pytest.fixture
 def crop(model: CapsuleModel, fit: DepthFit) -> np.ndarray:
-    """Its picture."""
+    """The depth image of that hand."""
     depth = render_crop(model.capsules(fit.x, NYU.unproject(UVD)), UVD, 300.0)
     return normalise_depth(depth, UVD[:, 2], 300.0)
 
 
 def test_a_hand_is_not_rejected(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
-    """Where it is, predicted where it is: nothing."""
+    """A correctly predicted hand in the right place has a score near 0."""
     assert score(model, fit, crop) < 0.1
 
 
 def test_each_figure(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
-    """An empty picture, a prediction 20 mm away, a hand beside the image, a cost, a larger hand."""
+    """An empty crop, a shifted prediction, a hand outside the image, a cost and another size each add to the score."""
 
     def of(fit: DepthFit = fit, crop: np.ndarray = crop, uvd: np.ndarray = UVD) -> float:
         return score(model, fit, crop, uvd)
@@ -63,7 +63,7 @@ def test_each_figure(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> No
 
 
 def test_a_known_size_is_not_rejected(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
-    """A child's hand counts as much as a man's once a recording has determined its size."""
+    """A child's hand scores like an adult's once a recording has determined its size."""
     x = fit.x.copy()
     x[0, SIZE] -= 0.2
     smaller = replace(fit, x=x)
@@ -72,11 +72,11 @@ def test_a_known_size_is_not_rejected(model: CapsuleModel, fit: DepthFit, crop: 
 
 
 def test_the_typical_size_is_that_of_the_training_frames() -> None:
-    """The recipe of the packaged weights draws sizes about it."""
+    """The recipe of the packaged weights samples sizes around the typical size."""
     assert recipe("people").prior.scale_mean == TYPICAL_SIZE
 
 
 def test_a_stick_on_one_finger_is_rejected(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
-    """Much of the hand is nowhere, however well the stick lies on the finger."""
+    """If most of the hand was not seen, the score is high, even if a single finger fits well."""
     stick = np.where(np.arange(128) > 64, crop, 1.0).astype(np.float32)  # a part of the hand's own picture
     assert score(model, fit, stick) > 15

@@ -10,7 +10,7 @@ from tests.handpose.depth_fit.conftest import slopes, written_out
 
 
 def some_residuals(model: CapsuleModel, rng: np.random.Generator, N: int, R: int) -> Residuals:
-    """Of any capsules, places and directions."""
+    """Residuals of random capsules, places and directions."""
     f4 = np.float32
     return Residuals(
         capsule=rng.integers(0, len(model.start), (N, R)),
@@ -22,7 +22,7 @@ def some_residuals(model: CapsuleModel, rng: np.random.Generator, N: int, R: int
 
 
 def test_points_between_the_ends(model: CapsuleModel) -> None:
-    """At 0 and 1 they are the ends with their radii, between them in a straight line; of all, or of some."""
+    """Places 0 and 1 are the capsule's ends with their radii, for all capsules or a selection."""
     posed = model.posed(np.full((2, model.variables), 0.1))
     cones = cones_of(model, posed)
     M = len(model.start)
@@ -37,7 +37,7 @@ def test_points_between_the_ends(model: CapsuleModel) -> None:
 
 
 def test_normal_equations_are_those_of_the_written_out_jacobian(model: CapsuleModel) -> None:
-    """A = sum w J Jt and b = sum w J r, with J row by row from how the ends move."""
+    """The equations equal A = sum w J Jt and b = sum w J r, with J computed row by row from the motion of the ends."""
     rng = np.random.default_rng(0)
     x = rng.normal(0, 0.2, (3, model.variables))
     posed, r = model.posed(x), some_residuals(model, rng, 3, 40)
@@ -49,7 +49,7 @@ def test_normal_equations_are_those_of_the_written_out_jacobian(model: CapsuleMo
 
 
 def test_the_order_of_points_changes_nothing(model: CapsuleModel) -> None:
-    """The sums are exact, so that the order in which a processor adds does not matter."""
+    """The sums are exact, so that the order of addition does not matter."""
     rng = np.random.default_rng(3)
     posed, r = model.posed(rng.normal(0, 0.2, (3, model.variables))), some_residuals(model, rng, 3, 400)
     weight = rng.random((3, 2, 400)).astype(np.float32)
@@ -61,7 +61,7 @@ def test_the_order_of_points_changes_nothing(model: CapsuleModel) -> None:
 
 
 def test_how_a_point_moves(model: CapsuleModel) -> None:
-    """The motion of the ends, mixed as the place says, is the derivative of the point."""
+    """The motion of the ends, interpolated at the place, is the derivative of the point."""
     rng = np.random.default_rng(1)
     x, r = rng.normal(0, 0.2, (2, model.variables)), some_residuals(model, rng, 2, 20)
     belongs = belonging(r.capsule, len(model.start))
@@ -73,7 +73,7 @@ def test_how_a_point_moves(model: CapsuleModel) -> None:
 
 
 def test_joined(model: CapsuleModel) -> None:
-    """One after the other."""
+    """Residuals are concatenated along their last axis."""
     rng = np.random.default_rng(2)
     both = joined(some_residuals(model, rng, 2, 3), some_residuals(model, rng, 2, 4))
     assert both.capsule.shape == (2, 7) and both.direction.shape == (2, 3, 2, 7)

@@ -26,7 +26,7 @@ flesh {{ capsule {{ from: "root" to: "one" radius: 0.1 radius: 0.1 }}
 
 
 def body(slides: str = "X Y Z", turns: str = "Z X Y", z: str = "", angles: str = "abc") -> CapsuleModel:
-    """With a root that moves so; axes may be NEG_X and so on."""
+    """A body whose root has these axes, which may be negative, such as NEG_X."""
     made = {
         kind: " ".join(f'{kind} {{ axis: {axis} dof: "{name}" }}' for axis, name in zip(axes.split(), names))
         for kind, axes, names in (("translate", slides, "xyz"), ("rotate", turns, angles))
@@ -42,7 +42,7 @@ ROOTS = [
 
 
 def any_x(model: CapsuleModel, seed: int, count: int = 30) -> np.ndarray:
-    """Variables (N, V), the root's angles in all directions."""
+    """Variables (N, V) with the root's angles in all directions."""
     x = np.random.default_rng(seed).uniform(-1, 1, (count, model.variables))
     x[:, model.root] *= 4
     return x
@@ -58,7 +58,7 @@ def check_round_trip(model: CapsuleModel, x: np.ndarray) -> None:
 
 @pytest.mark.parametrize("made", [None, *ROOTS], ids=["hand", *(str(RootMotion(made)._axes) for made in ROOTS)])
 def test_there_and_back(model: CapsuleModel, made: CapsuleModel | None) -> None:
-    """Whatever the order of the axes and their signs, also where two of them coincide."""
+    """The round trip holds for every order and sign of the axes, also where two of them coincide."""
     own = made or model
     x = any_x(own, 0)
     check_round_trip(own, x)
@@ -71,7 +71,7 @@ def test_there_and_back(model: CapsuleModel, made: CapsuleModel | None) -> None:
 
 @pytest.mark.parametrize("made", [None, *ROOTS[:2], ROOTS[-1]], ids=["hand", "a", "b", "c"])
 def test_place_and_rotation(model: CapsuleModel, made: CapsuleModel | None) -> None:
-    """They are the root's in the kinematics."""
+    """Place and rotation equal those of the root joint in the kinematics."""
     own = made or model
     kinematics, root, x = kinematics_of(own.skeleton), RootMotion(own), any_x(own, 1)
     x[:, SIZE] = 0
@@ -88,6 +88,6 @@ def test_place_and_rotation(model: CapsuleModel, made: CapsuleModel | None) -> N
     ids=["two slides", "one slide twice", "two turns", "one turn twice", "a fixed DoF", "one DoF for two"],
 )  # fmt: skip
 def test_other_roots(kind: tuple[str, ...]) -> None:
-    """Bodies whose root has other motions are refused."""
+    """Bodies whose root has other motions raise an error."""
     with pytest.raises(NetlibError, match="skeleton 'made up': its root does not translate along x, y, z and turn"):
         RootMotion(body(*kind))

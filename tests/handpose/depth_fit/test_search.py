@@ -17,7 +17,7 @@ from tests.handpose.depth_fit.test_depth_residuals import PIPE
 
 @pytest.mark.parametrize("quarter", [0, 1, 2, 3])
 def test_a_pose_turned_with_its_picture(model: CapsuleModel, quarter: int) -> None:
-    """What is found in a picture turned counter-clockwise, turned back: every joint, and inputs that stay small."""
+    """A pose found in a picture turned counter-clockwise is turned back, with angles of at most half a turn."""
     rng = np.random.default_rng(0)
     inputs = np.where(model.skeleton.fixed, 0, rng.normal(0, 0.3, (4, 47)))
     inputs = model.inputs_of(model.variables_of(inputs))  # within the limits
@@ -43,14 +43,14 @@ def test_counter_clockwise_is_as_in_numpy(model: CapsuleModel) -> None:
 
 
 def test_a_body_that_cannot_turn_with_its_picture() -> None:
-    """One that does not translate along y, say."""
+    """A body that does not translate along x and y raises an error."""
     with pytest.raises(NetlibError, match="does not translate along x and y and turn about z first"):
         turned_back(body(PIPE % (1, 1)), np.zeros((1, 4)), 1)
 
 
 @pytest.mark.parametrize("name", PLANS)
 def test_a_plan_from_near(name: str) -> None:
-    """One start, no tournament, few iterations, as robust as the end of the whole plan; all points."""
+    """The refining plan has one start, no tournament, no more iterations, all points and the final robustness."""
     plan = PLANS[name]
     near = plan.refining()
     assert (near.draws, near.first, near.keep, near.points) == (0, (), 1, plan.points)
@@ -60,7 +60,7 @@ def test_a_plan_from_near(name: str) -> None:
 
 
 def test_drawn_starts(model: CapsuleModel, scene: Scene) -> None:
-    """Limbs only, with the covariance, within the limits, the same for the same seed and for every frame."""
+    """Only limbs vary, with the given covariance, within the limits, equally for the same seed and for every frame."""
     L = len(model.limbs)
     spread = np.linspace(0.01, 0.1, L)
     starts = drawn(model, np.zeros((2, model.variables)), np.diag(spread**2), 500, 0)
@@ -74,7 +74,7 @@ def test_drawn_starts(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_the_best_explained_start_wins(model: CapsuleModel, scene: Scene) -> None:
-    """Of the truth and two poses far away, for every frame; the second round gets the best of the first."""
+    """Of the truth and two poses far from it, the truth wins in most frames and has a much lower cost."""
     objective = Objective(model, Weights())
     wrong = scene.truth.copy()
     wrong[:, 5] += 2.0  # the palm turned in the picture

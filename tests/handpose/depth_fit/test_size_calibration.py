@@ -18,7 +18,7 @@ from tests.handpose.depth_fit.conftest import Scene
 
 @pytest.mark.parametrize(("size", "thickness"), [(0.92, 1.15), (0.761, 1.0), (1.329, 1.0)])
 def test_the_size_of_a_hand(model: CapsuleModel, scene: Scene, size: float, thickness: float) -> None:
-    """Twelve frames of a hand that is so large and so thick, fitted with some other size."""
+    """Size and thickness are found from twelve frames that were fitted with another size."""
     truth = scene.truth.copy()
     truth[:, SIZE], truth[:, THICKNESS] = np.log(size), np.log(thickness)
     capsules = model.capsules(truth, NYU.unproject(scene.center_uvd))
@@ -33,7 +33,7 @@ def test_the_size_of_a_hand(model: CapsuleModel, scene: Scene, size: float, thic
 
 
 def test_sizes_that_are_tried(model: CapsuleModel, scene: Scene) -> None:
-    """Few, about what is known already: the same is found; beyond the last it is not looked for."""
+    """A few sizes near the true one give the same result; a size outside their range is not found."""
     truth = scene.truth.copy()
     truth[:, SIZE] = np.log(0.95)
     depth = render_crop(model.capsules(truth, NYU.unproject(scene.center_uvd)), scene.center_uvd, 300.0)
@@ -49,7 +49,7 @@ def test_sizes_that_are_tried(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_people_as_a_prior(model: CapsuleModel, scene: Scene) -> None:
-    """It adds to the cost of each size, as much as to one frame, and draws the size to the typical one."""
+    """The prior adds to the cost of each size as for one frame, and moves the result towards the typical size."""
     fitter, sizes = DepthFitter(model), np.exp(np.linspace(-0.05, 0.1, 7))
     alone = calibrate_size(fitter, scene.seen, scene.truth, sizes=sizes)
     people = calibrate_size(fitter, scene.seen, scene.truth, sizes=sizes, deviation=0.02)
@@ -59,7 +59,7 @@ def test_people_as_a_prior(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_the_least_of_few_costs() -> None:
-    """By a parabola; the first or last size if the costs only fall towards it, however they bend."""
+    """The minimum is that of a parabola, or the first or last size if the costs decrease towards it."""
     sizes = np.exp([-0.1, 0.0, 0.1])
     assert _lowest(sizes, np.array([2.0, 1.0, 2.0])) == pytest.approx(1.0)
     assert _lowest(sizes, np.array([1.0, 1.0, 2.0])) == pytest.approx(np.exp(-0.05))
@@ -68,13 +68,13 @@ def test_the_least_of_few_costs() -> None:
 
 
 def test_too_few_frames(model: CapsuleModel, scene: Scene) -> None:
-    """Say nothing."""
+    """Fewer than 5 frames raise an error."""
     with pytest.raises(DataError, match="4 frames to estimate a hand's size from, expected 5 or more"):
         calibrate_size(DepthFitter(model), scene.seen.take(slice(0, 4)), scene.truth[:4])
 
 
 def test_a_skeleton_of_that_size(model: CapsuleModel) -> None:
-    """Bones by the size, radii by both."""
+    """Bones are scaled by the size, radii by size and thickness."""
     found = HandSize(1.1, 1.2, 0.0, GRID, GRID)
     person = sized(model.skeleton, found)
     np.testing.assert_allclose(person.bones, 1.1 * model.skeleton.bones)
