@@ -13,7 +13,7 @@ DEPTH = np.array([[0, 400, 600, 620, 1000, 3000, 70000]], np.float32)
 
 @given(st.lists(st.floats(100, 5000), max_size=5))
 def test_nearer_is_lighter(hands: list[float]) -> None:
-    """Wherever the hands are; what was not read is black, and nothing else is."""
+    """Nearer pixels are lighter for hands at any depth; pixels without a reading, and only they, are black."""
     contrast = Contrast()
     contrast.see(0.0, DEPTH, np.array(hands))
     grey = contrast.grey(DEPTH)[0].astype(int)
@@ -22,7 +22,7 @@ def test_nearer_is_lighter(hands: list[float]) -> None:
 
 
 def test_hands_get_most_of_the_greys() -> None:
-    """Two centimetres at the hand are seen, at the wall they are not."""
+    """Two centimetres are distinguishable at the hand, but not at the wall."""
     contrast = Contrast()
     contrast.see(0.0, DEPTH, np.array([580.0, 640.0]))
     near, far = contrast.grey(np.array([[600, 620], [3000, 3020]], np.float32)).astype(int)
@@ -30,7 +30,7 @@ def test_hands_get_most_of_the_greys() -> None:
 
 
 def test_it_does_not_flicker() -> None:
-    """A hand that jumps, or is lost, changes the greys of the rest by little from one frame to the next."""
+    """A hand that jumps, or is lost, changes the greys by at most 8 from one frame to the next."""
     contrast = Contrast()
     contrast.see(0.0, DEPTH, np.array([600.0]))
     before = contrast.grey(DEPTH).astype(int)
@@ -42,7 +42,7 @@ def test_it_does_not_flicker() -> None:
 
 
 def test_it_follows_in_seconds() -> None:
-    """After a while the contrast is as if the hand had always been there."""
+    """After 10 seconds the contrast is as if the hand had always been there."""
     slow, fresh = Contrast(), Contrast()
     slow.see(0.0, DEPTH, np.array([400.0]))
     slow.see(10.0, DEPTH, np.array([900.0]))
@@ -51,7 +51,7 @@ def test_it_follows_in_seconds() -> None:
 
 
 def test_without_hands_the_nearest_things_count() -> None:
-    """And without anything that was read, nothing goes wrong."""
+    """The nearest things determine the contrast; an image without readings raises no error."""
     contrast = Contrast()
     contrast.see(0.0, np.full((40, 40), 2500, np.float32), np.array([]))
     assert 100 < contrast.grey(np.array([[2500.0]], np.float32))[0, 0] < 150

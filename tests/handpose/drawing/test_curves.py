@@ -14,9 +14,9 @@ PLOT = slice(56, 1280 - 130)
 
 
 def frame(time: float, **confidence: float) -> TrackedFrame:
-    """Of hands h1, h2, ... with these confidences."""
-    told = tuple(tracked(id=int(name[1:]), confidence=value) for name, value in confidence.items())
-    return TrackedFrame(round(time * 30), time, told)
+    """A frame with hands h1, h2, ... of these confidences."""
+    hands = tuple(tracked(id=int(name[1:]), confidence=value) for name, value in confidence.items())
+    return TrackedFrame(round(time * 30), time, hands)
 
 
 def strip(*frames: TrackedFrame) -> Image:
@@ -27,17 +27,17 @@ def strip(*frames: TrackedFrame) -> Image:
 
 
 def columns(picture: Image, id: int) -> list[int]:
-    """In which columns there is a hand's curve."""
+    """The columns that contain a hand's curve."""
     return np.flatnonzero((picture[:, PLOT] == colour_of(id)).all(axis=2).any(axis=0)).tolist()
 
 
 def says_a_name(picture: Image, id: int) -> bool:
-    """Are there words in the hand's colour beside the curves? OpenCV versions smooth them differently."""
+    """Whether text in the hand's colour is beside the curves; OpenCV versions smooth it differently."""
     return bool((np.abs(picture[:, 1280 - 130 :].astype(int) - colour_of(id)).max(axis=2) <= 10).any())
 
 
 def test_the_surer_the_higher() -> None:
-    """A curve per hand, in the hand's colour."""
+    """Each hand has a curve in its colour, higher for a higher confidence."""
     picture = strip(*(frame(n / 10, h1=0.9, h2=0.3) for n in range(20)))
     high, low = (np.nonzero((picture[:, PLOT] == colour_of(id)).all(axis=2))[0].mean() for id in (1, 2))
     assert 12 < high < low < 64
@@ -45,7 +45,7 @@ def test_the_surer_the_higher() -> None:
 
 
 def test_a_gap_where_a_hand_was_lost() -> None:
-    """Between one frame with the hand and the next one there is no line if frames without it lie between."""
+    """Frames without the hand interrupt its curve."""
     picture = strip(*(frame(n / 10, h1=0.5) for n in range(10)), *(frame(1 + n / 10) for n in range(10)),
                     *(frame(2 + n / 10, h1=0.5) for n in range(10)))  # fmt: skip
     found = columns(picture, 1)
@@ -55,7 +55,7 @@ def test_a_gap_where_a_hand_was_lost() -> None:
 
 
 def test_only_the_last_seconds() -> None:
-    """What is older than three seconds is neither drawn nor kept."""
+    """Frames older than three seconds are neither drawn nor kept."""
     curves = ConfidenceCurves()
     for n in range(1000):
         curves.see(frame(n / 10, h1=0.5))
@@ -71,6 +71,6 @@ def test_without_a_confidence_there_is_no_curve() -> None:
 
 
 def test_a_lost_hand_is_named() -> None:
-    """In its colour, beside the curves."""
+    """Its name is written in its colour, beside the curves."""
     lost = TrackedFrame(1, 0.1, (), (LostHand(4, "left", 0.0, "left the image"),))
     assert says_a_name(strip(lost), 4)

@@ -18,7 +18,7 @@ EMPTY = np.ones((128, 128), np.float32)
 
 
 def test_overlay_shows_joints_where_they_are_seen() -> None:
-    """With the centre known, a joint's dot is at its pixel of the crop, in its finger's colour; else nearly so."""
+    """With a known centre, a joint's dot is at its pixel in the crop, in its finger's colour; otherwise near it."""
     center = np.array([250.0, 200.0, 700.0])
     tip = SKELETON.joint_names.index("thumb_tip")
     uvd = NYU.project(JOINTS[tip] * 150 + NYU.unproject(center))
@@ -32,14 +32,14 @@ def test_overlay_shows_joints_where_they_are_seen() -> None:
 
 
 def test_every_finger_has_its_colour() -> None:
-    """Five fingers, five colours, and grey for the rest."""
+    """The picture has five colours for five fingers, and grey for the rest."""
     for picture in (hands.overlay(EMPTY, JOINTS, SKELETON), hands.view_3d(JOINTS, SKELETON)):
         shown = {tuple(int(c) for c in colour) for colour in np.unique(picture.reshape(-1, 3), axis=0)}
         assert {*hands.COLOURS.values(), hands.GREY} <= shown
 
 
 def test_near_is_bright() -> None:
-    """Background is black, the near face of the cube is the brightest."""
+    """The background is black, and the near face of the cube is the brightest."""
     crop = EMPTY.copy()
     crop[:, 100:] = -1
     picture = hands.overlay(crop, JOINTS * 0.01, SKELETON, zoom=2)
@@ -57,14 +57,14 @@ def test_truth_is_drawn_too() -> None:
 
 
 def test_joints_far_outside_do_no_harm() -> None:
-    """A wild prediction is drawn as far as it fits: a joint in the middle of the picture is where it always is."""
+    """Joints far outside do not move the others: a joint in the middle of the crop is drawn there."""
     wild = JOINTS * 1e9
     tip = SKELETON.joint_names.index("index_tip")
     wild[tip] = 0
     picture = hands.overlay(EMPTY, wild, SKELETON)
     assert picture.shape == (512, 512, 3)
     assert tuple(picture[257, 257]) == hands.COLOURS["index"]
-    assert (picture == 0).all(axis=2).mean() > 0.9  # but for the bones, which cross it
+    assert (picture == 0).all(axis=2).mean() > 0.9  # except for the bones, which cross it
     assert (hands.overlay(EMPTY, JOINTS * 1e9 + 1e9, SKELETON) == 0).all(), "all beside the picture"
     far, near = hands.view_3d(JOINTS * 3, SKELETON), hands.view_3d(JOINTS, SKELETON)
     assert far.shape == near.shape
@@ -73,7 +73,7 @@ def test_joints_far_outside_do_no_harm() -> None:
 
 
 def test_mistakes() -> None:
-    """Joints of another skeleton, NaN and an oblong crop are named."""
+    """Joints of another skeleton, NaN and an oblong crop raise an error with the reason."""
     for call, message in (
         (lambda: hands.overlay(EMPTY, np.zeros((14, 3)), SKELETON), r"\(14, 3\), expected \(31, 3\)"),
         (lambda: hands.view_3d(JOINTS * np.nan, SKELETON), "finite"),

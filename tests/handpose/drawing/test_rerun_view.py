@@ -25,7 +25,7 @@ ONE = TrackedFrame(1, 0.1, (RIGHT,), (LostHand(2, "left", 0.0, "left the image")
 
 
 class FakeStream:
-    """Keeps what it is told."""
+    """Records everything that is logged to it."""
 
     def __init__(self, name: str) -> None:
         self.logged: list[tuple[str, Any]] = []
@@ -65,7 +65,7 @@ def archetype(name: str) -> Callable[..., SimpleNamespace]:
 
 @pytest.fixture
 def streams(monkeypatch: pytest.MonkeyPatch) -> list[FakeStream]:
-    """The streams that are opened by a rerun that has what is used, and nothing else."""
+    """The opened streams of a fake ``rerun`` module, which has only the names that are used."""
     made: list[FakeStream] = []
     fake = ModuleType("rerun")
     for name in ("Pinhole", "DepthImage", "Points3D", "LineStrips3D", "Capsules3D", "Scalars", "SeriesLines", "TextLog",
@@ -81,7 +81,7 @@ def streams(monkeypatch: pytest.MonkeyPatch) -> list[FakeStream]:
 
 
 def test_the_viewer_is_opened(streams: list[FakeStream]) -> None:
-    """And told of camera, time and frame."""
+    """The viewer is opened and receives the camera, the time and the frame."""
     with RerunView(HEADER) as view:
         view.log(DEPTH, TrackedFrame(7, 0.25, ()))
     (stream,) = streams
@@ -93,7 +93,7 @@ def test_the_viewer_is_opened(streams: list[FakeStream]) -> None:
 
 
 def test_joints_are_where_rerun_sees_them(streams: list[FakeStream]) -> None:
-    """Its pinhole (x right, y down, z forward) puts each joint on the pixel where our camera sees it: no mirror."""
+    """Rerun's pinhole (x right, y down, z forward) puts each joint on its pixel of our camera, without mirroring."""
     with RerunView(HEADER) as view:
         view.log(DEPTH, BOTH)
     pinhole = streams[0].last("world/camera")
@@ -101,13 +101,13 @@ def test_joints_are_where_rerun_sees_them(streams: list[FakeStream]) -> None:
     for hand in (RIGHT, LEFT):
         x, y, z = np.asarray(streams[0].last(f"world/hands/{hand.id}/joints").given[0]).T
         pixels = np.stack([x, y]) / z * np.reshape(pinhole.focal_length, (2, 1))
-        pixels += np.reshape(pinhole.principal_point, (2, 1)) - 0.5  # Rerun's pixels have their middle at one half
+        pixels += np.reshape(pinhole.principal_point, (2, 1)) - 0.5  # the middle of a pixel of Rerun is at one half
         np.testing.assert_allclose(pixels.T, CAMERA.project(hand.xyz)[:, :2])
         np.testing.assert_allclose(z, hand.xyz[:, 2] / 1000)
 
 
 def test_bones_in_the_colours_of_fingers(streams: list[FakeStream]) -> None:
-    """Red, green and blue, from joint to joint."""
+    """Bones connect joints and have the colours of their fingers, in the order red, green, blue."""
     with RerunView(HEADER) as view:
         view.log(DEPTH, BOTH)
     joints, bones = (streams[0].last(f"world/hands/1/{part}") for part in ("joints", "bones"))
@@ -121,7 +121,7 @@ def test_bones_in_the_colours_of_fingers(streams: list[FakeStream]) -> None:
 
 
 def test_a_lost_hand_is_taken_away_and_told_of_once(streams: list[FakeStream]) -> None:
-    """With the reason; its curve ends."""
+    """A lost hand is removed, its curve ends, and the reason is logged once."""
     with RerunView(HEADER) as view:
         view.log(DEPTH, BOTH)
         view.log(DEPTH, ONE)
@@ -133,7 +133,7 @@ def test_a_lost_hand_is_taken_away_and_told_of_once(streams: list[FakeStream]) -
 
 
 def test_a_file_is_whole_or_not_there(streams: list[FakeStream], tmp_path: Path) -> None:
-    """Until the end of the block it has another name; Ctrl-C ends the block, too."""
+    """Until the block ends the file has another name; Ctrl-C ends the block as well."""
     path = tmp_path / "a.rrd"
     with pytest.raises(KeyboardInterrupt), RerunView(HEADER, path) as view:
         view.log(DEPTH, BOTH)
@@ -144,7 +144,7 @@ def test_a_file_is_whole_or_not_there(streams: list[FakeStream], tmp_path: Path)
 
 @pytest.mark.parametrize("along", [(1, 2, 3), (0, 0, 1), (0, 0, -1), (-3, 0, -0.1), (0, 0, 0)])
 def test_capsules(along: tuple[float, float, float]) -> None:
-    """Rerun turns the z axis by a quaternion: its end is the capsule's other end."""
+    """The z axis, turned by the quaternion, ends at the capsule's other end."""
     a, b = np.array([[[10.0, 20, 700]]]), np.array([[[10.0, 20, 700]]]) + along
     lengths, radii, starts, turns = capsules_in_rerun(Capsules(a, b, np.array([[8.0]]), np.array([[6.0]])))
     x, y, z, w = turns[0]
@@ -154,7 +154,7 @@ def test_capsules(along: tuple[float, float, float]) -> None:
 
 
 def test_mistakes(streams: list[FakeStream], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another ending, a depth image of another size, a viewer that does not start, no rerun at all."""
+    """Another suffix, another image size, a viewer that does not start and a missing rerun raise errors."""
     with pytest.raises(NetlibError, match=r"a\.bin: a recording for Rerun is written as \.rrd"):
         RerunView(HEADER, tmp_path / "a.bin")
     with RerunView(HEADER) as view, pytest.raises(DataError, match="480"):
@@ -172,7 +172,7 @@ def test_mistakes(streams: list[FakeStream], tmp_path: Path, monkeypatch: pytest
 
 
 def test_the_real_rerun_takes_it_all(tmp_path: Path) -> None:
-    """Strictly: what it would only warn of is an error."""
+    """In strict mode the real Rerun raises an error for anything that it would otherwise only warn about."""
     rerun = pytest.importorskip("rerun", reason="needs rerun-sdk")
     rerun.set_strict_mode(True)
     try:

@@ -25,7 +25,7 @@ def picture(value: int = 0) -> Image:
 
 @given(frames=st.integers(1, 2000), columns=st.integers(1, 4), rows=st.integers(1, 4))
 def test_moments_evenly_apart(frames: int, columns: int, rows: int) -> None:
-    """From the first frame to nearly the last, whatever their number; few pictures are held, and few are drawn."""
+    """Moments span the whole sequence for any number of frames; few pictures are kept, and few are drawn."""
     sheet, drawn = ContactSheet(columns, rows), []
     for n in range(frames):
         sheet.add(n, lambda n=n: drawn.append(n) or picture(n))
@@ -40,27 +40,27 @@ def test_moments_evenly_apart(frames: int, columns: int, rows: int) -> None:
 
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each picture with its time in seconds above it, reduced to the width asked for."""
-    told = {}
-    monkeypatch.setattr(sheets.strokes, "sheet", lambda *given: told.update(given=given))
+    """Each picture is reduced to the requested width, with its time in seconds above it."""
+    received = {}
+    monkeypatch.setattr(sheets.strokes, "sheet", lambda *given: received.update(given=given))
     sheet = ContactSheet(2, 2, width=100)
     for n in range(3):
         sheet.add(n / 30, lambda n=n: np.full((150, 200, 3), n, np.uint8))
     sheet.page()
-    images, columns, titles = told["given"]
+    images, columns, titles = received["given"]
     assert [image.shape for image in images] == [(75, 100, 3)] * 3 and [image[0, 0, 0] for image in images] == [0, 1, 2]
     assert columns == 2 and titles == ["0.00 s", "0.03 s", "0.07 s"]
 
 
 def test_a_page_can_be_drawn() -> None:
-    """Of as many pictures as there are."""
+    """A page has only as many cells as there are pictures."""
     sheet = ContactSheet(2, 2)
     sheet.add(0.0, picture)
     assert sheet.page().shape == (3 + 22 + 16, 4 + 16, 3)
 
 
 def test_mistakes() -> None:
-    """No places, no pictures."""
+    """A sheet without cells and a page without pictures raise errors."""
     with pytest.raises(DataError, match="0 columns, 3 rows"):
         ContactSheet(0, 3)
     with pytest.raises(DataError, match="0 pictures"):
@@ -69,13 +69,13 @@ def test_mistakes() -> None:
 
 @pytest.fixture
 def joints() -> Array:
-    """Two hands."""
+    """The joints of two hands."""
     inputs = np.random.default_rng(0).normal(0, 0.1, (2, len(SKELETON.initial)))
     return np.asarray(kinematics_of(SKELETON).joints(inputs))
 
 
 def test_two_views(joints: Array) -> None:
-    """A frame has two cells, on the crop and in space, with a title each."""
+    """Each frame has two cells with a title each: the view on the crop and the view in space."""
     titles = [("frame 0", "1 mm"), ("frame 7", "2 mm")]
     drawn = sheets.two_views(CROPS, joints, joints[:, ::-1], SKELETON, titles, columns=2)
     cells = []
@@ -85,7 +85,7 @@ def test_two_views(joints: Array) -> None:
 
 
 def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
-    """ICVL's 16 joints are no skeleton of 31."""
+    """An annotation with ICVL's 16 joints, which do not match the skeleton's 31, is omitted."""
     titles = [("a", "b"), ("c", "d")]
     few = sheets.two_views(CROPS, joints, joints[:, :16], SKELETON, titles)
     assert few.shape == sheets.two_views(CROPS, joints, joints, SKELETON, titles).shape
@@ -93,7 +93,7 @@ def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
 
 
 def test_side_by_side(joints: Array) -> None:
-    """A method per column, with its mean error in mm."""
+    """Each method has a column with its mean error in mm."""
     moved = joints + (0.1, 0, 0)
     drawn = sheets.side_by_side(CROPS, {"A": joints, "B": moved}, joints, SKELETON, np.array([150.0, 100.0]))
     cells = [

@@ -13,9 +13,9 @@ from handpose.track_files.track import TrackedHand
 from tests.support.tracked_hands import HEADER, tracked
 
 
-def shown(space: Space, time: float, told: Sequence[TrackedHand]) -> Image:
-    space.see(time, np.concatenate([hand.xyz for hand in told]))
-    return space.picture(told, 600, 500)
+def shown(space: Space, time: float, drawn: Sequence[TrackedHand]) -> Image:
+    space.see(time, np.concatenate([hand.xyz for hand in drawn]))
+    return space.picture(drawn, 600, 500)
 
 
 def rectangle(picture: Image, empty: Image) -> tuple[int, int, int, int]:
@@ -24,7 +24,7 @@ def rectangle(picture: Image, empty: Image) -> tuple[int, int, int, int]:
 
 
 def test_two_hands_in_one_view() -> None:
-    """Both are wholly in it, the right one on the left, as the camera sees them."""
+    """Both hands are entirely visible, the right one on the left, as seen by the camera."""
     right, left = tracked("right", (-200, 0, 600)), tracked("left", (200, 50, 650), 2)
     space = Space(HEADER.skeleton)
     both = shown(space, 0.0, [right, left])
@@ -38,7 +38,7 @@ def test_two_hands_in_one_view() -> None:
 
 
 def test_the_floor_stands_still_while_the_hand_is_within() -> None:
-    """And moves, little by little, with one that is about to leave."""
+    """The view moves gradually only when a hand is about to leave it."""
     space = Space(HEADER.skeleton)
     shown(space, 0.0, [tracked()])
     floor = space.picture([], 600, 500)
@@ -54,7 +54,7 @@ def test_the_floor_stands_still_while_the_hand_is_within() -> None:
 
 
 def test_a_lost_hand_leaves_the_floor() -> None:
-    """Nothing moves without hands; before the first hand there is only paper."""
+    """The view does not move without hands; before the first hand the picture is blank."""
     space = Space(HEADER.skeleton)
     space.see(0.0, np.empty((0, 3)))
     assert (space.picture([], 60, 50) == 248).all()

@@ -10,7 +10,7 @@ from netlib.errors import DataError
 
 
 def test_sheet() -> None:
-    """Pictures of any size and depth are set in a grid, titles above them."""
+    """Pictures of any size and depth are arranged in a grid, with titles above them."""
     pictures = [np.full((60, 40), 10, np.uint8), np.full((30, 80, 3), 20, np.uint8), np.full((60, 80), 30, np.uint8)]
     page = strokes.sheet(pictures, 2, ["one", "a title that is far too long for its cell", "three"])
     assert page.shape == (2 * (60 + 22 + 8) + 8, 2 * (80 + 8) + 8, 3)
@@ -20,7 +20,7 @@ def test_sheet() -> None:
 
 
 def test_mistakes() -> None:
-    """Wrong titles, and no pictures, are named."""
+    """A wrong number of titles, and no pictures, raise errors."""
     with pytest.raises(DataError, match="2 titles for 1"):
         strokes.sheet([np.ones((128, 128), np.uint8)], 1, ["a", "b"])
     with pytest.raises(DataError, match="0 pictures"):

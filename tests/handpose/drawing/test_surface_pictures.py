@@ -14,7 +14,7 @@ from layers.hand import skeleton
 
 
 def test_surface_over_its_own_picture() -> None:
-    """The surface is skin-coloured in the picture; elsewhere it is the crop's; reddish where nothing was seen."""
+    """The surface is skin-coloured over the crop, reddish where nothing was seen; the rest of the crop is unchanged."""
     model, uvd = CapsuleModel(skeleton.load(), 150.0), np.array([[320.0, 240, 700]])
     x = np.zeros((1, model.variables))
     depth = render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0)
@@ -34,7 +34,7 @@ BALL = Capsules(np.array([[[20.0, 10, 500]]]), np.array([[[20.0, 10, 500]]]), np
 
 @pytest.mark.parametrize("size", [100, 1000], ids=["every pixel", "one of many"])
 def test_surface_is_painted_where_a_camera_sees_it(size: int) -> None:
-    """A ball is a disc about its middle, lit from the upper left; the rest of the picture is as it was."""
+    """A ball is drawn as a disc about its middle, lit from the upper left; the rest of the picture is unchanged."""
     camera = Camera("any", size, size, size / 2, size / 2, size, size)
     canvas = np.full((size, size, 3), 90, np.uint8)
     paint(canvas, BALL, camera, opacity=1.0)
@@ -49,7 +49,7 @@ def test_surface_is_painted_where_a_camera_sees_it(size: int) -> None:
 
 
 def test_surface_beside_the_picture_or_behind_the_camera_is_not_painted() -> None:
-    """Nothing to see, no error."""
+    """A surface outside the picture changes nothing and raises no error."""
     camera, canvas = Camera("any", 100, 100, 50, 50, 100, 100), np.zeros((100, 100, 3), np.uint8)
     for away in ((2000, 0, 0), (0, 0, -1000), (0, -2000, -480)):
         moved = BALL._replace(a=BALL.a + away, b=BALL.b + away)

@@ -22,8 +22,8 @@ DEPTH = seen([RIGHT, LEFT])
 ZOOM = 528 / CAMERA.height
 
 
-def of(*told: TrackedHand, lost: tuple[LostHand, ...] = (), time: float = 1.0) -> TrackedFrame:
-    return TrackedFrame(30, time, told, lost)
+def of(*found: TrackedHand, lost: tuple[LostHand, ...] = (), time: float = 1.0) -> TrackedFrame:
+    return TrackedFrame(30, time, found, lost)
 
 
 def where(one: Image, other: Image) -> tuple[slice, slice]:
@@ -34,7 +34,7 @@ def where(one: Image, other: Image) -> tuple[slice, slice]:
 
 @pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
 def test_joints_are_where_the_camera_sees_them(hand: TrackedHand) -> None:
-    """At the pixel of each finger's tip is the finger's colour, of a right hand and of a left one."""
+    """The pixel of each fingertip has the finger's colour, for a right and a left hand."""
     picture = annotated(DEPTH, of(RIGHT, LEFT), HEADER)[HEAD:]
     for finger, colour in hands.COLOURS.items():
         u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
@@ -43,7 +43,7 @@ def test_joints_are_where_the_camera_sees_them(hand: TrackedHand) -> None:
 
 
 def test_surface_lies_over_the_depth_that_it_explains() -> None:
-    """Skin where the hand was seen, the grey picture everywhere else but for crop and words."""
+    """The hand's pixels are skin-coloured, and nearly all others are unchanged."""
     without = replace(RIGHT, capsules=None)
     rows, columns = slice(HEAD, HEAD + 528), slice(0, 704)
     depth = seen([RIGHT])
@@ -52,14 +52,14 @@ def test_surface_lies_over_the_depth_that_it_explains() -> None:
     changed = (bare != with_surface).any(axis=2)
     x, y = (np.rint((np.arange(n) + 0.5) / ZOOM - 0.5).astype(int).clip(0) for n in (704, 528))
     hand = alone[y.clip(max=119)][:, x.clip(max=159)]
-    assert changed[hand].mean() > 0.7  # the rest is under bones
+    assert changed[hand].mean() > 0.7  # bones cover the rest
     assert changed[~hand].mean() < 0.03
     blue, _, red = np.moveaxis(with_surface[changed & hand], -1, 0)
     assert (red > blue + 10).mean() > 0.9
 
 
 def test_each_hand_has_its_label_in_its_colour() -> None:
-    """Which hand, how sure: another number changes the label and the curve, and nothing else on the depth image."""
+    """Another confidence changes only the label on the depth image, which has the hand's colour."""
     picture = annotated(DEPTH, of(RIGHT, LEFT), HEADER)[HEAD : HEAD + 528]
     surer = annotated(DEPTH, of(replace(RIGHT, confidence=0.94), LEFT), HEADER)[HEAD : HEAD + 528]
     rows, columns = where(picture, surer)
@@ -70,7 +70,7 @@ def test_each_hand_has_its_label_in_its_colour() -> None:
 
 
 def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
-    """In its colour, in the lower left corner of the depth image; nothing of the hand is drawn."""
+    """The reason is written in the hand's colour in the lower left corner, and the hand is not drawn."""
     lost = LostHand(2, "left", 0.6, "left the image")
     picture = annotated(DEPTH, of(RIGHT, lost=(lost,)), HEADER)[HEAD : HEAD + 528, :704]
     corner = picture[-22:, :200]
@@ -82,7 +82,7 @@ def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
 
 
 def test_a_hand_partly_or_wholly_beside_the_image_does_no_harm() -> None:
-    """What is in the picture is drawn; joints behind the camera, too."""
+    """Hands partly or entirely outside the image, or near the camera, are drawn without error."""
     for at in ((-330, 0, 600), (5000, 0, 600), (0, 0, 60)):
         hand = tracked("right", at)
         assert annotated(seen([]), of(hand), HEADER).shape == (HEAD + 528 + STRIP, 1280, 3)
@@ -90,7 +90,7 @@ def test_a_hand_partly_or_wholly_beside_the_image_does_no_harm() -> None:
 
 @pytest.mark.parametrize("camera", [*CAMERAS.values(), Camera("upright", 500, 500, 240, 320, 480, 640)], ids=str)
 def test_sizes(camera: Camera) -> None:
-    """As wide as asked for, of even height, and at least 2 of 5 of the width are left for the view in space."""
+    """The picture has the requested width and an even height, and 2 of 5 of the width are left for the space view."""
     header = replace(HEADER, camera=camera)
     depth = np.full((camera.height, camera.width), 900, np.float32)
     picture, seen_alone = annotated(depth, of(), header), Painter(header).seen(depth, of())
@@ -102,19 +102,19 @@ def test_sizes(camera: Camera) -> None:
 
 @pytest.mark.parametrize("size", [(640, 1), (1, 480), (1, 1)])
 def test_images_of_a_single_row_or_column(size: tuple[int, int]) -> None:
-    """Are drawn, too."""
+    """Images with a single row or column are drawn as well."""
     header = replace(HEADER, camera=Camera("narrow", 500, 500, 0, 0, *size))
     assert annotated(np.full(size[::-1], 900, np.float32), of(), header).shape[1] == 1280
 
 
 def test_a_depth_image_of_another_size_is_named() -> None:
-    """It would be drawn at the wrong place."""
+    """A depth image of another size raises an error, because it would be drawn in the wrong place."""
     with pytest.raises(DataError, match="640"):
         annotated(np.zeros((480, 640), np.float32), of(RIGHT), HEADER)
 
 
 def test_pictures_are_the_same_every_time() -> None:
-    """Two painters draw the same film."""
+    """Two painters draw identical pictures."""
     films = [
         [painter.picture(DEPTH, of(RIGHT, LEFT, time=t)) for t in (0.0, 0.1)] for painter in map(Painter, [HEADER] * 2)
     ]

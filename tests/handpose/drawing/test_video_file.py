@@ -17,7 +17,7 @@ TIMES = [5.0, 5.033, 5.066, 6.5, 6.501, 6.6]  # with a gap
 
 
 def picture(n: int, height: int = 64, width: int = 96) -> Image:
-    """Grey, another one for each number."""
+    """A grey picture, with another grey for each number."""
     return np.full((height, width, 3), 40 * n, np.uint8)
 
 
@@ -28,13 +28,13 @@ def write(path: Path, times: list[float] = TIMES) -> None:
 
 
 def read(path: Path) -> list[tuple[float, int]]:
-    """Time and grey of every frame."""
+    """The time and the grey of every frame."""
     with av.open(str(path)) as file:
         return [(frame.time, int(frame.to_ndarray(format="gray")[9, 9])) for frame in file.decode(video=0)]
 
 
 def test_every_picture_at_its_time(tmp_path: Path) -> None:
-    """The first one's is 0; gaps stay; each picture is itself, and none is left out."""
+    """The first time is 0, gaps are kept, and no picture is omitted or changed."""
     write(tmp_path / "a.mp4")
     frames = read(tmp_path / "a.mp4")
     np.testing.assert_allclose([time for time, _ in frames], np.subtract(TIMES, 5.0), atol=1 / TICKS)
@@ -42,7 +42,7 @@ def test_every_picture_at_its_time(tmp_path: Path) -> None:
 
 
 def test_browsers_play_it(tmp_path: Path) -> None:
-    """H.264, yuv420p, the index before the pictures; the last picture stands as long as the rate says."""
+    """The file is H.264 in yuv420p, with the index first; the last picture lasts one period of the rate."""
     write(tmp_path / "a.mp4")
     content = (tmp_path / "a.mp4").read_bytes()
     assert 0 < content.index(b"moov") < content.index(b"mdat")
@@ -50,14 +50,14 @@ def test_browsers_play_it(tmp_path: Path) -> None:
         stream = file.streams.video[0]
         if {"libx264", "libopenh264"} & av.codecs_available:
             assert stream.codec_context.name == "h264"
-        assert stream.codec_context.color_range == 1  # limited, 16 to 235: what the pictures are converted to
+        assert stream.codec_context.color_range == 1  # limited range, 16 to 235, to which the pictures are converted
         assert (stream.codec_context.pix_fmt, stream.width, stream.height) == ("yuv420p", 96, 64)
         assert file.duration / 1e6 == pytest.approx(1.6 + 1 / 30, abs=0.001)
 
 
 @pytest.mark.parametrize(("height", "width"), [(63, 96), (64, 95), (63, 95)])
 def test_odd_sizes(tmp_path: Path, height: int, width: int) -> None:
-    """yuv420p has pixels by twos: a row, or a column, is repeated."""
+    """yuv420p needs an even size, so that a row or a column is repeated."""
     with VideoFile(tmp_path / "a.mp4") as video:
         video.write(picture(3, height, width), 0.0)
     with av.open(str(tmp_path / "a.mp4")) as file:
@@ -67,7 +67,7 @@ def test_odd_sizes(tmp_path: Path, height: int, width: int) -> None:
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
 def test_what_was_written_before_a_stop_is_kept(tmp_path: Path, stop: type[BaseException]) -> None:
-    """Ctrl-C, or an error: a whole file of the pictures until then, in the place of an older one, and no other file."""
+    """After Ctrl-C or an error the file has all pictures so far, replaces an older file, and is the only one left."""
     path = tmp_path / "a.mp4"
     path.write_bytes(b"old")
     with pytest.raises(stop), VideoFile(path) as video:
@@ -80,7 +80,7 @@ def test_what_was_written_before_a_stop_is_kept(tmp_path: Path, stop: type[BaseE
 
 
 def test_without_a_picture_there_is_no_file(tmp_path: Path) -> None:
-    """An older one stays."""
+    """Without a picture an older file stays and no new one is written."""
     (tmp_path / "a.mp4").write_bytes(b"old")
     with VideoFile(tmp_path / "a.mp4"):
         pass
@@ -90,7 +90,7 @@ def test_without_a_picture_there_is_no_file(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_written_is_one_error_about_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A full disk, a folder that there is not, a folder of that name; nothing is left."""
+    """A full disk, a missing folder and a folder of that name raise an error with the file name; no file is left."""
 
     def full(video: VideoFile, frame: object) -> None:
         raise av.error.FFmpegError(28, "No space left on device", "something.tmp")  # fmt: skip
@@ -109,7 +109,7 @@ def test_what_cannot_be_written_is_one_error_about_the_file(tmp_path: Path, monk
 
 
 def test_mistakes(tmp_path: Path) -> None:
-    """Times that do not ascend, another size, another ending; the video is whole all the same."""
+    """Times that do not ascend, another size and another suffix raise errors; the video stays valid."""
     with VideoFile(tmp_path / "a.mp4") as video:
         video.write(picture(1), 1.0)
         with pytest.raises(DataError, match="a picture at 1 s after one at 1 s; expected a later one"):
@@ -126,7 +126,7 @@ def test_mistakes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate", [1e-300, 1e-9, 1e5, 1e300])
 def test_rates_that_no_player_knows(tmp_path: Path, rate: float) -> None:
-    """Decide how long the last picture stands, and nothing else: they are taken for the nearest that make sense."""
+    """An extreme rate is clipped to a valid one, because it affects only the duration of the last picture."""
     with VideoFile(tmp_path / "a.mp4", rate) as video:
         video.write(picture(1), 0.0)
         video.write(picture(2), 0.5)
@@ -134,7 +134,7 @@ def test_rates_that_no_player_knows(tmp_path: Path, rate: float) -> None:
 
 
 def test_without_an_encoder_of_h264_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The encoder that is always there takes its place; the line names the file."""
+    """Without an H.264 encoder the fallback is used, and the note names the file."""
     assert VideoFile(tmp_path / "a.mp4").note == "" or not {"libx264", "libopenh264"} & av.codecs_available
     monkeypatch.setattr(av, "codecs_available", {"mpeg4", "png"})
     assert "a.mp4: PyAV has no H.264 encoder here" in VideoFile(tmp_path / "a.mp4").note
@@ -143,7 +143,7 @@ def test_without_an_encoder_of_h264_that_is_said(tmp_path: Path, monkeypatch: py
 
 
 def test_without_pyav_there_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the command."""
+    """The error names the command that installs PyAV."""
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(NetlibError, match=r"^PyAV is missing: pip install av$"):
         VideoFile(tmp_path / "a.mp4")

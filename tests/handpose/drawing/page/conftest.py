@@ -1,4 +1,4 @@
-"""Pages in a Chromium, which may fetch nothing and has nothing to complain about."""
+"""Pages opened in Chromium, which may not fetch anything and must not report any problem."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.support.chromium_tabs import browser, visit, visits
 
 __all__ = ["browser", "visit"]  # fixtures
 
-# Two bones in a plane, without surface; a DoF that drives two joints, the second one the other way round.
+# Two bones in a plane, without a surface; one DoF drives two joints, the second with the opposite sign.
 ARM = """name: "arm"
 dof { name: "x" } dof { name: "shoulder" initial: 0.25 lower: -1 upper: 1 } dof { name: "elbow" lower: 0 upper: 2.5 }
 joint { name: "hand" parent: "elbow" rotate { axis: Z dof: "elbow" } bone { axis: X length: 0.5 } }
@@ -31,7 +31,7 @@ joint { name: "other" parent: "base" rotate { axis: NEG_Z dof: "shoulder" } bone
 
 
 def body_of(text: str, name: str = "body.prototxt") -> Skeleton:
-    """The skeleton of a text."""
+    """The skeleton described by a text."""
     return Skeleton(schema.read(prototxt.parse(text, name), SkeletonParameter, f"skeleton {name}"))
 
 
@@ -68,7 +68,7 @@ def any_body(seed: int) -> str:
 
 
 def ask(tab: Any, function: str, question: object) -> Any:
-    """What a function in JavaScript answers; as JSON both ways, which is fast."""
+    """The result of a JavaScript function; arguments and result are passed as JSON, which is fast."""
     return json.loads(tab.evaluate(f"(text) => JSON.stringify(({function})(JSON.parse(text)))", json.dumps(question)))
 
 
@@ -81,7 +81,7 @@ def tab(browser: Any, bare: Path) -> Iterator[Any]:
 
 @pytest.fixture(scope="session")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The file of a page with the packaged hand, and a pose with a name."""
+    """The file of a page with the packaged hand and one named pose."""
     path = tmp_path_factory.mktemp("page") / "bare.html"
     poses = {"a_pose": {"index_pip_rot_x": -0.5, "thumb_tip_rot_z": 0.25}}
     path.write_text(page("The hand", content(skeletons.load(), poses=poses)), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What a page shows, read back from it."""
+"""Helpers that read the contents of a page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def joints_in(tab: Any) -> np.ndarray:
 
 
 def joints_of(inputs: dict[str, float]) -> np.ndarray:
-    """The joints (K, 3) that Python has of the hand, from inputs by name."""
+    """The joints (K, 3) that Python computes for the hand, from inputs by name."""
     row = np.zeros((1, len(HAND.initial)))
     for name, value in inputs.items():
         row[0, HAND.dof_names.index(name)] = value
@@ -30,13 +30,13 @@ def joints_of(inputs: dict[str, float]) -> np.ndarray:
 
 
 def inputs_in(tab: Any) -> dict[str, float]:
-    """The pose as the page writes it, by name, without what is 0."""
+    """The pose as written by the page, by name, without zeros."""
     line = json.loads(tab.locator("#pose").input_value())
     return {name: value for name, value in zip(HAND.dof_names, line) if value}
 
 
 def named(tab: Any, name: str) -> None:
-    """Wait until the page shows a body whose name begins so."""
+    """Wait until the page shows a body whose name begins with this text."""
     tab.locator("#name").filter(has_text=re.compile(f"^{re.escape(name)}")).wait_for()
 
 
@@ -46,14 +46,14 @@ def slider(tab: Any, name: str) -> Any:
 
 
 def tip(tab: Any, joint: int) -> tuple[float, float]:
-    """Where a joint is in the window."""
+    """The position of a joint in the window."""
     box = tab.locator("#stage").bounding_box()
     u, v, _ = tab.evaluate(f"hand.stage.viewer.pixel(hand.body.joints[{joint}])")
     return box["x"] + u, box["y"] + v
 
 
 def colours(tab: Any) -> np.ndarray:
-    """The picture's pixels (n, 4), finely drawn."""
+    """The picture's pixels (n, 4), drawn at full resolution."""
     tab.evaluate("hand.stage.draw(1)")
     return picture(tab, "stage").reshape(-1, 4)
 

@@ -21,16 +21,16 @@ LONGEST = 300  # lines
 
 
 def test_the_page_is_one_file_that_names_no_other() -> None:
-    """No address, no link, no import; all of its data is one JSON."""
+    """The page has no address, no link and no import; its data are one JSON text."""
     text = page("A & <B>", {"one": 1})
     assert "<title>A &amp; &lt;B&gt;</title>" in text and "<h1>A &amp; &lt;B&gt;</h1>" in text
     assert not re.search(r"https?:|<link|\bsrc=|url\(|@import|\bimport\s*[({\"']|\beval\(|innerHTML", text)
     assert re.search(r'<script type="application/json" id="data">\{"one":1\}</script>', text)
-    assert not re.search(r"\$\w", text.split("<body>")[0])  # every place of the template is filled
+    assert not re.search(r"\$\w", text.split("<body>")[0])  # every placeholder of the template is filled
 
 
 def test_only_its_own_script_and_style_may_run() -> None:
-    """The policy has their hashes, as the browser takes them: of all between the tags."""
+    """The policy contains the hashes of the script and of the style, computed as by the browser."""
     text = page("x", {})
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
     assert policy.startswith("default-src 'none'; ") and "unsafe" not in policy
@@ -42,20 +42,20 @@ def test_only_its_own_script_and_style_may_run() -> None:
 @pytest.mark.parametrize("evil", ["</script><script>", "<!--<script>", "]]>", "&lt;", "\u2028'\"\\", "\ud800"],
                          ids=["script", "comment", "CDATA", "entity", "quotes", "surrogate"])  # fmt: skip
 def test_data_cannot_leave_their_place(evil: str) -> None:
-    """Nothing that HTML reads is left of them, and they read back as they were."""
+    """The escaped text has no character that is special in HTML, and parses to the same data."""
     text = escaped({evil: [evil]})
     assert not set(text) & set("<>&") and text.isascii()
     assert json.loads(text) == {evil: [evil]}
 
 
 def test_numbers_that_json_lacks() -> None:
-    """Are not written as words that no browser reads."""
+    """Numbers that JSON lacks raise an error."""
     with pytest.raises(ValueError, match="JSON"):
         escaped({"x": float("nan")})
 
 
 def test_modules_stand_after_those_that_they_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each once; what it exports is what others may take from it."""
+    """Each module occurs once, after its imports; other modules can import only its exports."""
     (tmp_path / "a.js").write_text(
         'import { b } from "./b.js";\nimport { c } from "./c.js";\nexport const a = b + c;\n'
     )
@@ -74,7 +74,7 @@ def test_modules_stand_after_those_that_they_import(tmp_path: Path, monkeypatch:
 
 
 def test_the_sources_are_short_and_all_used() -> None:
-    """Every module opens with what it is, and is part of the page."""
+    """Every source file is short and begins with a comment, and every module is part of the page."""
     modules = sorted(assembly.FOLDER.glob("*.js"))
     script = script_of("main")
     assert len(modules) > 10
@@ -87,7 +87,7 @@ def test_the_sources_are_short_and_all_used() -> None:
 
 
 def test_pages_are_the_same_every_time() -> None:
-    """Byte for byte, so that the one in docs/ can be compared."""
+    """Two builds are equal byte for byte, so that the page in docs/ can be compared."""
     data = content(skeleton.load())
     assert page("x", data) == page("x", data)
     (made,) = hand_page.made()
@@ -96,6 +96,6 @@ def test_pages_are_the_same_every_time() -> None:
 
 
 def test_fingers_have_the_colours_of_other_pictures() -> None:
-    """In the modules of the page, too."""
+    """The page's modules use the same colours as the other pictures."""
     found = re.findall(r"(\w+): \[(\d+), (\d+), (\d+)\]", (assembly.FOLDER / "shading.js").read_text(encoding="utf-8"))
     assert {name: tuple(map(int, rgb[::-1])) for name, *rgb in found} == COLOURS

@@ -17,7 +17,7 @@ HAND = skeletons.load()
 
 @pytest.mark.parametrize("camera", [NYU, KINECT2, ICVL], ids=lambda camera: camera.name)
 def test_points_are_where_the_camera_saw_them(camera: Camera) -> None:
-    """Every pixel of the frame that lies in the cube, once, as the camera unprojects it; nothing of what is outside."""
+    """Every pixel of the frame within the cube yields one point, as unprojected by the camera; no others do."""
     rng, uvd = np.random.default_rng(0), np.array([camera.u0 + 15, camera.v0 - 20, 800.0])
     frame = rng.uniform(500, 1100, (camera.height, camera.width)).astype(np.float32)
     frame[rng.random(frame.shape) < 0.3] = 0
@@ -31,7 +31,7 @@ def test_points_are_where_the_camera_saw_them(camera: Camera) -> None:
 
 
 def test_a_crop_beside_the_image() -> None:
-    """Its pixels outside the image are no points; nor is an empty crop."""
+    """Neither pixels outside the image nor an empty crop yield points."""
     uvd = np.array([3.0, 3, 700])
     frame = np.full((480, 640), 700, np.float32)
     found = crop_points(crop(frame, uvd, 300.0), uvd, 300.0, NYU)
@@ -42,7 +42,7 @@ def test_a_crop_beside_the_image() -> None:
 
 @pytest.mark.parametrize("cube", [260.0, 30000.0])
 def test_a_hand_as_values(cube: float) -> None:
-    """Points and crop in 16 bits, whatever the cube."""
+    """Points and crop are stored in 16 bits for any size of the cube."""
     rng, uvd = np.random.default_rng(1), np.array([250.0, 200, 50.0 + cube])
     seen = rng.uniform(-1.2, 1, (SIZE, SIZE)).clip(-1, 1).astype(np.float32)
     made = hand("a.png", "a hand", np.zeros(47), camera=KINECT2, center_uvd=uvd,
@@ -55,7 +55,7 @@ def test_a_hand_as_values(cube: float) -> None:
 
 
 def test_what_a_page_has() -> None:
-    """The hand before NYU's camera, in the middle; its unit may be another. A file is named without its folder."""
+    """The page has the hand in the middle of NYU's image, its unit, and its file name without the folder."""
     data = content(HAND, unit_mm=125.0)
     assert data["place"] == {
         "unit_mm": 125.0,

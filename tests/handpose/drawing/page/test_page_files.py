@@ -1,4 +1,4 @@
-"""What is given to a page: skeleton files, hands that were found, strangers' names; and screens of any size."""
+"""Input of a page: skeleton files, detected hands and untrusted names; also screens of any size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Visit = Callable[..., Any]
 
 
 def test_a_skeleton_file_is_chosen(visit: Visit, bare: Path, tmp_path: Path) -> None:
-    """Its joints, sliders and limits; it has no surface, and the page says so. And back."""
+    """Its joints, sliders and limits are shown, with a note that it has no surface; a button restores the old body."""
     tab, file = visit(bare), tmp_path / "arm.prototxt"
     file.write_text(ARM)
     tab.locator("#file").set_input_files(file)
@@ -37,7 +37,7 @@ def test_a_skeleton_file_is_chosen(visit: Visit, bare: Path, tmp_path: Path) -> 
 
 
 def test_skeleton_files_are_dropped(visit: Visit, bare: Path) -> None:
-    """Any body is shown; a broken one is told by its line, and the body that was there stays."""
+    """Any valid body is shown; a broken file is reported with its line, and the previous body stays."""
     tab = visit(bare)
 
     def drop(text: str) -> None:
@@ -64,7 +64,7 @@ def test_skeleton_files_are_dropped(visit: Visit, bare: Path) -> None:
 
 
 def test_names_are_text_and_no_markup(visit: Visit, bare: Path, tmp_path: Path) -> None:
-    """Whatever a stranger's skeleton is called, it is shown and not run."""
+    """Names in an untrusted skeleton file are shown as text and not executed."""
     evil = '<img src=\\"x\\" onerror=\\"document.title=1\\">'
     text = ARM.replace('name: "hand"', f'name: "{evil}"').replace('"elbow"', f'"{evil}2"').replace('"arm"', f'"{evil}"')
     file, out = tmp_path / "evil.prototxt", tmp_path / "evil.html"
@@ -81,7 +81,7 @@ def test_names_are_text_and_no_markup(visit: Visit, bare: Path, tmp_path: Path) 
 
 
 def test_nothing_else_runs_and_nothing_is_fetched(browser: Any, bare: Path) -> None:
-    """The browser refuses further scripts, handlers and requests, whoever puts them into the page."""
+    """The browser blocks further scripts, handlers and requests in the page."""
     tab, said = browser.new_page(), []
     tab.on("console", lambda message: said.append(message.text))
     tab.goto(bare.as_uri())
@@ -97,12 +97,12 @@ def test_nothing_else_runs_and_nothing_is_fetched(browser: Any, bare: Path) -> N
     assert sum("Content Security Policy" in line for line in said) >= 2
 
 
-# ---------------------------------------------------------------------------------------------- hands that were found
+# ---------------------------------------------------------------------------------------------- detected hands
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
-    """A page with a right hand and a left one, as a camera sees them, and the left one's joints (K, 3) in mm."""
+    """A page with a right and a left hand, as seen by a camera, and the left one's joints (K, 3) in mm."""
     model, uvd, cube = CapsuleModel(HAND, 130.0), np.array([230.0, 190, 640]), 260.0
     rng = np.random.default_rng(5)
     x = model.variables_of(rng.uniform(-0.2, 0.2, (1, 47)))
@@ -123,7 +123,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
 
 
 def test_hands_that_were_found(visit: Visit, found: tuple[Path, np.ndarray]) -> None:
-    """Chosen from a list: joints with their size, mirrored for a left hand; the depth drawn is the depth seen."""
+    """A hand chosen from the list is shown with its size, a left one mirrored; drawn and recorded depth agree."""
     path, joints = found
     tab = visit(path)
     assert tab.locator("#said").inner_text() == "right hand, 90% sure"
@@ -142,7 +142,7 @@ def test_hands_that_were_found(visit: Visit, found: tuple[Path, np.ndarray]) -> 
 
 
 def joints_of_side(joints: np.ndarray) -> np.ndarray:
-    """x in half-cubes from the crop's centre of joints in mm."""
+    """x of joints in mm, in half-cubes from the crop's centre."""
     return (joints[:, 0] - KINECT2.unproject(np.array([230.0, 190, 640]))[0]) / 130.0
 
 
@@ -151,7 +151,7 @@ def joints_of_side(joints: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("width", [320, 390])
 def test_a_phone_and_the_dark(width: int, visit: Visit, bare: Path) -> None:
-    """Nothing is wider than a phone; dark paper where the system is dark."""
+    """Nothing is wider than the screen of a phone, and the background is dark if the system's theme is dark."""
     tab = visit(bare, viewport={"width": width, "height": 800}, color_scheme="dark")
     tab.evaluate("hand.body.push(0, [90, -90, 90])")  # the widest rows
     assert tab.evaluate("document.documentElement.scrollWidth") == width
@@ -159,7 +159,7 @@ def test_a_phone_and_the_dark(width: int, visit: Visit, bare: Path) -> None:
 
 
 def test_the_text_of_a_skeleton_in_a_page_is_the_skeleton(visit: Visit, bare: Path) -> None:
-    """To the last digit: it is printed as it was read."""
+    """The skeleton is printed without loss of digits."""
     said = visit(bare).evaluate("hand.data.skeleton")
     assert said["source"] == "nyu.prototxt" and said["text"] == str(schema.to_tree(HAND.param))
     assert body_of(said["text"]).param == HAND.param
@@ -184,14 +184,14 @@ WITH_SURFACE = ARM + "flesh { %s }"
     ids=range(8),
 )
 def test_a_skeleton_file_that_is_refused(tab: Any, text: str, said: str) -> None:
-    """In one line that is not long, at the place where it is; the body that is there stays."""
+    """The error is one short line with the place; the previous body stays."""
     tab.locator("#file").set_input_files({"name": "x.prototxt", "mimeType": "", "buffer": text.encode()})
     tab.locator("#fault").filter(has_text=said).wait_for()
     assert len(tab.locator("#fault").inner_text()) < 600 and len(joints_in(tab)) == 31
 
 
 def test_joints_called_as_what_every_object_has(visit: Visit, bare: Path, tmp_path: Path) -> None:
-    """They are drawn as any other."""
+    """Joints whose names are also properties of every JavaScript object are drawn like any other."""
     tab, file = visit(bare), tmp_path / "odd.prototxt"
     file.write_text(ARM.replace('"hand"', '"constructor"').replace('"elbow"', '"__proto__"'))
     tab.locator("#file").set_input_files(file)
@@ -210,14 +210,14 @@ def test_joints_called_as_what_every_object_has(visit: Visit, bare: Path, tmp_pa
     ids=range(4),
 )
 def test_a_pose_that_is_refused(tab: Any, text: str, said: str) -> None:
-    """Before a slider or a picture has it, and at once."""
+    """An invalid pose is reported at once, and the inputs stay unchanged."""
     tab.locator("#pose").fill(text)
     assert said in tab.locator("#pose-fault").inner_text()
     assert tab.evaluate("hand.body.inputs.every((value) => Math.abs(value) < 10)")
 
 
 def test_a_number_that_is_too_large_is_not_taken(visit: Visit, bare: Path) -> None:
-    """Typed beside a slider."""
+    """A number out of range, typed into the field of a slider, is not accepted."""
     tab = visit(bare)
     number = tab.locator(".dof input[type=number]").first
     number.fill("1e308")

@@ -1,4 +1,4 @@
-"""The page as one uses it: sliders, buttons, the mouse, the keyboard."""
+"""The page in use: sliders, buttons, the mouse, the keyboard."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Visit = Callable[..., Any]
 
 
 def test_there_is_a_labelled_slider_for_every_free_dof(visit: Visit, bare: Path) -> None:
-    """26, and two of the forearm, which only the surface has; the fixed ones on demand, as numbers."""
+    """28 sliders, two of them for the forearm, which belongs to the surface; fixed DoFs are shown on request."""
     tab = visit(bare)
     free = [d.name for d in HAND.with_surface().param.dof if not d.fixed]
     names = tab.locator("input[type=range]").evaluate_all("(all) => all.map((one) => one.dataset.dof)")
@@ -32,7 +32,7 @@ def test_there_is_a_labelled_slider_for_every_free_dof(visit: Visit, bare: Path)
 
 
 def test_sliders_and_numbers_move_the_hand(visit: Visit, bare: Path) -> None:
-    """In degrees and mm; the table has the joints that the kinematics has, and the text the inputs."""
+    """Values are in degrees and mm; the table shows the joints of the kinematics, and the text the inputs."""
     tab = visit(bare)
     np.testing.assert_allclose(joints_in(tab)[:, 3:], joints_of({}), atol=6e-5)
     slider(tab, "index_pip_rot_x").fill("-45")
@@ -46,7 +46,7 @@ def test_sliders_and_numbers_move_the_hand(visit: Visit, bare: Path) -> None:
 
 
 def test_the_keyboard_moves_a_slider(visit: Visit, bare: Path) -> None:
-    """It is a real input."""
+    """A slider reacts to the arrow keys."""
     tab = visit(bare)
     slider(tab, "ring_pip_rot_x").focus()
     tab.keyboard.press("ArrowLeft")
@@ -54,7 +54,7 @@ def test_the_keyboard_moves_a_slider(visit: Visit, bare: Path) -> None:
 
 
 def test_beyond_a_limit(visit: Visit, bare: Path) -> None:
-    """The row is marked, and the loss is that of PhysLimit; back within, neither."""
+    """The row is marked and the loss equals that of PhysLimit; back within the limits, both are reset."""
     tab = visit(bare)
     thumb, row = slider(tab, "thumb_tip_rot_z"), slider(tab, "thumb_tip_rot_z").locator("xpath=..")
     assert "beyond" not in row.get_attribute("class")
@@ -70,7 +70,7 @@ def test_beyond_a_limit(visit: Visit, bare: Path) -> None:
 
 
 def test_buttons(visit: Visit, bare: Path) -> None:
-    """A random pose is within the limits and leaves the palm; a named one sets its DoFs; the initial one is all 0."""
+    """A random pose respects limits and keeps the palm; a named pose sets its DoFs; the initial pose sets all to 0."""
     tab = visit(bare)
     tab.get_by_role("button", name="Random pose").click()
     found = inputs_in(tab)
@@ -85,7 +85,7 @@ def test_buttons(visit: Visit, bare: Path) -> None:
 
 
 def test_pasting_a_pose(visit: Visit, bare: Path) -> None:
-    """A list, as Python writes one, or DoFs; what is neither is told in one line and changes nothing."""
+    """A list from Python or DoFs as prototxt are accepted; other text gives an error of one line and no change."""
     tab = visit(bare)
     inputs = np.round(np.random.default_rng(0).normal(0, 0.5, 47), 4)
     expected = Kinematics(HAND).joints(inputs[None])[0]
@@ -110,7 +110,7 @@ def test_pasting_a_pose(visit: Visit, bare: Path) -> None:
 
 
 def test_the_mouse_and_the_keyboard_turn_the_picture(visit: Visit, bare: Path) -> None:
-    """A drag turns what is before the middle along with it, the wheel zooms, a double click resets; no joint moves."""
+    """Dragging turns the view, the wheel zooms, a double click resets; the joints do not move."""
     tab = visit(bare)
     state = "JSON.stringify([hand.stage.viewer.turned, hand.stage.viewer.zoom])"
     first, table = tab.evaluate(state), joints_in(tab)
@@ -135,7 +135,7 @@ def test_the_mouse_and_the_keyboard_turn_the_picture(visit: Visit, bare: Path) -
 
 
 def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
-    """Skin in the picture, and with the box unchecked only lines; the name of the joint under the mouse is told."""
+    """The surface is drawn, and without it only lines; the name of the joint under the mouse is shown."""
     tab = visit(bare)
     assert 0.05 < (colours(tab)[:, 3] == 255).mean() < 0.5
     tab.get_by_label("surface", exact=True).uncheck()
@@ -145,7 +145,7 @@ def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
     assert 0 < bare_picture < 4000
     tab.mouse.move(*tip(tab, HAND.joint_names.index("index_tip")))
     assert re.fullmatch(r"index_tip: 69\.2, 125\.4, 643\.2 mm", tab.locator("#under").inner_text())
-    assert (colours(tab)[:, 3] > 0).sum() > bare_picture + 1000  # its name
+    assert (colours(tab)[:, 3] > 0).sum() > bare_picture + 1000  # the joint's name
     slider(tab, "index_pip_rot_x").fill("-45")
     assert not tab.locator("#under").inner_text().startswith("index_tip: 69.2, 125.4")  # the tip has moved
     tab.evaluate("hand.body.open(hand.data.skeleton.text, 'again')")
@@ -153,7 +153,7 @@ def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
 
 
 def test_the_whole_reach_is_in_the_picture(visit: Visit) -> None:
-    """In no pose within the limits a joint leaves the picture, neither of the hand nor of the book's arm."""
+    """No joint of the hand or of the book's arm leaves the picture in any pose within the limits."""
     outside = """() => {
       const { body, stage: { viewer } } = hand, { lower, upper } = body.whole;
       const draw = (d) => body.whole.limits(d).every(Number.isFinite) ? lower[d] + Math.random() * (upper[d] - lower[d])
@@ -174,7 +174,7 @@ def test_the_whole_reach_is_in_the_picture(visit: Visit) -> None:
 
 
 def test_an_address_sets_body_pose_and_force(visit: Visit) -> None:
-    """As chapters 6 and 7 link to the page: their arm, its wrist at (3, 6), and torques of 0 and -300 N mm."""
+    """An address as in chapters 6 and 7 sets their arm, its wrist at (3, 6), and torques of 0 and -300 N mm."""
     tab = visit(PLACE, fragment="body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0&nose=1&force=wrist,2")
     np.testing.assert_allclose(joints_in(tab)[:, 3:], [[3, 4, 0], [3, 6, 0]], atol=1e-4)
     assert tab.locator(".torque").all_inner_texts() == ["0.0 N mm", "-300 N mm"]
@@ -184,7 +184,7 @@ def test_an_address_sets_body_pose_and_force(visit: Visit) -> None:
 
 
 def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
-    """In the plane of the picture, in proportion; the bars have the torques; at other joints if one wants."""
+    """A force is dragged in the picture's plane, in proportion; the bars show torques; other joints must be enabled."""
     tab, j = visit(bare), HAND.joint_names.index("ring_tip")
     x, y = tip(tab, j)
     tab.mouse.move(x, y)
@@ -220,7 +220,7 @@ def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
 
 
 def test_a_force_in_numbers(visit: Visit, bare: Path) -> None:
-    """For who does not drag."""
+    """A force can also be entered as numbers."""
     tab = visit(bare)
     tab.locator("#force-joint").select_option("thumb_tip")
     tab.locator("#force-z").fill("2.5")
@@ -229,7 +229,7 @@ def test_a_force_in_numbers(visit: Visit, bare: Path) -> None:
 
 
 def test_the_camera(visit: Visit, bare: Path) -> None:
-    """Another one, and another distance: the body moves with the crop's middle."""
+    """After a change of camera and distance the body moves with the middle of the crop."""
     tab = visit(bare)
     tab.locator("#camera").select_option("kinect2")
     tab.locator("#distance").fill("900")

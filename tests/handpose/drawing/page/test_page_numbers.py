@@ -1,4 +1,4 @@
-"""The page's modules compute what this project computes: poses, torques, surface, depth, and what a file says."""
+"""The page's JavaScript modules compute the same values as this project, and read files alike."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FILES = {"hand": HAND, "icvl": ICVL, "arm": ARM, **{f"any body {seed}": any_body
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("name", FILES)
 def test_joints_and_torques(tab: Any, name: str, side: str) -> None:
-    """200 random poses: joints to 1e-6, torques to 1e-6 of the largest, the limits' loss; a left hand in its mirror."""
+    """For 200 random poses, joints, torques and the loss of limits agree to 1e-6; a left hand is mirrored."""
     skeleton, rng = body_of(FILES[name]), np.random.default_rng(1)
     whole = skeleton.with_surface() if skeleton.param.flesh else skeleton
     K, D = len(skeleton.joint_names), len(skeleton.dof_names)
@@ -78,22 +78,22 @@ DRAWN = """([text, bodies]) => bodies.map(([values, camera, uvd, cube]) => {
 
 
 def drawn(tab: Any, text: str, bodies: list[Any]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The capsules (M, 8) and the depth (128, 128) that the page has of some bodies."""
+    """The capsules (M, 8) and the depth (128, 128) that the page computes for some bodies."""
     found = ask(tab, DRAWN, [text, bodies])
     return [(np.array(one["ends"]), np.array(one["depth"]).reshape(128, 128)) for one in found]
 
 
 def check_depth(found: np.ndarray, expected: np.ndarray) -> None:
-    """To 0.2 mm, but for a few pixels on outlines: the renderer has 32 bits, and rounding decides who is seen there."""
+    """To 0.2 mm, except for a few pixels on outlines, where rounding to 32 bits decides which surface is in front."""
     off = np.abs(found - expected)
     assert (off > 0.2).mean() < 0.0006
     assert (off > 0.05).mean() < 0.01
-    assert (expected < expected.max()).mean() > 0.02  # there is something to see
+    assert (expected < expected.max()).mean() > 0.02  # the body is visible
 
 
 @pytest.mark.parametrize("camera", [NYU, KINECT2, Camera("own", 400.5, 380.25, 100.0, 90.0, 320, 240)])
 def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
-    """Of any pose, size and thickness, with the forearm's own DoFs, wherever the crop is: as the renderer has it."""
+    """The depth of hands of any pose, size, thickness and place equals that of the renderer."""
     rng, sampler = np.random.default_rng(2), BodySampler()
     hands, cube = sampler.draw(rng, 6), 300.0
     model = CapsuleModel(sampler.skeleton, cube / 2)
@@ -115,7 +115,7 @@ def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
 
 
 def test_the_edges_of_wedges(tab: Any) -> None:
-    """Are capsules, in the order of the fit's."""
+    """The edges of wedges are capsules, in the same order as in the fit."""
     people = skeletons.NYU_HAND.with_name("people.prototxt")
     model, uvd = CapsuleModel(skeletons.load(people), 150.0), np.array([[300.0, 250, 700]])
     x = model.variables_of(np.random.default_rng(0).normal(0, 0.2, (1, 47)))
@@ -127,7 +127,7 @@ def test_the_edges_of_wedges(tab: Any) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
-    """Spheres in one another, cones seen from their tip, parts behind the camera: as the renderer has it."""
+    """The depth of nested spheres, cones seen from their tip, and parts behind the camera equals the renderer's."""
     skeleton, rng = body_of(any_body(seed)), np.random.default_rng(seed)
     surface, uvd = Surface(skeleton), np.array([300.0, 250, 280 + 200 * seed])
     inputs = rng.normal(0, 0.8, (8, len(surface.whole.initial)))
@@ -147,12 +147,12 @@ def _rows(capsules: Capsules, n: int) -> np.ndarray:
 
 
 def test_the_cameras_are_those_of_the_project(tab: Any) -> None:
-    """To be chosen from, by name."""
+    """The list of cameras has the names of the project's cameras."""
     names = tab.locator("#camera option").all_text_contents()
     assert names == list(CAMERAS)
 
 
-# ---------------------------------------------------------------------------------------------- what files say
+# ---------------------------------------------------------------------------------------------- file contents
 
 PARSED = """(texts) => texts.map(([name, text]) => {
   const lists = (message) => message.fields.map(({ name, value }) => (
@@ -163,7 +163,7 @@ PARSED = """(texts) => texts.map(([name, text]) => {
 
 
 def test_the_same_texts_are_prototxt(tab: Any) -> None:
-    """The trees of valid files, and the lines that refuse invalid ones, are those of netlib/proto/prototxt.py."""
+    """Valid files give the trees of netlib/proto/prototxt.py, and invalid ones its messages."""
     paths = sorted([*NETLIB.glob("valid/*.prototxt"), *NETLIB.glob("invalid/*.prototxt")])
     texts = [[path.name, path.read_text(encoding="utf-8")] for path in paths]
     found = ask(tab, PARSED, texts)
@@ -210,7 +210,7 @@ MISTAKES = [
 
 
 def test_mistakes_in_skeleton_files(tab: Any) -> None:
-    """The line is Python's, without its guess at what was meant: place, what is wrong."""
+    """The message equals Python's, without the suggestion of a known name."""
     texts = [ARM.replace(old, new, 1) for old, new in MISTAKES] + ["", 'dof { name: "x" }']
     assert ARM not in texts
     opened = """(texts) => texts.map((text) => {
@@ -241,7 +241,7 @@ POSED = """([form, inputs]) => {
 
 @pytest.mark.parametrize("form", ["inputs", "prototxt"])
 def test_a_pose_as_text(tab: Any, form: str) -> None:
-    """Pasted back it is the same pose; a net's HandModel, or a skeleton file that begins so, has it, too."""
+    """Pasted back, the text gives the same pose; it is also valid at the start of a skeleton file."""
     skeleton = skeletons.load()
     inputs = np.random.default_rng(3).normal(0, 1, len(skeleton.initial))
     found = ask(tab, POSED, [form, inputs.tolist()])
