@@ -18,7 +18,7 @@ from layers.hand import skeleton
 
 
 def test_figures_of_the_packaged_network() -> None:
-    """Forty frames that nothing was chosen on: the fits beat the network, know when they fail, know their hand."""
+    """On 40 unused frames the fits beat the network, recognise the side, and estimate their error."""
     predictor = load_predictor()
     assert predictor.fitter is not None
     fitter = predictor.fitter
@@ -35,14 +35,14 @@ def test_figures_of_the_packaged_network() -> None:
 
 
 def test_frames_are_those_of_the_generator() -> None:
-    """As many as were asked for, in blocks of one camera."""
+    """The requested number of frames comes in blocks of one camera."""
     blocks = list(frames_of(Generator(1, "test", recipes.recipe("cameras")), 70))
     assert [len(block.crops) for block in blocks] == [64, 6]
     assert {len(block.joints) for block in blocks} == {64, 6} and blocks[0].joints.shape[1:] == (31, 3)
 
 
 def test_crops_of_another_cube() -> None:
-    """Of a second subject: its fitter is one for the smaller cube."""
+    """Frames of a second subject are fitted by a fitter for its smaller cube."""
     blocks = list(frames_of(Generator(1, "test", recipes.recipe("one_hand")), 65))
     assert [block.unit for block in blocks] == [150, 130.5]
     predictor = load_predictor()
@@ -61,7 +61,7 @@ def test_crops_of_another_cube() -> None:
 
 
 def test_auc() -> None:
-    """By hand: of 2 failed and 3 good frames, 5 of the 6 pairs are in order; none without both kinds."""
+    """Of 2 failed and 3 good frames, 5 of the 6 pairs are in order; with only one kind the result is NaN."""
     score = np.array([1.0, 2, 3, 4, 5])
     failed = np.array([False, False, True, False, True])
     assert auc(score, failed) == pytest.approx(5 / 6)
@@ -69,7 +69,7 @@ def test_auc() -> None:
 
 
 def test_roll() -> None:
-    """Degrees between -180 and 180."""
+    """Angles are in degrees between -180 and 180."""
     inputs = np.zeros((3, 47))
     inputs[:, 5] = (0.1, np.pi + 0.1, -7)
     np.testing.assert_allclose(roll_of(skeleton.load(), inputs), np.rad2deg([0.1, 0.1 - np.pi, 2 * np.pi - 7]))

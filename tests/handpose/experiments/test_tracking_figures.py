@@ -1,4 +1,4 @@
-"""handpose/experiments/tracking_figures.py: a track beside the truth, and beside single frames."""
+"""handpose/experiments/tracking_figures.py: a track compared with the truth and with single frames."""
 
 from __future__ import annotations
 
@@ -18,44 +18,44 @@ from tests.support.tracked_hands import HEADER, tracked
 
 
 class MadeRecording(SyntheticRecording):
-    """A hand that moves 10 mm a frame, and is away in the last one."""
+    """A hand that moves 10 mm per frame and is absent in the last one."""
 
     def __init__(self) -> None:
         super().__init__("rest", HEADER.camera, rate=10, seconds=0.4)
 
     def frame(self, number: int) -> DepthFrame:
-        """Nothing is read."""
+        """A frame without readings."""
         return DepthFrame(number, number / 10, np.zeros((120, 160), np.float32))
 
     def truth(self, number: int) -> TrackedFrame:
-        """The hand is on its way."""
+        """The moving hand, if present."""
         hands = (tracked(at=(10.0 * number, 0, 600)),) if number < 3 else ()
         return TrackedFrame(number, number / 10, hands)
 
 
 class MadeTracker:
-    """Tells the truth, some mm beside it; one frame is missed, and a hand is tracked to be where none is."""
+    """Returns the truth with an offset in mm; one frame is missed, and one has a hand where there is none."""
 
     def __init__(self, beside: float) -> None:
         self.beside = beside
 
     def header(self, source: str) -> TrackHeader:
-        """As of any track."""
+        """The header of any track."""
         return HEADER
 
     def step(self, frame: DepthFrame) -> TrackedFrame:
-        """What is tracked of a frame."""
+        """The tracked hand of a frame."""
         there = tracked(at=(10.0 * frame.number, self.beside, 600), id=7)
         return TrackedFrame(frame.number, frame.time, () if frame.number == 1 else (there,))
 
 
 def alone(depth: object, true: tuple[object, ...]) -> dict[int, np.ndarray]:
-    """Finds all hands, 2 mm beside the truth."""
+    """Finds all hands, with errors of 2 mm."""
     return {hand.id: np.full(len(hand.xyz), 2.0) for hand in true}
 
 
 def test_a_track_beside_single_frames():
-    """Errors are compared where both find the hand; what only one of them finds is counted."""
+    """Errors are compared where both find the hand; hands found by only one of them are counted."""
     done = []
     found = follow(MadeRecording(), MadeTracker(3.0), alone, progress=done.append)
     assert (found.frames, found.invented, done) == (4, 1, [1, 1, 1, 1]) and found.seconds > 0
@@ -68,7 +68,7 @@ def test_a_track_beside_single_frames():
 
 
 def test_every_so_many_th_frame_alone():
-    """Frames 0 and 2; without any, nothing is said of it."""
+    """With ``every=2``, frames 0 and 2 are detected alone; without a detector the figures are None."""
     (hand,) = follow(MadeRecording(), MadeTracker(3.0), alone, every=2).hands
     assert (hand.looked, len(hand.same), len(hand.off)) == (2, 2, 2)
     figures = summary(follow(MadeRecording(), MadeTracker(3.0)).hands)
@@ -76,7 +76,7 @@ def test_every_so_many_th_frame_alone():
 
 
 def test_several_hands_together():
-    """Frames count alike, and so do lags; of bones the worst counts."""
+    """Errors are averaged over frames, lags over hands; for bones the worst value counts."""
     (first,) = follow(MadeRecording(), MadeTracker(1.0)).hands
     (second,) = follow(MadeRecording(), MadeTracker(4.0)).hands
     scores = replace(second.scores, jitter_mm=0.6, rest_frames=10, lag_ms=30.0, bone_change_mm=(0.0, 2.0))
@@ -89,13 +89,13 @@ def test_several_hands_together():
 
 
 def test_no_hand():
-    """There is nothing to tell, and no division by it."""
+    """Without hands all means are None."""
     figures = summary([])
     assert figures["in_sight"] == 0 and figures["mean"] is None and figures["found"] is None
 
 
 def test_single_frames_by_the_predictor():
-    """A hand is found within some mm; one whose place is wrong is not."""
+    """A hand is found within 15 mm, and one at a wrong place is not found."""
     recording = SyntheticRecording("rest", ICVL, seconds=0.1, seed=3)
     right, left = (load_predictor(ICVL, hand=side, refine=0, fit="fast") for side in ("right", "left"))
     look, (hand,) = Alone(right, left), recording.truth(0).hands
@@ -106,7 +106,7 @@ def test_single_frames_by_the_predictor():
 
 
 def test_predictors_that_move_the_crop():
-    """They would not look where they are tracked to."""
+    """A predictor that moves its crop raises an error."""
     right = load_predictor(ICVL, hand="right", fit="fast")
     with pytest.raises(NetlibError, match="for right hands that moves its crop 3 times; expected one for right hands"):
         Alone(right, right)

@@ -17,12 +17,12 @@ OURS_OR_JOINT = FINDINGS[0]
 
 
 def lines(entries) -> dict[str, Line]:  # type: ignore[no-untyped-def]
-    """By network."""
+    """Lines of the table, by network."""
     return {network.name: line_of(entries, ONE_HAND, network, PAPER) for network in NETWORKS}
 
 
 def test_the_papers_figures_confirm_its_findings() -> None:
-    """All of them, with the differences of its table."""
+    """The paper's figures confirm all findings, with the differences of its table."""
     found = lines(list(trained()))
     for finding in FINDINGS:
         decision = decide(finding, found)
@@ -32,7 +32,7 @@ def test_the_papers_figures_confirm_its_findings() -> None:
 
 
 def test_other_figures_refute_them() -> None:
-    """By as much as they say."""
+    """Other figures refute the findings by the corresponding differences."""
     other = {**PAPERS, "ours": (19.2, 25.0, 0.3)}
     found = [decide(finding, lines(list(trained(figures_of=other)))) for finding in FINDINGS]
     assert [d.word for d in found] == ["refuted", "confirmed", "confirmed", *["refuted"] * 5]
@@ -40,7 +40,7 @@ def test_other_figures_refute_them() -> None:
 
 
 def test_what_is_not_decided() -> None:
-    """One seed, seeds that do not agree, a spread as large as the difference, trainings that are too short, none."""
+    """One seed, seeds that disagree, a spread as large as the difference, and short or missing runs decide nothing."""
 
     def of(*pairs: tuple[float, float], ends: bool = True) -> str:
         entries = []
@@ -71,7 +71,7 @@ def test_what_is_not_decided() -> None:
     ids=["steady", "grows", "shrinks slowly", "shrinks", "has turned", "against the paper, shrinks", "not known"],
 )
 def test_where_errors_still_fall(before: float, last: float, why: str) -> None:
-    """The difference decides, if five more such halves would not turn it."""
+    """A difference is decided if five more halves at this pace would not change its sign."""
     entries = []
     for seed in (1, 2):
         for length, ours, more in zip(PAPER.lengths, (40, 30, 20, 15), (5, 5, before, last)):
@@ -81,7 +81,7 @@ def test_where_errors_still_fall(before: float, last: float, why: str) -> None:
 
 
 def test_the_pace_is_that_of_all_seeds() -> None:
-    """One seed's difference shrinks so that it would turn, another's grows by as much: it stays."""
+    """Opposite changes of two seeds cancel, so that the mean difference is decided."""
     entries = []
     for seed, before in ((1, 1.5), (2, 0.5)):
         for length, ours, more in zip(PAPER.lengths, (40, 30, 20, 15), (5, 5, before, 1 + seed / 100)):
@@ -91,7 +91,7 @@ def test_the_pace_is_that_of_all_seeds() -> None:
 
 
 def test_what_is_done_still_changes_beside_what_falls() -> None:
-    """Direct joint falls by 0.5 a half: it would soon be the better one, did ours, which is done, not fall by 0.35."""
+    """A finished network's last change counts too: direct joint falls by 0.5 per half, ours by 0.35."""
     entries = []
     for seed in (1, 2):
         for length, ours, joint in zip(PAPER.lengths, (40, 30, 20.35, 20), (50, 40, 21.5, 21)):
@@ -102,7 +102,7 @@ def test_what_is_done_still_changes_beside_what_falls() -> None:
 
 
 def test_a_seed_that_is_on_its_way_changes_nothing() -> None:
-    """What was decided without it stays, and the means are those of the others."""
+    """An unfinished third seed changes neither the decision nor the means."""
     entries = list(trained())
     before = lines(entries)
     on_its_way = [entry("ours", 40, PAPER.lengths[0], seed=3), entry("direct_joint", 20, PAPER.lengths[0], seed=3)]
@@ -113,7 +113,7 @@ def test_a_seed_that_is_on_its_way_changes_nothing() -> None:
 
 
 def test_means_over_subjects_and_seeds() -> None:
-    """Frames have equal weight; a spread is half of what lies between."""
+    """Frames have equal weight, and a spread is half of the range."""
     assert (
         value_of(entry(error=20), "error_14_mm") == 21
         and value_of(entry(error=20), "error_14_mm", "smaller hand") == 22

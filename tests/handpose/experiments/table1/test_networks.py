@@ -18,13 +18,13 @@ def features(model: Path) -> list[str]:
 
 
 def test_the_networks_differ_after_the_features_only() -> None:
-    """Up to the last hidden layer all are the paper's, to the letter."""
+    """The layers up to the last hidden one equal the paper's, character by character."""
     one, *others = (features(network.model) for network in NETWORKS)
     assert len(one) == 14 and all(other == one for other in others)
 
 
 def test_each_setting_has_the_networks_that_it_can_train() -> None:
-    """Exact angles are known of synthetic hands only; sizes are found only where they differ."""
+    """Exact angles exist only for synthetic hands, and sizes are predicted only where they vary."""
     names = {s.name: [n.name for n in NETWORKS if n.is_for(s)] for s in (ONE_HAND, MANY_HANDS, REAL)}
     assert names["nyu"] == ["direct_joint", "direct_parameter", "no_limit", "ours", "bottleneck"]
     assert names["one_hand"] == [*names["nyu"], "direct_parameter_exact"]
@@ -32,7 +32,7 @@ def test_each_setting_has_the_networks_that_it_can_train() -> None:
 
 
 def test_lambdas_share_what_is_trained_anyway() -> None:
-    """0 is without PhysLimit and 1 is ours; the names of the others are all different."""
+    """Lambda 0 equals "no limit" and lambda 1 equals "ours"; the names of all networks differ."""
     assert LAMBDAS[0] is NO_LIMIT and LAMBDAS[3] is OURS
     assert len({network.name for network in LAMBDAS}) == len(LAMBDAS) == 8
     assert LAMBDAS[-1].limit == (10, "L2") and LAMBDAS[-1].name == "ours_l2_10"

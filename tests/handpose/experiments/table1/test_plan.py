@@ -13,12 +13,12 @@ LENGTHS = PAPER.lengths
 
 
 def series(*errors: float) -> list:  # type: ignore[type-arg]
-    """Entries of the first lengths of ours with these errors."""
+    """Entries of "ours" at the first lengths, with these errors."""
     return [entry("ours", error, length) for error, length in zip(errors, LENGTHS)]
 
 
 def test_a_training_is_done_when_half_of_it_changes_little() -> None:
-    """Less than 2%, up or down; the last one counts. (The error over both subjects is 1 mm more.)"""
+    """A change below 2%, up or down, ends it; the last entry counts. (The error of both subjects is 1 mm more.)"""
     for last in (18.65, 19.35):
         found = convergence_of(series(24, 19, last), LENGTHS)
         assert (found.end, found.counts, len(found.entries)) == ("done", found.entries[2], 3)
@@ -26,13 +26,13 @@ def test_a_training_is_done_when_half_of_it_changes_little() -> None:
 
 
 def test_a_training_that_gets_worse_ends() -> None:
-    """The best length counts."""
+    """A training whose error rises ends, and its best length counts."""
     found = convergence_of(series(24, 19, 20), LENGTHS)
     assert found.end == "rises" and found.counts is found.entries[1]
 
 
 def test_a_training_whose_error_falls_where_the_lengths_end() -> None:
-    """It ends there; half a training before, its figures were those of the length before."""
+    """It ends as "falls"; ``before`` is the entry of the previous length."""
     found = convergence_of(series(50, 40, 30, 24), LENGTHS)
     assert (found.end, found.counts, found.before) == ("falls", found.entries[3], found.entries[2])
     done = convergence_of(series(24, 19, 18.65), LENGTHS)
@@ -42,14 +42,14 @@ def test_a_training_whose_error_falls_where_the_lengths_end() -> None:
 
 
 def test_what_is_beyond_a_gap_or_the_end_does_not_count() -> None:
-    """Nor are the entries in any order."""
+    """Entries after a gap or after the end are ignored, and the order of entries does not matter."""
     assert convergence_of([*series(24)[::-1], entry("ours", 10, LENGTHS[2])], LENGTHS).end == "not yet"
     assert len(convergence_of(series(24, 23.9, 10)[::-1], LENGTHS).entries) == 2
     assert convergence_of([], LENGTHS) == ([], None, "not yet")
 
 
 def test_the_next_length() -> None:
-    """One after the other, none after the end, nor beyond the longest; a single length only once."""
+    """Lengths follow one another until the end or the longest one; a single length is run only once."""
     assert [next_length(series(*e), JOB) for e in ((), (24,), (24, 19), (24, 23.9))] == [4000, 6000, 9000, None]
     assert next_length(series(24, 19), JOB, longest=8999) is None
     assert next_length(series(50, 40, 30, 24), JOB) is None
@@ -58,7 +58,7 @@ def test_the_next_length() -> None:
 
 
 def test_the_order() -> None:
-    """Seed by seed in the paper's setting, then many hands, by our recipe; optional settings only if they are named."""
+    """The order is seed by seed in the paper's setting, then many hands by our recipe; other settings must be named."""
     jobs = list(order(ONE_HAND))
     blocks = list(dict.fromkeys((job.setting.name, job.recipe.name, job.seed) for job in jobs))
     one = [("one_hand", recipe, seed) for seed in (1, 2) for recipe in ("adam", "paper")]
@@ -71,7 +71,7 @@ def test_the_order() -> None:
 
 
 def test_lambdas_are_as_long_as_ours() -> None:
-    """And wait until that is known; the usual two are not trained twice."""
+    """Lambdas use the length at which "ours" has converged, and shared networks are not trained twice."""
     assert lambdas(series(24, 23.9), ONE_HAND) == []  # by our recipe, unless another is asked for
     assert lambdas(series(24, 19), ONE_HAND, recipe=PAPER) == []
     jobs = lambdas(series(24, 23.9), ONE_HAND, recipe=PAPER)
@@ -81,9 +81,9 @@ def test_lambdas_are_as_long_as_ours() -> None:
 
 
 def test_what_is_left() -> None:
-    """By the rates of the store: an entry of made_store takes an hour."""
+    """The remaining hours follow from the store's rates, in which an entry takes an hour."""
     rows = report([JOB, Job(ONE_HAND, DIRECT_JOINT, PAPER, 1)], lambda setting: series(24, 23.9))
     assert [row[1:4] for row in rows[1:3]] == [["4000, 6000", "25.00, 24.90", "done"], ["–", "–", "missing"]]
-    rate = 2 / 10000  # hours of an iteration
+    rate = 2 / 10000  # hours per iteration
     assert rows[2][4] == rows[3][4] == f"{rate * (5400 + 400 + 600):.1f}"
     assert report([JOB], lambda setting: [])[-1][-1] == "not known"

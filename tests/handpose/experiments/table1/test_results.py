@@ -25,14 +25,14 @@ HALF_CUBE = np.where(np.arange(24) % 8 < 4, 150.0, 130.5)
 
 
 def predicted(inputs: np.ndarray, bones: np.ndarray | None = None) -> Predictions:
-    """What a network with a hand model says, where the hand has these angles and bones."""
+    """The predictions of a network with a hand model for these angles and bones."""
     kinematics = kinematics_of(SKELETON)
     joints = kinematics.joints(inputs)
     return Predictions(joints, kinematics.joints(INPUTS, bones), inputs, joints, HALF_CUBE, {}, "a test")
 
 
 def test_figures_of_a_perfect_network() -> None:
-    """The true joints, with the true angles or with fitted ones: no error, but for angles that joints leave open."""
+    """True joints have no error, with true or with fitted angles, except for angles that joints do not determine."""
     perfect, truth = predicted(INPUTS), Truth(INPUTS, INPUTS)
     error, (same, smaller) = figures(ONE_HAND, perfect, angles_of(perfect, SKELETON), truth, SKELETON)
     assert error == pytest.approx(0, abs=1e-6) and (same.subject, smaller.subject) == ("same hand", "smaller hand")
@@ -44,7 +44,7 @@ def test_figures_of_a_perfect_network() -> None:
 
 
 def test_mm_are_those_of_the_subject_s_cube() -> None:
-    """A tenth of a half-cube is 15 mm of the one and 13.05 of the other; the error over all is the mean."""
+    """A tenth of a half-cube is 15 mm for one subject and 13.05 mm for the other; the total error is the mean."""
     palm = SKELETON.dof_names.index("palm_x")
     moved = INPUTS.copy()
     moved[:, palm] += 0.1
@@ -57,8 +57,9 @@ def test_mm_are_those_of_the_subject_s_cube() -> None:
 
 
 def test_what_bones_give_back() -> None:
-    """The true angles on the skeleton's bones are wrong where bones differ, and right on the person's own; a factor
-    helps as far as bones differ by one."""
+    """True angles are wrong on the skeleton's bones, right on the person's own.
+
+    A common factor is enough only if all bones differ by the same one."""
     rng = np.random.default_rng(0)
     one = np.tile(SKELETON.bones * 1.1, (24, 1))
     several = one * rng.uniform(0.9, 1.1, one.shape)
@@ -69,7 +70,7 @@ def test_what_bones_give_back() -> None:
 
 
 def test_frames_of_nobody() -> None:
-    """Are one line; those that are drawn are the first subject's."""
+    """A half-cube of no subject raises an error; the frames to draw are the first subject's."""
     assert {HALF_CUBE[i] for i in frames_to_show(ONE_HAND, predicted(INPUTS))} == {150.0}
     other = replace(predicted(INPUTS), half_cube=np.full(24, 140.0))
     with pytest.raises(DataError, match=r"half_cube of frame 0 is 140 mm, expected one of 150 \(same hand\), 130.5"):
@@ -77,7 +78,7 @@ def test_frames_of_nobody() -> None:
 
 
 def test_the_truth_of_a_setting(tmp_path: Path) -> None:
-    """Exact angles of synthetic hands, bones where they differ; shapes are looked at."""
+    """Exact angles are read for synthetic hands, bones where they vary; a wrong shape raises an error."""
     for name in ("one_hand", "many_hands", "nyu"):
         (tmp_path / name).mkdir()
         with h5py.File(tmp_path / name / "a.h5", "w") as file:

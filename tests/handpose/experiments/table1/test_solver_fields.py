@@ -22,7 +22,7 @@ snapshot_prefix: "a"
 
 
 def test_own_fields_take_the_place_of_others() -> None:
-    """However often those stand there; tests and snapshots go, and a comment."""
+    """Repeated fields are replaced as well; tests, snapshots and comments are removed."""
     own = {"lr_policy": '"fixed"', "stepvalue": 6, "max_iter": 7, "snapshot_format": "HDF5"}
     assert str(with_fields(prototxt.parse(SOLVER), own)) == (
         'net: "a.prototxt"\nbase_lr: 0.1\nlr_policy: "fixed"\nstepvalue: 6\nmax_iter: 7\nsnapshot_format: HDF5\n'
@@ -31,7 +31,7 @@ def test_own_fields_take_the_place_of_others() -> None:
 
 @pytest.mark.parametrize("name", ["c.prototxt", 'my "c".prototxt', "a b/ü.prototxt"])
 def test_a_path_is_a_string(name: str) -> None:
-    """With any character that a path may have: read again it is the same."""
+    """A path with special characters is unchanged when the solver is read again."""
     tree = prototxt.parse(str(with_fields(prototxt.parse(SOLVER), {"net": Path("b") / name})))
     (value,) = tree.values("net")
     assert value == prototxt.Scalar("string", f"b/{name}", tree.position)

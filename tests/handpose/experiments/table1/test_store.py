@@ -16,7 +16,7 @@ from tests.support.made_store import entry, shown
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
-    """With what is not known; numbers have four digits, and the same entry is the same bytes."""
+    """An entry, also with NaN, is read as written, in four digits; the same entry gives the same bytes."""
     one = replace(entry(error=20.00004, broken=float("nan")), seconds=12.5)
     path = store.write(tmp_path, one)
     assert path == tmp_path / "one_hand" / "ours_paper_seed1_4000.json" and path.stat().st_size < 10_000
@@ -29,7 +29,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 
 
 def test_the_frames_that_are_drawn(tmp_path: Path) -> None:
-    """Their crops come back to half of a grey level."""
+    """The crops of the frames to draw are restored to half a grey level."""
     store.write_shown(tmp_path, "one_hand", shown())
     found = store.read_shown(tmp_path, "one_hand")
     assert found.numbers == [0, 1, 2, 3] and found.truth.shape == (4, 31, 3)
@@ -52,7 +52,7 @@ def test_the_frames_that_are_drawn(tmp_path: Path) -> None:
     ids=["number", "place", "cut", "field", "negative", "no length", "no frames", "fraction", "twice"],
 )
 def test_a_damaged_entry_is_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
-    """It names the file and what is wrong."""
+    """The error names the file and what is wrong with it, on one line."""
     path = store.write(tmp_path, entry())
     text = path.read_text()
     assert old in text
@@ -63,7 +63,7 @@ def test_a_damaged_entry_is_one_line(tmp_path: Path, old: str, new: str, message
 
 
 def test_entries_of_other_data(tmp_path: Path) -> None:
-    """Are not compared."""
+    """Entries made with different data raise an error."""
     store.write(tmp_path, entry())
     other = store.write(tmp_path, replace(entry(iterations=6000), data="synthetic_11111111"))
     with pytest.raises(DataError, match=f"^{other}: was made with the data 'synthetic_11111111'"):
@@ -71,7 +71,7 @@ def test_entries_of_other_data(tmp_path: Path) -> None:
 
 
 def test_other_frames_than_are_drawn(tmp_path: Path) -> None:
-    """As many as there are, of hands of some size."""
+    """Half-cubes that are not positive, and a different number of frames, raise errors."""
     found = shown()
     store.write_shown(tmp_path, "one_hand", replace(found, half_cube=-found.half_cube))
     with pytest.raises(DataError, match="half-cubes from -"):
@@ -83,7 +83,7 @@ def test_other_frames_than_are_drawn(tmp_path: Path) -> None:
 
 
 def test_a_damaged_crop_is_one_line(tmp_path: Path) -> None:
-    """Also one that is whole, but no picture."""
+    """A crop that is not a valid picture raises an error."""
     store.write_shown(tmp_path, "one_hand", shown())
     path = tmp_path / "one_hand" / store.WHERE
     text = path.read_text()
@@ -95,6 +95,6 @@ def test_a_damaged_crop_is_one_line(tmp_path: Path) -> None:
 
 
 def test_sizes_are_the_hand_s() -> None:
-    """Those that the files are checked with."""
+    """The numbers of joints and rotations used in checks are those of the hand."""
     hand = skeleton.load()
     assert len(hand.joint_names) == store.JOINTS and len(rotations(hand)) == store.ROTATIONS

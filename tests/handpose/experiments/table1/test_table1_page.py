@@ -19,7 +19,7 @@ RESULTS = Path(__file__).resolve().parents[4] / "docs" / "results"
 
 
 def test_the_page_that_is_there_is_that_of_the_store_that_is_there() -> None:
-    """To be made again by tools/table1.py --page."""
+    """The page in docs/ equals the one generated from the stored results; to update it, run tools/table1.py --page."""
     entries = {name: store.read_all(RESULTS / "table1", name) for name in SETTINGS}
     page = table1_page.page_of(entries, speed.read(RESULTS / "table1" / speed.WHERE))
     assert (RESULTS / "table1.md").read_text(encoding="utf-8") == page
@@ -28,7 +28,7 @@ def test_the_page_that_is_there_is_that_of_the_store_that_is_there() -> None:
 
 
 def test_tables_findings_and_pictures() -> None:
-    """A table for each setting and recipe, means with spreads, how long, the paper beside them."""
+    """Each setting and recipe has a table with means, spreads, convergence and the paper's figures."""
     entries = {"one_hand": [*trained(), *trained(recipe=ADAM, seeds=(1,))], "many_hands": [*trained(MANY_HANDS)]}
     page = table1_page.page_of(entries, speed.Speed(812.4, 4000.0, 64, "fast", 2, "a machine, 2 cores"))
     titles = ["one hand, as in NYU: our recipe", "one hand, as in NYU: the paper's solver",
@@ -49,7 +49,7 @@ def test_tables_findings_and_pictures() -> None:
 
 
 def test_nothing_and_nyu() -> None:
-    """Without entries the page says so; NYU has no exact angles, so no finding by them."""
+    """Without entries the page says so; NYU has no exact angles, so no finding uses them."""
     page = table1_page.page_of({})
     assert "one hand, as in NYU, our recipe: 12 of 12; one hand, as in NYU, the paper's solver: 10 of 10; hands" in page
     assert "not measured yet" in page
@@ -58,7 +58,7 @@ def test_nothing_and_nyu() -> None:
 
 
 def test_nyu_comes_first() -> None:
-    """Where it was trained, it is what is drawn, what is counted, and what many people are compared with."""
+    """With NYU's entries, NYU comes first, is drawn and counted, and is compared with many people."""
     entries = {where.name: list(trained(where)) for where in (ONE_HAND, MANY_HANDS, REAL)}
     entries["nyu"] += [entry(n.name, 18, 6000, setting=REAL) for n in LAMBDAS if n.limit]
     page = table1_page.page_of(entries)
@@ -70,7 +70,7 @@ def test_nyu_comes_first() -> None:
 
 
 def test_the_weights_of_physlimit() -> None:
-    """One row for each, of one length; L2 after L1."""
+    """Each weight has one row, of the same length, with L2 after L1."""
     entries = [*trained(), *(entry(n.name, 18, 6000) for n in LAMBDAS if n.limit), entry("ours_l2_1", 30, 4000)]
     page = table1_page.page_of({"one_hand": entries})
     rows = re.findall(r"^\| ([\d.]+) \| (–|L[12]) \| ([\d.]+) \|", page, re.MULTILINE)
@@ -82,7 +82,7 @@ def test_the_weights_of_physlimit() -> None:
 
 
 def test_speed_is_measured_and_kept(tmp_path: Path) -> None:
-    """With the machine; a damaged file is one line."""
+    """The speed is stored with the machine; a damaged file raises an error."""
     found = speed.measure(rounds=1)
     assert found.single > 0 and found.batched > 0 and re.search(r", \d+ cores?$", found.machine)
     path = tmp_path / "new" / speed.WHERE
