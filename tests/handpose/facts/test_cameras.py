@@ -22,7 +22,7 @@ def test_axes() -> None:
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @given(x=st.floats(-500, 500), y=st.floats(-500, 500), z=st.floats(100, 5000))
 def test_round_trip(camera: Camera, x: float, y: float, z: float) -> None:
-    """unproject undoes project, for every camera and arrays of any shape."""
+    """unproject inverts project, for every camera and for arrays of any shape."""
     points = np.broadcast_to([x, y, z], (2, 3, 3))
     np.testing.assert_allclose(camera.unproject(camera.project(points)), points, atol=1e-9)
 
@@ -34,6 +34,6 @@ def test_round_trip(camera: Camera, x: float, y: float, z: float) -> None:
      ("v0", float("inf"), "a finite number of px")],
 )  # fmt: skip
 def test_no_camera(field: str, value: float, expected: str) -> None:
-    """Says which number is wrong, when it is made."""
+    """The error names the invalid number."""
     with pytest.raises(ValueError, match=f"camera 'nyu': {field} is {value}, expected {expected}"):
         replace(NYU, **{field: value})

@@ -30,13 +30,13 @@ def mm(name: str) -> np.ndarray:
 
 
 def among_model_joints(joints: np.ndarray) -> np.ndarray:
-    """The 16 joints (N, 16, 3) among the model's 31 (N, 31, 3), still of NYU's hand."""
+    """The 16 joints (N, 16, 3) taken from NYU's 31 (N, 31, 3)."""
     name = skeleton.load().joint_names.index
     return np.stack([joints[:, [name(j) for j in icvl.MODEL_JOINTS[own]]].mean(axis=1) for own in icvl.JOINTS], axis=1)
 
 
 def test_joints(hand: Skeleton) -> None:
-    """The first 16 joints are ICVL's in ICVL's order; the DoFs are those of the NYU hand, limits and all."""
+    """The first 16 joints are ICVL's in ICVL's order; the DoFs and their limits are those of the NYU hand."""
     nyu = skeleton.load()
     assert (
         tuple(hand.joint_names[:16]) == icvl.JOINTS == tuple(icvl.MODEL_JOINTS[name] and name for name in icvl.JOINTS)
@@ -49,7 +49,7 @@ def test_joints(hand: Skeleton) -> None:
 
 
 def test_it_is_the_nyu_hand_in_a_mirror(hand: Skeleton) -> None:
-    """With the same bones, and NYU's doubled joints in one place, every pose is NYU's with x mirrored."""
+    """With equal bones, and NYU's doubled joints in one place, every pose is NYU's with x mirrored."""
     nyu = skeleton.load()
     inputs = np.random.default_rng(0).normal(0, 0.4, (50, 47))
     bones = nyu.bones.copy()
@@ -67,7 +67,7 @@ def test_it_is_the_nyu_hand_in_a_mirror(hand: Skeleton) -> None:
 
 
 def test_joints_among_the_models() -> None:
-    """Joints of the model are picked by name, and the middle finger's mid lies between its two points."""
+    """Joints of the model are selected by name; the middle finger's mid lies between its two points."""
     joints = np.random.default_rng(0).normal(size=(3, 31, 3))
     few, name = among_model_joints(joints), skeleton.load().joint_names.index
     assert few.shape == (3, 16, 3)
@@ -77,7 +77,7 @@ def test_joints_among_the_models() -> None:
 
 
 def handedness(joints: np.ndarray) -> np.ndarray:
-    """To which side of the palm's plane (index, little, palm) the fingertips are bent: opposite for a mirrored hand."""
+    """The side of the palm's plane (index, little, palm) to which the fingers bend: opposite for a mirrored hand."""
     normal = np.cross(joints[:, 4] - joints[:, 0], joints[:, 13] - joints[:, 0])
     bent = joints[:, [6, 9, 12, 15]].mean(axis=1) - joints[:, [4, 7, 10, 13]].mean(axis=1)
     return np.sign((normal * bent).sum(axis=1))
@@ -85,7 +85,7 @@ def handedness(joints: np.ndarray) -> np.ndarray:
 
 @needs_real
 def test_icvl_shows_the_other_hand(hand: Skeleton) -> None:
-    """ICVL's annotated hands bend their fingers to the side that this skeleton does, and NYU's does not."""
+    """ICVL's annotated hands bend to the same side as this skeleton, and NYU's hand bends to the other."""
     inputs = np.zeros((1, 47))
     angles = ~hand.fixed & (hand.upper < 10)
     inputs[:, angles] = hand.lower[angles] * 0.9 + hand.upper[angles] * 0.1  # a fist
@@ -98,7 +98,7 @@ def test_icvl_shows_the_other_hand(hand: Skeleton) -> None:
 
 @needs_real
 def test_bones(hand: Skeleton) -> None:
-    """The paper's published ICVL predictions have the bones of this hand, to 3%."""
+    """The bones of the paper's published ICVL predictions equal this hand's to 3%."""
     published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
     for j, name in enumerate(icvl.JOINTS):
         if name.endswith(("_mid", "_tip")):
@@ -109,7 +109,7 @@ def test_bones(hand: Skeleton) -> None:
 
 @needs_real
 def test_the_published_hand_is_rigid_and_not_nyus() -> None:
-    """The lengths in docs/paper.md: thumb root to mid, thumb mid to tip, index root to mid."""
+    """The lengths equal those in docs/paper.md: thumb root to mid, thumb mid to tip, index root to mid."""
     published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
     nyu = among_model_joints(kinematics_of(skeleton.load()).joints(np.zeros((1, 47)))) * 150
     bones = (("thumb_root", "thumb_mid"), ("thumb_mid", "thumb_tip"), ("index_root", "index_mid"))

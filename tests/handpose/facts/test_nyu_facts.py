@@ -33,7 +33,7 @@ def test_cubes() -> None:
 
 
 def test_a_part_of_the_test_set_has_one_size() -> None:
-    """And whoever uses it can say so."""
+    """A part of the test set with one subject's cube gives a warning."""
     np.testing.assert_allclose(nyu.half_cubes(nyu.TEST_FRAMES)[[0, 8251]], [150, 130.5])
     assert nyu.one_size_for_all(nyu.TEST_FRAMES) == ""
     np.testing.assert_allclose(nyu.half_cubes(3), 150)

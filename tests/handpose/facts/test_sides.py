@@ -22,31 +22,31 @@ from handpose.facts.sides import (
 
 
 def test_names() -> None:
-    """The types and the values agree; "either" can be sought and is no side."""
+    """The types and the values agree; "either" is allowed in searches only."""
     assert get_args(Side) == SIDES and get_args(SoughtSide) == SOUGHT_SIDES == (*SIDES, "either")
 
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_word_from_outside(side: Side) -> None:
-    """Is the side that it names."""
+    """The name of a side is converted to that side."""
     assert side_of(str(side)) == side
 
 
 @pytest.mark.parametrize("word", ["either", "Left", "l", ""])
 def test_another_word(word: str) -> None:
-    """Names none, and the message says which there are."""
+    """Any other word raises an error with the valid names."""
     with pytest.raises(ValueError, match=f"^'{word}', expected 'right' or 'left'$"):
         side_of(word)
 
 
 def test_the_other_side() -> None:
-    """Each is the other's, and one of them is the mirror image of the skeleton's."""
+    """Each side is the opposite of the other, and only the left one is mirrored."""
     assert [other_side(side) for side in SIDES] == ["left", "right"]
     assert [is_mirrored(side) for side in SIDES] == [False, True]
 
 
 def test_mirror() -> None:
-    """Turns x round for left hands alone, and undoes itself."""
+    """The mirror negates x for left hands only, and is its own inverse."""
     assert mirror_of("left") is MIRROR and MIRROR.tolist() == [-1, 1, 1]
     for side in SIDES:
         np.testing.assert_array_equal(mirror_of(side) ** 2, np.ones(3))
@@ -54,7 +54,7 @@ def test_mirror() -> None:
 
 @pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4)])
 def test_images(shape: tuple[int, ...]) -> None:
-    """Their columns change places for left hands, in one image and in several."""
+    """For left hands the columns are reversed, in one image and in several."""
     images = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
     np.testing.assert_array_equal(as_right(images, "right"), images)
     np.testing.assert_array_equal(as_right(images, "left"), np.flip(images, -1))
