@@ -26,7 +26,7 @@ def joints(inputs: Array, unit_mm: float = 130.0) -> Array:
 @pytest.mark.parametrize("gesture", [pose.name for pose in SHOWN])
 @pytest.mark.parametrize("unit_mm", [100.0, 160.0])
 def test_each_gesture_is_its_own(gesture: str, unit_mm: float) -> None:
-    """The poses that are shown, of hands of any size, turned any way, right and left."""
+    """Shown poses are recognised for hands of any size and orientation, right and left."""
     inputs = SAMPLER.poses[gesture].copy()
     inputs[3:6] = (0.4, -1.1, 2.0)
     right = joints(inputs, unit_mm)
@@ -36,18 +36,18 @@ def test_each_gesture_is_its_own(gesture: str, unit_mm: float) -> None:
 
 
 def test_a_half_bent_hand_shows_none() -> None:
-    """Fingers between straight and bent look like nothing for sure."""
+    """Fingers between straight and bent give no gesture a high score."""
     found = scores(SK, "right", joints((SAMPLER.poses["open"] + SAMPLER.poses["fist"]) / 2))
     assert max(found.values()) < 0.5
 
 
 def test_numbers() -> None:
-    """Straight fingers, of gestures that are numbers: from none to all five."""
+    """The gestures that are numbers range from 0 to 5."""
     assert set(NUMBERS) < set(GESTURES) and sorted(NUMBERS.values()) == [0, 1, 2, 3, 4, 5]
 
 
 def test_another_body_shows_none() -> None:
-    """One line says that it is no hand."""
+    """A body that is not a hand raises an error."""
     arm = load(NYU_HAND.parents[1] / "body" / "arm.prototxt")
     with pytest.raises(DataError, match="only hands"):
         scores(arm, "right", np.zeros((len(arm.joint_names), 3)))
