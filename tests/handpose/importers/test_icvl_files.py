@@ -12,7 +12,7 @@ from netlib.errors import DataError
 
 
 def test_labels_of_two_sequences(tmp_path: Path) -> None:
-    """Frames of both sequences follow each other; paths count from Depth; blank lines are passed over."""
+    """Frames of the sequences are concatenated; paths are relative to Depth; blank lines are skipped."""
     joints = np.arange(48) + 50.0
     line = " ".join(f"{value:.3f}" for value in joints)
     for n, path in ((1, "a/image_0000.png"), (2, "/b\\image_0007.png")):
@@ -23,7 +23,7 @@ def test_labels_of_two_sequences(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("a.png 1 2 3\n", ":1: found 3 values after the path, expected 48 numbers"),
         ("a.png " + "60 " * 48 + "\nb.png " + "x " * 48, ":2: found something that is not a number"),
@@ -31,9 +31,9 @@ def test_labels_of_two_sequences(tmp_path: Path) -> None:
         ("a.png " + "-300.5 " * 48, "the palm is mostly at -300.5 -300.5 -300.5, expected u v d"),
     ],
 )
-def test_broken_labels(tmp_path: Path, text: str, told: str) -> None:
-    """What is wrong with a file of labels is said with its line."""
+def test_broken_labels(tmp_path: Path, text: str, message: str) -> None:
+    """The error names the line of the file and what is wrong with it."""
     (tmp_path / "labels.txt").write_text(text)
     with pytest.raises(DataError) as error:
         icvl_files.read_annotation([tmp_path / "labels.txt"])
-    assert told in str(error.value)
+    assert message in str(error.value)

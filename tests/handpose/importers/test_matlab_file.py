@@ -1,4 +1,4 @@
-"""Variables of a MATLAB file: numbers, or one line, also of a file that ends the process which reads it."""
+"""Variables of a MATLAB file: numbers, or an error of one line, even if the file crashes the process that reads it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from netlib.errors import DataError
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """Four axes, two axes, words, and a cell of objects."""
+    """A file with an array of four axes, a matrix, a text, and a cell of objects."""
     cell = np.empty((1, 1), object)
     cell[0, 0] = "x"
     variables = {"joints": np.arange(24.0).reshape(2, 3, 2, 2), "table": np.eye(2), "word": "NYU", "cell": cell}
@@ -24,7 +24,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_numbers_and_words(path: Path) -> None:
-    """Of four axes the first item; what is optional may be missing."""
+    """Of an array of four axes the first item is read; optional variables may be missing."""
     found = read_variables(path, ("joints", "table"), ("word", "nothing"))
     assert sorted(found) == ["joints", "table", "word"]
     assert np.array_equal(found["joints"], np.arange(12.0).reshape(1, 3, 2, 2))
@@ -33,19 +33,19 @@ def test_numbers_and_words(path: Path) -> None:
 
 
 def test_what_is_not_there(path: Path) -> None:
-    """The line says what is."""
+    """The error names the missing variable and those in the file."""
     with pytest.raises(DataError, match=r"a\.mat: no variable 'nose'; it has cell, joints, table, word"):
         read_variables(path, ("table", "nose"))
 
 
 def test_objects_are_no_numbers(path: Path) -> None:
-    """They would have to be unpickled."""
+    """A variable of objects raises an error, because it would have to be unpickled."""
     with pytest.raises(DataError, match=r"a\.mat: cell is object of shape \(1, 1\), expected numbers"):
         read_variables(path, ("cell",))
 
 
 def test_a_file_that_ends_its_reader(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is one line."""
+    """A file that crashes the reading process raises an error of one line."""
     (tmp_path / "crash.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     monkeypatch.setattr(matlab_file, "WORKER", tmp_path / "crash.py")
     with pytest.raises(DataError, match=r"a\.mat: damaged: SciPy's reader crashes on it \(status -11\)"):
@@ -53,7 +53,7 @@ def test_a_file_that_ends_its_reader(path: Path, tmp_path: Path, monkeypatch: py
 
 
 def test_a_file_that_keeps_its_reader(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Likewise."""
+    """A file on which the reading process hangs raises an error of one line."""
     (tmp_path / "hang.py").write_text("import signal; signal.pause()")
     monkeypatch.setattr(matlab_file, "WORKER", tmp_path / "hang.py")
     monkeypatch.setattr(matlab_file, "SECONDS", 0.1)

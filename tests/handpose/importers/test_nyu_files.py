@@ -13,13 +13,13 @@ from netlib.errors import DataError
 
 
 def test_depth_is_unpacked(tmp_path: Path) -> None:
-    """Green counts 256 mm, blue 1 mm, red nothing."""
+    """Green counts units of 256 mm, blue 1 mm; red is ignored."""
     cv2.imwrite(str(tmp_path / "depth.png"), np.array([[[5, 3, 9], [0, 0, 0]]], dtype=np.uint8))
     np.testing.assert_array_equal(nyu_files.read_nyu_depth(tmp_path / "depth.png"), [[773, 0]])
 
 
 def test_unreadable_frames(tmp_path: Path) -> None:
-    """A missing file, one that is no image, and a grey image are told apart."""
+    """A missing file, a file that is not an image, and a grey image raise different errors."""
     (tmp_path / "text.png").write_text("text")
     cv2.imwrite(str(tmp_path / "grey.png"), np.zeros((2, 2), dtype=np.uint16))
     for name, message in (("no.png", "no such file"), ("text.png", "no PNG"), ("grey.png", "found uint16")):

@@ -17,7 +17,7 @@ from netlib.errors import DataError
 
 
 def split_of(folder: Path, bad: range, count: int = 7) -> PublishedFrames:
-    """A plate at the centre of every frame; the frames ``bad`` cannot be read."""
+    """Frames with a plate at the centre; the frames in ``bad`` cannot be read."""
 
     def read(path: Path) -> Array:
         if int(path.stem) in bad:
@@ -32,13 +32,13 @@ def split_of(folder: Path, bad: range, count: int = 7) -> PublishedFrames:
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files of 3 frames."""
+    """Parts have 3 frames per file."""
     monkeypatch.setattr(parts, "FRAMES_PER_FILE", 3)
 
 
 def test_bad_frames_are_named_and_left_out(tmp_path: Path) -> None:
-    """A file without any good frame is not listed; a second run writes nothing and says the same."""
-    told: list[str] = []
+    """A part without good frames is not listed; a second run writes nothing and gives the same report."""
+    reports: list[str] = []
     for missing in (3, 0):
         split = PreparedSplit(split_of(tmp_path, range(2, 6)), tmp_path)
         assert [len(split.parts), len(split.missing)] == [3, missing]
@@ -47,13 +47,15 @@ def test_bad_frames_are_named_and_left_out(tmp_path: Path) -> None:
         assert (outcome.index, outcome.made) == ([0, 1, 6], missing)
         assert split.list.read_text() == f"{tmp_path}/test_000.h5\n{tmp_path}/test_002.h5\n"
         assert [line[:8] for line in split.bad.read_text().splitlines()] == [f"frame {i}:" for i in range(2, 6)]
-        told.append(split.report(outcome))
-    assert told[0] == told[1]
-    assert told[0].startswith("test: 3 frames (a test), 4 bad frames left out: 4 no such file\ntest: joints x 0 to 0")
+        reports.append(split.report(outcome))
+    assert reports[0] == reports[1]
+    assert reports[0].startswith(
+        "test: 3 frames (a test), 4 bad frames left out: 4 no such file\ntest: joints x 0 to 0"
+    )
 
 
 def test_a_repaired_frame_is_taken_in(tmp_path: Path) -> None:
-    """Though its file has the size that it had, so that the recipe is the same; other parts are kept."""
+    """A repaired frame is added although the file's size and the recipe are unchanged; other parts are kept."""
     for bad, missing, index in ((range(4, 6), 3, [0, 1, 2, 3, 6]), (range(5, 6), 1, [0, 1, 2, 3, 4, 6])):
         split = PreparedSplit(split_of(tmp_path, bad), tmp_path)
         assert len(split.missing) == missing
@@ -61,7 +63,7 @@ def test_a_repaired_frame_is_taken_in(tmp_path: Path) -> None:
 
 
 def test_a_split_without_good_frames(tmp_path: Path) -> None:
-    """Gets no list, and an old one is gone."""
+    """A split without good frames raises an error, and an old list is removed."""
     (tmp_path / "test.txt").write_text("old.h5\n")
     split = PreparedSplit(split_of(tmp_path, range(7)), tmp_path)
     outcome = split.write(1, lambda count: None, lambda i, error: None)
@@ -71,7 +73,7 @@ def test_a_split_without_good_frames(tmp_path: Path) -> None:
 
 
 def test_the_first_bad_frame_may_end_the_run(tmp_path: Path) -> None:
-    """``on_bad`` raises its error; whole files stay."""
+    """An error raised by ``on_bad`` ends the run; finished files stay."""
 
     def strict(i: int, error: BadFrameError) -> None:
         raise error

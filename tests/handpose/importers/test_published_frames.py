@@ -31,7 +31,7 @@ def frames(**changes: object) -> PublishedFrames:
 
 
 def test_crops() -> None:
-    """A frame becomes a labelled crop; each kind of bad frame is told."""
+    """A good frame becomes a labelled crop, and each kind of bad frame is reported."""
     found, bad = frames().crops(0, 2)
     assert not bad
     np.testing.assert_allclose(found.depth[0, 0, 64, 64], -20 / 150, rtol=1e-6)
@@ -55,7 +55,7 @@ def test_crops() -> None:
 
 
 def test_recipe(tmp_path: Path) -> None:
-    """A recipe changes with the labels, the centres, the cube and the size of an image, and with nothing else."""
+    """A recipe depends on the frames, the labels, the centres, the cube and the size of the images."""
     first = frames().recipe(0, 2)
     assert frames().recipe(0, 2) == first
     some = tmp_path / "0.png"
@@ -71,16 +71,16 @@ def test_recipe(tmp_path: Path) -> None:
 
 
 def test_statistics() -> None:
-    """Millimetre figures say their centre and cube."""
-    told = statistics(frames(), [0, 1])
-    assert "z 0 to 100 mm from the centre (the middle), cube 261 mm (1 frames) and 300 mm (1 frames)" in told
-    assert "0.0% of the frames have a joint outside the cube" in told
+    """Figures in mm are given with their centre and cube."""
+    report = statistics(frames(), [0, 1])
+    assert "z 0 to 100 mm from the centre (the middle), cube 261 mm (1 frames) and 300 mm (1 frames)" in report
+    assert "0.0% of the frames have a joint outside the cube" in report
 
 
 def test_statistics_of_the_real_annotation(nyu_data: Path, tmp_path: Path) -> None:
-    """Of NYU's test frames a fifth have an annotated joint outside the cube about joint 34."""
+    """A fifth of NYU's test frames have an annotated joint outside the cube about joint 34."""
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"].astype(float)
     (tmp_path / "test").mkdir()
     nyu_files.write_annotation(tmp_path / "test" / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
-    told = statistics(nyu_files.read_split(tmp_path, "test"), range(TEST_FRAMES))
-    assert "cube 261 mm (5812 frames) and 300 mm (2440 frames); 19.2% of the frames" in told
+    report = statistics(nyu_files.read_split(tmp_path, "test"), range(TEST_FRAMES))
+    assert "cube 261 mm (5812 frames) and 300 mm (2440 frames); 19.2% of the frames" in report
