@@ -22,13 +22,13 @@ HALF = np.array([150.0, 130.5, 150.0])
 
 @pytest.fixture
 def xyz() -> np.ndarray:
-    """The joints in mm of three hands, of two sizes."""
+    """The joints in mm of three hands with two cube sizes."""
     inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(0), 3).inputs
     return np.asarray(kinematics_of(SKELETON).joints(inputs) * HALF[:, None, None] + (20, -30, 800))
 
 
 def test_the_joints_are_found_where_they_are(xyz: np.ndarray) -> None:
-    """Each hand in its own unit, about its own centre."""
+    """Each hand is fitted in its own unit, about its own centre, to within 0.01 mm."""
     found = fit_absolute(SKELETON, xyz, HALF, ALL, starts=4)
     placed = kinematics_of(SKELETON).joints(found.inputs) * HALF[:, None, None] + found.center[:, None]
     assert np.abs(placed - xyz).max() < 0.01
@@ -36,15 +36,15 @@ def test_the_joints_are_found_where_they_are(xyz: np.ndarray) -> None:
 
 
 def test_the_way_of_fitting(xyz: np.ndarray) -> None:
-    """With its own options; ``progress`` hears of every frame."""
-    told: list[int] = []
-    options = {"particles": 4, "generations": 2, "progress": told.append}
+    """Another fitting function receives its options, and ``progress`` counts every frame."""
+    reported: list[int] = []
+    options = {"particles": 4, "generations": 2, "progress": reported.append}
     found = fit_absolute(SKELETON, xyz, HALF, ALL, fit=fit_joints_by_swarm, **options)
-    assert sum(told) == 3 and found.residuals_mm.mean() > 1
+    assert sum(reported) == 3 and found.residuals_mm.mean() > 1
 
 
 def test_a_file(xyz: np.ndarray, tmp_path: Path) -> None:
-    """All that is needed to place the hands again, and which frames they are."""
+    """The file has the fitted arrays and the numbers of the frames."""
     found = fit_absolute(SKELETON, xyz, HALF, ALL, starts=1)
     write_fit(tmp_path / "new" / "fit.h5", found, np.array([3, 5, 9]))
     with h5py.File(tmp_path / "new" / "fit.h5") as file:

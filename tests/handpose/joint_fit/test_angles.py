@@ -1,4 +1,4 @@
-"""Canonical angles: one form of the poses that are the same."""
+"""Canonical angles: one representative for all angles of the same pose."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ SKELETON = skeletons.load()
 
 
 def draw(rng, N=20, spread=np.pi):
-    """Inputs with every rotation anywhere."""
+    """Inputs with arbitrary rotations."""
     x = np.zeros((N, 47))
     x[:, :3] = rng.normal(size=(N, 3))
     x[:, angles.rotations(SKELETON)] = rng.uniform(-spread, spread, (N, 23))
@@ -23,14 +23,14 @@ def draw(rng, N=20, spread=np.pi):
 
 
 def test_wrap():
-    """Into (-180, 180] degrees."""
+    """Angles are wrapped into (-180, 180] degrees."""
     assert np.allclose(
         angles.wrap([0, np.pi, -np.pi, 3 * np.pi / 2, -7]), [0, np.pi, np.pi, -np.pi / 2, -7 + 2 * np.pi]
     )
 
 
 def test_the_hand_has_six_pairs():
-    """The palm, four fingers and the thumb; 23 rotations are free."""
+    """The pairs belong to the palm, four fingers and the thumb; 23 rotations are free."""
     found = angles.flips(SKELETON)
     names = SKELETON.dof_names
     assert len(angles.rotations(SKELETON)) == 23
@@ -43,7 +43,7 @@ def test_the_hand_has_six_pairs():
 
 @pytest.mark.parametrize("number", range(6))
 def test_a_flip_changes_no_joint(rng, number):
-    """Each pair of angles puts all 31 joints at the same places."""
+    """Both forms of a pair put all 31 joints at the same places."""
     flip = angles.flips(SKELETON)[number]
     theta = SKELETON.theta(draw(rng))
     other = theta.copy()
@@ -55,7 +55,7 @@ def test_a_flip_changes_no_joint(rng, number):
 
 
 def test_canonical_keeps_the_pose_and_is_unique(rng):
-    """The same joints; all 64 combinations of flips, and whole turns, come to the same angles; once is enough."""
+    """Joints are unchanged; all 64 combinations of flips, and whole turns, give the same angles."""
     x = draw(rng, 5)
     want = angles.canonical(SKELETON, x)
     assert np.allclose(kinematics_of(SKELETON).joints(want), kinematics_of(SKELETON).joints(x), atol=1e-12)
@@ -75,7 +75,7 @@ def test_canonical_keeps_the_pose_and_is_unique(rng):
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_angles_within_limits_stay(seed):
-    """Fingers anywhere within their limits, the palm as it is at first: canonical already."""
+    """Fingers within their limits and the palm in its initial pose are already canonical."""
     rng = np.random.default_rng(seed)
     x = np.zeros((50, 47))
     fingers = np.setdiff1d(angles.rotations(SKELETON), (3, 4, 5))
@@ -85,7 +85,7 @@ def test_angles_within_limits_stay(seed):
 
 
 def test_angle_errors_are_the_short_way_round():
-    """179 against -179 degrees are 2 degrees apart."""
+    """179 and -179 degrees differ by 2 degrees."""
     a, b = np.zeros((2, 1, 47))
     palm_z = SKELETON.dof_names.index("palm_rot_z")
     a[:, palm_z], b[:, palm_z] = np.deg2rad(179), np.deg2rad(-179)
@@ -94,7 +94,7 @@ def test_angle_errors_are_the_short_way_round():
 
 
 def test_no_flip_where_a_bone_would_feel_it():
-    """A bone across the half turn's axis, a fixed rotation below, or a DoF of two joints: the angles are unique."""
+    """A bone across the flip's axis, a fixed rotation below it, or a DoF of two joints rules the flip out."""
 
     def skeleton(second, extra=""):
         dofs = "".join(f'dof {{ name: "{d}" }} ' for d in "abcd") + 'dof { name: "f" initial: 0.5 fixed: true } '

@@ -1,4 +1,4 @@
-"""A person's hand from annotated frames: known hands are found again, and what cannot be found is said."""
+"""Calibration of a person's hand from annotated frames: known hands are recovered, undetermined parts are reported."""
 
 import dataclasses
 
@@ -34,7 +34,7 @@ def poses(count, seed=0):
 
 
 def errors(skeleton, truth):
-    """Relative errors of the 30 bones."""
+    """Relative errors (30,) of the bones."""
     return np.abs(skeleton.bones[BONES] / truth.bones[BONES] - 1)
 
 
@@ -44,7 +44,7 @@ def joints_of(hand, inputs):
 
 @pytest.fixture(scope="module")
 def exact():
-    """A person, 150 frames of it, and what is found from all joints."""
+    """A person, 150 frames of that person, and the calibration from all joints."""
     truth = person(1)
     targets = joints_of(truth, poses(150, seed=1))
     return truth, targets, calibrate(HAND, targets)
@@ -54,7 +54,7 @@ def exact():
 
 
 def test_exact_joints_give_the_hand_back(exact):
-    """Bones to 0.1%, joints to 0.02 mm; the template was 9% and 3 mm away."""
+    """Bones are recovered to 0.1% and joints to 0.02 mm; the template's errors were above 8% and 2 mm."""
     truth, targets, found = exact
     assert errors(found.start, truth).max() > 0.08 and np.mean(found.before) > 2 * MM
     assert errors(found.skeleton, truth).max() < 1e-3
@@ -64,7 +64,7 @@ def test_exact_joints_give_the_hand_back(exact):
 
 
 def test_the_null_directions_stay_at_the_template(exact):
-    """The twist of both points of the wrist moves nothing; the palm's own frame is a matter of convention."""
+    """Angles that move no joint, such as the twist of the wrist's points, keep the template's values."""
     _, _, found = exact
     assert found.undetermined_angles == ["wrist_left_rot_y", "wrist_middle_rot_y"]
     for name in found.undetermined_angles:
@@ -74,7 +74,7 @@ def test_the_null_directions_stay_at_the_template(exact):
 
 
 def test_initial_pose_and_limits(exact):
-    """Inputs have the median 0, their percentiles are the limits; the palm's stay without limits."""
+    """Inputs have median 0, and their percentiles are the limits; the palm has no limits."""
     _, targets, found = exact
     free = np.flatnonzero(~HAND.fixed)
     for percentile, result in ((0.5, found), (10, calibrate(HAND, targets, percentile=10, starts=2))):
@@ -88,17 +88,17 @@ def test_initial_pose_and_limits(exact):
 
 
 def test_the_size_alone(exact):
-    """From distances within the palm; a hand of another size and unit is found as well."""
+    """The size is determined from distances within the palm, also for a hand in another unit."""
     truth, targets, found = exact
     assert found.scale == pytest.approx(calibration.size(HAND, targets, range(31)))
     assert calibration.size(HAND, joints_of(HAND, poses(5)) * 0.7, range(31)) == pytest.approx(0.7)
     in_mm = calibrate(HAND, targets[:60] * 150, starts=4)
     assert errors(in_mm.skeleton, truth.scaled(150)).max() < 2e-3
-    assert calibration.size(HAND, joints_of(HAND, poses(5))[:, [0, 30]], [0, 30]) == 1  # no rigid distance
+    assert calibration.size(HAND, joints_of(HAND, poses(5))[:, [0, 30]], [0, 30]) == 1  # there is no rigid distance
 
 
 def test_noisy_joints():
-    """1 mm of noise on every coordinate: bones to about 1%, and the noise is known."""
+    """With 1 mm of noise per coordinate bones are recovered to about 1%, and the noise is estimated."""
     truth, rng = person(2), np.random.default_rng(2)
     targets = joints_of(truth, poses(400, 2)) + rng.normal(0, MM, (400, 31, 3))
     found = calibrate(HAND, targets, starts=3)
@@ -106,11 +106,11 @@ def test_noisy_joints():
     assert np.sqrt((wrong**2).mean()) < 0.008 and wrong.max() < 0.025
     assert found.noise == pytest.approx(MM, rel=0.03)
     off = np.abs(found.skeleton.bones - truth.bones)[BONES] / found.bone_deviation[BONES]
-    assert 0.2 < np.sqrt((off**2).mean()) < 1.5  # the deviation that is told is a fair one
+    assert 0.2 < np.sqrt((off**2).mean()) < 1.5  # the reported deviation matches the errors
 
 
 def test_fourteen_joints():
-    """Bones between annotated joints are found, bones that no joint sees are named and stay near the template."""
+    """Bones between annotated joints are recovered; undetermined bones are reported and stay near the template."""
     truth = person(4)
     joints = list(EVALUATION_JOINTS)
     targets = joints_of(truth, poses(200, 4))[:, joints]
@@ -125,7 +125,7 @@ def test_fourteen_joints():
 
 
 def test_joints_that_were_not_seen(exact):
-    """Tips missing in half of the frames change nothing but the residual there."""
+    """Missing fingertips in half of the frames affect only their own residuals."""
     truth, targets, _ = exact
     hidden = targets.copy()
     hidden[::2, [0, 5, 10, 15]] = np.nan
@@ -135,13 +135,13 @@ def test_joints_that_were_not_seen(exact):
 
 
 def test_several_people():
-    """No hand fits frames of different people: the residual says so."""
+    """Frames of different people leave a large residual, because no single hand fits them."""
     hands = BodySampler().draw(np.random.default_rng(5), 100)
     assert np.mean(calibrate(HAND, hands.joints, starts=2).after) > 1.5 * MM
 
 
 def test_threads_change_nothing(exact, keep_threads, monkeypatch):
-    """Bit for bit."""
+    """Results for one and two threads are equal bit for bit."""
     monkeypatch.setattr(calibration_problem, "CHUNK", 8)
     _, targets, _ = exact
     results = []
@@ -153,7 +153,7 @@ def test_threads_change_nothing(exact, keep_threads, monkeypatch):
 
 
 def test_a_file_gives_the_skeleton_back(exact, tmp_path):
-    """All numbers, names and joints; the comment stands above."""
+    """The written skeleton is read back with equal numbers, names and joints, after its comment."""
     found = exact[2].skeleton
     path = tmp_path / "me.prototxt"
     path.write_text(text_of(found.param, "me", "From 150 frames.\nUnits."), encoding="utf-8")
@@ -168,7 +168,7 @@ def test_a_file_gives_the_skeleton_back(exact, tmp_path):
 
 @pytest.mark.parametrize("name", ["nyu", "icvl"])
 def test_packaged_hands_as_text(name):
-    """Written and read they are the same; numbers without limits, infinite ones and odd names too."""
+    """Packaged hands survive writing and reading, as do numbers without limits and unusual names."""
 
     def body(text):
         return skeleton.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test"))
@@ -192,6 +192,6 @@ def test_packaged_hands_as_text(name):
     ],
 )
 def test_mistakes(targets, options, message):
-    """Are named."""
+    """Invalid arguments raise an error that names the wrong value."""
     with pytest.raises(DataError, match=message):
         calibrate(HAND, targets, **options)

@@ -28,7 +28,7 @@ COUPLED_BODY = Skeleton(schema.read(prototxt.parse(COUPLED), SkeletonParameter, 
 
 
 def random_problem(skeleton, joints, frames, rng):
-    """A problem with joints missing, and a state away from the template."""
+    """A problem with a missing joint, and a state that differs from the template."""
     goal = rng.normal(0, 0.3, (frames, len(joints), 3))
     goal[0, 0] = np.nan
     problem = CalibrationProblem(skeleton, goal, joints)
@@ -39,7 +39,7 @@ def random_problem(skeleton, joints, frames, rng):
 
 @pytest.mark.parametrize(("skeleton", "joints"), [(HAND, range(31)), (HAND, EVALUATION_JOINTS), (COUPLED_BODY, [2, 0])])
 def test_derivative_against_differences(skeleton, joints, rng):
-    """Of poses, fixed angles and bones; also of DoFs that turn two joints."""
+    """The derivative by poses, fixed angles and bones equals central differences, also for DoFs of two joints."""
     problem, state = random_problem(skeleton, joints, 3, rng)
     every, h = slice(0, 3), 1e-6
     J, r = problem.derivative(state, every)
@@ -57,7 +57,7 @@ def test_derivative_against_differences(skeleton, joints, rng):
 
 
 def test_the_open_skeleton_is_the_template(rng):
-    """With the shared numbers at 0 it has the template's joints."""
+    """With all shared numbers 0 the joints are the template's."""
     problem, _ = random_problem(HAND, range(31), 4, rng)
     inputs = rng.normal(0, 0.3, (4, 47))
     found = problem.kinematics.joints(*problem.body(problem.state(inputs), slice(None)))
@@ -66,7 +66,7 @@ def test_the_open_skeleton_is_the_template(rng):
 
 @pytest.mark.parametrize("mu", [0.0, 0.1])
 def test_a_step_solves_the_whole_system(rng, mu, monkeypatch):
-    """The reduced equations give the solution of the large ones, in which all poses stand beside all shared numbers."""
+    """The reduced equations have the same solution as the full system of all poses and shared numbers."""
     monkeypatch.setattr(calibration_problem, "CHUNK", 2)
     N, noise = 5, 0.02
     problem, state = random_problem(HAND, range(31), N, rng)

@@ -1,4 +1,4 @@
-"""handpose/joint_fit/companions.py: angles beside the data that they belong to."""
+"""handpose/joint_fit/companions.py: files with the angles of a data file."""
 
 import os
 from dataclasses import replace
@@ -23,7 +23,7 @@ SEEN_MM = 130.5  # half a cube
 
 @pytest.fixture
 def source(tmp_path):
-    """data/part.h5 with frames of hands; the first hand is partly outside its cube, where joints are cut off."""
+    """data/part.h5 with frames of hands; the first hand is partly outside its cube, where joints are clipped."""
     inputs = BodySampler(PACKAGED_BONES).draw(np.random.default_rng(3), FRAMES).inputs
     inputs[0, SKELETON.dof_names.index("palm_y")] += 0.6
     write(
@@ -33,7 +33,7 @@ def source(tmp_path):
 
 
 def write(path, **arrays):
-    """A file with depth and half-cubes beside the arrays."""
+    """A file with these arrays, depth and half-cubes."""
     rows = len(next(iter(arrays.values())))
     depth = np.random.default_rng(0).uniform(-1, 1, (rows, 1, 4, 4)).astype(np.float32)
     path.parent.mkdir(exist_ok=True)
@@ -44,13 +44,13 @@ def write(path, **arrays):
 
 
 def fitted(source, name="part.h5", **options):
-    """The companion angles/part.h5 and the residuals."""
+    """The path of the companion angles/part.h5, and the residuals."""
     target = source.parent.parent / "angles" / name
     return target, companions.fit_file(source, target, SKELETON, **options)
 
 
 def net_on(files, net_of, *tops):
-    """A net that reads the files, all rows in one batch."""
+    """A net that reads the files with all rows in one batch."""
     source = files[0].parent.parent / "list.txt"
     source.write_text("".join(f"{path}\n" for path in files))
     names = " ".join(f'top: "{top}"' for top in tops)
@@ -60,11 +60,11 @@ def net_on(files, net_of, *tops):
     )
 
 
-# ------------------------------------------------------------------------------------- what is written
+# ------------------------------------------------------------------------------------- file contents
 
 
 def test_the_angles_put_the_joints_where_they_are(source):
-    """dof is what the layer HandModel takes; residual_mm is the distance in mm that is left."""
+    """``dof`` is input for the layer HandModel; ``residual_mm`` is the remaining distance in mm."""
     target, residuals = fitted(source)
     with h5py.File(source) as file:
         truth = file["joint"][...].reshape(FRAMES, 31, 3)
@@ -79,7 +79,7 @@ def test_the_angles_put_the_joints_where_they_are(source):
 
 
 def test_joints_that_are_cut_off_are_left_out(source):
-    """At the face of the cube is not where the joint is: its residual is NaN, and the others determine the hand."""
+    """A joint clipped at the cube has residual NaN, and the other joints determine the hand."""
     target, residuals = fitted(source)
     with h5py.File(source) as file:
         cut = (np.abs(file["joint"][...].reshape(FRAMES, 31, 3)) >= 1).any(axis=2)
@@ -93,9 +93,9 @@ def test_joints_that_are_cut_off_are_left_out(source):
 
 
 def test_without_half_cubes_the_cube_is_the_usual_one(source):
-    """Residuals are then in mm of 300 mm cubes: by so much larger for the same hands."""
+    """Without half-cubes, residuals are in mm of 300 mm cubes, and larger by the ratio of the cubes."""
     with h5py.File(source, "a") as file:
-        file["joint"][...] *= np.float32(0.9)  # a hand too small for the model, so that something is left
+        file["joint"][...] *= np.float32(0.9)  # a hand too small for the model, so that a residual remains
     _, own = fitted(source)
     with h5py.File(source, "a") as file:
         del file["half_cube"]
@@ -104,7 +104,7 @@ def test_without_half_cubes_the_cube_is_the_usual_one(source):
 
 
 def test_options_reach_the_fit(source):
-    """A large ridge keeps the hand at its initial pose, which costs residual."""
+    """A large ridge keeps the hand near its initial pose, which increases the residual."""
     _, free = fitted(source)
     _, pulled = fitted(source, ridge=10.0)
     assert np.nanmean(pulled) > 10 > np.nanmean(free)
@@ -114,7 +114,7 @@ def test_options_reach_the_fit(source):
 
 
 def test_a_list_of_companions_reads_like_the_list_of_the_data(source, net_of):
-    """The same depth and joints, and the angles beside them."""
+    """The companion gives the same depth and joints, and the angles."""
     target, _ = fitted(source)
     first = net_on([source], net_of, "depth", "joint").forward()
     second = net_on([target], net_of, "depth", "joint", "dof").forward()
@@ -127,7 +127,7 @@ def test_a_list_of_companions_reads_like_the_list_of_the_data(source, net_of):
 
 
 def test_both_folders_can_be_moved(source, tmp_path, net_of):
-    """Links are relative to the companion, wherever one stands."""
+    """Links are relative to the companion, so that both folders can be moved together."""
     fitted(source)
     (tmp_path / "elsewhere").mkdir()
     for folder in ("data", "angles"):
@@ -137,7 +137,7 @@ def test_both_folders_can_be_moved(source, tmp_path, net_of):
 
 
 def test_angles_that_the_data_have_already(source):
-    """As synthetic data do: the companion has its own in their place."""
+    """The companion's angles take precedence over angles in the data, as in synthetic data."""
     with h5py.File(source, "a") as file:
         file["dof"] = np.full((FRAMES, 47), 9.0)
     target, _ = fitted(source)
@@ -146,7 +146,7 @@ def test_angles_that_the_data_have_already(source):
 
 
 def test_a_link_whose_file_has_gone(source, net_of):
-    """One line says where the data were kept."""
+    """The error names the missing data file on one line."""
     target, _ = fitted(source)
     source.unlink()
     message = r"data/part.h5: cannot read the rest of .*part.h5: No such file or directory"
@@ -155,16 +155,16 @@ def test_a_link_whose_file_has_gone(source, net_of):
     assert "\n" not in str(error.value)
 
 
-# --------------------------------------------------------------------------------------------- keeping
+# --------------------------------------------------------------------------------------------- reuse
 
 
 def test_what_is_there_is_kept(source):
-    """A companion of the same file, made in the same way, is not made again; the progress is told all the same."""
+    """A companion made in the same way from the same file is reused; progress is reported all the same."""
     target, first = fitted(source)
     os.utime(target, ns=(1, 1))
-    told = []
-    _, second = fitted(source, progress=told.append)
-    assert target.stat().st_mtime_ns == 1 and sum(told) == FRAMES
+    reported = []
+    _, second = fitted(source, progress=reported.append)
+    assert target.stat().st_mtime_ns == 1 and sum(reported) == FRAMES
     assert second == pytest.approx(first, abs=1e-6, nan_ok=True)
 
 
@@ -179,7 +179,7 @@ def test_what_is_there_is_kept(source):
     ids=["the file", "starts", "limits", "ridge"],
 )
 def test_what_has_changed_is_made_again(source, change):
-    """A file that was written again, or another way to fit it."""
+    """A rewritten data file, or other options of the fit, cause a new fit."""
     target, _ = fitted(source)
     os.utime(target, ns=(1, 1))
     fitted(source, **change(source))
@@ -187,7 +187,7 @@ def test_what_has_changed_is_made_again(source, change):
 
 
 def test_another_hand_of_the_same_name(source):
-    """The numbers of a skeleton count, not what it is called: angles of another hand are fitted anew."""
+    """The skeleton is identified by its numbers, not its name: angles of another hand are fitted again."""
     target, _ = fitted(source)
     longer = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)) for j in SKELETON.param.joint]
     other = skeleton.Skeleton(replace(SKELETON.param, joint=tuple(longer)))
@@ -196,7 +196,7 @@ def test_another_hand_of_the_same_name(source):
 
 
 def test_a_companion_that_is_broken_is_made_again(source):
-    """As is anything else that stands in its place."""
+    """A truncated companion is replaced."""
     target, residuals = fitted(source)
     target.write_bytes(target.read_bytes()[:200])
     assert np.array_equal(fitted(source)[1], residuals, equal_nan=True)
@@ -206,7 +206,7 @@ def test_a_companion_that_is_broken_is_made_again(source):
 
 
 def test_companions_go_to_another_folder(source, tmp_path):
-    """Each by the name of its file. The data are never written over, nor one companion by another."""
+    """Companions keep the names of their files; neither data nor other companions are overwritten."""
     files = [source, source.with_name("more.h5")]
     assert companions.companions_of(files, tmp_path / "out") == [
         tmp_path / "out" / "part.h5",
@@ -231,7 +231,7 @@ def test_companions_go_to_another_folder(source, tmp_path):
     ids=["none", "14 joints", "all cut off"],
 )
 def test_files_with_something_wrong_in_them(tmp_path, arrays, message):
-    """One line names the file; nothing is written."""
+    """The error names the file on one line, and no file is written."""
     write(tmp_path / "data" / "bad.h5", **arrays)
     with pytest.raises(DataError, match=rf"bad.h5: {message}") as error:
         fitted(tmp_path / "data" / "bad.h5")
@@ -240,7 +240,7 @@ def test_files_with_something_wrong_in_them(tmp_path, arrays, message):
 
 @pytest.mark.parametrize("content", [b"", b"no HDF5 at all", None], ids=["empty", "text", "cut"])
 def test_files_that_are_not_hdf5(source, content):
-    """Or not any more."""
+    """An empty, non-HDF5 or truncated file raises an error of one line."""
     source.write_bytes(source.read_bytes()[:1000] if content is None else content)
     with pytest.raises(DataError, match=r"part.h5: cannot read the HDF5 file") as error:
         fitted(source)

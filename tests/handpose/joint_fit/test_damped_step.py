@@ -1,4 +1,4 @@
-"""damped_step: Newton's step without damping, the gradient's with much, and never beyond a limit that is reached."""
+"""damped_step: Newton's step without damping, a gradient step with much of it, and no step beyond a reached limit."""
 
 import numpy as np
 import pytest
@@ -17,18 +17,18 @@ def step(mu: float, x: np.ndarray = X, limits: tuple[np.ndarray, np.ndarray] = W
 
 
 def test_without_damping() -> None:
-    """The minimum of the quadratic model."""
+    """Without damping the step leads to the minimum of the quadratic model."""
     np.testing.assert_allclose(np.einsum("nij,nj->ni", A, step(0)), -B, atol=1e-10)
 
 
 def test_much_damping() -> None:
-    """A short step downhill, each variable scaled by its own curvature."""
+    """Much damping gives a short step downhill, with each variable scaled by its own curvature."""
     np.testing.assert_allclose(step(1e9) * 1e9, -B / A[:, range(5), range(5)], rtol=1e-6)
 
 
 @pytest.mark.parametrize("side", [0, 1])
 def test_at_a_limit(side: int) -> None:
-    """A variable whose step would leave the limits stays; the others take the step of the problem without it."""
+    """A variable at a limit that would leave it stays, and the others take the step of the problem without it."""
     limits = np.full(5, -100.0), np.full(5, 100.0)
     limits[side][2] = 0.3
     x = X.copy()
@@ -42,7 +42,7 @@ def test_at_a_limit(side: int) -> None:
 
 
 def test_nothing_depends_on_a_variable() -> None:
-    """It stays where it is: the ridge makes the matrix one that can be solved."""
+    """A variable without influence stays, because the ridge makes the matrix invertible."""
     still, gradient = A.copy(), B.copy()
     still[:, 1] = still[:, :, 1] = gradient[:, 1] = 0
     np.testing.assert_array_equal(damped_step(still, gradient, np.zeros(4), X, *WIDE, 1e-9)[:, 1], 0)

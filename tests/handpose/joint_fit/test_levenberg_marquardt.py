@@ -25,13 +25,13 @@ def joints_of(body, inputs):
 
 @pytest.fixture(scope="module")
 def inputs():
-    """40 poses of synthetic hands; their joints are those of the packaged bones."""
+    """Inputs (40, 47) of synthetic hands; their joints are computed with the packaged bones."""
     return BodySampler().draw(np.random.default_rng(7), 40).inputs
 
 
 @pytest.mark.parametrize("limits", [True, False])
 def test_all_joints_give_the_pose_back(inputs, limits):
-    """31 joints come back to 1e-5 half-cubes, and in half of the frames all canonical angles to 0.01 degrees."""
+    """31 joints are fitted to 1e-5 half-cubes, and the median error of canonical angles is below 0.01 degrees."""
     found = fit_joints(SKELETON, joints_of(SKELETON, inputs), limits=limits, starts=32)
     assert found.residuals.max() < 1e-5
     errors = angles.angle_errors(SKELETON, found.inputs, inputs)
@@ -39,14 +39,14 @@ def test_all_joints_give_the_pose_back(inputs, limits):
 
 
 def test_fourteen_joints_fit_exactly(inputs):
-    """The joints that NYU is scored on are reproduced; the angles need not be, they are not determined."""
+    """NYU's 14 evaluation joints are reproduced, although they do not determine all angles."""
     targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS]
     found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, starts=32)
     assert found.residuals.shape == (40, 14) and found.residuals.mean(axis=1).max() < 1e-4
 
 
 def test_a_body_whose_root_does_not_turn():
-    """There are no rotations to start from but the one it has."""
+    """A body without a rotating root is fitted from its initial rotation alone."""
     text = """dof { name: "bend" }
         joint { name: "root" bone { axis: X length: 1 } }
         joint { name: "tip" parent: "root" rotate { axis: Z dof: "bend" } bone { axis: X length: 1 } }"""
@@ -57,7 +57,7 @@ def test_a_body_whose_root_does_not_turn():
 
 @pytest.mark.parametrize("limits", [True, False])
 def test_a_root_that_turns_about_two_axes(rng, limits):
-    """Its half turn is felt by the joints below: both forms of the pose stay whole, within limits or without."""
+    """Half a turn of the root affects joints below it; both forms of the pose are valid, with and without limits."""
     text = """dof { name: "a" lower: -3 upper: 3 } dof { name: "b" lower: -3 upper: 3 }
         dof { name: "c" lower: -2 upper: 1 }
         joint { name: "root" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } }
@@ -69,11 +69,11 @@ def test_a_root_that_turns_about_two_axes(rng, limits):
 
 
 def test_joints_that_are_not_known(inputs):
-    """A frame without some of its joints is fitted to the others, and puts the missing ones where they were."""
+    """Frames with missing joints are fitted to the others, and the positions of nearby joints are recovered."""
     targets = joints_of(SKELETON, inputs)
     hidden = targets.copy()
     hidden[::2, [0, 5, 28]] = np.nan  # tips and a joint of the thumb
-    hidden[3, 7, 1] = np.nan  # one number is as bad as three
+    hidden[3, 7, 1] = np.nan  # one missing coordinate makes the joint unknown
     found = fit_joints(SKELETON, hidden, starts=32)
     assert np.isnan(found.residuals[::2, [0, 5, 28]]).all() and np.isnan(found.residuals[3, 7])
     assert np.nanmax(found.residuals) < 1e-5
@@ -81,7 +81,7 @@ def test_joints_that_are_not_known(inputs):
 
 
 def test_limits_hold(inputs, rng):
-    """With limits no input is beyond them, without them the residual is lower."""
+    """With limits no input exceeds them, and without limits the residual is lower."""
     targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.05, (40, 14, 3))
     inside, free = (fit_joints(SKELETON, targets, EVALUATION_JOINTS, limits=limits) for limits in (True, False))
     assert (inside.inputs >= SKELETON.lower - 1e-12).all() and (inside.inputs <= SKELETON.upper + 1e-12).all()
@@ -91,7 +91,7 @@ def test_limits_hold(inputs, rng):
 
 
 def test_ridge_pulls_to_the_initial_pose(inputs, rng):
-    """The larger the ridge, the smaller the angles and the larger the residual."""
+    """A larger ridge gives smaller angles and a larger residual."""
     targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
     fingers = np.setdiff1d(angles.rotations(SKELETON), (3, 4, 5))
     sizes, residuals = [], []
@@ -103,7 +103,7 @@ def test_ridge_pulls_to_the_initial_pose(inputs, rng):
 
 
 def test_the_result_is_a_minimum(inputs, rng):
-    """No small step of any angle lowers the cost: checked by differences, not by the fit's own derivative."""
+    """No small step of an angle lowers the cost, as computed from the joints, without the fit's own derivative."""
     targets = joints_of(SKELETON, inputs)[:5, EVALUATION_JOINTS] + rng.normal(0, 0.02, (5, 14, 3))
     found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, limits=False)
 
@@ -118,7 +118,7 @@ def test_the_result_is_a_minimum(inputs, rng):
 
 
 def test_threads_change_nothing(inputs, rng, monkeypatch):
-    """Bit for bit."""
+    """Results for one and two threads are equal bit for bit."""
     monkeypatch.setattr(levenberg_marquardt, "CHUNK", 8)
     targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
     before, results = netlib.threads(), []
@@ -142,13 +142,13 @@ def test_threads_change_nothing(inputs, rng, monkeypatch):
     ],
 )
 def test_wrong_joints_are_refused(targets, joints, message):
-    """One line each."""
+    """Invalid joints raise an error."""
     with pytest.raises(DataError, match=message):
         fit_joints(SKELETON, targets, joints)
 
 
 def test_published_predictions_lie_on_the_model(nyu_data):
-    """Every 40th frame of the released network's predictions fits to 0.001 mm: they come from this hand model."""
+    """Every 40th published prediction is fitted to 0.001 mm, because the predictions come from this hand model."""
     uvd = np.loadtxt(nyu_data / "predictions" / "IJCAI16_NYU_DeepModel.txt").reshape(-1, 14, 3)[::40]
     half = cube_of_test_frame(np.arange(0, 8252, 40))[:, None, None] / 2
     xyz = NYU.unproject(uvd)

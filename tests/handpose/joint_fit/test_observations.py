@@ -28,7 +28,7 @@ def frames():
 
 
 def test_annotation_of_a_list(frames, tmp_path):
-    """Rows of all files in order, with each frame's cube; joints at the faces of the cube are left out."""
+    """Rows of all files are read in order, with each frame's cube; joints on the cube's faces are NaN."""
     frames = frames.copy()
     frames[3, 10, 1] = 1
     write(tmp_path / "a.h5", frames[:20], half_cube=np.full(20, 130.5))
@@ -43,7 +43,7 @@ def test_annotation_of_a_list(frames, tmp_path):
 
 
 def test_some_joints_and_some_frames(frames, tmp_path):
-    """14 of 31 joints or all 14 there are; frames are drawn, the same for a seed; those mostly cut off are not used."""
+    """14 joints are taken of 31 or 14; a seed selects the same frames again; frames mostly clipped are omitted."""
     fourteen = frames[:, EVALUATION_JOINTS]
     for joints, rows in ((14, frames), (None, fourteen), (14, fourteen)):
         found = read_observations(write(tmp_path / "a.h5", rows), HAND, joints)
@@ -58,7 +58,7 @@ def test_some_joints_and_some_frames(frames, tmp_path):
 
 
 def test_files_that_cannot_be_used(frames, tmp_path):
-    """One line each."""
+    """Each unusable file raises an error with its reason."""
     infinite = frames.copy()
     infinite[4, 2, 1] = np.inf
     (tmp_path / "none.txt").write_text("")
