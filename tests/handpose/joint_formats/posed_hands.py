@@ -13,12 +13,12 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def any_pose(rng: np.random.Generator) -> Array:
-    """Inputs (D,) within the limits, the palm anywhere and turned any way."""
+    """Inputs (D,) within the limits, with the palm at any place and orientation."""
     inputs = rng.uniform(np.maximum(PEOPLE.lower, -1), np.minimum(PEOPLE.upper, 1))
     inputs[:3], inputs[3:6] = rng.normal(size=3), rng.uniform(-np.pi, np.pi, 3)
     return np.asarray(inputs)
 
 
 def right_hand(inputs: Array, unit_mm: float = 130.0) -> Array:
-    """Joints (K, 3) in mm of a right hand half a metre before the camera."""
+    """Joints (K, 3) in mm of a right hand, half a metre in front of the camera."""
     return np.asarray(Kinematics(PEOPLE).joints(inputs[None])[0] * unit_mm + [0, 0, 500])

@@ -12,12 +12,12 @@ from netlib.blob import Array
 
 
 def angles(inputs: Array) -> dict[str, float]:
-    """Those of a right hand."""
+    """The anatomical angles of a right hand."""
     return anatomical_angles(PEOPLE, "right", right_hand(inputs))
 
 
 def with_dof(name: str, value: float) -> Array:
-    """The initial pose with another input."""
+    """The initial pose with one input changed."""
     inputs = np.zeros(len(PEOPLE.initial))
     inputs[PEOPLE.dof_names.index(name)] = value
     return inputs
@@ -25,7 +25,7 @@ def with_dof(name: str, value: float) -> Array:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_hinges_are_the_models(seed: int) -> None:
-    """PIP and DIP, and the thumb's, are the model's angles in any pose and place: with its signs, in degrees."""
+    """PIP, DIP and the thumb's hinges equal the model's angles in any pose and place, in degrees, up to the sign."""
     inputs = any_pose(np.random.default_rng(seed))
     theta = dict(zip(PEOPLE.dof_names, np.degrees(PEOPLE.theta(inputs[None])[0])))
     found = angles(inputs)
@@ -38,7 +38,7 @@ def test_hinges_are_the_models(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_place_turn_size_and_side_do_not_matter(seed: int) -> None:
-    """The angles are those of the same hand elsewhere, and of its mirror image, a left hand."""
+    """The angles do not depend on place, orientation and size, and are equal for the mirrored left hand."""
     inputs = any_pose(np.random.default_rng(seed))
     elsewhere = np.where(np.arange(len(inputs)) < 6, 0.3, inputs)
     found = np.array(list(angles(inputs).values()))
@@ -51,18 +51,18 @@ def test_place_turn_size_and_side_do_not_matter(seed: int) -> None:
 
 @pytest.mark.parametrize("finger", FINGERS)
 def test_signs(finger: str) -> None:
-    """Bending the knuckle to the palm raises its flexion; fingers that spread have more abduction."""
+    """Bending a knuckle raises its flexion; a turn to the thumb lowers the abduction of ring and little finger only."""
     rest = angles(with_dof("palm_x", 0.0))
     low = PEOPLE.lower[PEOPLE.dof_names.index(f"{finger}_base_rot_x")]
     bent = angles(with_dof(f"{finger}_base_rot_x", low))
     assert bent[f"{finger}_mcp_flexion"] > rest[f"{finger}_mcp_flexion"] + np.degrees(-low) / 2
-    towards_thumb = angles(with_dof(f"{finger}_base_rot_z", -0.2))  # about z, x to y: away from x, where the thumb is
+    towards_thumb = angles(with_dof(f"{finger}_base_rot_z", -0.2))  # positive turns lead away from the thumb at x
     change = towards_thumb[f"{finger}_mcp_abduction"] - rest[f"{finger}_mcp_abduction"]
     assert change < -5 if finger in ("ring", "little") else change > 5
 
 
 def test_the_thumb_spreads() -> None:
-    """In the plane of the palm by the turn about z, out of it by the turn about y."""
+    """Radial abduction changes with the rotation about z, palmar abduction with the rotation about y."""
     rest = angles(with_dof("palm_x", 0.0))
     across = angles(with_dof("thumb_pip_rot_z", 0.5))
     before = angles(with_dof("thumb_pip_rot_y", -0.4))
@@ -71,7 +71,7 @@ def test_the_thumb_spreads() -> None:
 
 
 def test_a_straight_finger_has_zeros() -> None:
-    """In line with its metacarpal, whatever axis it would bend about."""
+    """A finger in line with its metacarpal has flexion 0."""
     inputs = np.zeros(len(PEOPLE.initial))
     for joint in ("pip", "dip"):
         inputs[PEOPLE.dof_names.index(f"index_{joint}_rot_x")] = -PEOPLE.initial[
@@ -83,7 +83,7 @@ def test_a_straight_finger_has_zeros() -> None:
 
 
 def test_the_smallest_turn() -> None:
-    """x to y leaves z, and turns y to -x; half a turn is one, too."""
+    """The rotation from x to y keeps z and maps y to -x; half a turn is handled as well."""
     x, y, z = np.eye(3)
     assert np.allclose([turned(x, x, y), turned(y, x, y), turned(z, x, y)], [y, -x, z])
     assert np.allclose(turned(z, x, -x), -z)

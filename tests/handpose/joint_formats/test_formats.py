@@ -1,4 +1,4 @@
-"""handpose/joint_formats/formats.py, and the directions that frames.py finds"""
+"""handpose/joint_formats/formats.py, and the directions computed by frames.py"""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from netlib.blob import Array
 
 
 def at(found: Array, name: FormatName, joint: str) -> Array:
-    """The value of one joint."""
+    """The value at one joint."""
     return np.asarray(found[list(FORMATS[name].joints).index(joint)])
 
 
 def test_orders() -> None:
-    """As the other systems define them."""
+    """Joints are in the order that the other systems define."""
     assert [list(FORMATS["mediapipe"].joints)[i] for i in (0, 1, 4, 5, 8, 17, 20)] == [
         "WRIST", "THUMB_CMC", "THUMB_TIP", "INDEX_FINGER_MCP", "INDEX_FINGER_TIP", "PINKY_MCP", "PINKY_TIP",
     ]  # fmt: skip
@@ -43,20 +43,20 @@ def test_orders() -> None:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_bones_are_pairs_of_joints(name: FormatName) -> None:
-    """And connect all of them."""
+    """Every bone is a pair of joints, and the bones reach all joints."""
     joints, bones = set(FORMATS[name].joints), FORMATS[name].bones
     assert {joint for bone in bones for joint in bone} == joints
     assert len(bones) >= len(joints) - 1
 
 
 def test_nyu_is_the_evaluation() -> None:
-    """The 14 joints in the papers' order, as they are."""
+    """The format ``nyu`` has the 14 evaluation joints in the papers' order, unchanged."""
     joints = right_hand(any_pose(np.random.default_rng(0)))
     assert np.array_equal(formatted("nyu", PEOPLE, "right", joints).positions, joints[list(EVALUATION_JOINTS)])
 
 
 def test_axes_and_units() -> None:
-    """A hand at x 100, y 50, z 500 mm, in metres: y downwards of MediaPipe and MANO, z towards the camera of OpenXR."""
+    """A hand at x 100, y 50, z 500 mm, in metres: y points down in MediaPipe and MANO, z to the camera in OpenXR."""
     joints = np.broadcast_to([100.0, 50.0, 500.0], (31, 3)) + 1e-3 * right_hand(any_pose(np.random.default_rng(0)))
     for name, wanted in (("mediapipe", (0.1, -0.05, 0.5)), ("mano", (0.1, -0.05, 0.5)), ("openxr", (0.1, 0.05, -0.5))):
         found = formatted(name, PEOPLE, "right", joints).positions  # type: ignore[arg-type]
@@ -64,7 +64,7 @@ def test_axes_and_units() -> None:
 
 
 def test_landmarks_in_the_image() -> None:
-    """x and y are the projection, as parts of the image; z is behind the wrist, in the scale of x."""
+    """x and y are projections as fractions of the image; z is the depth behind the wrist, scaled like x."""
     joints = right_hand(any_pose(np.random.default_rng(3)))
     found = formatted("mediapipe", PEOPLE, "right", joints, KINECT2)
     assert found.landmarks is not None
@@ -81,7 +81,7 @@ def test_landmarks_in_the_image() -> None:
 
 
 def test_landmarks_without_an_image() -> None:
-    """In a crop they are parts of its cube; without a crop, or a camera of unknown size, there are none."""
+    """In a crop landmarks are fractions of the cube; without a cube or an image size there are none."""
     joints = right_hand(any_pose(np.random.default_rng(3))) - [0, 0, 500]
     found = formatted("mediapipe", PEOPLE, "right", joints, cube_mm=300.0).landmarks
     assert found is not None
@@ -111,7 +111,7 @@ def test_a_left_hand_is_the_mirror_image(name: FormatName) -> None:
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_orientations_point_along_bones(side: str) -> None:
-    """-Z from each joint to the next one, of the tip as of the joint before; quaternions of length 1."""
+    """-Z points from each joint to the next; a tip has its predecessor's direction; quaternions have length 1."""
     joints = right_hand(any_pose(np.random.default_rng(5))) * (MIRROR if side == "left" else 1)
     found = formatted("openxr", PEOPLE, side, joints)  # type: ignore[arg-type]
     assert found.orientations is not None
@@ -126,7 +126,7 @@ def test_orientations_point_along_bones(side: str) -> None:
 
 
 def test_up_is_the_back_of_the_finger() -> None:
-    """+X is the axis of the model's hinges at every joint of a finger, +Y the z of its frame."""
+    """+X is the axis of the finger's hinges, and +Y the z axis of the model's frame."""
     inputs = any_pose(np.random.default_rng(7))
     found = formatted("openxr", PEOPLE, "right", right_hand(inputs))
     assert found.orientations is not None
@@ -146,7 +146,7 @@ def test_up_is_the_back_of_the_finger() -> None:
 
 
 def test_the_back_of_the_palm() -> None:
-    """At rest the palm is seen by the camera, so +Y of palm and wrist points away from it, -z of OpenXR."""
+    """At rest the camera sees the palm, so that +Y of palm and wrist points away from it, along -z of OpenXR."""
     found = formatted("openxr", PEOPLE, "right", right_hand(np.zeros(len(PEOPLE.initial))))
     assert found.orientations is not None
     up = Rotation.from_quat(found.orientations).as_matrix()[:, :, 1]
@@ -154,7 +154,7 @@ def test_the_back_of_the_palm() -> None:
 
 
 def test_radii_grow_with_the_hand() -> None:
-    """In m; a fingertip has about 8 mm, a wrist 20."""
+    """Radii are in m and proportional to the hand: about 8 mm at a fingertip, 20 mm at the wrist."""
     inputs = any_pose(np.random.default_rng(4))
     small, large = (formatted("openxr", PEOPLE, "right", right_hand(inputs, unit)).radii for unit in (100.0, 150.0))
     assert small is not None and large is not None and np.allclose(small * 1.5, large)
@@ -162,7 +162,7 @@ def test_radii_grow_with_the_hand() -> None:
 
 
 def test_frames_are_the_models() -> None:
-    """The back of each finger is the z of the model's frame, the nail of the thumb its -y; all in any pose."""
+    """In any pose a finger's back is the z axis of the model's frame, and the thumb's back is -y."""
     for seed in range(5):
         inputs = any_pose(np.random.default_rng(seed))
         frames = Kinematics(PEOPLE).forward(inputs[None]).frames[0]

@@ -12,13 +12,13 @@ from netlib.errors import DataError
 
 
 def test_weights_sum_to_one() -> None:
-    """So a point moves, turns, scales and mirrors with the hand."""
+    """The weights of every point sum to 1, so that points move, rotate, scale and mirror with the hand."""
     weights = weights_of(list(POINTS.values()), PEOPLE.joint_names)
     assert np.allclose(weights.sum(axis=1), 1)
 
 
 def test_the_joints_of_a_finger_follow_each_other() -> None:
-    """From the wrist to the tip, each farther along the skeleton than the one before."""
+    """The joints run from the wrist to the tip, at plausible distances."""
     joints = right_hand(any_pose(np.random.default_rng(1)))
     for finger in FINGERS:
         cmc, mcp, pip, dip, tip, skin = (
@@ -31,7 +31,7 @@ def test_the_joints_of_a_finger_follow_each_other() -> None:
 
 
 def test_the_skin_is_a_radius_beyond_the_last_joint() -> None:
-    """The packaged numbers are the skeleton file's radius at the tip, relative to its last bone."""
+    """The packaged numbers are the skeleton file's radius at the tip, relative to the last bone."""
     surface = PEOPLE.param.flesh
     assert surface is not None
     for finger, part in SKIN.items():
@@ -42,7 +42,7 @@ def test_the_skin_is_a_radius_beyond_the_last_joint() -> None:
 
 
 def test_another_body_has_none() -> None:
-    """One line says which joint is missing."""
+    """The error names the joint that another body lacks."""
     arm = load(NYU_HAND.parents[1] / "body" / "arm.prototxt")
     with pytest.raises(DataError, match=r"no joint 'wrist_left'; only hands"):
         weights_of(list(POINTS.values()), arm.joint_names)
