@@ -1,4 +1,4 @@
-"""Two hands that are tracked, and a server of their track."""
+"""Two tracked hands, and a server of their track."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ ONE = TrackedFrame(1, 0.1, (RIGHT,), (LostHand(2, "left", 0.0, "left the image")
 
 @pytest.fixture
 def serve() -> Callable[..., LiveServer]:
-    """``serve()``: a server at a free port of this machine."""
+    """``serve()`` makes a server at a free port of this machine."""
     pytest.importorskip("websockets")
     return lambda host="127.0.0.1", port=0: LiveServer(host, port, Messages(HEADER).header, page(HEADER))
 
 
 @pytest.fixture
 def server(serve: Callable[..., LiveServer]) -> Iterator[LiveServer]:
-    """One that runs; it ends after the test."""
+    """A running server, which is stopped after the test."""
     with serve() as running:
         yield running

@@ -11,7 +11,7 @@ from netlib.errors import NetlibError
 
 
 def test_a_datagram_per_frame() -> None:
-    """Arrives at the address as it was sent."""
+    """Each datagram arrives as it was sent."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(10)
@@ -23,7 +23,7 @@ def test_a_datagram_per_frame() -> None:
 
 
 def test_nobody_receives() -> None:
-    """Nothing is known of that, and nothing fails."""
+    """Without a receiver nothing is reported and no error is raised."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         address = taken.getsockname()
@@ -34,13 +34,13 @@ def test_nobody_receives() -> None:
 
 
 def test_what_the_system_does_not_send() -> None:
-    """Is dropped and counted, with the reason."""
+    """A datagram that the system rejects is counted as dropped, with the reason."""
     with DatagramSender(("127.0.0.1", 9)) as sender:
         sender.send(bytes(1 << 17))
     assert (sender.dropped, sender.reason) == (1, "Message too long")
 
 
 def test_an_unknown_host() -> None:
-    """One line, before anything is tracked."""
+    """An unknown host raises an error at construction."""
     with pytest.raises(NetlibError, match=r"^x{70}:9: unknown host$"):
         DatagramSender(("x" * 70, 9))

@@ -1,4 +1,4 @@
-"""handpose/live/browser: the page in a Chromium, with frames from a server in this process."""
+"""handpose/live/browser: the page in Chromium, with frames from a server in this process."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Visit = Callable[..., Any]
 
 
 class Shown:
-    """A server, and a tab that shows its page."""
+    """A server, and a browser tab that shows its page."""
 
     def __init__(self, server: LiveServer, visit: Visit) -> None:
         self.server, self.messages = server, Messages(HEADER, gestures=True)
@@ -38,23 +38,23 @@ class Shown:
         self.server.put(VIEWS, self.messages.view(self.messages.record(frame), DEPTH, frame))
 
     def show(self, frame: TrackedFrame) -> None:
-        """Put a frame and wait until it is drawn."""
+        """Send a frame and wait until it is drawn."""
         self.put(frame)
         self.state(f"frame {frame.number}, {frame.time:.2f} s; ")
 
     def state(self, begin: str) -> None:
-        """Wait until the line on top begins so."""
+        """Wait until the status line begins with this text."""
         self.tab.locator("#state").filter(has_text=re.compile(f"^{re.escape(begin)}")).wait_for()
 
 
 @pytest.fixture
 def shown(server: LiveServer, visit: Visit) -> Shown:
-    """It shows nothing yet."""
+    """A page without frames so far."""
     return Shown(server, visit)
 
 
 def test_both_hands_of_a_frame(shown: Shown) -> None:
-    """Their joints, surfaces and depth are those that were tracked; words say how sure each is."""
+    """Joints, surfaces and depth equal the tracked ones, and the list has each hand's confidence."""
     shown.state("connected; no frame yet")
     shown.show(BOTH)
     joints = np.array(shown.tab.evaluate("live.scene.joints"))
@@ -73,7 +73,7 @@ def test_both_hands_of_a_frame(shown: Shown) -> None:
 
 
 def test_the_depth_image(shown: Shown) -> None:
-    """Nearer is lighter; each joint's disc is where the camera sees the joint, in its finger's colour."""
+    """Nearer is lighter, and each joint's disc is at its pixel in its finger's colour."""
     shown.show(BOTH)
     image = picture(shown.tab, "depth")
     zoom = image.shape[1] / CAMERA.width
@@ -90,7 +90,7 @@ def test_the_depth_image(shown: Shown) -> None:
 
 
 def test_the_space(shown: Shown) -> None:
-    """Surface, skeleton and points are drawn, each can be left out, and the mouse turns them."""
+    """Surface, skeleton and points are drawn, can be switched off, and turn with the mouse."""
     shown.show(BOTH)
 
     def covered() -> int:
@@ -116,9 +116,9 @@ def test_the_space(shown: Shown) -> None:
 
 
 def test_names_and_a_hand_that_leaves(shown: Shown) -> None:
-    """The pointer at a joint shows its name and place; when its hand is lost, words say why."""
+    """Pointing at a joint shows its name and position; for a lost hand the reason is shown."""
     shown.show(BOTH)
-    tip = len(RIGHT.xyz) + HEADER.skeleton.joint_names.index("index_tip")  # of the left hand
+    tip = len(RIGHT.xyz) + HEADER.skeleton.joint_names.index("index_tip")  # a joint of the left hand
     box = shown.tab.locator("#stage").bounding_box()
     u, v, _ = shown.tab.evaluate(f"live.stage.viewer.pixel(live.scene.joints[{tip}])")
     shown.tab.mouse.move(box["x"] + u, box["y"] + v)
@@ -132,7 +132,7 @@ def test_names_and_a_hand_that_leaves(shown: Shown) -> None:
 
 
 def test_a_page_that_is_slow_gets_the_newest_frame(shown: Shown) -> None:
-    """All that came while it was busy is dropped."""
+    """Frames that arrive while the page is busy are dropped."""
     shown.show(BOTH)
     frames = [BOTH._replace(number=number, time=number / 30) for number in range(1, 60)]
     encoded = [shown.messages.view(shown.messages.record(frame), DEPTH, frame) for frame in frames]
@@ -145,7 +145,7 @@ def test_a_page_that_is_slow_gets_the_newest_frame(shown: Shown) -> None:
 
 
 def test_the_end(serve: Callable[..., LiveServer], visit: Visit) -> None:
-    """Of the recording, with the last frame; of a run that is stopped; of a server that is gone."""
+    """The page reports the end of the recording, with the last frame, and a stopped tracker."""
     with serve() as server:
         shown = Shown(server, visit)
         shown.show(BOTH)
@@ -159,7 +159,7 @@ def test_the_end(serve: Callable[..., LiveServer], visit: Visit) -> None:
 
 
 def test_two_pages(server: LiveServer, visit: Visit) -> None:
-    """Show the same frame."""
+    """Two pages show the same frame."""
     one, other = Shown(server, visit), Shown(server, visit)
     other.state("connected; no frame yet")
     one.put(BOTH)
@@ -168,7 +168,7 @@ def test_two_pages(server: LiveServer, visit: Visit) -> None:
 
 
 def test_one_file_for_one_server() -> None:
-    """It names no other place, and only its own script, style and server are allowed; the sources are short."""
+    """The page has no external address, its policy allows only its own script, style and server; sources are short."""
     text = page(HEADER)
     assert not re.search(r"https?://|<link|\bsrc=|url\(|@import|\bimport\s*[({\"']|\beval\(|innerHTML", text)
     assert "default-src 'none'; " in text and "connect-src 'self'; " in text and "unsafe" not in text.split("<body>")[0]

@@ -1,4 +1,4 @@
-"""handpose/live/server.py: programs as clients; test_live_page.py has the browser."""
+"""handpose/live/server.py, with programs as clients; test_live_page.py tests the browser page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Clients:
         self._stack = stack
 
     def connect(self, server: LiveServer, path: str = LINES, **options: Any) -> Any:
-        """A client of a path; of lines it has got the header."""
+        """A client connected to a path; for the path of lines the header has been received."""
         from websockets.sync.client import connect
 
         client = self._stack.enter_context(connect(server.lines_url.replace(LINES, path), **options))
@@ -42,7 +42,7 @@ class Clients:
         return client
 
     def status(self, server: LiveServer, **options: Any) -> int:
-        """The status with which a WebSocket is answered: 101 if it is opened."""
+        """The HTTP status of a WebSocket request: 101 if it is accepted."""
         from websockets.exceptions import InvalidStatus
 
         try:
@@ -54,13 +54,13 @@ class Clients:
 
 @pytest.fixture
 def clients() -> Iterator[Clients]:
-    """They are closed after the test."""
+    """Clients that are closed after the test."""
     with contextlib.ExitStack() as stack:
         yield Clients(stack)
 
 
 def answer(server: LiveServer, path: str, **headers: str) -> tuple[int, str]:
-    """Status and text of a request over HTTP."""
+    """Status and text of an HTTP response."""
     place = urlsplit(server.page_url)
     connection = http.client.HTTPConnection(str(place.hostname), place.port, timeout=10)
     with contextlib.closing(connection):
@@ -73,7 +73,7 @@ def answer(server: LiveServer, path: str, **headers: str) -> tuple[int, str]:
 
 
 def test_lines(clients: Clients, serve: Serve) -> None:
-    """The header, each frame while the client keeps up, and the end of the recording as the end of the stream."""
+    """A client receives the header, every frame if it keeps up, and the recording's end as the end of the stream."""
     with serve() as server:
         client = clients.connect(server)
         for number in range(3):
@@ -85,7 +85,7 @@ def test_lines(clients: Clients, serve: Serve) -> None:
 
 
 def test_the_header_is_that_of_a_track(server: LiveServer) -> None:
-    """As JSON lines begin."""
+    """The header equals the first line of a track as JSON lines."""
     from websockets.sync.client import connect
 
     with connect(server.lines_url) as client:
@@ -93,7 +93,7 @@ def test_the_header_is_that_of_a_track(server: LiveServer) -> None:
 
 
 def test_two_clients(clients: Clients, serve: Serve) -> None:
-    """Get the same; one that has left is no longer served."""
+    """Two clients receive the same frames; a client that has left is no longer served."""
     with serve() as server:
         one, other = clients.connect(server), clients.connect(server)
         server.put(LINES, "a")
@@ -106,7 +106,7 @@ def test_two_clients(clients: Clients, serve: Serve) -> None:
 
 
 def test_a_viewer_gets_the_newest_frame_when_it_asks(clients: Clients, server: LiveServer) -> None:
-    """All that came in between is dropped, and putting does not wait."""
+    """Frames that arrived in between are dropped, and ``put`` does not block."""
     viewer = clients.connect(server, VIEWS)
     server.put(VIEWS, b"0")
     assert viewer.recv(timeout=10) == b"0"
@@ -118,7 +118,7 @@ def test_a_viewer_gets_the_newest_frame_when_it_asks(clients: Clients, server: L
 
 
 def test_a_slow_program_misses_frames(clients: Clients, server: LiveServer) -> None:
-    """It gets some, in order, and the last one; what is sent does not wait for it."""
+    """A slow client receives some frames in order, and the last one; sending does not wait for it."""
     count, size = 300, 1 << 18
     client, found = clients.connect(server), [-1]
     for number in range(count):
@@ -129,7 +129,7 @@ def test_a_slow_program_misses_frames(clients: Clients, server: LiveServer) -> N
 
 
 def test_a_client_that_leaves_in_the_middle_of_a_frame(clients: Clients, serve: Serve) -> None:
-    """Without a word: the others get theirs."""
+    """If one client disconnects without a close frame, the others still receive their frames."""
     with serve() as server:
         gone, other = (clients.connect(server, max_size=None) for _ in range(2))
         gone.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # close by a reset
@@ -150,7 +150,7 @@ def test_without_clients(serve: Serve) -> None:
 
 
 def test_a_run_that_is_stopped(clients: Clients, serve: Serve) -> None:
-    """Says so; programs see the end of the stream all the same."""
+    """Stopping is reported as the close reason, and the stream ends normally."""
     with contextlib.suppress(KeyboardInterrupt), serve() as server:
         client = clients.connect(server)
         raise KeyboardInterrupt
@@ -161,7 +161,7 @@ def test_a_run_that_is_stopped(clients: Clients, serve: Serve) -> None:
 def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
     clients: Clients, serve: Serve, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One that asks for no next frame, and one that reads nothing at all."""
+    """The server ends despite a viewer that requests no next frame, and a client that reads nothing."""
     monkeypatch.setattr(module, "GRACE_S", 0.05)
     with serve() as server:
         viewer, place = clients.connect(server, VIEWS), urlsplit(server.lines_url)
@@ -177,11 +177,11 @@ def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
     silent.close()
 
 
-# ------------------------------------------------------------------------------------------------ who may ask
+# ------------------------------------------------------------------------------------------------ access control
 
 
 def test_the_page_needs_the_token(server: LiveServer) -> None:
-    """Which is long, and another one for each server."""
+    """The page is served only with the token, which is long and different for each server."""
     place = urlsplit(server.page_url)
     status, text = answer(server, f"/?{place.query}")
     assert status == 200 and text.startswith("<!DOCTYPE html>") and "connect-src 'self'" in text
@@ -194,7 +194,7 @@ def test_the_page_needs_the_token(server: LiveServer) -> None:
 
 @pytest.mark.parametrize("path", [LINES, VIEWS])
 def test_streams_need_the_token(clients: Clients, serve: Serve, path: str) -> None:
-    """Else the handshake is refused."""
+    """Without the right token the handshake is rejected."""
     with serve() as server:
         server.token, own = "another", server.token
         url = server.lines_url
@@ -213,16 +213,16 @@ def test_streams_need_the_token(clients: Clients, serve: Serve, path: str) -> No
 def test_pages_of_other_sites_are_refused(
     clients: Clients, server: LiveServer, origin: str | None, status: int
 ) -> None:
-    """The page's own origin has the host that was asked; programs have none."""
+    """The page's own origin has the requested host; programs send no origin."""
     own = urlsplit(server.page_url).netloc
     assert clients.status(server, origin=origin and origin.format(own)) == status
 
 
-# ------------------------------------------------------------------------------------------------ where it listens
+# ------------------------------------------------------------------------------------------------ addresses
 
 
 def test_other_machines(serve: Serve) -> None:
-    """Reach it only if it is asked for; then the addresses have this machine's name."""
+    """Other machines can connect only if requested; then the addresses contain this machine's name."""
     with serve() as server:
         assert not server.is_public and server.page_url.startswith(f"http://127.0.0.1:{server.port}/?token=")
     with serve("0.0.0.0") as server:
@@ -231,7 +231,7 @@ def test_other_machines(serve: Serve) -> None:
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
 def test_an_address_of_ipv6(clients: Clients, serve: Serve) -> None:
-    """Stands in brackets."""
+    """An IPv6 address is written in brackets."""
     try:
         with serve("::1") as server:
             assert not server.is_public and server.lines_url.startswith(f"ws://[::1]:{server.port}/frames?token=")
@@ -241,7 +241,7 @@ def test_an_address_of_ipv6(clients: Clients, serve: Serve) -> None:
 
 
 def test_a_port_that_is_in_use(serve: Serve, server: LiveServer) -> None:
-    """One line."""
+    """A port in use raises an error."""
     line = f"^127.0.0.1:{server.port}: the port is in use; choose another one, or 0 for any that is free$"
     with pytest.raises(NetlibError, match=line), serve(port=server.port):
         pass
@@ -249,13 +249,13 @@ def test_a_port_that_is_in_use(serve: Serve, server: LiveServer) -> None:
 
 @pytest.mark.parametrize(("host", "why"), [("x" * 70, "unknown host"), ("192.0.2.1", "cannot listen: ")])
 def test_an_address_that_is_not_of_this_machine(serve: Serve, host: str, why: str) -> None:
-    """One line."""
+    """An unknown host, or an address of another machine, raises an error."""
     with pytest.raises(NetlibError, match=f"^{host}:0: {why}"), serve(host):
         pass
 
 
 def test_without_websockets(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line with the command that installs it, before anything else happens."""
+    """Without websockets the constructor raises an error with the command that installs it."""
     monkeypatch.setitem(sys.modules, "websockets", None)
     with pytest.raises(NetlibError, match=r"^websockets is missing: pip install 'websockets>=13'$"):
         LiveServer("127.0.0.1", 0, "", "")

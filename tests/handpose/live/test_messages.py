@@ -19,7 +19,7 @@ from tests.support.tracked_hands import HEADER
 
 
 def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
-    """A receiver may have missed the first frame of a hand."""
+    """Every record has the bones, because a receiver may have missed the first frame of a hand."""
     messages, values = Messages(HEADER), FrameValues(HEADER)
     assert json.loads(messages.header) == json.loads(json.dumps(header_values(HEADER)))
     for frame in (BOTH, ONE, ONE._replace(number=2, time=0.2)):
@@ -31,7 +31,7 @@ def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
 
 
 def test_joints_and_gestures() -> None:
-    """As options of a track have them."""
+    """The joint format and the gestures are those of the options."""
     messages = Messages(HEADER, "mano", gestures=True)
     assert json.loads(messages.header)["joint_format"]["name"] == "mano"
     hand = messages.record(BOTH)["hands"][0]
@@ -39,7 +39,7 @@ def test_joints_and_gestures() -> None:
 
 
 def test_the_message_for_the_page() -> None:
-    """Record, contrast, depth and capsules, as the docstring lays them out."""
+    """The message has record, contrast, depth and capsules in the documented layout."""
     messages = Messages(HEADER)
     message = messages.view(messages.record(BOTH), DEPTH, BOTH)
     (size,) = struct.unpack_from("<I", message)
@@ -58,7 +58,7 @@ def test_the_message_for_the_page() -> None:
 
 
 def test_large_frames_are_sampled() -> None:
-    """Every second row and column of 640 x 480 pixels; an odd number of samples is filled up, far depths are cut."""
+    """Images of 640 x 480 pixels are subsampled by 2; the message is padded to 4 bytes; far depths are clipped."""
     assert {depth_step(camera.width, camera.height) for camera in CAMERAS.values()} == {1, 2}
     assert depth_step(640, 480) == 2 and depth_step(MAX_SAMPLES + 1, 1) == 2 and depth_step(0, 0) == 1
     camera = dataclasses.replace(HEADER.camera, width=642, height=482)
@@ -74,7 +74,7 @@ def test_large_frames_are_sampled() -> None:
 
 @pytest.mark.parametrize("hands", [0, 2, 3, 40])
 def test_a_datagram_is_bounded(hands: int) -> None:
-    """Two hands fit; of more, those that do not are left out, and counted."""
+    """A datagram holds at least two hands; those that do not fit are omitted and counted."""
     every = tuple(dataclasses.replace(RIGHT, id=id) for id in range(hands))
     lost = tuple(LostHand(100 + id, "left", 0.0, "left the image") for id in range(hands))
     messages = Messages(HEADER)
