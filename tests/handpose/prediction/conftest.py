@@ -1,4 +1,4 @@
-"""Nets that see hands, and what they see."""
+"""Nets for predictions, and depth images of hands for them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def seeing(net_of: NetOf) -> netlib.Net:
 
 @pytest.fixture
 def fixed(net_of: NetOf) -> Callable[..., netlib.Net]:
-    """A net that predicts the same hand in every crop, at its place in training crops, then shifted by some mm."""
+    """A net that predicts the same hand in every crop, at its place in training crops plus an offset in mm."""
 
     def make(*beside: float) -> netlib.Net:
         prior = prior_file.load().but(center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0)
@@ -47,7 +47,7 @@ def fixed(net_of: NetOf) -> Callable[..., netlib.Net]:
 
 @pytest.fixture(scope="module")
 def frame() -> np.ndarray:
-    """Depth (424, 512) in mm of a hand some 700 mm before a Kinect v2 and a wall behind it."""
+    """Depth (424, 512) in mm of a hand about 700 mm in front of a Kinect v2, with a wall behind it."""
     sampler, rng = BodySampler(), np.random.default_rng(1)
     hand = sampler.draw(rng, 1)
     surface = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
@@ -60,11 +60,11 @@ def some_crop() -> np.ndarray:
 
 
 class Said(Locator):
-    """A locator that says what it is told to say."""
+    """A locator with a fixed result."""
 
     def __init__(self, center: np.ndarray, odds: np.ndarray) -> None:
         self.said = Located(center, odds)
 
     def hands(self, depth: np.ndarray, camera: Camera) -> Located:
-        """Whatever is seen."""
+        """The fixed result for any image."""
         return self.said

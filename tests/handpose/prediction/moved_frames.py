@@ -1,4 +1,4 @@
-"""How far joints move between sets of BLAS kernels, which OpenBLAS chooses by the processor.
+"""How far joints move between sets of BLAS kernels, which OpenBLAS selects by processor.
 
     python -m tests.handpose.prediction.moved_frames --frames 100      the table of docs/reliability.md
 

@@ -31,18 +31,18 @@ layer { name: "hand" type: "HandModel" bottom: "DoF" bottom: "size" top: "pred" 
 
 @pytest.fixture(scope="module")
 def predictor() -> Predictor:
-    """The packaged one, fast."""
+    """The packaged predictor with the fast fit."""
     return load_predictor(fit="fast", hand="right")
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    """Some frames."""
+    """Some synthetic frames."""
     return Generator(9).scene(0)
 
 
 def test_blocks_change_nothing(predictor: Predictor, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ten crops at once, or four at a time: the same to rounding, which now and then tips a fit into another valley."""
+    """Ten crops at once or four at a time give the same fits to rounding, which may lead a few fits to other minima."""
     done: list[int] = []
     args = (
         predictor.net,
@@ -59,7 +59,7 @@ def test_blocks_change_nothing(predictor: Predictor, scene: Scene, monkeypatch: 
 
 
 def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
-    """The mirrored crop of a hand, seen as a left one, has the same pose, but for the pixel by which crops differ."""
+    """A mirrored crop, taken as a left hand, gives nearly the same pose; the crops differ by a pixel."""
     fitter = predictor.fitter
     right = fit_crops(
         predictor.net, fitter, HandCrops.of_sides(scene.depth[:8], scene.center_uvd[:8], NYU, 300.0), FAST
@@ -72,20 +72,20 @@ def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
 
 
 def test_a_known_size(predictor: Predictor, scene: Scene) -> None:
-    """Is kept."""
+    """A known size is kept."""
     hands = HandCrops.of_sides(scene.depth[:2], scene.center_uvd[:2], NYU, 300.0)
     found = fit_crops(predictor.net, predictor.fitter, hands, FAST, size=0.95)
     assert found.size == pytest.approx(0.95, abs=3e-3)
 
 
 def crops(count: int) -> np.ndarray:
-    """Crops of anything."""
+    """Crops of noise."""
     return np.random.default_rng(0).uniform(-1, 1, (count, 128, 128)).astype(np.float32)
 
 
 @pytest.fixture
 def net(net_of: NetOf) -> Net:
-    """Says the same of every crop: the initial pose, 0.9 times as large; joints that are moved by 30 mm along x."""
+    """A net with a constant output: the initial pose, scaled by 0.9, and joints that the test sets."""
     net = net_of(HEADS, netlib.TEST)
     for name in ("DoF", "size", "joints"):
         net.params[name][0].data[...] = 0
@@ -94,7 +94,7 @@ def net(net_of: NetOf) -> Net:
 
 
 def test_of_a_net_with_sizes(net: Net) -> None:
-    """The size that the net says, and the joints of its hand model."""
+    """The start has the size that the net predicts, and the joints of its hand model."""
     model = CapsuleModel(load(), 150.0)
     net.params["joints"][1].data[...] = net.forward(depth=crops(1)[:, None])["pred"][0]
     (x,) = fit_starts(net, model, crops(2), (0,))
@@ -105,7 +105,7 @@ def test_of_a_net_with_sizes(net: Net) -> None:
 
 
 def test_moved_to_the_joints(net: Net) -> None:
-    """Where a net says joints beside its hand model, the start is near those."""
+    """If the net predicts joints in addition to its hand model, the start is near them."""
     model = CapsuleModel(load(), 150.0)
     aim = net.forward(depth=crops(1)[:, None])["pred"][0].reshape(31, 3) + (0.2, 0, 0)
     net.params["joints"][1].data[...] = aim.reshape(-1)
@@ -117,7 +117,7 @@ def test_moved_to_the_joints(net: Net) -> None:
 
 
 def test_turned_crops(net: Net) -> None:
-    """Turned back with the crops: a net that says the same of all of them sees four hands, turned by quarters."""
+    """A net with a constant output gives starts that are turned back with the crops by quarter turns."""
     model, layer = CapsuleModel(load(), 150.0), hand_layer(net)
     assert layer is not None
     net.params["joints"][1].data[...] = net.forward(depth=crops(1)[:, None])["pred"][0]

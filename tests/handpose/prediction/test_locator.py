@@ -55,7 +55,7 @@ COUNT = 16
 
 @pytest.fixture
 def drawn_to_the_right(net_of: NetOf) -> Locator:
-    """Everything is a hand, the more the nearer it is, and always 20 mm to the right."""
+    """A locator for which everything is a hand, likelier if nearer, 20 mm to the right of where it is."""
     net = net_of(NET, netlib.TEST)
     net.params["score"][0].data[1, SIZE * SIZE // 2 + SIZE // 2] = -1
     net.params["where"][1].data[0] = 20 / (places.CUBE_MM / 2)
@@ -63,14 +63,14 @@ def drawn_to_the_right(net_of: NetOf) -> Locator:
 
 
 def two_plates() -> np.ndarray:
-    """One at 700 mm, one at 900."""
+    """Two plates, at 700 and at 900 mm."""
     depth = np.zeros((480, 640))
     depth[220:260, 150:190], depth[220:260, 450:480] = 700, 900
     return depth
 
 
 def test_where_the_net_says(drawn_to_the_right: Locator) -> None:
-    """From places on the surface, four times 20 mm to the right; apart from each other, the likeliest first."""
+    """Places move four times by 20 mm; the results are apart from each other, the likeliest first."""
     found = drawn_to_the_right.hands(two_plates(), NYU)
     *likely, _ = found.odds  # the nearest object is the last
     assert 1 < len(found.center) <= HANDS + 1 and (np.diff(likely) <= 0).all()
@@ -82,9 +82,9 @@ def test_where_the_net_says(drawn_to_the_right: Locator) -> None:
 
 
 def test_the_nearest_thing_is_told_as_well(net_of: NetOf) -> None:
-    """However unlikely: a fist that the net has never seen. What is far away is less likely than the same nearby."""
+    """The nearest object is returned, however unlikely; an object far away has lower odds than the same one nearby."""
     net = net_of(NET, netlib.TEST)
-    net.params["where"][1].data[0] = 0.25  # everything is drawn away from where it is
+    net.params["where"][1].data[0] = 0.25  # every place moves away from the object
     found = Locator(net).hands(two_plates(), NYU)
     nearest = NYU.unproject(find_hand(two_plates(), NYU))
     np.testing.assert_allclose(found.center[-1], nearest)
@@ -93,7 +93,7 @@ def test_the_nearest_thing_is_told_as_well(net_of: NetOf) -> None:
 
 
 def test_many_crops(drawn_to_the_right: Locator) -> None:
-    """In pieces, with the same answers as one by one."""
+    """Many crops, evaluated in blocks, give the same results as single ones."""
     crops = np.random.default_rng(0).uniform(-1, 1, (70, SIZE, SIZE)).astype(np.float32)
     chance, where = drawn_to_the_right.look(crops)
     assert chance.shape == (70,) and where.shape == (70, 3)
@@ -102,7 +102,7 @@ def test_many_crops(drawn_to_the_right: Locator) -> None:
 
 
 def test_the_packaged_locator_finds_hands() -> None:
-    """With forearms before them, bodies behind them, things beside them; those are often the nearest things."""
+    """The packaged locator finds hands among forearms, bodies and other things, which are often nearer."""
     scenes, locator = draw_scenes(np.random.default_rng(5), 21), load_locator()
     best = [locator.hands(depth, NYU).center[0] for depth in scenes.depth]
     assert (np.linalg.norm(best - scenes.center, axis=1) < 50).mean() > 0.9
@@ -111,7 +111,7 @@ def test_the_packaged_locator_finds_hands() -> None:
 
 
 def test_nothing_to_be_found(drawn_to_the_right: Locator) -> None:
-    """Nothing seen, or everything far away: one line."""
+    """An image without depth, or with everything far away, raises an error."""
     with pytest.raises(DataError, match="no depth anywhere in the image"):
         drawn_to_the_right.hands(np.zeros((480, 640)), NYU)
     with pytest.raises(DataError, match="nothing as large as a hand is seen nearer than 1600 mm"):
@@ -119,14 +119,14 @@ def test_nothing_to_be_found(drawn_to_the_right: Locator) -> None:
 
 
 def test_out_of_sight(drawn_to_the_right: Locator) -> None:
-    """A locator gone astray is one line."""
+    """Places that leave the field of view raise an error."""
     drawn_to_the_right.net.params["where"][1].data[0] = 50
     with pytest.raises(DataError, match="what may be a hand is out of sight"):
         drawn_to_the_right.hands(two_plates(), NYU)
 
 
 def test_other_nets(net_of: NetOf) -> None:
-    """Are refused when the locator is made; weights that are not finite when they answer."""
+    """A net with other blobs raises an error at construction, weights that are not finite raise one at evaluation."""
     with pytest.raises(NetlibError, match=r"blob 'where' of shape None an item, expected \(3,\) of a locator"):
         Locator(net_of(NET.replace('top: "where"', 'top: "there"'), netlib.TEST))
     with pytest.raises(NetlibError, match=r"blob 'depth' of shape \(1, 32, 64\) an item, expected \(1, 64, 64\)"):
@@ -148,12 +148,12 @@ def whole_frames(camera, count=COUNT):
 
 @pytest.fixture(scope="module")
 def frames():
-    """Those of NYU's camera; where there is no hand, the depth is infinite."""
+    """Frames of NYU's camera; pixels without a hand have infinite depth."""
     return whole_frames(NYU)
 
 
 def distances(images, center, camera=NYU):
-    """How far in mm from the true centres the hands are found."""
+    """Distances (N,) in mm between the found and the true centres."""
     return np.linalg.norm([camera.unproject(find_hand(image, camera)) for image in images] - center, axis=1)
 
 
@@ -162,13 +162,13 @@ def distances(images, center, camera=NYU):
 
 @pytest.mark.parametrize("camera", [NYU, KINECT2], ids=lambda camera: camera.name)
 def test_the_hand_is_found(camera):
-    """In whole images, arm and all, half of the centres are within 40 mm of the true one, and nine of ten within 60."""
+    """In whole images with arms the median error of the centre is below 40 mm, and 90% are below 60 mm."""
     median, most = np.percentile(distances(*whole_frames(camera, 96), camera), [50, 90])
     assert median < 40 and most < 60
 
 
 def test_in_frames_of_nyus_format():
-    """With sensor noise and cut at the cube, the errors are close to those in the comment of the constants."""
+    """With sensor noise, and cut at the cube, the errors are close to those in the comment of the constants."""
     generator = Generator(seed=3)
     scenes = [generator.scene(number) for number in range(3)]
     images = [whole_image(scene, n) for scene in scenes for n in range(BLOCK)]
@@ -178,7 +178,7 @@ def test_in_frames_of_nyus_format():
 
 
 def test_a_real_frame(nyu_data):
-    """The first of NYU's test set: within 50 mm of the annotated joint."""
+    """In NYU's first test frame the centre is within 50 mm of the annotated joint."""
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][0, CENTER_JOINT]
     assert distances([read_nyu_depth(nyu_data / "depth_1_0000001.png")], NYU.unproject(uvd)) < 50
 
@@ -195,7 +195,7 @@ def test_what_is_behind_does_not_matter(frames):
 
 
 def test_noise_in_front_does_not_matter(frames, rng):
-    """Specks that fly before the hand have too little surface to be one, however many pixels they have."""
+    """Specks in front of the hand have too little surface to be one, for any number of pixels."""
     moved = []
     for image in frames[0]:
         noisy = image.copy()
@@ -216,13 +216,13 @@ def test_pixels_without_a_reading(frames, unread):
 
 @pytest.mark.parametrize("unread", [0, np.nan, np.inf])
 def test_an_empty_image(unread):
-    """There is nothing to find."""
+    """An image without readings raises an error."""
     with pytest.raises(DataError, match="no depth anywhere in the image"):
         find_hand(np.full((480, 640), unread), NYU)
 
 
 def test_too_little_to_be_a_hand():
-    """20 x 20 pixels at 500 mm are 290 mm²; a hand shows more from any side."""
+    """20 x 20 pixels at 500 mm are 290 mm², less than a hand shows from any side, which raises an error."""
     image = np.zeros((480, 640))
     image[100:120, 100:120] = 500
     with pytest.raises(DataError, match="only 290 mm² of surface in the image, expected a hand"):
@@ -234,13 +234,13 @@ def test_too_little_to_be_a_hand():
 
 @pytest.fixture(scope="module")
 def hands():
-    """Inputs (N, 47) of hands as training crops have them, their crop centres (N, 3) in mm, and the sampler."""
+    """Inputs (N, 47) of hands as in training crops, their crop centres (N, 3) in mm, and the sampler."""
     sampler, rng = BodySampler(prior=EXACT), np.random.default_rng(7)
     return sampler.draw(rng, COUNT).inputs, NYU.unproject(sampler.centers(rng, COUNT, NYU)), sampler
 
 
 def moved(inputs, sampler, by):
-    """The joints (N, 31, 3) of the same hands seen from a crop centre from which they are ``by`` mm away."""
+    """The joints (N, 31, 3) of the same hands, moved by ``by`` mm relative to the crop centre."""
     result = inputs.copy()
     for axis, distance in zip("xyz", by):
         result[:, sampler.skeleton.dof_names.index(f"palm_{axis}")] += distance / (CUBE_MM / 2)
@@ -248,7 +248,7 @@ def moved(inputs, sampler, by):
 
 
 def test_a_crop_as_in_training_stays(hands):
-    """The true joints of a crop at the right place ask for no move."""
+    """The true joints of a correctly placed crop require no move."""
     inputs, centers, sampler = hands
     for joints, center in zip(sampler.kinematics.joints(inputs), centers):
         uvd = NYU.project(center)
@@ -257,7 +257,7 @@ def test_a_crop_as_in_training_stays(hands):
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_crop_beside_moves_to_the_place_of_training(hands, side):
-    """The centre moves by its error; for a mirrored hand, with mirrored joints and a shifted centre, as well."""
+    """The centre moves by its error, also for a mirrored hand with mirrored joints."""
     inputs, centers, sampler = hands
     mirror = mirror_of(side)
     off = np.array([25.0, -40.0, 30.0])
@@ -267,7 +267,7 @@ def test_a_crop_beside_moves_to_the_place_of_training(hands, side):
 
 
 def test_how_the_palm_is_turned(hands):
-    """The frame of the joint 'palm', from positions alone; of joints with noise still a rotation, and nearly that."""
+    """The palm's rotation is computed from joint positions; with noise it is a rotation close to the true one."""
     inputs, _, sampler = hands
     pose = sampler.kinematics.forward(inputs)
     truth = sampler.kinematics.rotation_of(pose, sampler.skeleton.joint_names.index("palm"))
@@ -290,7 +290,7 @@ def test_how_the_palm_is_turned(hands):
     ],
 )
 def test_a_skeleton_without_a_palm(joints, message):
-    """Has nothing to move the crop to; a palm that is only a stick has no frame."""
+    """A skeleton without a palm, or with a palm of one bone, raises an error."""
     body = Skeleton(schema.read(prototxt.parse(f'name: "stick" {joints}'), SkeletonParameter, "test"))
     with pytest.raises(DataError, match=message):
         recenter(np.zeros((2, 3)), body, (320, 240, 700), CUBE_MM, NYU)
@@ -300,7 +300,7 @@ def test_a_skeleton_without_a_palm(joints, message):
 
 
 def test_the_median_depth_around_a_pixel():
-    """And half a palm behind it, of what was read within 8 pixels."""
+    """The result is the median of readings within 8 pixels, plus half the thickness of a palm."""
     image = np.zeros((100, 100))
     image[40:61, 40:61] = 700
     image[50, 50:53] = (np.nan, np.inf, 200)
@@ -309,7 +309,7 @@ def test_the_median_depth_around_a_pixel():
 
 
 def test_a_pixel_in_the_corner():
-    """The square around it is cut at the edge of the image."""
+    """At the image border the neighbourhood is clipped."""
     image = np.full((100, 100), 900.0)
     image[:5, :5] = 0
     assert depth_around(image, 0, 0)[2] == depth_around(image, 99, 99)[2] == 900 + PALM_MM
@@ -325,13 +325,13 @@ def test_a_pixel_in_the_corner():
     ],
 )
 def test_a_pixel_without_depth(pixel, message):
-    """One line each."""
+    """A pixel outside the image, or without depth around it, raises an error."""
     with pytest.raises(DataError, match=message):
         depth_around(np.zeros((80, 100)), *pixel)
 
 
 def test_of_a_huge_image_every_so_manieth_pixel_is_looked_at(frames, monkeypatch):
-    """The hand is found where it was, to the distance of these pixels."""
+    """A very large image is subsampled, and the centre is the same to one pixel."""
     images, _ = frames
     larger = replace(NYU, fx=4 * NYU.fx, fy=4 * NYU.fy, u0=4 * NYU.u0, v0=4 * NYU.v0)
     monkeypatch.setattr(locator, "MAX_PIXELS", images[0].size)

@@ -1,4 +1,4 @@
-"""handpose/prediction/packaged.py: the weights that come with the repository."""
+"""handpose/prediction/packaged.py: the weights that are part of the repository."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MEGABYTE = 1e6
 
 
 def test_the_packaged_model() -> None:
-    """Small, whole, with the network's errors measured for every plan; its net takes all of it."""
+    """The model is small and complete, has error tables for every plan, and its net uses all weights."""
     card = read_card(SYNTHETIC_HAND)
     weights = checked_weights(card)
     assert card.license == "MIT" and weights.stat().st_size < 12 * MEGABYTE
@@ -52,7 +52,7 @@ def test_the_packaged_model() -> None:
 
 
 def test_the_packaged_locator() -> None:
-    """Smaller still; its net takes all of it."""
+    """The locator is smaller, and its net uses all weights."""
     weights = checked_weights(read_card(HAND_LOCATOR))
     assert weights.stat().st_size < 0.3 * MEGABYTE
     ignored, missing = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST).copy_from(weights)
@@ -83,7 +83,7 @@ def test_weights_are_read_once(
 
 
 def test_models_are_installed() -> None:
-    """Every folder with a card is a package whose files are data."""
+    """Every folder with a model card is a package whose files are package data."""
     said = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
     shared = next(
         node.value for node in said.body if isinstance(node, ast.Assign) and ast.unparse(node).startswith("SHARED")
@@ -97,12 +97,12 @@ def test_models_are_installed() -> None:
 
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
-    """The model's folder, to be damaged."""
+    """A copy of the model's folder, to be damaged."""
     return Path(shutil.copytree(SYNTHETIC_HAND, tmp_path / "model"))
 
 
 def test_damaged_weights(copy: Path) -> None:
-    """A flipped bit is one line, not a hand."""
+    """A flipped bit, or a missing file, raises an error."""
     path = read_card(copy).weights
     raw = bytearray(path.read_bytes())
     raw[len(raw) // 2] ^= 1
@@ -115,7 +115,7 @@ def test_damaged_weights(copy: Path) -> None:
 
 
 def test_a_changed_net(copy: Path) -> None:
-    """Nothing of it runs; line ends of another system are no change."""
+    """A modified net raises an error before it is run; other line endings are accepted."""
     net = copy / "deploy.prototxt"
     text = net.read_bytes()
     net.write_bytes(text.replace(b"\n", b"\r\n"))
@@ -143,7 +143,7 @@ def test_a_changed_net(copy: Path) -> None:
     ],
 )
 def test_cards_with_something_wrong(copy: Path, text: str | None, message: str) -> None:
-    """Each is one line that names the file."""
+    """An invalid model card raises an error that names the file."""
     card = copy / "readme.md"
     card.unlink()
     if text is not None:
@@ -162,12 +162,12 @@ def test_rounding(value: float, bits: int, negative: bool) -> None:
 
 
 def test_zero_stays() -> None:
-    """And so does a shape."""
+    """Zeros and the shape are unchanged."""
     np.testing.assert_array_equal(rounded(np.zeros((2, 3), np.float32), 5), np.zeros((2, 3)))
 
 
 def test_a_model_file(tmp_path: Path) -> None:
-    """Reads back as weights, and as the network's errors; smaller than the numbers."""
+    """The file is read back as weights and as the network's errors, and is smaller than its numbers."""
     net = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST, seed=3)
     for blobs in net.params.values():
         for blob in blobs:

@@ -1,4 +1,4 @@
-"""handpose/prediction/pipeline.py: as a predictor uses it, on crops and at places of frames."""
+"""handpose/prediction/pipeline.py, through a predictor, for crops and for places in frames."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HAND = skeleton.load()
 
 
 def test_a_hand_behind_the_camera(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
-    """Is never told."""
+    """A predicted joint behind the camera raises an error."""
     with pytest.raises(
         DataError, match=r"a pose is predicted in which a joint is at a depth of -\d+ mm, behind the camera"
     ):
@@ -35,7 +35,7 @@ def test_a_hand_behind_the_camera(fixed: Callable[..., netlib.Net], frame: np.nd
 def test_a_crop_at_rest_is_looked_at_once(
     seeing: netlib.Net, frame: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """However often it may be moved."""
+    """A crop that does not move is evaluated once, for any limit on the moves."""
     looks: list[int] = []
     monkeypatch.setattr(pipeline, "recenter", lambda joints, skeleton, center, *rest: looks.append(1) or center.copy())
     found = Predictor(seeing, KINECT2, refine=100).in_frame(frame, (260, 210, 690))
@@ -47,7 +47,7 @@ def test_a_crop_at_rest_is_looked_at_once(
 def test_the_crop_goes_to_the_palm(
     fixed: Callable[..., netlib.Net], frame: np.ndarray, refine: int, hand: Side
 ) -> None:
-    """Each time by as much as the hand is beside; then the joints are those of the last crop."""
+    """Each refinement moves the crop by the hand's offset, and the result has the last crop."""
     beside = np.array([10.0, -5.0, 4.0]) * mirror_of(hand)
     predictor = Predictor(fixed(10, -5, 4), KINECT2, refine=refine, hand=hand)
     start = np.array([260.0, 210.0, 690.0])
@@ -57,7 +57,7 @@ def test_the_crop_goes_to_the_palm(
 
 
 def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
-    """Where the centre is at its place in the palm there is nothing to mend."""
+    """A crop whose centre is at its place in the palm does not move."""
     found = Predictor(fixed(0, 0, 0), KINECT2).in_frame(frame, (260, 210, 690))
     np.testing.assert_allclose(found.center_uvd, (260, 210, 690), atol=1e-3)
     palm = found.joints_mm[HAND.joint_names.index("palm")]
@@ -65,7 +65,7 @@ def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np
 
 
 def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
-    """Moves the crop no farther than MAX_MOVE_MM, not out of the image, and not to the camera."""
+    """A wrong prediction moves the crop by at most MAX_MOVE_MM, not out of the image, and not to the camera."""
     start = np.array([260.0, 210.0, 690.0])
     found = Predictor(fixed(25, 0, 0), KINECT2, refine=9).in_frame(frame, start)
     moved = np.linalg.norm(found.center_mm - KINECT2.unproject(start))
@@ -79,7 +79,7 @@ def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.nd
 
 
 def test_the_place_that_looks_most_like_a_hand(frame: np.ndarray) -> None:
-    """Where the fit explains what is seen, though the locator found the wall likelier; from beside the hand, too."""
+    """The place with the best fit wins over one that the locator prefers, also from 25 mm beside the hand."""
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     hand, wall = np.array([30.0, -20, 700]), np.array([-250.0, 100, 1480])
     for beside in ((0, 0, 0), (25, 0, 0)):
@@ -94,7 +94,7 @@ def test_the_place_that_looks_most_like_a_hand(frame: np.ndarray) -> None:
 
 
 def test_a_speck_is_no_hand() -> None:
-    """Nothing contradicts a hand where little is to be seen: not the uncertainty chooses between places."""
+    """A speck is not chosen, although hardly any pixel contradicts a hand there."""
     depth = draw_scenes(np.random.default_rng(77), 1).depth[0].copy()
     predictor = load_predictor(fit="fast", hand="right")
     hand = predictor.in_frame(depth).center_mm
@@ -103,14 +103,14 @@ def test_a_speck_is_no_hand() -> None:
 
 
 def test_the_next_place_if_the_likeliest_is_out_of_sight(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Without a fit, too."""
+    """Without a fit, the likeliest place within the image is used."""
     said = Said(np.array([[9000.0, 0, 700], [30, -20, 700]]), np.array([3.0, 2]))
     found = Predictor(seeing, KINECT2, refine=0, locator=said).in_frame(frame)
     np.testing.assert_allclose(found.center_mm, said.said.center[1])
 
 
 def test_hands_at_places(frame: np.ndarray) -> None:
-    """All of them, the likeliest first: by the fit, and by the odds of the locator; those out of sight are left out."""
+    """All hands are returned, the likeliest by fit and odds first; places out of sight are omitted."""
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     hand, wall = KINECT2.project(np.array([[30.0, -20, 700], [-250, 100, 1480]]))
     away = KINECT2.project(np.array([9000.0, 0, 700]))
@@ -126,7 +126,7 @@ def test_hands_at_places(frame: np.ndarray) -> None:
 
 
 def test_hands_as_in_a_whole_frame(frame: np.ndarray) -> None:
-    """What is found at the places of the locator is what is found in the frame."""
+    """The result at the locator's places equals the result for the whole frame."""
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     assert predictor.locator is not None
     located = predictor.locator.hands(frame, KINECT2)
@@ -135,14 +135,14 @@ def test_hands_as_in_a_whole_frame(frame: np.ndarray) -> None:
 
 
 def test_a_hand_at_a_place_without_a_fit(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """The first place in the image is taken, because there is no score to choose by."""
+    """The first place within the image is taken, because there is no score to choose by."""
     away, there = KINECT2.project(np.array([[9000.0, 0, 700], [30, -20, 700]]))
     (found,) = Predictor(seeing, KINECT2, refine=0).hands_at(frame, [away, there], [1.0, 0.0])
     np.testing.assert_array_equal(found.center_uvd, there)
 
 
 def test_the_other_hand(seeing: netlib.Net) -> None:
-    """The mirror image of what is seen in the mirrored crop."""
+    """A left hand is the mirror image of the prediction for the mirrored crop."""
     left = Predictor(seeing, hand="left").in_crop(some_crop())
     right = Predictor(seeing).in_crop(some_crop()[:, ::-1])
     np.testing.assert_array_equal(left.joints, right.joints * (-1, 1, 1))
@@ -150,7 +150,7 @@ def test_the_other_hand(seeing: netlib.Net) -> None:
 
 
 def test_weights_that_are_not_finite(fixed: Callable[..., netlib.Net]) -> None:
-    """Never a picture of nothing."""
+    """Weights that are not finite raise an error."""
     net = fixed(0, 0, 0)
     net.params["DoF"][1].data[4] = np.nan
     with pytest.raises(NetlibError, match="predicts joints that are not finite; check its weights"):
@@ -158,7 +158,7 @@ def test_weights_that_are_not_finite(fixed: Callable[..., netlib.Net]) -> None:
 
 
 def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> None:
-    """With nearly the same rejection score, also for a camera that does not look from the middle of its image."""
+    """Mirrored images have nearly the same rejection score, also with an off-centre principal point."""
     part, scores = frame[:, 150:400], []
     for depth, u0, hand in ((part, KINECT2.u0 - 150, "right"), (part[:, ::-1], 249 - (KINECT2.u0 - 150), "left")):
         camera = Camera("part", KINECT2.fx, KINECT2.fy, u0, KINECT2.v0, 250, 424)

@@ -1,4 +1,4 @@
-"""handpose/prediction/nets.py: what a net feeds its hand model."""
+"""handpose/prediction/nets.py: the inputs of a net's hand model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def net() -> Net:
 
 @pytest.fixture
 def crops() -> np.ndarray:
-    """Three crops of boxes as wide as a palm, in front of nothing."""
+    """Three crops of boxes as wide as a palm, without background."""
     crops = np.ones((3, 128, 128), np.float32)
     for crop, depth in zip(crops, (-0.2, 0.0, 0.2), strict=True):
         crop[36:92, 44:84] = depth
@@ -32,7 +32,7 @@ def crops() -> np.ndarray:
 
 
 def test_weights_replace_initial_values(tmp_path: Path) -> None:
-    """All parameters have the file's weights, although none was filled; an unknown filler is still an error."""
+    """All parameters have the file's weights, although no filler ran; an unknown filler is still an error."""
     card = read_card(HAND_LOCATOR)
     found, expected = trained(card.net, card.weights), Net(card.net, card.weights, TEST)
     for name, blobs in expected.params.items():
@@ -44,17 +44,17 @@ def test_weights_replace_initial_values(tmp_path: Path) -> None:
 
 
 def test_the_hand_model_takes_them(net: Net, crops: np.ndarray) -> None:
-    """Posing the skeleton by them, in the size that the net says, gives its joints; fixed DoFs are 0."""
+    """Posing the skeleton with the inputs, in the predicted size, gives the net's joints; fixed DoFs are 0."""
     poses, skeleton = hand_poses(net, crops), skeleton_to_fit(net)
     assert poses.inputs.dtype == np.float64 and (poses.inputs[:, skeleton.fixed] == 0).all()
     posed = kinematics_of(skeleton).joints(poses.inputs, poses.size[:, None] * skeleton.bones)
-    assert ((poses.size > 0.5) & (poses.size < 2)).all(), poses.size  # others are cut
+    assert ((poses.size > 0.5) & (poses.size < 2)).all(), poses.size  # other sizes are clipped
     expected = net.forward(depth=crops[:, None])["pred"]
     np.testing.assert_allclose(posed.reshape(3, -1), expected, atol=1e-5)
 
 
 def test_a_net_computes_the_same_before_and_after(net: Net, crops: np.ndarray) -> None:
-    """To the last bit, and so do predictions, whichever frames were seen before."""
+    """The net's output and the inputs are equal bit for bit, regardless of earlier frames."""
     depth = crops[:1, None]
     net.blobs["depth"].reshape(*depth.shape)
     before = net.forward(depth=depth)["pred"].copy()

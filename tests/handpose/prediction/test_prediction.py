@@ -9,7 +9,7 @@ from handpose.prediction.prediction import Prediction
 
 
 def test_a_hand_in_three_units() -> None:
-    """Half-cubes from the crop's centre, mm from there, and mm before the camera."""
+    """Joints are in half-cubes and in mm from the crop's centre, and in mm in front of the camera."""
     joints = np.array([[0.0, 0, 0], [1, -0.5, 0.25]])
     crop = np.zeros((128, 128), np.float32)
     found = Prediction(joints, joints, crop, 300.0, "right", None, NYU, np.array([NYU.u0, NYU.v0, 700]))

@@ -1,4 +1,4 @@
-"""handpose/prediction/predictor.py: from Python, on crops and on whole frames."""
+"""handpose/prediction/predictor.py: the Python interface, for crops and whole frames."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ HAND = skeleton.load()
 
 
 def test_a_crop(fixed: Callable[..., netlib.Net]) -> None:
-    """The joints of the hand model, in half-cubes and in mm of this cube, and the crop beside them."""
+    """The joints are those of the hand model, in half-cubes and in mm of the cube; the crop is returned as well."""
     net = fixed(10, -20, 30)
     inputs = net.params["DoF"][1].data[None].astype(np.float64)
     for cube in (300.0, 261.0):
@@ -42,7 +42,7 @@ def test_a_crop(fixed: Callable[..., netlib.Net]) -> None:
 
 @pytest.mark.parametrize("batch", [1, 5])
 def test_as_the_net_says(net_of: NetOf, batch: int) -> None:
-    """The same joints as a forward pass of the net, whatever batch its file has; crops of float64 as well."""
+    """The joints equal those of the net's forward pass, for any batch size; crops may be float64."""
     net = net_of(NET % batch, netlib.TEST)
     found = Predictor(net).in_crop(some_crop().astype(np.float64))
     again = net.forward(depth=some_crop()[None, None])["pred"].reshape(31, 3)
@@ -51,7 +51,7 @@ def test_as_the_net_says(net_of: NetOf, batch: int) -> None:
 
 
 def test_a_crop_of_another_shape(seeing: netlib.Net) -> None:
-    """Is none."""
+    """A crop of another shape raises an error."""
     with pytest.raises(DataError, match=r"crop of shape \(1, 128, 128\), expected \(128, 128\)"):
         Predictor(seeing).in_crop(some_crop()[None])
 
@@ -66,7 +66,7 @@ def test_a_crop_of_another_shape(seeing: netlib.Net) -> None:
     ids=["depth", "pred", "hand"],
 )
 def test_nets_of_another_kind(net_of: NetOf, text: str, message: str) -> None:
-    """Are refused when the predictor is made."""
+    """A net with other blobs or layers raises an error at construction."""
     with pytest.raises(NetlibError, match=message):
         Predictor(net_of(text % 1, netlib.TEST))
 
@@ -80,7 +80,7 @@ layer { name: "hand\"""",
 
 
 def test_a_net_that_predicts_the_size(net_of: NetOf) -> None:
-    """Its joints are those of its layer, of the hand's own size."""
+    """The joints are those of the net's hand model, in the predicted size."""
     net = net_of(SIZED % 1, netlib.TEST)
     bias = net.params["DoF"][1].data
     net.params["DoF"][0].data[...], bias[...] = 0, -HAND.initial * HAND.slides * 1.5  # the palm in the middle
@@ -91,7 +91,7 @@ def test_a_net_that_predicts_the_size(net_of: NetOf) -> None:
 
 
 def test_a_net_that_predicts_bones(net_of: NetOf) -> None:
-    """A fit does not know them, so it is refused."""
+    """A fit does not support predicted bones, which raises an error."""
     boned = SIZED.replace("num_output: 1 ", "num_output: 31 ") % 1
     net = net_of(boned, netlib.TEST)
     message = "layer 'hand' takes the bones of each hand from blob 'size', which a fit does not know; do without a fit"
@@ -114,13 +114,13 @@ def test_a_net_that_predicts_bones(net_of: NetOf) -> None:
     ids=["bytes", "nan", "infinite", "list", "text"],
 )
 def test_crops_with_other_values(seeing: netlib.Net, values: Any, message: str) -> None:
-    """Say so, and do not blame the net."""
+    """A crop with invalid values raises an error about the crop, not about the net."""
     with pytest.raises(DataError, match=message):
         Predictor(seeing).in_crop(values)
 
 
 def test_a_masked_crop(seeing: netlib.Net) -> None:
-    """What is masked is background."""
+    """Masked pixels of a crop are background."""
     shown = some_crop()
     shown[:20] = 1
     hidden = np.ma.array(some_crop(), mask=np.arange(128)[:, None] < np.full(128, 20))
@@ -132,7 +132,7 @@ def test_a_masked_crop(seeing: netlib.Net) -> None:
 
 
 def test_a_masked_frame(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """What is masked was not read."""
+    """Masked pixels of a frame have no reading."""
     holes = np.where(frame > 1000, 0, frame)
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     for center in (None, (270, 215)):
@@ -148,21 +148,21 @@ def test_a_masked_frame(seeing: netlib.Net, frame: np.ndarray) -> None:
     "center", [(np.nan, 200), (300,), (1, 2, 3, 4), (1, 2, np.inf), "palm", ((1, 2), (3, 4))], ids=str
 )
 def test_centers_that_are_none(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
-    """Two or three finite numbers are one."""
+    """A centre that is not two or three finite numbers raises an error."""
     with pytest.raises(DataError, match=r"expected two or three finite numbers: u, v in px or u, v, d in px, px, mm"):
         Predictor(seeing, KINECT2).in_frame(frame, center)
 
 
 @pytest.mark.parametrize("center", [None, (260, 210, 700)], ids=["searched", "given"])
 def test_a_frame_in_another_unit(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
-    """Is refused wherever one looks."""
+    """A frame in another unit raises an error, with and without a centre."""
     for factor in (0.001, 1000, -1):
         with pytest.raises(UnitError, match="expected mm"):
             Predictor(seeing, KINECT2).in_frame(frame * factor, center)
 
 
 def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Without refinement: the joints of the crop at this centre, and where they are before the camera."""
+    """Without refinement the joints are those of the crop at this centre, also relative to the camera."""
     center = [260.0, 210.0, 690.0]
     found = Predictor(seeing, KINECT2, refine=0).in_frame(frame, center)
     np.testing.assert_array_equal(found.crop, clear_crop(frame, center, CUBE_MM, KINECT2))
@@ -174,7 +174,7 @@ def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
 
 
 def test_a_locator_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Once, by the first frame without a centre."""
+    """The locator is loaded once, by the first frame without a centre."""
     loads: list[Said] = []
 
     def load() -> Said:
@@ -191,7 +191,7 @@ def test_a_locator_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarr
 
 
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """At the nearest thing, at a pixel and what is seen there, or at a place that is given."""
+    """The start is the nearest object, a pixel with the depth around it, or a given place."""
     predictor = Predictor(seeing, KINECT2, refine=0)
     nearest = locator.find_hand(frame, KINECT2)
     np.testing.assert_array_equal(predictor.in_frame(frame).center_uvd, nearest)
@@ -204,7 +204,7 @@ def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
 
 
 def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """A camera without a size takes the frame's; another's frame is an error, and so is a picture in colours."""
+    """A camera without a size accepts any frame; another camera's frame and an image with channels raise errors."""
     own = Camera("own", KINECT2.fx, KINECT2.fy, KINECT2.u0, KINECT2.v0, 0, 0)
     found, same = (Predictor(seeing, camera).in_frame(frame) for camera in (own, KINECT2))
     np.testing.assert_array_equal(found.joints, same.joints)
@@ -219,7 +219,7 @@ def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
 
 
 def test_the_likeliest_place(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Of a locator, without a fit, is where to look."""
+    """With a locator and without a fit, the likeliest place is the start."""
     said = Said(np.array([[30.0, -20, 700], [0, 0, 900]]), np.array([3.0, 2]))
     predictor = Predictor(seeing, KINECT2, refine=0, locator=said)
     np.testing.assert_allclose(predictor.start(frame), KINECT2.project(said.said.center[0]))
@@ -228,7 +228,7 @@ def test_the_likeliest_place(seeing: netlib.Net, frame: np.ndarray) -> None:
 
 
 def test_frames_of_other_sizes_with_a_locator(frame: np.ndarray) -> None:
-    """Are told by their shape, not by what is seen in them."""
+    """The size of a frame is checked before the locator runs."""
     with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
         load_predictor(NYU).in_frame(frame)
 
@@ -252,7 +252,7 @@ def test_frames_of_other_sizes_with_a_locator(frame: np.ndarray) -> None:
     ids=str,
 )
 def test_options_that_are_none(seeing: netlib.Net, option: dict[str, Any], message: str) -> None:
-    """Are refused when the predictor is made, by its name or with the packaged weights."""
+    """An invalid option raises an error at construction, also with the packaged weights."""
     for make in (lambda: Predictor(seeing, **option), lambda: load_predictor(**option)):
         with pytest.raises(NetlibError, match=f"^{message}$"):
             make()

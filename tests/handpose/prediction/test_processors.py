@@ -1,4 +1,4 @@
-"""Hands in frames do not depend on the BLAS kernels, which OpenBLAS chooses by the processor."""
+"""Hands in frames do not depend on the BLAS kernels, which OpenBLAS selects by processor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.support.running import run_tool
 
 
 def test_kernels() -> None:
-    """The joints agree to 0.1 mm under two sets of kernels, whatever the fit."""
+    """The joints agree to 0.1 mm for two sets of kernels and every fit."""
     done = run_tool("tests.handpose.prediction.moved_frames", "--frames", "2", "--kernels", "Haswell", "Nehalem")
     largest = re.findall(r"^\| `(\w+)` \| 2 \| .* \| (\S+) mm \|$", done.out, re.MULTILINE)
     assert [fit for fit, _ in largest] == ["accurate", "fast"]
@@ -19,7 +19,7 @@ def test_kernels() -> None:
 
 
 def test_moves() -> None:
-    """The largest move of a frame's joints, between any two of the sets."""
+    """The result is the largest move of a frame's joints between any two sets."""
     found = np.zeros((3, 1, 2, 31, 3))
     found[2, 0, 1, 7] = 3, 0, 4
     assert moved_frames.moves(found).tolist() == [[0, 5]]
