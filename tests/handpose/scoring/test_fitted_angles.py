@@ -18,7 +18,7 @@ SKELETON = skeletons.load()
 
 
 def test_a_method_without_errors() -> None:
-    """Its joints lie on the model and within its limits; every fit is watched from its first frame to its last."""
+    """Exact joints have no residual and no angle beyond the limits; progress covers every frame of each fit."""
     inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 2).inputs
     truth = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700)
     watched: list[tuple[str, int, int]] = []

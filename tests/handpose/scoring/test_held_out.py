@@ -26,7 +26,7 @@ layer {{ name: "loss" type: "EuclideanLoss" bottom: "pred" bottom: "joint" top: 
 
 @pytest.fixture
 def frames(tmp_path: Path) -> Path:
-    """Seven frames whose inputs are the pose itself, and whose joints are 10 mm beside it."""
+    """Seven frames whose inputs are the pose itself, and whose joints are 10 mm away from it."""
     x = np.random.default_rng(0).normal(0, 0.2, (7, 47)).astype(np.float32)
     joint = kinematics_of(skeleton.load()).joints(x) + np.array([10 / 150, 0, 0])
     with h5py.File(tmp_path / "a.h5", "w") as file:
@@ -43,7 +43,7 @@ def net_of(folder: Path, batch: int = 7, extra: str = "") -> netlib.Net:
 
 @pytest.mark.parametrize("batch", [1, 3, 7, 50])
 def test_every_frame_counts_once(frames: Path, batch: int) -> None:
-    """Whatever the batch size: the error is 10 mm, and the loss that of the seven frames."""
+    """For every batch size the error is 10 mm, and the loss is that of the seven frames."""
     tracked: list[int] = []
     found = held_out.predict_all(net_of(frames, batch), progress=tracked.append)
     figures = held_out.figures_of(found, skeleton.load())
@@ -56,14 +56,14 @@ def test_every_frame_counts_once(frames: Path, batch: int) -> None:
 
 
 def test_a_second_run_begins_at_the_first_frame(frames: Path) -> None:
-    """Two snapshots of one net are scored on the same frames."""
+    """A second run of the same net starts at the first frame again."""
     net = net_of(frames, 3)
     first, second = held_out.predict_all(net), held_out.predict_all(net)
     assert np.array_equal(first.joints, second.joints)
 
 
 def test_a_half_cube_that_gives_no_millimetres(frames: Path) -> None:
-    """Never a wrong figure from a wrong scale."""
+    """A half-cube of NaN raises an error."""
     with h5py.File(frames / "a.h5", "a") as file:
         file["half_cube"][2] = np.nan
     with pytest.raises(DataError, match=r"a\.h5: data set 'half_cube' is nan in frame 2"):
@@ -71,7 +71,7 @@ def test_a_half_cube_that_gives_no_millimetres(frames: Path) -> None:
 
 
 def test_joints_that_are_not_finite(frames: Path) -> None:
-    """The file and the frame in it are named."""
+    """The error names the file and the frame within it."""
     shutil.copy(frames / "a.h5", frames / "b.h5")
     (frames / "list.txt").write_text("a.h5\nb.h5\n")
     with h5py.File(frames / "b.h5", "a") as file:
@@ -81,7 +81,7 @@ def test_joints_that_are_not_finite(frames: Path) -> None:
 
 
 def test_predictions_that_are_not_finite(frames: Path) -> None:
-    """The frame is named."""
+    """The error names the frame."""
     with h5py.File(frames / "a.h5", "a") as file:
         file["x"][3, 5] = np.nan
     with pytest.raises(DataError, match="the predicted joints of frame 3 are not finite"):
@@ -89,6 +89,6 @@ def test_predictions_that_are_not_finite(frames: Path) -> None:
 
 
 def test_a_shuffled_test_set(frames: Path) -> None:
-    """Half-cubes belong to frames in order."""
+    """A shuffled test set raises an error, because half-cubes are stored in the order of frames."""
     with pytest.raises(NetlibError, match="layer 'data' shuffles its frames"):
         held_out.predict_all(net_of(frames, extra="shuffle: true"))

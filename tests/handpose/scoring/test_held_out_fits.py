@@ -21,7 +21,7 @@ layer {{ name: "hand" type: "HandModel" bottom: "{1}" top: "pred" }}
 
 
 def test_a_deploy_net_with_a_layer_that_the_weights_lack(tmp_path: Path) -> None:
-    """One line with its name: a layer of random values would give figures of nothing."""
+    """The error names the layer, because a layer with random weights would give meaningless figures."""
     one, two = LEARNED.format("one", "x"), LEARNED.format("two", "one")
     net = netlib.Net(prototxt.parse(NET.format(one, "one")), netlib.TEST)
     net.save(tmp_path / "w.caffemodel.h5")

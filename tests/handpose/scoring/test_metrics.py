@@ -16,14 +16,14 @@ ERRORS = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])
 
 
 def test_joint_errors() -> None:
-    """Euclidean distances, joint by joint."""
+    """Errors are Euclidean distances per joint."""
     truth = np.zeros((1, 2, 3))
     predicted = np.array([[[3.0, 4.0, 0.0], [1.0, 2.0, 2.0]]])
     np.testing.assert_allclose(metrics.joint_errors(predicted, truth), [[5, 3]])
 
 
 def test_means_over_nyus_joints() -> None:
-    """Of each frame, over 14 of the 31."""
+    """Each frame's mean is over NYU's 14 evaluation joints."""
     truth = np.zeros((2, 31, 3))
     joints = truth.copy()
     joints[1, EVALUATION_JOINTS[0]] = (0, 3, 4)
@@ -32,19 +32,19 @@ def test_means_over_nyus_joints() -> None:
 
 
 def test_means() -> None:
-    """Over everything, and by joint."""
+    """The mean is over all errors, or over the frames for each joint."""
     assert metrics.mean_error(ERRORS) == pytest.approx(13)
     np.testing.assert_allclose(metrics.mean_error_per_joint(ERRORS), [11, 15])
 
 
 def test_success_rate() -> None:
-    """A frame counts at a threshold that its worst (or mean) joint just meets."""
+    """A frame succeeds at a threshold if its worst (or mean) joint error is at most that."""
     np.testing.assert_allclose(metrics.success_rate(ERRORS, [4, 5, 10, 40]), [0, 1 / 3, 2 / 3, 1])
     np.testing.assert_allclose(metrics.success_rate(ERRORS, [4, 5, 30], worst=False), [1 / 3, 2 / 3, 1])
 
 
 def test_fraction_out_of_limits() -> None:
-    """A frame counts once, however many angles are out; fixed ones do not; a tolerance forgives."""
+    """A frame counts once for any number of angles; fixed angles are ignored; a tolerance widens the limits."""
     inputs = np.array([[0.0, 9.0], [1.1, 0.0], [-5.0, 0.0], [1.0, 0.0]])
     limits = {"lower": [-1, -1], "upper": [1, 1], "fixed": [False, True]}
     assert metrics.fraction_out_of_limits(inputs, **limits) == 0.5
@@ -52,7 +52,7 @@ def test_fraction_out_of_limits() -> None:
 
 
 def test_shapes_must_match() -> None:
-    """Errors over 14 joints against truth of 31 would be nonsense."""
+    """Different numbers of joints raise an error."""
     with pytest.raises(DataError, match=r"\(2, 14, 3\).*\(2, 31, 3\)"):
         metrics.joint_errors(np.zeros((2, 14, 3)), np.zeros((2, 31, 3)))
 

@@ -18,13 +18,13 @@ LINE = "320 240 700  330.5 230 -1e2\n"  # two joints
 
 
 def read(tmp_path: Path, text: str | bytes, fmt: Format = "xyz") -> np.ndarray:
-    """The joints, two a frame, of a file of this text."""
+    """The joints of a file with this text, two per frame."""
     (tmp_path / "joints.txt").write_bytes(text if isinstance(text, bytes) else text.encode())
     return published.read_joints(tmp_path / "joints.txt", 2, fmt, NYU)
 
 
 def test_read_joints(tmp_path: Path) -> None:
-    """x y z are taken as they are, u v d through the camera: u0, v0 is straight ahead, and v grows downwards."""
+    """x y z are read unchanged; u v d are unprojected by the camera, where v grows downwards."""
     np.testing.assert_array_equal(read(tmp_path, LINE), [[[320, 240, 700], [330.5, 230, -100]]])
     found = read(tmp_path, "320 240 700 378.803 181.293 500\n", "uvd")
     np.testing.assert_allclose(found, [[[0, 0, 700], [50, 50, 500]]])
@@ -34,7 +34,7 @@ def test_read_joints(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", [LINE * 3, LINE * 3 + "\n \n", (LINE * 3).strip(), LINE.replace("\n", "\r\n") * 3,
                                   "\ufeff" + LINE * 3, LINE.replace(" ", "\t") * 3])  # fmt: skip
 def test_what_editors_make_of_a_file(tmp_path: Path, text: str) -> None:
-    """Empty lines at the end, none at all, Windows' ends of lines, a byte order mark, tabs: the same three frames."""
+    """Trailing empty lines, a missing line end, CRLF, a byte order mark and tabs give the same three frames."""
     np.testing.assert_array_equal(read(tmp_path, text), read(tmp_path, LINE * 3))
 
 
@@ -57,14 +57,14 @@ def test_what_editors_make_of_a_file(tmp_path: Path, text: str) -> None:
     ],
 )
 def test_mistakes(tmp_path: Path, text: str | bytes, message: str) -> None:
-    """A file that is none says in which line, at which column, what was found and what was expected."""
+    """The error names the line and the column, what was found and what was expected."""
     with pytest.raises(DataError) as caught:
         read(tmp_path, text)
     assert str(caught.value) == f"{tmp_path}/{message}"
 
 
 def test_pixels_without_depth(tmp_path: Path) -> None:
-    """A pixel at depth 0 is no point; x y z may be anywhere."""
+    """A pixel at depth 0 raises an error; x y z may have any depth."""
     text = "1 1 500 1 1 500\n1 1 500 1 1 0\n1 1 -3 1 1 500\n"
     with pytest.raises(DataError, match=r"txt:2: found a joint at depth 0, expected more than 0 mm \(2 of 3 frames"):
         read(tmp_path, text, "uvd")
@@ -73,7 +73,7 @@ def test_pixels_without_depth(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("fmt", ["uvd", "xyz"])
 def test_metres(tmp_path: Path, fmt: Format) -> None:
-    """Would make every method perfect."""
+    """Depths in metres raise an error, because they would make all errors tiny."""
     with pytest.raises(
         DataError, match=r"txt: half of all depths are below 0\.7; expected mm, more than 100: are they"
     ):
@@ -81,7 +81,7 @@ def test_metres(tmp_path: Path, fmt: Format) -> None:
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    """Not there, or a folder."""
+    """A missing file and a folder raise an error with the reason."""
     for path, reason in (
         (tmp_path / "no.txt", "No such file or directory"),
         (tmp_path, "Is a directory; expected a file"),
@@ -92,7 +92,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 def test_benchmarks() -> None:
-    """The joints of each data set by name, in the order of the files."""
+    """The joints of each data set are named in the order of its files."""
     nyu, icvl = published.nyu_benchmark(), published.icvl_benchmark()
     assert len(nyu.joints) == 14 and len(icvl.joints) == 16
     assert nyu.joints[:2] == ("little_tip", "little_pip_a") and nyu.joints[8:] == (
@@ -103,7 +103,7 @@ def test_benchmarks() -> None:
 
 
 def test_score() -> None:
-    """Figures of three frames with two joints, by hand; some frames of a test set are not tracked apart further."""
+    """The figures of three frames with two joints equal those worked out by hand; an incomplete set has no parts."""
     benchmark = published.Benchmark("two joints", ICVL, ("a", "b"), 3, {"first": slice(1), "others": slice(1, None)})
     errors = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])
     found = published.score_on(benchmark, errors)
@@ -116,7 +116,7 @@ def test_score() -> None:
 
 
 def published_score(dataset: str, name: str) -> Score:
-    """The score of a published file of predictions; skips the test where there is none."""
+    """The score of a published file of predictions; the test is skipped where the file is missing."""
     folder = SHARED / dataset
     if not folder.is_dir():
         pytest.skip("needs published predictions")
@@ -147,7 +147,7 @@ def test_published_results(dataset: str, name: str, mean: float) -> None:
 
 
 def test_published_curve() -> None:
-    """The paper's curve on NYU, and its errors on the two subjects."""
+    """The curve equals the paper's on NYU, as do the errors on the two subjects."""
     found = published_score("nyu", "IJCAI16_NYU_DeepModel")
     assert found.parts_mm == pytest.approx({"subject 1": 10.154, "subject 2": 19.925}, abs=1e-3)
     rates = [found.success_max[t] for t in range(10, 81, 10)]

@@ -1,4 +1,4 @@
-"""handpose/scoring/tracks.py and matching.py: on tracks of which every figure is known."""
+"""handpose/scoring/tracks.py and matching.py, on tracks with known figures."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from netlib.errors import DataError
 SKELETON = skeletons.load()
 HEADER = TrackHeader("made up", NYU, SKELETON)
 BASE = np.random.default_rng(0).uniform(-80, 80, (31, 3)) + (0, 0, 600)
-RIGHT, OTHER = np.array([-200.0, 0, 0]), np.array([200.0, 0, 0])  # where the two hands are
+RIGHT, OTHER = np.array([-200.0, 0, 0]), np.array([200.0, 0, 0])  # the positions of the two hands
 
 
 def hand(id: int, place: Array, side: str = "right", time: float = 0.0) -> TrackedHand:
-    """A hand that goes to and fro about a place."""
+    """A hand that moves back and forth about a place."""
     xyz = BASE + place + np.array([30.0, 20, 0]) * np.sin(4 * time)
     nothing = np.zeros(3)
     return TrackedHand(id, side, 1.0, 0.0, np.zeros(47), np.zeros(31), nothing, xyz, nothing, 300.0)
@@ -34,7 +34,7 @@ def frames(hands: Sequence[Sequence[TrackedHand]], lost: Sequence[Sequence[LostH
 
 
 def moved(one: TrackedHand, *by: float) -> TrackedHand:
-    """The same hand, shifted by some mm."""
+    """The same hand, shifted by this many mm."""
     return replace(one, xyz=one.xyz + np.array(by))
 
 
@@ -42,7 +42,7 @@ TRUTH = frames([[hand(0, RIGHT, "right", n / 30), hand(1, OTHER, "left", n / 30)
 
 
 def test_the_truth_is_without_fault() -> None:
-    """And the figures say so."""
+    """The truth compared with itself has no errors."""
     scores = score(HEADER, TRUTH, TRUTH)
     assert scores.found == 1 and scores.invented == 0 and scores.id_switches == 0 and scores.frames == 90
     for own in scores.hands.values():
@@ -53,7 +53,7 @@ def test_the_truth_is_without_fault() -> None:
 
 
 def test_errors() -> None:
-    """3, 4 and 0 mm are 5 mm, of all joints and of the 14; one joint alone counts a 31st of all."""
+    """A shift by 3, 4 and 0 mm is an error of 5 mm; one of 31 joints contributes a 31st to the mean."""
     tracked = [frame._replace(hands=tuple(moved(one, 3, 4, 0) for one in frame.hands)) for frame in TRUTH]
     assert score(HEADER, tracked, TRUTH).hands[0].errors.mean == pytest.approx(5)
     assert score(HEADER, tracked, TRUTH).hands[1].errors14.median == pytest.approx(5)
@@ -65,7 +65,7 @@ def test_errors() -> None:
 
 
 def test_ids_may_have_any_number_but_must_not_change() -> None:
-    """Two ids that are swapped half way are two switches; there is no order of the hands."""
+    """Ids swapped halfway are two switches; the order of the hands within a frame does not matter."""
     tracked = [
         frame._replace(hands=tuple(replace(one, id=7 + (one.id + (frame.number >= 40)) % 2) for one in frame.hands))
         for frame in TRUTH
@@ -78,7 +78,7 @@ def test_ids_may_have_any_number_but_must_not_change() -> None:
 
 
 def test_sides() -> None:
-    """How long it takes until the side is right, and how often it changes."""
+    """The time until the side is right, wrong frames and switches are counted."""
     sides = ["left"] * 3 + ["right"] * 50 + ["left"] + ["right"] * 36
     tracked = frames([[hand(0, RIGHT, side, n / 30)] for n, side in enumerate(sides)])
     own = score(HEADER, tracked, TRUTH).hands[0]
@@ -88,7 +88,7 @@ def test_sides() -> None:
 
 
 def test_a_hand_far_from_all_is_invented() -> None:
-    """And the true one is missed; the bound is the caller's."""
+    """A hand farther than the bound counts as invented, and the true one as missed."""
     tracked = [frame._replace(hands=(moved(frame.hands[0], 0, 0, 120),)) for frame in TRUTH]
     scores = score(HEADER, tracked, TRUTH)
     assert scores.found == 0 and scores.invented == 90
@@ -98,7 +98,7 @@ def test_a_hand_far_from_all_is_invented() -> None:
 
 
 def test_lost_hands() -> None:
-    """What is gone is to be said lost, with the reason; what is partly in sight is not scored."""
+    """Hands out of sight should be reported as lost, with the reason; those partly in sight are not scored."""
     here = hand(0, RIGHT)
     reasons = ["", "", PARTLY, LEFT, LEFT, LEFT, HIDDEN, PARTLY, "", ""]
     truth = frames([[] if why else [here] for why in reasons],
@@ -115,12 +115,12 @@ def test_lost_hands() -> None:
 
 
 def test_a_track_that_ends_early_misses_the_rest() -> None:
-    """No frame, no hand."""
+    """Frames missing at the end count as frames without hands."""
     assert score(HEADER, TRUTH[:30], TRUTH).found == pytest.approx(1 / 3)
 
 
 def test_no_hands_at_all() -> None:
-    """Nothing to find, nothing found."""
+    """Without hands in the truth, the fraction found is NaN, and tracked hands count as invented."""
     empty = frames([[], []])
     scores = score(HEADER, empty, empty)
     assert scores.hands == {} and np.isnan(scores.found) and scores.invented == 0
@@ -128,7 +128,7 @@ def test_no_hands_at_all() -> None:
 
 
 def test_what_cannot_be_compared() -> None:
-    """Other recordings, other skeletons."""
+    """Frames missing in the truth, repeated frames and other skeletons raise errors."""
     with pytest.raises(DataError, match="frame 30 of the track is not in the truth"):
         score(HEADER, TRUTH, TRUTH[:30])
     with pytest.raises(DataError, match="the track has two frames 0"):
