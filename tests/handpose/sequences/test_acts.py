@@ -27,7 +27,7 @@ def played(*acts: Act, seconds: float, seed: int = 1, side: str = "right", outwa
 
 
 def test_a_moving_hand_is_a_hand_that_moves() -> None:
-    """Within the limits, no faster than people are, fingers not through each other; and it rests now and then."""
+    """Limits, speeds and penetration stay within their bounds, and the hand rests at times."""
     movement = played(Act("moving", 12), seconds=12)
     times = np.arange(0, 12, STEP)
     whole = np.stack([movement.inputs_at(t) for t in times])
@@ -47,7 +47,7 @@ def test_a_moving_hand_is_a_hand_that_moves() -> None:
 
 
 def test_rest_is_rest() -> None:
-    """Nothing moves at all."""
+    """During a rest nothing moves."""
     movement = played(Act("rest", 3), Act("gestures", 4), seconds=7)
     early, late, then = (movement.pose_at(t).xyz for t in (0.0, 3.0, 6.0))
     np.testing.assert_array_equal(early, late)
@@ -55,7 +55,7 @@ def test_rest_is_rest() -> None:
 
 
 def test_the_same_acts_make_the_same_movement() -> None:
-    """However long it is to be; another seed makes another one."""
+    """The movement does not depend on its total length; another seed gives another movement."""
     acts = (Act("moving", 5), Act("wave", 2), Act("gestures", 4))
     short, long, other = played(*acts, seconds=6), played(*acts, seconds=20), played(*acts, seconds=6, seed=2)
     for time in (0.0, 2.5, 5.5):
@@ -64,7 +64,7 @@ def test_the_same_acts_make_the_same_movement() -> None:
 
 
 def test_a_hand_returns_however_long_the_movement_is_to_be() -> None:
-    """Also where that ends on its way back."""
+    """The way back is the same if the movement ends before the hand has returned."""
     acts = (Act("moving", 3), Act("away", 6))
     short, long = played(*acts, seconds=8.9), played(*acts, seconds=20)
     np.testing.assert_allclose(short.place.at(8.8), long.place.at(8.8), atol=1e-6)
@@ -73,7 +73,7 @@ def test_a_hand_returns_however_long_the_movement_is_to_be() -> None:
 
 @pytest.mark.parametrize("first", [True, False])
 def test_away(first: bool) -> None:
-    """A hand goes to the side and comes back where it was; as the first act it comes; it may be long away."""
+    """A hand leaves the image and returns to its place; as the first act it starts outside; it can stay away long."""
     acts = (Act("away", 4),) if first else (Act("rest", 1), Act("away", 4))
     movement = played(*acts, Act("rest", 2), Act("away", 9), seconds=10 - first)
     u = [float(NYU.project(movement.place.at(t))[0]) for t in np.arange(0, 10 - first, 0.5)]
@@ -87,7 +87,7 @@ def test_away(first: bool) -> None:
 
 
 def test_a_wave_turns_the_palm_to_and_fro() -> None:
-    """About the camera's axis, the hand open."""
+    """The palm turns about the camera's axis to both sides."""
     movement = played(Act("wave", 4), seconds=4)
     start = movement.palm.at(0.0)
     turned = [float((movement.palm.at(t) * start.inv()).as_rotvec()[2]) for t in np.arange(0, 4, 0.05)]
@@ -95,7 +95,7 @@ def test_a_wave_turns_the_palm_to_and_fro() -> None:
 
 
 def test_elbows_stay_on_their_side() -> None:
-    """So that an arm does not cross the other hand; of left hands, too."""
+    """The forearm stays on the hand's side, so that it does not cross the other hand."""
     for side, outward in (("right", -1.0), ("left", 1.0)):
         movement = played(Act("moving", 6), seconds=6, side=side, outward=outward)
         for time in np.arange(0, 6, 0.5):
@@ -106,7 +106,7 @@ def test_elbows_stay_on_their_side() -> None:
 
 
 def test_gestures_as_poses_by_name() -> None:
-    """Within the limits, rounded, of every DoF of fingers and thumb and of no other."""
+    """The poses have every DoF of fingers and thumb and no other, rounded and within the limits."""
     sampler = BodySampler()
     skeleton, found = sampler.skeleton, poses(BodySampler())
     assert list(found) == list(sampler.poses) and found == poses(sampler)
@@ -120,7 +120,7 @@ def test_gestures_as_poses_by_name() -> None:
 
 
 def test_gestures_differ_and_keep_the_limits() -> None:
-    """Straight fingers are straight, bent ones are bent, and nothing sinks in."""
+    """Straight fingers reach farther than bent ones, penetration is small, and gestures differ."""
     person = Person.draw(np.random.default_rng(5), SAMPLER)
     tips = [SAMPLER.skeleton.joint_names.index(f"{finger}_tip") for finger in FINGERS]
     palm = SAMPLER.skeleton.joint_names.index("palm")
@@ -136,11 +136,11 @@ def test_gestures_differ_and_keep_the_limits() -> None:
         if straight.any() and not straight.all():
             assert reach[straight].min() > reach[bent > 0.7].max(initial=0.0)
     names = list(SAMPLER.poses)
-    assert len({fingers_of(name, person, SAMPLER).tobytes() for name in names}) >= len(names) - 1  # point is one
+    assert len({fingers_of(name, person, SAMPLER).tobytes() for name in names}) >= len(names) - 1  # point equals one
 
 
 def test_choices_can_be_reached() -> None:
-    """Fingers that would run through each other on the way are not taken."""
+    """Fingers that would penetrate each other on the way to a pose are not chosen."""
     rng = np.random.default_rng(6)
     person = Person.draw(rng, SAMPLER)
     choices = Choices(rng, SAMPLER, person, "right", 0.0)
@@ -150,7 +150,7 @@ def test_choices_can_be_reached() -> None:
 
 @pytest.mark.parametrize("camera", [NYU, ICVL])
 def test_places_are_in_the_image(camera: object) -> None:
-    """Of a part of it, too, however narrow the camera sees; what is outside is outside."""
+    """Places are within the given part of the image, for any field of view; outside places are outside the image."""
     rng = np.random.default_rng(7)
     assert isinstance(camera, type(NYU))
     volume = Volume(camera, left=0.5).roomy()

@@ -22,7 +22,7 @@ ARM = np.zeros(len(PERSON.surface.whole.initial) - len(SAMPLER.skeleton.initial)
 
 
 def test_a_stroke() -> None:
-    """Begins and ends at rest, is half done at half time, and its top speed is 1.875 of the mean."""
+    """A stroke begins and ends at rest, is half done at half time, and has a top speed of 1.875 times the mean."""
     s = np.linspace(0, 1, 100001)
     e = eased(s)
     assert e[0] == 0 and e[-1] == 1 and e[50000] == pytest.approx(0.5)
@@ -32,7 +32,7 @@ def test_a_stroke() -> None:
 
 @given(st.lists(st.tuples(st.floats(0.1, 2), st.floats(-0.9, 1), st.floats(-3, 3)), min_size=1, max_size=6))
 def test_values_stay_among_their_poses(strokes: list[tuple[float, float, float]]) -> None:
-    """However strokes overlap; and at the end there is the last pose."""
+    """Values stay within their poses for any overlap of strokes, and end at the last pose."""
     values = Values(np.array([0.0]))
     for lasts, gap, to in strokes:
         before = values.strokes.lasts[-1] if values.strokes.lasts else 0.0
@@ -44,7 +44,7 @@ def test_values_stay_among_their_poses(strokes: list[tuple[float, float, float]]
 
 
 def test_values_have_speed_and_acceleration_without_jumps() -> None:
-    """Two overlapping strokes pass their middle pose without a stop, and never faster than one."""
+    """Two overlapping strokes pass the middle pose without a stop, and are never faster than one stroke."""
     values = Values(np.array([0.0]))
     values.move(0.5, 1.0, np.array([1.0]))
     values.move(1.5 - OVERLAP, 1.0, np.array([2.0]))
@@ -57,7 +57,7 @@ def test_values_have_speed_and_acceleration_without_jumps() -> None:
 
 
 def test_turns_take_the_shortest_way() -> None:
-    """About a steady axis, by at most half a turn, through the poses."""
+    """A turn has a constant axis, is at most half a turn, and passes through the poses."""
     keys = Rotation.random(3, np.random.default_rng(0))
     turns = Turns(keys[0])
     assert (turns.at(5.0) * keys[0].inv()).magnitude() < 1e-12
@@ -73,7 +73,7 @@ def test_turns_take_the_shortest_way() -> None:
 
 
 def test_overlapping_turns_have_no_jumps() -> None:
-    """Nor where one stroke ends, nor where the angles of the palm jump by a whole turn."""
+    """The speed of overlapping turns has no jumps, also where a stroke ends."""
     keys = Rotation.random(3, np.random.default_rng(1))
     turns = Turns(keys[0])
     turns.move(0.0, 1.0, keys[1])
@@ -84,7 +84,7 @@ def test_overlapping_turns_have_no_jumps() -> None:
 
 
 def test_posed_hands_have_their_middle_at_the_origin() -> None:
-    """The palm is turned as asked for, whatever person it is."""
+    """Posed hands have the requested rotation of the palm, for any person."""
     palm = Rotation.random(2, np.random.default_rng(2))
     fingers = HAND.inputs.copy()
     whole = posed(SAMPLER, PERSON, fingers, palm, np.stack([ARM, ARM]))
@@ -97,7 +97,7 @@ def test_posed_hands_have_their_middle_at_the_origin() -> None:
 
 
 def test_a_left_hand_is_the_mirror_image() -> None:
-    """About the middle of its crop, which is not mirrored; joints and surface alike."""
+    """Joints and surface are mirrored about the middle of the crop, which is not mirrored itself."""
     place, palm = np.array([100.0, 50.0, 600.0]), Rotation.from_euler("z", 0.3)
     right, left = (
         Movement(SAMPLER, PERSON, side, HAND.inputs[0], palm, ARM, place).pose_at(1.0) for side in ("right", "left")
@@ -108,4 +108,4 @@ def test_a_left_hand_is_the_mirror_image() -> None:
     ends = np.concatenate([right.capsules.a[0], right.capsules.b[0]])
     radii = np.concatenate([right.capsules.radius_a[0], right.capsules.radius_b[0]])
     inside = np.linalg.norm(right.xyz[:, None] - ends, axis=2) < radii
-    assert inside.any(axis=1).all()  # joints are in their surface
+    assert inside.any(axis=1).all()  # joints lie within the surface

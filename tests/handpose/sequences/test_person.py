@@ -13,7 +13,7 @@ SAMPLER = BodySampler()
 
 
 def test_people_differ_and_stay_themselves() -> None:
-    """In bones, size and surface; the same numbers make the same person."""
+    """People differ in bones, size and surface; the same seed gives the same person."""
     one, again, other = (Person.draw(np.random.default_rng(seed), SAMPLER) for seed in (0, 0, 1))
     np.testing.assert_array_equal(one.bones, again.bones)
     np.testing.assert_array_equal(one.radii, again.radii)
@@ -22,7 +22,7 @@ def test_people_differ_and_stay_themselves() -> None:
 
 
 def test_a_sleeve_is_over_the_forearm() -> None:
-    """Thicker than it by as much as it says, from where it says to the elbow."""
+    """The sleeve covers the forearm from a given fraction to the elbow, and is thicker by a given length."""
     person = replace(Person.draw(np.random.default_rng(0), SAMPLER), sleeve=(0.25, 0.1))
     inputs = np.zeros(len(person.surface.whole.initial))
     capsules = person.capsules(inputs, np.array([0.0, 0, 600]), "right")
@@ -34,7 +34,7 @@ def test_a_sleeve_is_over_the_forearm() -> None:
 
 
 def test_penetration() -> None:
-    """In mm: straight fingers are clear of each other, a thicker person's less."""
+    """Straight fingers hardly penetrate each other; the depth is in mm and grows with the radii."""
     person = Person.draw(np.random.default_rng(0), SAMPLER)
     inputs = np.zeros((1, len(person.surface.whole.initial)))
     thin, thick = person.penetration_mm(inputs)[0], replace(person, radii=person.radii + 0.1).penetration_mm(inputs)[0]

@@ -20,7 +20,7 @@ from netlib.errors import DataError
 
 
 def test_frames_are_the_same_every_time() -> None:
-    """In whatever order; the noise of each frame is its own, and another seed is another recording."""
+    """Frames do not depend on the order of access; noise differs between frames, and recordings between seeds."""
     recording, again = (SyntheticRecording("rest", ICVL, seconds=0.1, seed=3) for _ in range(2))
     once, twice = list(recording), [again.frame(n) for n in (2, 1, 0)][::-1]
     assert recording.count == 3 and [frame.number for frame in once] == [0, 1, 2]
@@ -34,7 +34,7 @@ def test_frames_are_the_same_every_time() -> None:
 
 
 def test_a_camera_keeps_its_noise_and_its_background() -> None:
-    """The level of the noise is drawn once: of a hand that keeps still all frames are equally noisy."""
+    """The noise level is drawn once per recording, so that all frames of a still hand are equally noisy."""
     recording = SyntheticRecording("rest", ICVL, seconds=0.4)
     assert recording.sensor and recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
     clean = SyntheticRecording("rest", ICVL, seconds=0.4, sensor=None)
@@ -46,7 +46,7 @@ def test_a_camera_keeps_its_noise_and_its_background() -> None:
 
 
 def test_the_truth_is_what_is_seen() -> None:
-    """Its surface, rendered, is what a camera without faults sees; joints are those of the inputs."""
+    """The rendered surface of the truth equals the depth of an ideal camera; joints are those of the inputs."""
     for script in ("moving", "left"):
         recording = SyntheticRecording(script, NYU, seconds=4, rate=1, sensor=None)
         header = recording.header
@@ -55,7 +55,7 @@ def test_the_truth_is_what_is_seen() -> None:
             assert hand.hand == ("left" if script == "left" else "right") and hand.confidence == 1 and hand.capsules
             alone = render_image(in_front(hand.capsules), NYU, np.inf)[0]
             seen = np.isfinite(alone)
-            near = np.abs(frame.depth - alone)[seen] <= 0.5  # but for the sleeve
+            near = np.abs(frame.depth - alone)[seen] <= 0.5  # except for the sleeve
             assert near.mean() > 0.6 and (frame.depth[seen] <= alone[seen] + 0.5).all()
             xyz = joints_of(header.skeleton, header.unit_mm, hand.hand, hand.inputs, hand.bones, hand.origin_mm)
             np.testing.assert_allclose(xyz, hand.xyz, atol=1e-9)
@@ -63,7 +63,7 @@ def test_the_truth_is_what_is_seen() -> None:
 
 
 def test_rate_and_length_do_not_change_the_movement() -> None:
-    """A frame at the same time shows the same hand."""
+    """Frames at the same time are equal for any rate and length."""
     slow, fast = (SyntheticRecording("moving", ICVL, rate=rate, seconds=3, sensor=None) for rate in (10, 60))
     longer = SyntheticRecording("moving", ICVL, rate=10, seconds=9, sensor=None)
     np.testing.assert_array_equal(slow.frame(25).depth, fast.frame(150).depth)
@@ -71,7 +71,7 @@ def test_rate_and_length_do_not_change_the_movement() -> None:
 
 
 def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
-    """In sight, partly, gone, partly, in sight; the truth says since when, in any order of asking."""
+    """The states are in sight, partly, gone, partly, in sight; ``since`` does not depend on the order of access."""
     recording = SyntheticRecording("leaves", ICVL, seconds=9, rate=15)
     truths = list(recording.truths())
     states = [truth.lost[0].reason if truth.lost else "" for truth in truths]
@@ -84,7 +84,7 @@ def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
 
 
 def test_a_hand_that_never_was_there_is_not_lost() -> None:
-    """It comes, for the first time."""
+    """A hand that has not been in sight yet is not lost."""
     script = Script(3, (Role("left", (Act("away", 2.5), Act("rest", 1))),))
     truths = list(SyntheticRecording(script, ICVL, rate=10).truths())
     assert not truths[0].hands and not truths[0].lost and truths[-1].hands[0].hand == "left"
@@ -92,7 +92,7 @@ def test_a_hand_that_never_was_there_is_not_lost() -> None:
 
 
 def test_two_hands_of_one_person_and_of_two() -> None:
-    """One person's hands have the same bones; hands keep to their halves, the right one to the left in the image."""
+    """One person's hands have equal bones; each hand stays in its half, the right one on the left in the image."""
     one = SyntheticRecording("two_hands", ICVL, rate=2, seconds=8)
     for truth in one.truths():
         right, left = truth.hands
@@ -106,7 +106,7 @@ def test_two_hands_of_one_person_and_of_two() -> None:
 
 
 def test_hands_may_hide_each_other_if_that_is_allowed() -> None:
-    """Then the hidden one is lost, or partly in sight."""
+    """Unless hands are kept apart, a hidden hand is lost or partly in sight."""
     lively = (Act("moving", 20),)
     script = Script(20, (Role("right", lively), Role("left", lively)), apart=False)
     truths = list(SyntheticRecording(script, ICVL, rate=3, seed=1).truths())
@@ -115,7 +115,7 @@ def test_hands_may_hide_each_other_if_that_is_allowed() -> None:
 
 
 def test_a_body_stands_behind() -> None:
-    """Where there is nothing, or a wall, without it; and it does not move."""
+    """With ``body``, a body is behind the hands; without it, there is only background."""
     body, arms = (
         SyntheticRecording(replace(SCRIPTS["rest"], body=own), NYU, rate=1, sensor=None) for own in (True, False)
     )
@@ -127,7 +127,7 @@ def test_a_body_stands_behind() -> None:
 
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_scripts(name: str) -> None:
-    """All begin with a hand in sight, keep it in sight for most of the time, and score themselves without a fault."""
+    """Every script begins with a hand in sight, keeps it so for most of the time, and scores perfectly on itself."""
     recording = SyntheticRecording(name, ICVL, rate=2)
     truths = list(recording.truths())
     assert len(truths) == recording.count == 2 * SCRIPTS[name].seconds
@@ -142,7 +142,7 @@ def test_scripts(name: str) -> None:
 
 
 def test_cameras() -> None:
-    """Any camera; a pixel holds whole units of its own."""
+    """Any camera can be used, and depths are multiples of its unit."""
     own = SyntheticRecording("rest", Camera("own", 400, 400, 100, 90, 0, 0), seconds=0.1)
     assert own.frame(0).depth.shape == (180, 200) and own.truth(0).hands
     coded = SyntheticRecording("rest", SR305, seconds=0.1)
@@ -152,7 +152,7 @@ def test_cameras() -> None:
 
 
 def test_what_cannot_be_recorded() -> None:
-    """One line, with what was expected."""
+    """Invalid arguments raise an error with the expected values."""
     with pytest.raises(DataError, match=r"script 'wawe'.*expected one of rest, gestures"):
         SyntheticRecording("wawe")
     for wrong in ({"rate": 0.0}, {"seconds": -1.0}, {"seconds": float("nan")}, {"seconds": 1e300}, {"seed": -1}):
