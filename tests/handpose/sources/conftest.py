@@ -1,4 +1,4 @@
-"""Frames, a camera and pictures of them on disk, for all tests of recordings."""
+"""Frames, a camera and picture files of them, for all tests of recordings."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ GIVEN = CameraInfo(CAMERA, unit_mm=0.5, rate=10.0, origin="--camera")
 
 
 def hand_sized(shape: tuple[int, int] = (48, 64), distance: int = 1000) -> NDArray[np.uint16]:
-    """A thing of 10 x 12 px before a wall twice as far away; at 500 mm it is 100 mm wide for CAMERA."""
+    """An object of 10 x 12 px in front of a wall at twice the distance; at 500 mm it is 100 mm wide for CAMERA."""
     image = np.full(shape, 2 * distance, np.uint16)
     image[18:28, 26:38] = distance
     return image
 
 
 def put(path: Path, image: NDArray[np.generic]) -> Path:
-    """A picture on disk."""
+    """Write an image file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), image)
     return path
@@ -32,7 +32,7 @@ def put(path: Path, image: NDArray[np.generic]) -> Path:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Frames 1, 2, 4 with the values 1001, 1002, 1004 in the middle."""
+    """Frames 1, 2 and 4, with the values 1001, 1002 and 1004 in the middle."""
     for number in (1, 2, 4):
         put(tmp_path / f"{number}.png", hand_sized(distance=1000 + number))
     return tmp_path

@@ -1,4 +1,4 @@
-"""An Azure Kinect's recordings: files made here with the structure that k4arecord writes."""
+"""Recordings of Azure Kinect, written here with the structure of k4arecord."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.support import azure_file
 
 pytest.importorskip("av", reason="PyAV is missing: pip install av")
 
-# Sizes, and where the pixel at the sensor's middle is: half a pixel before the middle of a grid that is not cropped.
+# Sizes, and the pixel at the sensor's middle, which is half a pixel before the middle of an uncropped grid.
 MODES = [
     ("NFOV_UNBINNED", (576, 640), (512 - 192 - 0.5, 512 - 180 - 0.5), 512),
     ("NFOV_2X2BINNED", (288, 320), (256 - 96 - 0.5, 256 - 90 - 0.5), 256),
@@ -39,7 +39,7 @@ def put(folder: Path, said: Any = None, **more: Any) -> Path:
 def test_depth_and_camera(
     tmp_path: Path, mode: str, shape: tuple[int, int], middle: tuple[float, float], focal: float
 ) -> None:
-    """Millimetres of the track DEPTH, not of the infrared; the calibration in the pixels of the mode."""
+    """Depth in mm comes from the track DEPTH, and the calibration is converted to the pixels of the mode."""
     images = depth(shape, 2)
     path = azure_file.write(tmp_path / "a.mkv", images, mode, azure_file.calibration(MIDDLE))
     recording = open_video(path, CameraInfo())
@@ -53,7 +53,7 @@ def test_depth_and_camera(
 
 
 def test_the_lens(tmp_path: Path) -> None:
-    """Is that of the calibration, p2 before p1, in OpenCV's order: the same as if it had been given."""
+    """The lens is that of the calibration, with p1 and p2 in OpenCV's order."""
     path = put(tmp_path)
     own = open_video(path, CameraInfo())
     k = azure_file.NUMBERS
@@ -66,7 +66,7 @@ def test_the_lens(tmp_path: Path) -> None:
 
 
 def test_without_a_calibration(tmp_path: Path) -> None:
-    """The camera must be given; the unit is known."""
+    """Without a calibration the camera must be given, and the unit is known."""
     path = azure_file.write(tmp_path / "a.mkv", depth())
     with pytest.raises(DataError, match="the camera of these frames is unknown"):
         open_video(path, CameraInfo())
@@ -86,21 +86,21 @@ def test_without_a_calibration(tmp_path: Path) -> None:
     ],
 )
 def test_calibrations_that_are_none(tmp_path: Path, said: Any, expected: str) -> None:
-    """Are one line with the file's name."""
+    """An invalid calibration raises an error with the file's name."""
     with pytest.raises(DataError, match=rf"a\.mkv: .*{expected}"):
         open_video(put(tmp_path, said), CameraInfo())
 
 
 @pytest.mark.parametrize("model", ["Theta", "Polynomial3K", "Rational6KT"])
 def test_lenses_that_are_not_modelled(tmp_path: Path, model: str) -> None:
-    """No device is known to have them."""
+    """Lens models that no known device uses raise an error."""
     intrinsics = {"ModelParameters": azure_file.NUMBERS, "ModelType": f"CALIBRATION_LensDistortionModel{model}"}
     with pytest.raises(DataError, match=model):
         open_video(put(tmp_path, azure_file.calibration(Intrinsics=intrinsics)), CameraInfo())
 
 
 def test_what_has_no_depth(tmp_path: Path) -> None:
-    """Passive infrared, and an unknown mode."""
+    """A recording without depth, or with an unknown mode, raises an error."""
     with pytest.raises(DataError, match="no track DEPTH, only IR, COLOR"):
         open_video(put(tmp_path, track="COLOR"), CameraInfo())
     with pytest.raises(DataError, match="depth mode 'PASSIVE_IR'; expected NFOV_UNBINNED"):
@@ -108,7 +108,7 @@ def test_what_has_no_depth(tmp_path: Path) -> None:
 
 
 def test_a_cut_file(tmp_path: Path) -> None:
-    """Gives its whole frames."""
+    """A truncated file yields its complete frames."""
     path = put(tmp_path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) - 100_000])

@@ -1,4 +1,4 @@
-"""handpose/sources/camera_file.py: camera.json in its own words and in those of others."""
+"""handpose/sources/camera_file.py: camera.json with this project's keys and with those of others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FOUR = '"fx": 60, "fy": 61, "u0": 31.5, "v0": 23.5'
 
 
 def test_the_example_of_the_docstring() -> None:
-    """As it stands there."""
+    """The example in the module's docstring is parsed."""
     text = (camera_file.__doc__ or "").split("\n\n")[1]
     assert parse(text, "x") == CameraInfo(
         Camera("own", 476.0, 476.0, 313.7, 242.8, 640, 480), Lens((0.1, -0.2, 0, 0, 0)), 0.125, 30.0, "x"
@@ -46,7 +46,7 @@ def test_the_example_of_the_docstring() -> None:
     ids=["nothing", "a unit", "a camera", "a list", "RealSense", "Azure"],
 )  # fmt: skip
 def test_what_is_understood(text: str, expected: CameraInfo) -> None:
-    """In our own words, RealSense's and Azure's."""
+    """This project's keys, RealSense's and Azure's are accepted."""
     assert parse(text, "x") == expected
 
 
@@ -84,7 +84,7 @@ def test_what_is_understood(text: str, expected: CameraInfo) -> None:
     ],
 )
 def test_what_is_refused(text: str, what: str) -> None:
-    """One line each, which says where."""
+    """An invalid text raises an error with its place."""
     with pytest.raises(DataError, match=f"^{what}" if what.startswith("x") else what):
         parse(text, "x")
 
@@ -98,7 +98,7 @@ positive = st.floats(1e-3, 1e4)
 def test_every_number_returns(
     fx: float, fy: float, u0: float, v0: float, width: int, unit: float | None, lens: list[float] | None
 ) -> None:
-    """Bit for bit; a lens without distortion is none."""
+    """Every number is restored bit for bit; a lens without distortion is omitted."""
     said = CameraInfo(
         Camera("any", fx, fy, u0, v0, width, 7 if width else 0), lens and Lens(tuple(lens)), unit, unit, "x"
     )
@@ -108,7 +108,7 @@ def test_every_number_returns(
 
 
 def test_a_file(tmp_path: Path) -> None:
-    """Is written and read; one that cannot be is a line."""
+    """A file is written and read back; a missing file raises an error."""
     path = tmp_path / "camera.json"
     write(path, CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), unit_mm=0.5))
     assert read(path) == CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), unit_mm=0.5, origin=str(path))
@@ -118,7 +118,7 @@ def test_a_file(tmp_path: Path) -> None:
 
 
 def test_beside(tmp_path: Path) -> None:
-    """A folder holds its own; a file's own name is looked for first."""
+    """A folder has its own camera.json; for a file, the file's own name takes precedence."""
     take = tmp_path / "take.npz"
     assert next_to(tmp_path) == next_to(take) == UNKNOWN
     write(tmp_path / "camera.json", CameraInfo(unit_mm=1.0))

@@ -1,4 +1,4 @@
-"""handpose/sources/data_sets.py: frames of NYU, ICVL and MSRA15 by their files."""
+"""handpose/sources/data_sets.py: frames of NYU, ICVL and MSRA15, recognised by their file names."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tests.handpose.sources.conftest import GIVEN, hand_sized, put
 
 
 def msra(box: tuple[int, int, int, int] = (100, 80, 104, 83), size: tuple[int, int] = (320, 240)) -> bytes:
-    """A frame of MSRA15 whose box (left, top, right, bottom) holds 400, 401 ..."""
+    """A frame of MSRA15 whose box (left, top, right, bottom) holds 400, 401, ..."""
     left, top, right, bottom = box
     depths = np.arange(400, 400 + max(right - left, 0) * max(bottom - top, 0), dtype="<f4")
     return np.array([*size, *box], "<i4").tobytes() + depths.tobytes()
 
 
 def test_msra(tmp_path: Path) -> None:
-    """The box lies in an empty frame; the camera is known, and said."""
+    """The box is placed in an empty frame; the camera is recognised and reported."""
     for number in (0, 1):
         (tmp_path / f"{number:06}_depth.bin").write_bytes(msra())
     (tmp_path / "joint.txt").write_text("2\n")
@@ -40,7 +40,7 @@ def test_msra(tmp_path: Path) -> None:
      msra((310, 0, 330, 1))],
 )  # fmt: skip
 def test_what_is_no_frame_of_msra(tmp_path: Path, content: bytes) -> None:
-    """One line."""
+    """An invalid file raises an error with its size."""
     path = tmp_path / "000000_depth.bin"
     path.write_bytes(content)
     with pytest.raises(DataError, match=f"{len(content)} bytes are no frame of MSRA15: six int32"):
@@ -48,7 +48,7 @@ def test_what_is_no_frame_of_msra(tmp_path: Path, content: bytes) -> None:
 
 
 def test_icvl_is_known_by_its_labels(tmp_path: Path) -> None:
-    """The names of its frames are anybody's."""
+    """ICVL is recognised by its label file, because the names of its frames are common."""
     folder = tmp_path / "Training" / "Depth" / "201403121135"
     put(folder / "image_0000.png", hand_sized((240, 320)))
     assert recognised(folder, ["image_0000.png"]) is None
@@ -59,7 +59,7 @@ def test_icvl_is_known_by_its_labels(tmp_path: Path) -> None:
 
 
 def test_the_user_knows_better(tmp_path: Path) -> None:
-    """The user's own frames may be named like those of a data set."""
+    """Given camera parameters take precedence over a data set's, because own frames may be named alike."""
     put(tmp_path / "depth_1_0000001.png", hand_sized())
     recording = open_folder(tmp_path, GIVEN)
     assert (recording.camera, recording.unit_mm) == (GIVEN.camera, 0.5)

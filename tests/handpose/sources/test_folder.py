@@ -19,7 +19,7 @@ from tests.handpose.sources.conftest import CAMERA, GIVEN, hand_sized, put
 
 
 def test_frames_by_number(folder: Path) -> None:
-    """In order; a number that is missing is a gap in time; depth is in mm."""
+    """Frames are in numerical order, a missing number is a gap in time, and depth is in mm."""
     recording = open_folder(folder, GIVEN)
     frames = list(recording)
     assert (recording.name, recording.count, recording.rate) == (str(folder), 3, 10)
@@ -48,7 +48,7 @@ def test_times_in_names(tmp_path: Path) -> None:
 
 
 def test_a_pattern_and_a_name(tmp_path: Path) -> None:
-    """Choose among several sequences."""
+    """A pattern or a file name selects one of several sequences."""
     for name in ("a_1", "a_2", "b_1"):
         put(tmp_path / f"{name}.png", hand_sized())
     with pytest.raises(DataError, match="holds 2 sequences"):
@@ -59,20 +59,20 @@ def test_a_pattern_and_a_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".tif", ".TIFF", ".PNG"])
 def test_other_endings(tmp_path: Path, suffix: str) -> None:
-    """TIFF, and names in capitals."""
+    """TIFF, and suffixes in capitals, are accepted."""
     put(tmp_path / f"1{suffix}", hand_sized())
     assert [frame.depth[20, 30] for frame in open_folder(tmp_path, GIVEN)] == [500]
 
 
 def test_a_tiff_of_several_pictures(tmp_path: Path) -> None:
-    """All but the first would be lost."""
+    """A TIFF of several pictures raises an error, because all but the first would be lost."""
     cv2.imwritemulti(str(tmp_path / "1.tif"), [hand_sized()] * 2)
     with pytest.raises(DataError, match=r"1\.tif: a TIFF of 2 pictures; expected one for each frame"):
         open_folder(tmp_path, GIVEN)
 
 
 def test_a_float_picture_needs_its_unit(tmp_path: Path) -> None:
-    """TIFF may hold metres."""
+    """A floating-point picture requires a unit, because it may be in metres."""
     put(tmp_path / "1.tif", hand_sized().astype(np.float32) / 1000)
     with pytest.raises(DataError, match="depth of unknown unit; give --unit 1 for mm, --unit 1000 for metres"):
         open_folder(tmp_path, replace(GIVEN, unit_mm=None))
@@ -81,7 +81,7 @@ def test_a_float_picture_needs_its_unit(tmp_path: Path) -> None:
 
 
 def test_camera_json(folder: Path) -> None:
-    """In the folder; what the user says is believed first."""
+    """camera.json in the folder is used, and given parameters take precedence."""
     camera_file.write(folder / "camera.json", CameraInfo(CAMERA, unit_mm=2.0, rate=5.0))
     recording = open_folder(folder)
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 2, 5)
@@ -90,7 +90,7 @@ def test_camera_json(folder: Path) -> None:
 
 
 def test_a_damaged_frame_is_left_out_and_said(folder: Path) -> None:
-    """Its time passes, its number, too."""
+    """Its number and time are skipped, and a remark reports it."""
     path = folder / "2.png"
     path.write_bytes(path.read_bytes()[:-30])
     recording = open_folder(folder, GIVEN)
@@ -102,7 +102,7 @@ def test_a_damaged_frame_is_left_out_and_said(folder: Path) -> None:
 
 
 def test_all_frames_are_damaged(folder: Path) -> None:
-    """The first one says how."""
+    """If all frames are damaged, the error is that of the first one."""
     for path in folder.iterdir():
         path.write_bytes(b"nothing")
     with pytest.raises(DataError, match=r"1\.png: not an image that OpenCV can decode"):
@@ -110,7 +110,7 @@ def test_all_frames_are_damaged(folder: Path) -> None:
 
 
 def test_the_first_frame_is_damaged(folder: Path) -> None:
-    """The next one tells the size."""
+    """If the first frame is damaged, the next one determines the size."""
     (folder / "1.png").write_bytes(b"")
     assert [frame.number for frame in open_folder(folder, GIVEN)] == [1, 2]
 
@@ -125,20 +125,20 @@ def test_the_first_frame_is_damaged(folder: Path) -> None:
     ],
 )
 def test_another_kind_of_picture_is_no_damage(folder: Path, image: np.ndarray, what: str) -> None:
-    """It does not belong there, which is an error."""
+    """A picture of another size or type raises an error instead of being skipped."""
     put(folder / "2.png", image)
     with pytest.raises(DataError, match=what):
         list(open_folder(folder, GIVEN))
 
 
 def test_another_size_than_the_cameras(folder: Path) -> None:
-    """One line, before any frame."""
+    """A size that differs from the camera's raises an error before any frame is read."""
     with pytest.raises(DataError, match=r"1\.png: 64 x 48 pixels; camera own has 640 x 480"):
         open_folder(folder, replace(GIVEN, camera=replace(CAMERA, width=640, height=480)))
 
 
 def test_the_packing_of_nyu(tmp_path: Path) -> None:
-    """By the names of the data set, or by its camera."""
+    """NYU's packing is recognised by the names of the data set, or by its camera."""
     image = pack_depth(np.full((480, 640), 700))
     put(tmp_path / "nyu" / "depth_1_0000001.png", image)
     put(tmp_path / "nyu" / "rgb_1_0000001.png", image)
@@ -161,7 +161,7 @@ def test_the_packing_of_nyu(tmp_path: Path) -> None:
     ],
 )
 def test_nothing_to_read(tmp_path: Path, names: tuple[str, ...], source: str, what: str) -> None:
-    """One line, with what is there instead."""
+    """The error names what was found instead."""
     for name in names:
         put(tmp_path / name, hand_sized())
     with pytest.raises(DataError, match=what):

@@ -1,4 +1,4 @@
-"""handpose/sources/frame_names.py: order and times by names, and which of the two there are."""
+"""handpose/sources/frame_names.py: the order of frames and their times, from file names."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ NANO = 10**9
     ],
 )  # fmt: skip
 def test_what_names_tell(names: list[str], times: tuple[int, ...], ticks: int, interpretation: str) -> None:
-    """Numbers, stamps of any unit, dates; from the first on."""
+    """Numbers, time stamps in any unit and dates are recognised, relative to the first frame."""
     found = in_order(names, "here")
     assert (found.times, found.ticks) == (times, ticks)
     assert interpretation in found.interpretation
@@ -80,14 +80,14 @@ def test_natural_order() -> None:
     ],
 )  # fmt: skip
 def test_names_that_tell_nothing(names: list[str], what: str) -> None:
-    """One line, which says how to choose."""
+    """Ambiguous or invalid names raise an error with the reason."""
     with pytest.raises(DataError, match=what):
         in_order(names, "here")
 
 
 @given(st.sets(st.integers(0, 10**12), min_size=1, max_size=20), st.integers(0, 15))
 def test_any_numbers(numbers: set[int], width: int) -> None:
-    """Padded with zeros or not, they are in order, and what is missing stays missing."""
+    """Numbers, with and without leading zeros, are in order, and gaps are kept."""
     found = in_order([f"f{number:0{width}}.png" for number in numbers], "here")
     first = min(numbers)
     assert found.times == tuple(sorted(number - first for number in numbers))
@@ -95,7 +95,7 @@ def test_any_numbers(numbers: set[int], width: int) -> None:
 
 @given(st.lists(st.text(min_size=1, max_size=8), min_size=1, max_size=6))
 def test_any_names(names: list[str]) -> None:
-    """They have an order, or there is one line."""
+    """Any names are either put in a strict order, or raise a DataError."""
     try:
         found = in_order({f"{name.replace('/', '')}.png" for name in names}, "here")
     except DataError:

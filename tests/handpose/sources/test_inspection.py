@@ -1,4 +1,4 @@
-"""handpose/sources/inspection.py: what is seen, and each warning."""
+"""handpose/sources/inspection.py: figures of a recording, and each warning."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.handpose.sources.conftest import CAMERA, hand_sized, put
 
 
 class Taken(Recording):
-    """Images that are there already."""
+    """A recording of given images."""
 
     def __init__(
         self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0, step: float = 1 / 30
@@ -34,19 +34,19 @@ class Taken(Recording):
 
 
 def moving(factor: float = 1.0) -> list[np.ndarray]:
-    """A thing 500 mm away and 100 mm wide, if the factor is right."""
+    """Images of an object 500 mm away and 100 mm wide, if the factor is right."""
     return [hand_sized(distance=500 + i) * float(factor) for i in range(3)]
 
 
 @pytest.mark.parametrize("step", [33.3, 1e-9])
 def test_times_that_are_no_seconds(step: float) -> None:
-    """Milliseconds, or hours."""
+    """Steps in milliseconds or of hours give a warning."""
     (warning,) = inspect(Taken(moving(), step=step)).warnings
     assert warning == f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
 
 
 def test_times_by_their_steps(tmp_path: Path) -> None:
-    """Names with microseconds and no unit: the step that follows from them is shown, and fits the usual rates."""
+    """For names in microseconds the inferred unit is shown, and the times match the usual rates."""
     for number, image in zip((790154000, 790187333, 790220667), moving()):
         put(tmp_path / f"{number}_depth.png", image.astype(np.uint16))
     found = inspect(open_folder(tmp_path, CameraInfo(CAMERA, unit_mm=1.0, rate=30.0)))
@@ -56,7 +56,7 @@ def test_times_by_their_steps(tmp_path: Path) -> None:
 
 
 def test_a_rate_that_is_not_that_of_the_times() -> None:
-    """A rate is for frames without times."""
+    """A given rate that contradicts the frames' times gives a warning."""
     taken = Taken(moving(), step=1 / 30)
     taken.rate = 60.0
     (warning,) = inspect(taken).warnings
@@ -66,7 +66,7 @@ def test_a_rate_that_is_not_that_of_the_times() -> None:
 
 
 def test_what_is_seen() -> None:
-    """Size, depth, zeros, view; and no warning where all is well."""
+    """Size, depth, zeros and field of view are reported, without warnings for a valid recording."""
     images = moving()
     images[0][:24] = 0
     found = inspect(Taken(images))
@@ -79,19 +79,19 @@ def test_what_is_seen() -> None:
 
 
 def test_only_the_first_frames_are_read() -> None:
-    """As many as one asks for."""
+    """Only the requested number of frames is read."""
     assert len(inspect(Taken(moving()), frames=2).frames) == 2
 
 
 def test_no_frames() -> None:
-    """One line."""
+    """A recording without frames raises an error."""
     with pytest.raises(DataError, match="take: no frame in it"):
         inspect(Taken([]))
 
 
 @pytest.mark.parametrize("factor", [0.001, 1.0, 30.0])
 def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
-    """It grows with it; specks before it and the wall behind it do not matter."""
+    """Distance and width scale with the unit; specks in front and the wall behind are ignored."""
     image = hand_sized(distance=500).astype(np.float32)
     image[3, 3] = 200
     assert nearest_thing(image * np.float32(factor), CAMERA) == pytest.approx((500 * factor, 100 * factor), rel=0.01)
@@ -106,7 +106,7 @@ def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
      (80, 1.0, "40 m away and 8 m wide, which is not plausible for a hand: check the unit")],
 )  # fmt: skip
 def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str) -> None:
-    """A hand 40 m away, or a millimetre wide; the unit that would do, if there is one that cameras have."""
+    """An implausible distance or width gives a warning, with a unit of known cameras that would be plausible."""
     (warning,) = inspect(Taken(moving(factor), unit_mm=unit_mm)).warnings
     assert re.search(advice, warning)
 
@@ -121,12 +121,12 @@ def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str)
     ],
 )
 def test_a_camera_of_another_picture(camera: Camera, what: str) -> None:
-    """Numbers that are for another size."""
+    """Camera parameters for another image size give a warning."""
     assert what in " ".join(inspect(Taken(moving(), camera)).warnings)
 
 
 def test_warnings_of_a_single_frame() -> None:
-    """Those of camera and unit, as of a recording."""
+    """A single frame gets the same warnings about camera and unit as a recording."""
     (image, *_), wrong = moving(0.001), replace(CAMERA, fx=9.0, fy=9.0)
     assert warnings_of(moving()[0].astype(np.float32), CAMERA, 1.0) == []
     camera, unit = warnings_of(image.astype(np.float32), wrong, 1.0)
@@ -136,14 +136,14 @@ def test_warnings_of_a_single_frame() -> None:
 
 
 def test_nothing_was_read() -> None:
-    """All zeros."""
+    """Images of zeros give a warning."""
     found = inspect(Taken([np.zeros((48, 64))] * 3))
     assert (found.depth_mm, found.nearest, found.zeros) == (None, None, 1)
     assert "every depth is 0" in found.warnings[0]
 
 
 def test_frames_that_do_not_change() -> None:
-    """A real camera has noise."""
+    """Identical frames give a warning, because a real camera has noise."""
     assert (
         "the first 3 frames are the same to the last value"
         in inspect(Taken([hand_sized(distance=500)] * 3)).warnings[0]

@@ -15,7 +15,7 @@ from netlib.errors import DataError
 
 
 def written(array: np.ndarray, version: tuple[int, int] | None = None) -> bytes:
-    """A file of NumPy."""
+    """The content of a file written by NumPy."""
     stream = io.BytesIO()
     npy.write_array(stream, array, version)
     return stream.getvalue()
@@ -23,7 +23,7 @@ def written(array: np.ndarray, version: tuple[int, int] | None = None) -> bytes:
 
 @pytest.mark.parametrize("version", [(1, 0), (2, 0)])
 def test_a_header(version: tuple[int, int]) -> None:
-    """Shape, type, and where the values begin."""
+    """The header gives the shape, the type and the position of the values."""
     array = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
     content = written(array, version)
     header = header_of(content, "x")
@@ -43,13 +43,13 @@ def test_a_header(version: tuple[int, int]) -> None:
     ],
 )
 def test_a_damaged_header(content: bytes, what: str) -> None:
-    """One line."""
+    """A damaged header raises an error of one line."""
     with pytest.raises(DataError, match=what):
         header_of(content, "x")
 
 
 def test_frame_by_frame(tmp_path: Path) -> None:
-    """Compressed or not."""
+    """Frames are read one by one, with and without compression."""
     depth = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
     for save in (np.savez, np.savez_compressed):
         save(tmp_path / "a.npz", depth=depth)

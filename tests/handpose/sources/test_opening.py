@@ -1,4 +1,4 @@
-"""handpose/sources/opening.py: which reader takes which source."""
+"""handpose/sources/opening.py: the reader for each kind of source."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.handpose.sources.conftest import GIVEN, hand_sized
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo]]:
-    """What was asked of the readers that need packages, which are not asked here."""
+    """The calls of readers that need packages; the readers themselves are replaced."""
     found: list[tuple[str, object, CameraInfo]] = []
     for module, name in (("video", "open_video"), ("ros_bag", "open_bag"), ("realsense", "open_live")):
 
@@ -31,14 +31,14 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo
 
 
 def test_folders_and_pictures(folder: Path) -> None:
-    """Also by a pattern, and a text."""
+    """Folders, patterns and pictures are accepted as paths and as text."""
     for source in (folder, str(folder), folder / "*.png", folder / "1.png"):
         with open_recording(source, GIVEN) as recording:
             assert isinstance(recording, FolderRecording)
 
 
 def test_stacks(tmp_path: Path) -> None:
-    """In capitals, too."""
+    """Suffixes in capitals are accepted."""
     np.save(tmp_path / "a.npy", hand_sized()[None])
     (tmp_path / "a.npy").rename(tmp_path / "B.NPY")
     assert isinstance(open_recording(tmp_path / "B.NPY", GIVEN), StackRecording)
@@ -49,21 +49,21 @@ def test_stacks(tmp_path: Path) -> None:
     [("a.mkv", "open_video"), ("A.AVI", "open_video"), ("a.bag", "open_bag"), ("a.mcap", "open_bag")],
 )
 def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]], name: str, reader: str) -> None:
-    """Their modules are loaded when they are needed."""
+    """Containers are opened by readers that are imported on demand."""
     (tmp_path / name).touch()
     open_recording(tmp_path / name, GIVEN)
     assert asked == [(reader, tmp_path / name, GIVEN)]
 
 
 def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]]) -> None:
-    """As ROS 2 writes it."""
+    """A folder with metadata.yaml is opened as a bag of ROS 2."""
     (tmp_path / "metadata.yaml").touch()
     open_recording(tmp_path)
     assert asked == [("open_bag", tmp_path, UNKNOWN)]
 
 
 def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:
-    """The first one, or one by its number."""
+    """The first camera is opened, or the one with a serial number."""
     open_recording("realsense")
     open_recording("realsense:0123", GIVEN)
     assert asked == [("open_live", None, UNKNOWN), ("open_live", "0123", GIVEN)]
@@ -71,13 +71,13 @@ def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:
 
 @pytest.mark.parametrize("name", ["none.npz", "none.mkv", "none.bag", "none", "none/of/these.png"])
 def test_what_is_not_there(tmp_path: Path, name: str) -> None:
-    """One line, before anything is loaded."""
+    """A missing file raises an error before any reader is imported."""
     with pytest.raises(DataError, match=f"^{tmp_path / name}: (no such file|no such file or folder)$"):
         open_recording(tmp_path / name)
 
 
 def test_what_is_no_recording(tmp_path: Path) -> None:
-    """The line says what is."""
+    """The error for an unknown file lists the accepted kinds."""
     (tmp_path / "a.txt").touch()
     with pytest.raises(DataError, match=r"a\.txt: not a recording; expected a folder .*\.npz.*realsense"):
         open_recording(tmp_path / "a.txt")

@@ -1,4 +1,4 @@
-"""handpose/sources/raw.py: stored values become depth, and who says what they stand for."""
+"""handpose/sources/raw.py: conversion of stored values to depth, and the sources of their unit."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ U16, F32 = np.dtype(np.uint16), np.dtype(np.float32)
 
 
 def decode(raw: np.ndarray, unit_mm: float = 0.5) -> np.ndarray:
-    """Of a camera without a lens."""
+    """Depth of a camera without a lens."""
     return DepthDecoder(replace(CAMERA, width=raw.shape[1], height=raw.shape[0]), None, unit_mm, "take")(raw)
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.int32, np.uint64, np.float32, np.float64])
 def test_depth_is_in_mm(dtype: str) -> None:
-    """Whatever type the values have."""
+    """Values of any type are converted to float32 in mm."""
     depth = decode(np.array([[0, 1, 65]], dtype))
     assert depth.dtype == np.float32
     np.testing.assert_array_equal(depth, [[0, 0.5, 32.5]])
 
 
 def test_what_is_no_number_was_not_read() -> None:
-    """NaN, infinities, and what float32 cannot hold."""
+    """NaN, infinities, and values too large for float32 become 0."""
     np.testing.assert_array_equal(decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]])
 
 
 def test_the_lens_is_taken_out() -> None:
-    """By a Undistorter."""
+    """The distortion is removed as by Undistorter."""
     lens, raw = Lens((0.3, 0, 0, 0)), hand_sized()
     expected = Undistorter(CAMERA, lens)(raw.astype(np.float32))
     np.testing.assert_array_equal(DepthDecoder(CAMERA, lens, 1.0, "take")(raw), expected)
@@ -57,27 +57,27 @@ def test_the_lens_is_taken_out() -> None:
     ],
 )
 def test_what_is_no_depth(raw: np.ndarray, what: str) -> None:
-    """One line each."""
+    """Invalid types, shapes and negative depths raise an error."""
     with pytest.raises(DataError, match=what):
         DepthDecoder(CAMERA, None, 0.5, "take")(raw)
 
 
 @given(st.lists(st.integers(0, 65535), min_size=1, max_size=50), st.sampled_from([0.1, 0.125, 0.25, 1 / 3, 1, 5]))
 def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
-    """Every value of 16 bits comes back, in any unit."""
+    """Every 16-bit value is restored, in any unit."""
     raw = np.array([values], np.uint16)
     np.testing.assert_array_equal(stored(decode(raw, unit_mm), unit_mm, "take"), raw)
 
 
 @pytest.mark.parametrize("depth", [65535.6, -0.6, np.nan])
 def test_depths_that_16_bits_cannot_hold(depth: float) -> None:
-    """They are refused, not clipped."""
+    """Depths that 16 bits cannot hold raise an error instead of being clipped."""
     with pytest.raises(DataError, match=r"take: depth from .* does not fit into 16 bits of 1 mm; expected 0 to 65535"):
         stored(np.array([[5, depth]], np.float32), 1.0, "take")
 
 
 def test_the_user_is_believed_first() -> None:
-    """Then the file, then a camera.json; each thing by itself."""
+    """Precedence, for each parameter: the user, the file, camera.json."""
     own, beside = CameraInfo(SR305, unit_mm=0.25), CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json")
     shape = (SR305.height, SR305.width)
     found = calibration_of(CameraInfo(unit_mm=3.0), own, beside, shape, U16, "take")
@@ -96,10 +96,10 @@ def test_the_unit_of_a_known_camera() -> None:
 
 
 def test_nothing_is_guessed() -> None:
-    """No camera, no size, and no unit of floating-point numbers, which may be metres."""
+    """A missing camera, a wrong size, and floating-point depth of unknown unit raise errors."""
     with pytest.raises(DataError, match=r"take: the camera of these frames .*camera\.json.*--camera, nyu, icvl"):
         calibration_of(UNKNOWN, UNKNOWN, UNKNOWN, (48, 64), U16, "take")
-    for camera, shape in ((CAMERA, (48, 64)), (SR305, (480, 640))):  # whose unit is that of its pictures
+    for camera, shape in ((CAMERA, (48, 64)), (SR305, (480, 640))):  # cameras whose images have a known unit
         with pytest.raises(DataError, match="take: float32 depth of unknown unit; give --unit 1 for mm"):
             calibration_of(CameraInfo(camera), UNKNOWN, UNKNOWN, shape, F32, "take")
     assert sized(replace(CAMERA, width=0, height=0), (48, 64), "take") == CAMERA
@@ -110,7 +110,7 @@ def test_nothing_is_guessed() -> None:
 
 
 def test_a_lens_that_is_left_in_is_told() -> None:
-    """The user's camera takes the place of the file's, and of its lens."""
+    """The user's camera replaces the file's camera and its lens, which a remark reports."""
     own = CameraInfo(CAMERA, Lens((0.3, 0, 0, 0)), 1.0)
     found = calibration_of(CameraInfo(CAMERA), own, UNKNOWN, (48, 64), U16, "take")
     assert found.lens is None and "the distortion in take is of another camera" in found.remarks[0]
@@ -122,5 +122,5 @@ def test_frames_without_times() -> None:
     """30 frames per second are assumed, with a warning, unless a rate is given."""
     given = CameraInfo(CAMERA, unit_mm=1.0)
     assert calibration_of(replace(given, rate=60.0), UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced() == (60.0, ())
-    rate, told = calibration_of(given, UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced()
-    assert rate == 30 and "30 frames per second assumed" in told[0]
+    rate, remarks = calibration_of(given, UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced()
+    assert rate == 30 and "30 frames per second assumed" in remarks[0]

@@ -1,4 +1,4 @@
-"""A live RealSense: with a module that stands in for pyrealsense2, and with the software device of the real one."""
+"""A live RealSense: with a fake of pyrealsense2, and with the software device of the real module."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Sent = tuple[int, float, str]  # frame number, time in ms, the clock's name
 
 
 class FakeModule:
-    """All that is used of pyrealsense2, with a camera that sends what ``sent`` says, and is then unplugged."""
+    """The used part of pyrealsense2, with a camera that sends the frames ``sent`` and is then unplugged."""
 
     def __init__(
         self, sent: list[Sent], model: str = "distortion.brown_conrady", coeffs: tuple[float, ...] = (0,) * 5
@@ -98,7 +98,7 @@ def plug_in(monkeypatch: pytest.MonkeyPatch, *arguments: Any, **more: Any) -> Fa
 
 
 def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Depth in the camera's unit, its numbers and its times; a camera that is unplugged ends the recording."""
+    """Depth is in the camera's unit, with its numbers and times; unplugging the camera ends the recording."""
     module = plug_in(monkeypatch, every())
     with open_live(None, UNKNOWN) as recording:
         assert recording.camera == Camera("Fake D400 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
@@ -109,12 +109,12 @@ def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
         assert [f.depth[0, 0] for f in frames] == pytest.approx([1.0, 1.1, 1.2, 1.3])
         assert "was the camera unplugged" in recording.cut
         assert recording.remarks == ()
-    recording.close()  # once more does no harm
+    recording.close()  # closing twice is harmless
     assert module.stopped == 2
 
 
 def test_a_camera_without_focal_lengths(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is not calibrated: one line says so."""
+    """A camera without focal lengths raises an error, because it is not calibrated."""
     plug_in(monkeypatch, every()).intrinsics.fx = 0.0
     with pytest.raises(
         DataError, match=r"Fake D400 0123: camera 'Fake D400 0123': fx is 0\.0, expected more than 0 px"
@@ -123,7 +123,7 @@ def test_a_camera_without_focal_lengths(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_frames_that_nobody_took(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Are counted, and not given twice."""
+    """Frames that were not read in time are counted, and no frame is returned twice."""
     sent = every(6)
     plug_in(monkeypatch, [sent[0], sent[0], sent[1], sent[4], sent[5]])
     recording = open_live(None, UNKNOWN)
@@ -132,7 +132,7 @@ def test_frames_that_nobody_took(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_clock_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From the camera's to the computer's, after the first frames: times go on."""
+    """Times continue if the clock changes from the camera's to the computer's."""
     later = [(12 + i, 1.7e12 + i * 33.0, "global") for i in range(2)]
     plug_in(monkeypatch, every(2) + later)
     times = [f.time for f in open_live(None, UNKNOWN)]
@@ -140,7 +140,7 @@ def test_a_clock_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_times_always_ascend(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where the camera's clock starts again, or stands."""
+    """Times ascend, also if the camera's clock restarts or stands still."""
     plug_in(monkeypatch, [(1, 500.0, "a"), (2, 500.0, "a"), (3, 0.0, "a"), (4, 33.0, "a"), (0, 40.0, "a")])
     frames = list(open_live(None, UNKNOWN))
     assert all(a.time < b.time and a.number < b.number for a, b in itertools.pairwise(frames))
@@ -148,7 +148,7 @@ def test_times_always_ascend(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is taken away, unless the user says that there is none."""
+    """The lens distortion is removed, unless the user gives a camera without a lens."""
     lens: dict[str, Any] = {"model": "distortion.inverse_brown_conrady", "coeffs": (0.2, 0.1, 0, 0, 0)}
     plug_in(monkeypatch, every(), **lens)
     bent = next(iter(open_live(None, UNKNOWN)))
@@ -159,7 +159,7 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_camera_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that is not there is a line with those that are."""
+    """A camera is selected by its serial number; for an unknown one the error lists those connected."""
     plug_in(monkeypatch, every())
     assert open_live("0123", UNKNOWN).name == "Fake D400 0123"
     with pytest.raises(DataError, match="camera 999 cannot be started: No device connected; connected: 0123"):
@@ -167,7 +167,7 @@ def test_a_camera_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is let go of."""
+    """If the camera does not match the given one, it is stopped."""
     module = plug_in(monkeypatch, every())
     with pytest.raises(DataError, match="64 x 48"):
         open_live(None, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480)))
@@ -182,7 +182,7 @@ def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_without_the_package(monkeypatch: pytest.MonkeyPatch, error: ImportError, said: str) -> None:
-    """One line with the command."""
+    """The error names the command that installs the package."""
 
     class Finder:
         def find_spec(self, name: str, *others: object) -> None:
@@ -201,7 +201,7 @@ def rs() -> Any:
 
 
 def test_the_stand_in_is_like_the_real_one(rs: Any) -> None:
-    """Every name that is used exists."""
+    """Every attribute of the fake that is used exists in the real module."""
     fake = FakeModule([])
     for name, parts in vars(fake).items():
         if isinstance(parts, SimpleNamespace):
@@ -214,7 +214,7 @@ def test_the_stand_in_is_like_the_real_one(rs: Any) -> None:
 
 @pytest.fixture
 def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """A camera that sends what it is told to: a function of a frame's number, time and value."""
+    """A function that sends a frame of a software device, given its number, time and value."""
     device = rs.software_device()
     for key, value in ((rs.camera_info.name, "Software"), (rs.camera_info.serial_number, "0123")):
         device.register_info(key, value)
@@ -242,7 +242,7 @@ def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 def test_the_real_module(software: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Frames of a software device, one asked for after the other; then it sends no more."""
+    """Frames of a software device are read one by one, until it sends no more."""
     monkeypatch.setattr(realsense, "WAIT_MS", 200)
     monkeypatch.setattr(realsense, "WAITS", 2)
     with open_live(None, UNKNOWN) as recording:

@@ -10,7 +10,7 @@ LENS = Lens((0.1, 0, 0, 0))
 
 
 def test_what_is_not_known_is_filled_in() -> None:
-    """And nothing else."""
+    """Only unknown parameters are filled in."""
     assert CameraInfo(NYU, unit_mm=0.5).or_else(CameraInfo(KINECT2, None, 1.0, 30.0, "a file")) == CameraInfo(
         NYU, None, 0.5, 30.0, "a file"
     )
@@ -19,6 +19,6 @@ def test_what_is_not_known_is_filled_in() -> None:
 
 
 def test_a_lens_belongs_to_its_camera() -> None:
-    """Whoever names another camera does not get the lens of the first; a lens alone is for whatever camera."""
+    """Another camera does not get the first one's lens; a lens alone applies to any camera."""
     assert CameraInfo(NYU).or_else(CameraInfo(KINECT2, LENS)).lens is None
     assert CameraInfo(lens=LENS).or_else(CameraInfo(KINECT2)) == CameraInfo(KINECT2, LENS)

@@ -1,4 +1,4 @@
-"""handpose/sources/writing.py: what is written comes back, to the last value and microsecond."""
+"""handpose/sources/writing.py: recordings are restored to the last value and microsecond."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ SMALL = Camera("own", 5.0, 6.0, 2.0, 1.5, 4, 3)
 
 
 def frames(count: int = 3, start: float = 0.0) -> list[DepthFrame]:
-    """Frames that differ, 1/30 s apart."""
+    """Different frames, 1/30 s apart."""
     return [DepthFrame(i, start + i / 30, np.full((3, 4), 100.0 + i, np.float32)) for i in range(count)]
 
 
 def write(path: Path, taken: list[DepthFrame], unit_mm: float = 0.5, *, replace: bool = False) -> None:
-    """A recording of some frames."""
+    """Write a recording of some frames."""
     with RecordingWriter(path, SMALL, unit_mm, 30.0, replace=replace) as writer:
         for frame in taken:
             writer.write(frame)
@@ -37,7 +37,7 @@ def write(path: Path, taken: list[DepthFrame], unit_mm: float = 0.5, *, replace:
 
 @pytest.mark.parametrize("name", ["take", "take.1", "take.npz"])
 def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
-    """With its camera, unit, rate and times, from its first frame on; and nothing else lies there."""
+    """Camera, unit, rate and times are restored, relative to the first frame; no other file is left."""
     write(tmp_path / "new" / name, frames(start=7.5))
     recording = open_recording(tmp_path / "new" / name)
     assert (recording.camera, recording.unit_mm, recording.rate, recording.count) == (SMALL, 0.5, 30, 3)
@@ -47,7 +47,7 @@ def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
 
 
 def test_a_video_comes_back(tmp_path: Path) -> None:
-    """Whose clock has milliseconds."""
+    """A video is restored, with times in milliseconds."""
     pytest.importorskip("av")
     write(tmp_path / "take.mkv", frames())
     recording = open_recording(tmp_path / "take.mkv")
@@ -66,7 +66,7 @@ def test_a_video_comes_back(tmp_path: Path) -> None:
 def test_to_the_last_value(
     tmp_path_factory: pytest.TempPathFactory, name: str, values: list[list[int]], gaps: list[int], unit_mm: float
 ) -> None:
-    """Every stored value, and every time in whole microseconds."""
+    """Every stored value is restored, and every time in whole microseconds."""
     path = tmp_path_factory.mktemp("any") / name
     stored = np.array(values, np.uint16).reshape(-1, 3, 4)
     times = [sum(gaps[:i]) / 10**6 for i in range(len(stored))]
@@ -80,7 +80,7 @@ def test_to_the_last_value(
 @pytest.mark.parametrize("name", ["take", "take.npz"])
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseException]) -> None:
-    """After Ctrl-C, and after a failure of whoever gives frames."""
+    """After Ctrl-C or an error in the block, the frames so far are kept."""
     with pytest.raises(error), RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
         for frame in frames(2):
             writer.write(frame)
@@ -98,7 +98,7 @@ def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseExcept
     ],
 )
 def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, frame: DepthFrame, what: str) -> None:
-    """One line each; those before are kept."""
+    """An invalid frame raises an error, and the frames before it are kept."""
     with pytest.raises(DataError, match=what), RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
         for one in (*frames(2), frame):
             writer.write(one)
@@ -108,7 +108,7 @@ def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, frame: DepthFrame
 
 @pytest.mark.parametrize("name", ["take", "take.npz"])
 def test_nothing_is_overwritten_unasked(tmp_path: Path, name: str) -> None:
-    """And nothing but a recording, if it is asked for."""
+    """An existing recording is replaced only with ``replace``."""
     path = tmp_path / name
     write(path, frames(3))
     with pytest.raises(NetlibError, match=r"(is not empty|is there already); name a new \w+ or replace it by --force"):
@@ -118,14 +118,14 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path, name: str) -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """All that a folder holds."""
+    """The files of a folder, by name."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 @pytest.mark.parametrize("linked", [False, True])
 @pytest.mark.parametrize("count", [0, 2])
 def test_an_old_recording_stands_till_the_new_one_has_frames(tmp_path: Path, count: int, linked: bool) -> None:
-    """Whatever ends that; hidden files are no part of either."""
+    """An old recording is kept until the new one has a frame; hidden files are kept in any case."""
     place = tmp_path / "take"
     write(place, frames(3))
     (place / ".mine").touch()
@@ -144,7 +144,7 @@ def test_an_old_recording_stands_till_the_new_one_has_frames(tmp_path: Path, cou
 
 
 def test_an_old_recording_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """If the new one cannot take its place."""
+    """If the new recording cannot be renamed, the old one is restored."""
     write(tmp_path / "take", frames(3))
     before, rename = contents(tmp_path / "take"), Path.rename
 
@@ -161,7 +161,7 @@ def test_an_old_recording_is_put_back(tmp_path: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("between", [True, False], ids=["between the names", "while the old one goes"])
 def test_a_writer_that_was_killed_while_the_new_one_took_the_place(tmp_path: Path, between: bool) -> None:
-    """The next one puts the old recording back, or ends its removal; a hidden file of others stays."""
+    """The next writer restores the old recording or finishes its removal; hidden files of the user are kept."""
     write(tmp_path / "take", frames(3))
     (tmp_path / "take" / ".note").write_text("mine")
     left = tmp_path / ".take.0123abcd.netlib.old"
@@ -169,7 +169,7 @@ def test_a_writer_that_was_killed_while_the_new_one_took_the_place(tmp_path: Pat
         (tmp_path / "take").rename(left)
         with pytest.raises(NetlibError, match="is not empty"):
             write(tmp_path / "take", frames(1))
-        assert len(contents(tmp_path / "take")) == 5  # camera.json and the note, too
+        assert len(contents(tmp_path / "take")) == 5  # including camera.json and the note
     else:
         write(left, frames(2))
         (tmp_path / "take" / ".note").rename(left / ".note")
@@ -180,7 +180,7 @@ def test_a_writer_that_was_killed_while_the_new_one_took_the_place(tmp_path: Pat
 
 @pytest.mark.parametrize("named", ["take", "link", "take/*.png", "take/000000033333us.png"])
 def test_who_reads_what_a_killed_writer_left_puts_the_old_recording_back(tmp_path: Path, named: str) -> None:
-    """However it is named."""
+    """A reader restores the old recording left by a killed writer, for any form of its name."""
     write(tmp_path / "take", frames(3))
     before = contents(tmp_path / "take")
     (tmp_path / "link").symlink_to("take")
@@ -191,7 +191,7 @@ def test_who_reads_what_a_killed_writer_left_puts_the_old_recording_back(tmp_pat
 
 @pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "loop"])
 def test_a_name_that_no_recording_can_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """None was killed under it."""
+    """Invalid names raise an error, without a search for backups."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "loop").symlink_to("loop")
     with pytest.raises(DataError, match="no such file or folder"):
@@ -199,7 +199,7 @@ def test_a_name_that_no_recording_can_have(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_what_another_writer_took_away_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who is killed between two looks of the next one."""
+    """If another writer is killed after moving the recording away, the recording is restored."""
     write(tmp_path / "take", frames(3))
     before, kept = contents(tmp_path / "take"), atomic.backups
 
@@ -216,7 +216,7 @@ def test_what_another_writer_took_away_is_put_back(tmp_path: Path, monkeypatch: 
 
 @pytest.mark.parametrize("other", ["empty", "notes", "file"])
 def test_an_old_recording_stays_beside_what_is_not_the_new_one(tmp_path: Path, other: str) -> None:
-    """If something else has been put there since, nothing is removed, and both are named."""
+    """If other content is in the recording's place, nothing is removed, and the error names both."""
     left = tmp_path / ".take.0123abcd.netlib.old"
     write(left, frames(3))
     before = contents(left)
@@ -232,7 +232,7 @@ def test_an_old_recording_stays_beside_what_is_not_the_new_one(tmp_path: Path, o
 
 
 def test_no_part_of_an_old_recording_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whose removal was cut short, and whose new one is gone."""
+    """An old recording whose removal was interrupted is not restored."""
     write(tmp_path / "take", frames(3))
 
     def cut_short(path: Path) -> None:
@@ -252,7 +252,7 @@ def test_no_part_of_an_old_recording_comes_back(tmp_path: Path, monkeypatch: pyt
 def test_an_old_recording_that_cannot_be_put_back_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
 ) -> None:
-    """Where it lies."""
+    """The error names the place of an old recording that cannot be restored."""
     left = tmp_path / ".take.0123abcd.netlib.old"
     write(left, frames(3))
 
@@ -269,7 +269,7 @@ def test_an_old_recording_that_cannot_be_put_back_is_told(
 
 
 def test_an_old_recording_is_locked_before_it_loses_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another process does not take it for the remains of a killed writer."""
+    """An old recording is locked before it is renamed, so that no other process restores it."""
     write(tmp_path / "take", frames(3))
     rename, seen = Path.rename, []
 
@@ -287,7 +287,7 @@ def test_an_old_recording_is_locked_before_it_loses_its_name(tmp_path: Path, mon
 
 
 def test_a_mounted_disk_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It cannot be renamed, which is said before the first frame."""
+    """A mount point cannot be renamed, which raises an error before the first frame."""
     write(tmp_path / "take", frames(3))
     monkeypatch.setattr(os.path, "ismount", lambda path: True)
     with pytest.raises(NetlibError, match="a disk is mounted there"):
@@ -296,27 +296,27 @@ def test_a_mounted_disk_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("name", ["file", "file/take", "file/take.npz"])
 def test_a_file_where_a_folder_should_be(tmp_path: Path, name: str) -> None:
-    """One line, with its name."""
+    """A file in place of a folder raises an error with its name."""
     (tmp_path / "file").touch()
     with pytest.raises(NetlibError, match=r"/file: is a file; expected a folder$"):
         write(tmp_path / name, frames(1), replace=True)
 
 
 def test_a_folder_with_other_files_is_never_replaced(tmp_path: Path) -> None:
-    """The other files may be important."""
+    """A folder with other files is never replaced, because they may be important."""
     (tmp_path / "thesis.txt").touch()
     with pytest.raises(NetlibError, match=r"holds thesis\.txt, which no recording has; name a new folder$"):
         write(tmp_path, frames(1), replace=True)
 
 
 def test_without_frames_there_is_no_stack(tmp_path: Path) -> None:
-    """Nor anything hidden."""
+    """Without frames no file is left."""
     write(tmp_path / "take.npz", [])
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["take.npy", "take.mp4", "take.bag", "take.png"])
 def test_other_endings(tmp_path: Path, name: str) -> None:
-    """One line."""
+    """Another suffix raises an error."""
     with pytest.raises(NetlibError, match=rf"{name}: cannot write \.\w+; expected a folder, FILE\.npz or FILE\.mkv"):
         RecordingWriter(tmp_path / name, SMALL, 1.0)

@@ -1,4 +1,4 @@
-"""ROS bags: those of RealSense's own program and those of drivers, of ROS 1 and 2."""
+"""ROS bags recorded by RealSense's own program and by drivers, for ROS 1 and 2."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ KINDS: dict[str, Any] = {
 
 
 def images(*messages: tuple[bytes, int], topic: str = bags.TOPIC, **info: Any) -> Any:
-    """Makes a bag with these images, and the camera of ``info``."""
+    """A function that makes a bag with these images and the camera of ``info``."""
 
     def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
         return bags.driver(of, depth[:0], topic, **info) + [(topic, IMAGE, ns, content) for content, ns in messages]
@@ -50,7 +50,7 @@ def read(path: Path, given: CameraInfo = UNKNOWN) -> tuple[Recording, list[Depth
 
 @pytest.mark.parametrize("name", KINDS)
 def test_every_kind_of_bag(tmp_path: Path, name: str) -> None:
-    """Depth in the unit that the bag says, its camera, the times at which the images were taken."""
+    """Depth is in the bag's unit, with its camera and the times of the images."""
     recording, frames = read(KINDS[name](tmp_path / name, DEPTH))
     assert recording.camera == Camera("ros", 60.5, 61.5, 31.25, 23.75, 64, 48)
     assert recording.unit_mm == (0.1 if "realsense" in name else 1.0)
@@ -58,19 +58,19 @@ def test_every_kind_of_bag(tmp_path: Path, name: str) -> None:
     assert [f.time for f in frames] == pytest.approx([i * bags.STEP_NS / 1e9 for i in range(4)], abs=1e-12)
     assert [f.number for f in frames] == list(range(4))
     assert all(np.array_equal(f.depth, d * np.float32(recording.unit_mm)) for f, d in zip(frames, DEPTH))
-    assert len(list(recording)) == 4  # once more, from the first on
+    assert len(list(recording)) == 4  # a second iteration starts at the first frame
 
 
 @pytest.mark.parametrize("name", ["sqlite", "mcap"])
 def test_a_file_without_its_folder(tmp_path: Path, name: str) -> None:
-    """As RealSense records it, and as people send it."""
+    """A single database or mcap file is read without its folder, as recorded by RealSense."""
     KINDS[name](tmp_path / name, DEPTH)
     suffix = {"sqlite": "db3", "mcap": "mcap"}[name]
     assert len(read(tmp_path / name / f"{name}.{suffix}")[1]) == 4
 
 
 def test_older_realsense(tmp_path: Path) -> None:
-    """Whose images are those of ROS, and whose options have spaces."""
+    """Older recordings of RealSense, with ROS image messages and spaces in option names, are read."""
     path = bags.write_realsense(tmp_path / "a.bag", DEPTH, tail=False, unit_m=0.001, option="Depth Units")
     recording, frames = read(path)
     assert (recording.unit_mm, len(frames)) == (1.0, 4)
@@ -87,7 +87,7 @@ def test_older_realsense(tmp_path: Path) -> None:
     ],
 )
 def test_layouts_of_images(tmp_path: Path, values: Any, options: dict[str, Any], unit_mm: float) -> None:
-    """Padded rows, either order of bytes, millimetres or metres."""
+    """Padded rows, both byte orders, and millimetres or metres are read."""
     message = bags.Messages(True).image(values, 5, **options)
     recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))))
     assert recording.unit_mm == unit_mm
@@ -95,7 +95,7 @@ def test_layouts_of_images(tmp_path: Path, values: Any, options: dict[str, Any],
 
 
 def test_holes_of_metres(tmp_path: Path) -> None:
-    """NaN and infinity are nothing that was read."""
+    """NaN and infinity become 0."""
     values = np.full((48, 64), 0.5, np.float32)
     values[0, :2] = np.nan, np.inf
     message = bags.Messages(True).image(values, 5, "32FC1")
@@ -113,7 +113,7 @@ def test_holes_of_metres(tmp_path: Path) -> None:
     ],
 )
 def test_lenses(tmp_path: Path, model: str, d: tuple[float, ...], lens: Lens) -> None:
-    """Of the camera_info; the same as one that is given."""
+    """The lens of camera_info is used like a given one."""
     make = functools.partial(bags.driver, model=model, d=d)
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
     own, frames = read(path)
@@ -123,7 +123,7 @@ def test_lenses(tmp_path: Path, model: str, d: tuple[float, ...], lens: Lens) ->
 
 
 def test_rectified_images(tmp_path: Path) -> None:
-    """Have no distortion, and the camera of the matrix P."""
+    """Rectified images have no distortion, and the camera of the matrix P."""
     p = [70.0, 0, 30, 0, 0, 71, 20, 0, 0, 0, 1, 0]
     make = functools.partial(bags.driver, topic="/camera/depth/image_rect", d=(0.2, 0.1, 0, 0, 0), p=p)
     recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))
@@ -138,7 +138,7 @@ def test_a_lens_that_is_not_known(tmp_path: Path) -> None:
 
 
 def test_a_camera_that_is_not_calibrated(tmp_path: Path) -> None:
-    """Must be given."""
+    """For an uncalibrated camera the parameters must be given."""
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, k=[0] * 9, p=[0] * 12))
     with pytest.raises(DataError, match="the camera of these frames is unknown"):
         open_bag(path, UNKNOWN)
@@ -153,7 +153,7 @@ class TestTopics:
         return bags.driver(of, depth) + aligned
 
     def test_several_of_depth(self, tmp_path: Path) -> None:
-        """Are listed; PATH#TOPIC says which."""
+        """Several depth topics raise an error that lists them; PATH#TOPIC selects one."""
         path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=self.two)
         both = "depth of 2 topics: /camera/aligned_depth_to_color/image_raw, /camera/depth/image_raw; name one by"
         with pytest.raises(DataError, match=both):
@@ -165,7 +165,7 @@ class TestTopics:
             open_bag(Path(f"{path}#/camera/depth/image_rw"), CameraInfo())
 
     def test_infrared_and_colour_are_no_depth(self, tmp_path: Path) -> None:
-        """Though infrared has 16 bits, too."""
+        """Infrared and colour topics are ignored, although infrared has 16 bits as well."""
 
         def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
             ir = ("/camera/ir/image_raw", IMAGE, 1, of.image(depth[0], 1, "mono16"))
@@ -175,7 +175,7 @@ class TestTopics:
         assert len(read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]) == 4
 
     def test_packed_beside_raw(self, tmp_path: Path) -> None:
-        """The same images twice are one choice."""
+        """Compressed images in addition to raw ones are not a second topic."""
 
         def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
             packed = (f"{bags.TOPIC}/compressedDepth", "sensor_msgs/msg/CompressedImage", 1, of.packed(depth[0], 1))
@@ -191,7 +191,7 @@ class TestTopics:
 
 
 class TestOneTopicOfSeveralTypes:
-    """A bag allows a topic several connections, each with its own type."""
+    """A bag may have several connections of different types for one topic."""
 
     WRITERS = (
         ("a.bag", bags.write_ros1),
@@ -201,7 +201,7 @@ class TestOneTopicOfSeveralTypes:
 
     @pytest.mark.parametrize(("name", "write"), WRITERS)
     def test_the_images_are_read(self, tmp_path: Path, name: str, write: Any) -> None:
-        """A CameraInfo under the topic of the images, before the first of them, is none of them."""
+        """A CameraInfo under the topic of the images is ignored."""
 
         def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
             return [(bags.TOPIC, INFO, bags.START_NS, of.info(depth.shape[1:])), *bags.driver(of, depth)]
@@ -212,7 +212,7 @@ class TestOneTopicOfSeveralTypes:
 
     @pytest.mark.parametrize(("name", "write"), WRITERS)
     def test_images_of_two_types(self, tmp_path: Path, name: str, write: Any) -> None:
-        """Raw and compressed ones under one topic cannot be told apart by its name."""
+        """Raw and compressed images under one topic raise an error."""
 
         def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
             packed = (bags.TOPIC, "sensor_msgs/msg/CompressedImage", 1, of.packed(depth[0], 1))
@@ -235,7 +235,7 @@ class TestOneTopicOfSeveralTypes:
             read(write(tmp_path / name, DEPTH, make=make), GIVEN)
 
     def test_an_index_that_leads_to_another_topic(self, tmp_path: Path) -> None:
-        """Of ROS 1, whose messages name their connection once more."""
+        """An index of ROS 1 that leads to a message of another connection raises an error."""
         path = bags.write_ros1(tmp_path / "a.bag", DEPTH)
         content = path.read_bytes()
         image, info = (b"op=\x02\t\0\0\0conn=" + struct.pack("<I", n) for n in (1, 0))
@@ -259,7 +259,7 @@ def test_depth_units_that_are_no_number(tmp_path: Path, text: str) -> None:
 
 class TestTimes:
     def test_without_stamps(self, tmp_path: Path) -> None:
-        """The bag's own."""
+        """Without stamps the times are the bag's own."""
         image = bags.Messages(True).image
         path = bags.write_ros1(
             tmp_path / "a.bag", DEPTH, make=images((image(DEPTH[0], 0), 10**9), (image(DEPTH[1], 0), 3 * 10**9))
@@ -267,7 +267,7 @@ class TestTimes:
         assert [f.time for f in read(path)[1]] == [0.0, 2.0]
 
     def test_the_same_image_again(self, tmp_path: Path) -> None:
-        """Is left out, and that is said."""
+        """A repeated image is omitted, and a remark reports it."""
         image = bags.Messages(True).image
         sent = [(image(DEPTH[i], ns), 10 + k) for k, (i, ns) in enumerate([(0, 10**9), (0, 10**9), (1, 2 * 10**9)])]
         recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images(*sent)))
@@ -275,7 +275,7 @@ class TestTimes:
         assert recording.remarks == ("frames left out because they are not later than the one before: 1",)
 
     def test_a_clock_that_is_set_anew(self, tmp_path: Path) -> None:
-        """Two recordings in one."""
+        """A clock that is set back raises an error."""
         image = bags.Messages(True).image
         path = bags.write_ros1(
             tmp_path / "a.bag", DEPTH, make=images((image(DEPTH[0], 9 * 10**9), 1), (image(DEPTH[1], 10**9), 2))
@@ -286,7 +286,7 @@ class TestTimes:
 
 class TestDamage:
     def test_a_cut_bag(self, tmp_path: Path) -> None:
-        """Has no index, which stands at its end; the line says what mends it."""
+        """A truncated bag has no index; the error names the command that repairs it."""
         path = bags.write_ros1(tmp_path / "a.bag", DEPTH)
         path.write_bytes(path.read_bytes()[:-3000])
         with pytest.raises(DataError, match=r"a\.bag: cannot read the bag.*rosbag reindex"):
@@ -324,7 +324,7 @@ class TestDamage:
 
 
 def test_without_rosbags(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """One line with the command."""
+    """The error names the command that installs rosbags."""
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(NetlibError, match="pip install rosbags"):
         open_bag(tmp_path / "a.bag", CameraInfo())

@@ -1,4 +1,4 @@
-"""Bags that would keep a reader waiting, or fill its memory."""
+"""Bags that would block a reader or exhaust its memory."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DEPTH = np.random.default_rng(0).integers(0, 4000, (2, 48, 64)).astype(np.uint16
 
 @pytest.mark.parametrize("name", ["a.bag", "a.db3", "a.mcap"])
 def test_a_huge_file_of_nothing(tmp_path: Path, name: str) -> None:
-    """The reader does not search the whole file for the end of its first line."""
+    """The reader does not search a huge file for the end of its first line."""
     (tmp_path / name).touch()
     os.truncate(tmp_path / name, 1 << 40)
     with pytest.raises(DataError, match=f"{name}: cannot read the bag: it does not begin with"):
@@ -36,7 +36,7 @@ def test_a_huge_file_of_nothing(tmp_path: Path, name: str) -> None:
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
 @pytest.mark.parametrize("name", ["ros2.db3", "metadata.yaml", "b.db3.zstd"])
 def test_a_pipe_in_a_folder(tmp_path: Path, name: str) -> None:
-    """The reader does not wait for a writer."""
+    """A pipe in the folder raises an error instead of blocking."""
     folder = bags.write_ros2(tmp_path / "ros2", DEPTH)
     (folder / name).unlink(missing_ok=True)
     os.mkfifo(folder / name)
@@ -48,7 +48,7 @@ def test_a_pipe_in_a_folder(tmp_path: Path, name: str) -> None:
 def test_a_chunk_that_unpacks_to_more_than_memory_should_hold(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
-    """Of ROS 1; one that does not is read."""
+    """A compressed chunk of ROS 1 above the limit raises an error; one below it is read."""
     path = bags.write_ros1(tmp_path / "a.bag", np.zeros_like(DEPTH), compression=compression)
     assert len(list(open_bag(path, GIVEN))) == 2
     monkeypatch.setattr(ros_limits, "MAX_CHUNK_BYTES", 5000)
@@ -58,7 +58,7 @@ def test_a_chunk_that_unpacks_to_more_than_memory_should_hold(
 
 @pytest.mark.parametrize("mode", ["STORAGE", "MESSAGE"])
 def test_the_same_of_ros_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str) -> None:
-    """Chunks of an .mcap, and messages that are compressed one by one."""
+    """The limit also holds for chunks of an .mcap file and for messages compressed one by one."""
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     writer = Writer(tmp_path / "ros2", version=9, storage_plugin=StoragePlugin.MCAP)
@@ -80,9 +80,9 @@ WRITERS: dict[str, Callable[..., Path]] = {
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_message_that_is_larger_than_any_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """One line; a row of a database is not even read."""
+    """A message above the limit raises an error, in a database before it is read."""
     path = WRITERS[name](tmp_path / name, DEPTH)
-    monkeypatch.setattr(ros_limits, "MAX_MESSAGE_BYTES", 6400)  # one has 2 * 48 * 64 bytes, and its header
+    monkeypatch.setattr(ros_limits, "MAX_MESSAGE_BYTES", 6400)  # a message has 2 * 48 * 64 bytes and its header
     assert len(list(open_bag(path, GIVEN))) == 2
     monkeypatch.setattr(ros_limits, "MAX_MESSAGE_BYTES", 6000)
     with pytest.raises(DataError, match=rf"{name}.*: a message of (61\d\d bytes; expected at most|more than) 6000"):
@@ -91,7 +91,7 @@ def test_a_message_that_is_larger_than_any_image(tmp_path: Path, monkeypatch: py
 
 @pytest.mark.parametrize("name", ["a.bag", "mcap"])
 def test_a_chunk_that_is_too_large_to_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Though it is not compressed, so that the file itself is as large."""
+    """A chunk above the limit raises an error, even if it is not compressed."""
     path = WRITERS[name](tmp_path / name, DEPTH)
     monkeypatch.setattr(ros_limits, "MAX_CHUNK_BYTES", 6000)
     with pytest.raises(DataError, match=rf"{name}.*: a part of the bag has \d+ bytes; expected at most 6000$"):

@@ -1,4 +1,4 @@
-"""handpose/sources/stack.py: .npy, .npz and .h5, with what may stand beside the frames, and cut ones."""
+"""handpose/sources/stack.py: .npy, .npz and .h5, with other data in the file, and truncated files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BESIDE = {"fx": 60.0, "fy": 61.0, "u0": 31.5, "v0": 23.5, "unit_mm": 0.5}
 
 
 def save(path: Path, depth: np.ndarray = DEPTH, **others: object) -> Path:
-    """A stack in a file of the path's kind."""
+    """Write a stack to a file of the path's kind."""
     if path.suffix == ".npy":
         np.save(path, depth)
     elif path.suffix == ".npz":
@@ -39,7 +39,7 @@ def save(path: Path, depth: np.ndarray = DEPTH, **others: object) -> Path:
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".h5"])
 @pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.float32, np.float64])
 def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
-    """Every kind of file and of values; they can be read again."""
+    """Every kind of file and of values is read, repeatedly."""
     recording = open_stack(save(tmp_path / f"take{suffix}", DEPTH.astype(dtype)), GIVEN)
     assert (recording.camera, recording.unit_mm, recording.count, recording.rate) == (CAMERA, 0.5, 3, 10)
     for _ in range(2):
@@ -51,7 +51,7 @@ def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
 def test_what_stands_beside_the_frames(tmp_path: Path, suffix: str) -> None:
-    """Times by any clock, the camera as numbers or as a camera.json."""
+    """Times may start anywhere; the camera is stored as numbers or as the text of a camera.json."""
     recording = open_stack(save(tmp_path / f"a{suffix}", time=TIMES, **BESIDE))
     assert [frame.time for frame in recording] == [0, 0.25, 1.5]
     assert (recording.camera, recording.unit_mm, recording.rate, recording.remarks) == (CAMERA, 0.5, None, ())
@@ -63,7 +63,7 @@ def test_what_stands_beside_the_frames(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
 def test_every_word_of_a_camera_json(tmp_path: Path, suffix: str) -> None:
-    """Numbers, rows and texts beside the frames say what they say in a camera.json, by whichever name."""
+    """Numbers, lists and texts in addition to the frames have the same keys as a camera.json."""
     said: dict[str, Any] = {
         "fx": 60, "fy": 61.0, "ppx": 31.5, "ppy": 23.5, "width": 64, "height": 48, "name": "mine", "fps": 20.0,
         "depth_units": 0.000125, "model": "brown_conrady", "coeffs": [-0.2, 0.0, 0.0, 0.0, 0.0],
@@ -75,24 +75,24 @@ def test_every_word_of_a_camera_json(tmp_path: Path, suffix: str) -> None:
     straight = {key: value for key, value in said.items() if key not in ("model", "coeffs")}
     plain = open_stack(save(tmp_path / f"b{suffix}", depth, **straight))
     assert not np.array_equal(next(iter(recording)).depth, next(iter(plain)).depth)
-    open_stack(save(tmp_path / f"c{suffix}", name="a take", model="D435", width=3.0), GIVEN)  # of something else
+    open_stack(save(tmp_path / f"c{suffix}", name="a take", model="D435", width=3.0), GIVEN)  # another meaning
 
 
 def test_camera_json_beside(tmp_path: Path) -> None:
-    """By the file's own name."""
+    """A camera.json with the file's own name is used."""
     camera_file.write(tmp_path / "take.camera.json", GIVEN)
     assert open_stack(save(tmp_path / "take.npy")).unit_mm == 0.5
 
 
 def test_the_rate_is_assumed_and_said(tmp_path: Path) -> None:
-    """Of frames without times."""
+    """The rate is assumed for frames without times, and a remark reports it."""
     recording = open_stack(save(tmp_path / "take.npy"), CameraInfo(CAMERA, unit_mm=1.0))
     assert recording.rate == 30 and "30 frames per second assumed" in recording.remarks[-1]
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".h5"])
 def test_one_image(tmp_path: Path, suffix: str) -> None:
-    """Is a stack of one, with or without its time."""
+    """A single image is a stack of one, with or without its time."""
     for time in ({}, {} if suffix == ".npy" else {"time": TIMES[:1]}):
         recording = open_stack(save(tmp_path / f"one{suffix}", DEPTH[0], **time), GIVEN)
         (frame,) = recording
@@ -101,13 +101,13 @@ def test_one_image(tmp_path: Path, suffix: str) -> None:
 
 
 def test_a_stack_by_another_name(tmp_path: Path) -> None:
-    """The only array of three axes."""
+    """The only array of three axes is used, under any name."""
     np.savez(tmp_path / "other.npz", frames=DEPTH, joints=np.zeros((3, 2)))
     assert open_stack(tmp_path / "other.npz", GIVEN).count == 3
 
 
 def test_a_file_that_ends_too_early(tmp_path: Path) -> None:
-    """Whole frames are given, and then it is said that there are not all."""
+    """Complete frames are returned, and ``cut`` then reports that some are missing."""
     path = save(tmp_path / "take.npy")
     content = path.read_bytes()
     path.write_bytes(content[:-1])
@@ -120,7 +120,7 @@ def test_a_file_that_ends_too_early(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_cut_while_it_is_read(tmp_path: Path) -> None:
-    """An error like any other."""
+    """A file truncated while it is read raises an error."""
     path = save(tmp_path / "take.npy")
     frames = iter(open_stack(path, GIVEN))
     next(frames)
@@ -140,14 +140,14 @@ def test_a_file_that_is_cut_while_it_is_read(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_stack(tmp_path: Path, suffix: str, depth: np.ndarray, what: str) -> None:
-    """One line each, when it is opened."""
+    """An invalid array raises an error when the file is opened."""
     path = save(tmp_path / f"take{suffix}", depth)
     with pytest.raises(DataError, match=f"^{path}: .*({what})"):
         open_stack(path, GIVEN)
 
 
 def test_a_negative_depth(tmp_path: Path) -> None:
-    """Is no depth; the line says in which frame."""
+    """A negative depth raises an error that names the frame."""
     path = save(tmp_path / "take.npy", np.where(DEPTH == 1001, -1.0, DEPTH))
     with pytest.raises(DataError, match=f"{path}: frame 1: a depth of -0.5 mm"):
         list(open_stack(path, GIVEN))
@@ -168,14 +168,14 @@ def test_a_negative_depth(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_wrong_beside_the_frames(tmp_path: Path, suffix: str, others: dict[str, object], what: str) -> None:
-    """One line each."""
+    """Invalid data in addition to the frames raise an error."""
     path = save(tmp_path / f"take{suffix}", **others)
     with pytest.raises(DataError, match=f"^{path}: ({what})"):
         open_stack(path, GIVEN)
 
 
 def test_a_damaged_archive(tmp_path: Path) -> None:
-    """Is an error, also if only a checksum tells."""
+    """A damaged archive raises an error, also if only its checksum is wrong."""
     path = tmp_path / "take.npz"
     np.savez(path, depth=DEPTH)
     content = bytearray(path.read_bytes())
@@ -189,7 +189,7 @@ def test_a_damaged_archive(tmp_path: Path) -> None:
 
 
 def test_archives_without_a_stack(tmp_path: Path) -> None:
-    """The line says what they hold."""
+    """The error lists the arrays of the archive."""
     np.savez(tmp_path / "a.npz", joints=np.zeros((3, 2)))
     with pytest.raises(DataError, match=r"holds joints \(3, 2\); expected an array depth"):
         open_stack(tmp_path / "a.npz", GIVEN)
@@ -203,7 +203,7 @@ def test_archives_without_a_stack(tmp_path: Path) -> None:
 
 
 def test_objects_are_not_unpickled(tmp_path: Path) -> None:
-    """They are code."""
+    """Arrays of objects raise an error instead of being unpickled."""
     for path in (tmp_path / "take.npy", tmp_path / "take.npz"):
         save(path, np.full((3, 4, 5), None))
         with pytest.raises(DataError, match="values of type object"):

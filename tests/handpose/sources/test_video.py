@@ -1,4 +1,4 @@
-"""Depth in lossless video: what is written returns, what loses depth is refused, what is cut says so."""
+"""Depth in lossless video: values are restored, lossy formats raise errors, truncation is reported."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ GIVEN = CameraInfo(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera"
 
 
 def frames(count: int = 6, unit_mm: float = 0.125) -> list[DepthFrame]:
-    """Random depths, whole numbers of units, at uneven times of whole milliseconds."""
+    """Random depths in whole units, at uneven times of whole milliseconds."""
     rng = np.random.default_rng(0)
     raw = rng.integers(0, 1 << 16, (count, 48, 64)).astype(np.uint16)
     return [DepthFrame(i, i * 0.033 + i * i * 0.001, r * np.float32(unit_mm)) for i, r in enumerate(raw)]
@@ -45,7 +45,7 @@ def write(path: Path, written: list[DepthFrame], unit_mm: float = 0.125, rate: f
 
 @contextlib.contextmanager
 def room_for(size: int) -> Iterator[None]:
-    """No file of this process can grow beyond a size within the block, as on a full disk."""
+    """Within the block no file of this process can grow beyond a size, as on a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
@@ -57,7 +57,7 @@ def room_for(size: int) -> Iterator[None]:
 
 
 def write_other(path: Path, codec: str, pixels: str, count: int = 3, **options: str) -> Path:
-    """A video as other programs write it."""
+    """A video as written by other programs."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=10, options=options)
         stream.width, stream.height, stream.pix_fmt = 64, 48, pixels
@@ -71,7 +71,7 @@ def write_other(path: Path, codec: str, pixels: str, count: int = 3, **options: 
 
 
 def test_every_value_returns(tmp_path: Path) -> None:
-    """With camera, unit, rate and times; and again, from the first frame on."""
+    """Values, camera, unit, rate and times are restored, on a second iteration as well."""
     written = frames()
     with open_video(write(tmp_path / "a.mkv", written), CameraInfo()) as recording:
         assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.125, 30.0)
@@ -93,7 +93,7 @@ def test_every_value_returns(tmp_path: Path) -> None:
 def test_any_depth_at_any_time(
     tmp_path_factory: pytest.TempPathFactory, steps: list[float], unit: float, seed: int
 ) -> None:
-    """Values are exact, times right to half a millisecond."""
+    """Values are exact, and times are exact to half a millisecond."""
     rng = np.random.default_rng(seed)
     times = np.cumsum([0.0, *(step + 0.001 for step in steps)])
     raw = rng.integers(0, 1 << 16, (len(times), 48, 64)).astype(np.float32) * np.float32(unit)
@@ -108,7 +108,7 @@ def test_any_depth_at_any_time(
 
 @pytest.mark.parametrize("pixels", ["gray16le", "gray12le", "gray10le"])
 def test_videos_of_other_programs(tmp_path: Path, pixels: str) -> None:
-    """Their camera has to be given; values of fewer bits are what they are."""
+    """The camera must be given; values with fewer bits are not scaled."""
     path = write_other(tmp_path / "a.mkv", "ffv1", pixels)
     with pytest.raises(DataError, match="the camera of these frames is unknown"):
         open_video(path, CameraInfo())
@@ -120,7 +120,7 @@ def test_videos_of_other_programs(tmp_path: Path, pixels: str) -> None:
 
 
 def test_camera_beside_the_file(tmp_path: Path) -> None:
-    """A camera.json serves a video that says nothing."""
+    """A camera.json is used for a video without metadata."""
     path = write_other(tmp_path / "a.mkv", "ffv1", "gray16le")
     (tmp_path / "camera.json").write_text('{"fx": 50, "fy": 50, "u0": 32, "v0": 24, "unit_mm": 0.5}')
     recording = open_video(path, CameraInfo())
@@ -138,7 +138,7 @@ def test_camera_beside_the_file(tmp_path: Path) -> None:
     ],
 )
 def test_what_loses_depth_is_refused(tmp_path: Path, codec: str, pixels: str, said: str) -> None:
-    """8 bits, colours, compression that changes values: one line that says why."""
+    """8 bits, colours and lossy compression raise an error with the reason."""
     path = write_other(tmp_path / "a.mkv", codec, pixels)
     with pytest.raises(DataError, match=rf"a\.mkv: {codec} video.*{said}.*depth does not survive"):
         open_video(path, GIVEN)
@@ -155,7 +155,7 @@ def test_the_lens_is_taken_away(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("at", [0.35, 0.6, 0.85])
 def test_a_cut_file(tmp_path: Path, at: float) -> None:
-    """Gives the whole frames before the cut, as they were, and says so."""
+    """The complete frames before the cut are returned unchanged, and ``cut`` reports it."""
     written = frames(10)
     path = write(tmp_path / "a.mkv", written)
     content = path.read_bytes()
@@ -168,7 +168,7 @@ def test_a_cut_file(tmp_path: Path, at: float) -> None:
 
 
 def test_a_file_cut_between_two_frames(tmp_path: Path) -> None:
-    """Is told from a whole one by the size in its header."""
+    """The size in the header reveals a file truncated between two frames."""
     path = write(tmp_path / "a.mkv", frames(10))
     with av.open(str(path)) as container:
         ninth = [p.pos for p in container.demux(video=0) if p.size][8]
@@ -179,11 +179,11 @@ def test_a_file_cut_between_two_frames(tmp_path: Path) -> None:
 
 
 def test_a_writer_that_was_killed(tmp_path: Path) -> None:
-    """Leaves a file without an end."""
+    """All frames of a file without an end are read, and ``cut`` reports the interrupted writer."""
     path = write(tmp_path / "a.mkv", frames(10))
     content = bytearray(path.read_bytes())
     at = content.index(b"\x18\x53\x80\x67") + 4
-    content[at : at + 8] = b"\x01" + b"\xff" * 7  # a size that is not known
+    content[at : at + 8] = b"\x01" + b"\xff" * 7  # an unknown size
     path.write_bytes(content)
     recording = open_video(path, CameraInfo())
     assert len(list(recording)) == 10
@@ -191,7 +191,7 @@ def test_a_writer_that_was_killed(tmp_path: Path) -> None:
 
 
 def test_a_damaged_frame_is_no_frame(tmp_path: Path) -> None:
-    """FFmpeg would fill the damage with the frame before it."""
+    """Reading ends at a damaged frame, which FFmpeg would fill with the previous one."""
     path = write(tmp_path / "a.mkv", frames(10))
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 0xFF
@@ -206,7 +206,7 @@ def test_a_damaged_frame_is_no_frame(tmp_path: Path) -> None:
     "content", [b"", b"no video", b"#EXTM3U\nhttp://127.0.0.1/a.ts\n", b"\x1a\x45\xdf\xa3" + b"\0" * 99]
 )
 def test_what_is_no_video(tmp_path: Path, content: bytes) -> None:
-    """Is one line; lists that name other files are not followed."""
+    """Invalid files raise an error; playlists of other files are not followed."""
     path = tmp_path / "a.mkv"
     path.write_bytes(content)
     with pytest.raises(DataError, match=r"a\.mkv: "):
@@ -215,7 +215,7 @@ def test_what_is_no_video(tmp_path: Path, content: bytes) -> None:
 
 class TestWriter:
     def test_an_exception_leaves_the_frames_so_far(self, tmp_path: Path) -> None:
-        """As a whole file, and nothing beside it."""
+        """After an exception the frames so far are a valid file, and no other file is left."""
         written = frames()
 
         def interrupted() -> None:
@@ -256,7 +256,7 @@ class TestWriter:
         ],
     )
     def test_what_cannot_be_written(self, tmp_path: Path, change: dict[str, object], said: str) -> None:
-        """Is one line, and the frames before it are kept."""
+        """An invalid frame raises an error, and the frames before it are kept."""
         first = frames(1)[0]
         with pytest.raises(DataError, match=said):
             write(tmp_path / "a.mkv", [first, first._replace(number=1, **{"time": 0.1, **change})])
@@ -264,10 +264,10 @@ class TestWriter:
 
     @pytest.mark.parametrize("failing_at", ["a frame", "the end"])
     def test_a_disk_that_fails(self, tmp_path: Path, failing_at: str) -> None:
-        """Leaves a file that is cut, with the frames that reached it; one line is told."""
+        """If writing fails, an old file stays; without one, the frames written so far are left as a truncated file."""
         written = frames(60)
         size = write(tmp_path / "a.mkv", written[:40]).stat().st_size
-        count = 60 if failing_at == "a frame" else 35  # of less than five seconds
+        count = 60 if failing_at == "a frame" else 35  # less than five seconds
         path = tmp_path / "a.mkv"
         before = path.read_bytes()
         with pytest.raises(OSError, match=r"File too large: .*a\.mkv"), room_for(size // 2):
@@ -284,7 +284,7 @@ class TestWriter:
 
     @pytest.mark.parametrize("room", [0, 1000, 5000])
     def test_a_disk_that_fails_before_the_first_frame(self, tmp_path: Path, room: int) -> None:
-        """Leaves the old file."""
+        """If writing fails before the first frame, the old file stays."""
         path = write(tmp_path / "a.mkv", frames(2))
         before = path.read_bytes()
         with pytest.raises(OSError, match=r"File too large: .*a\.mkv"), room_for(room):
@@ -301,7 +301,7 @@ class TestWriter:
 
 
 def test_without_pyav(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """One line with the command."""
+    """The error names the command that installs PyAV."""
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(NetlibError, match="pip install av"):
         open_video(tmp_path / "a.mkv", CameraInfo())
