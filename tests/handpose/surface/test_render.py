@@ -23,14 +23,14 @@ def capsules(*each: tuple[tuple[float, ...], tuple[float, ...], float, float]) -
 
 
 def random_capsules(rng: np.random.Generator, N: int, M: int) -> Capsules:
-    """Capsules of a hand's sizes round (0, 0, 800), in all directions."""
+    """Capsules of a hand's sizes around (0, 0, 800), in all directions."""
     a = rng.normal(size=(N, M, 3)) * (50, 50, 40) + (0, 0, 800)
     b = a + rng.normal(size=(N, M, 3)) * 25
     return Capsules(a, b, rng.uniform(5, 18, (N, M)), rng.uniform(5, 18, (N, M)))
 
 
 def spheres(hand: Capsules, center: NDArray[np.float64], steps: int = 600) -> NDArray[np.float64]:
-    """The depth crop of the first frame the plain way: many spheres along each capsule."""
+    """The depth crop of the first frame by the simple method: many spheres along each capsule."""
     columns, rows = (index[0] for index in window(center, 300.0))
     x, y = (columns - NYU.u0) / NYU.fx, (NYU.v0 - rows) / NYU.fy
     d = np.stack(np.broadcast_arrays(x[None, :], y[:, None], 1.0), axis=-1)
@@ -47,12 +47,12 @@ def spheres(hand: Capsules, center: NDArray[np.float64], steps: int = 600) -> ND
 
 
 def assert_same_depth(made: NDArray[np.float32], expected: NDArray[np.float64]) -> None:
-    """Equal to 0.1 mm, but for single pixels on the outline, where float32 may miss."""
+    """Assert equality to 0.1 mm, except for single pixels on the outline, where float32 may miss."""
     assert (np.abs(made - expected) > 0.1).mean() < 0.001
 
 
 def test_sphere() -> None:
-    """A sphere on the axis is seen at its front, as wide as its tangents, with the far face of the cube behind."""
+    """A sphere on the axis shows its front, is as wide as its tangents, and has the cube's far face behind it."""
     made = render_crop(capsules(((0, 0, 800), (0, 0, 800), 30, 30)), CENTER, 300.0)[0]
     assert made[64, 64] == pytest.approx(770, abs=0.1)
     assert made[0, 0] == 950
@@ -82,7 +82,7 @@ def test_one_capsule(capsule: tuple[tuple[float, ...], tuple[float, ...], float,
 
 
 def test_nearest_capsule_is_seen() -> None:
-    """Where capsules overlap the image shows the nearest, whatever their order."""
+    """Where capsules overlap, the image shows the nearest one, for any order of the capsules."""
     rng = np.random.default_rng(1)
     hand = random_capsules(rng, 1, 12)
     made = render_crop(hand, CENTER, 300.0)[0]
@@ -92,7 +92,7 @@ def test_nearest_capsule_is_seen() -> None:
 
 
 def test_equals_cropping_the_whole_image() -> None:
-    """Rendering the crop's rays alone gives what rendering 640 x 480 pixels and cropping gives, borders included."""
+    """Rendering only the crop's rays equals rendering 640 x 480 pixels and cropping, borders included."""
     rng = np.random.default_rng(2)
     for uvd in ((320.4, 239.7, 812.3), (40.0, 30.0, 700.0), (600.0, 460.0, 950.0)):
         hand = random_capsules(rng, 1, 20)
@@ -107,7 +107,7 @@ def test_equals_cropping_the_whole_image() -> None:
 
 
 def test_frames_do_not_mix() -> None:
-    """A batch of frames is the frames one by one, each with its own centre and cube."""
+    """A batch equals its frames rendered one by one, each with its own centre and cube."""
     rng = np.random.default_rng(3)
     hands = random_capsules(rng, 5, 20)
     centers = np.array([[320.0, 240.0, 800.0]]) + rng.normal(size=(5, 3)) * (10, 10, 20)
@@ -120,7 +120,7 @@ def test_frames_do_not_mix() -> None:
 
 
 def test_behind_the_camera() -> None:
-    """A capsule around or behind the camera, or at NaN, is an error."""
+    """A capsule around or behind the camera, or at NaN, raises an error."""
     for z in (5.0, -800.0, np.nan):
         with pytest.raises(DataError, match="at or behind the camera"):
             render_crop(capsules(((0, 0, z), (0, 0, 800), 10, 10)), CENTER, 300.0)
@@ -139,7 +139,7 @@ CORNERS = np.array([(-60.0, -30, 800), (50, -40, 830), (10, 60, 780)])
 @pytest.mark.parametrize("turn", [(0, 0, 0), (1, 0, 0), (0, 1.5, 0), (2.5, 0.5, 1), (1.57, 0, 0)], ids=str)
 @pytest.mark.parametrize("radii", [(15, 15, 15), (25, 10, 16), (5, 20, 40)], ids=str)
 def test_a_wedge_is_the_hull_of_its_spheres(turn: tuple[float, ...], radii: tuple[float, ...]) -> None:
-    """The union of all the spheres between the three, whose centres and radii are mixed alike, from any direction."""
+    """A wedge is the union of all spheres interpolated between its three, seen from any direction."""
     corners = Rotation.from_rotvec(turn).apply(CORNERS - CORNERS.mean(axis=0)) + (0, 0, 800)
     one = wedge(corners, radii)
     made = render_crop(one, CENTER, 300.0)[0]
@@ -151,7 +151,7 @@ def test_a_wedge_is_the_hull_of_its_spheres(turn: tuple[float, ...], radii: tupl
 
 
 def test_facets_follow_their_capsules() -> None:
-    """Through a choice of capsules, and where several bodies are joined; a facet of which a sphere is missing goes."""
+    """Facets are kept when capsules are selected and bodies are joined, and dropped if a sphere is missing."""
     one, other = wedge(CORNERS, (15, 15, 15)), capsules(((0, 0, 700), (9, 9, 720), 5, 5))
     both = joined([other, one, other])
     assert both.facets.tolist() == [[2, 4, 6]]
@@ -162,7 +162,7 @@ def test_facets_follow_their_capsules() -> None:
 
 
 def test_three_spheres_in_a_row_have_no_facet() -> None:
-    """Nor have spheres of which one is within the hull of the others: the capsules are all there is."""
+    """Spheres in a row, or within the hull of the others, are rendered as capsules only."""
     for corners, radii in ((CORNERS[[0, 0, 1]], (9, 9, 9)), (CORNERS, (9, 9, 400.0))):
         one = wedge(corners, radii)
         assert np.array_equal(

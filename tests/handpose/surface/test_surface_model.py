@@ -33,12 +33,12 @@ flesh {
 
 
 def body(text: str) -> Skeleton:
-    """The skeleton of a text."""
+    """The skeleton described by a text."""
     return Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test"))
 
 
 def test_the_table_of_an_arm() -> None:
-    """Names become numbers; the surface's own joint and DoF come after the skeleton's."""
+    """Names become indices; the surface's own joint and DoF follow the skeleton's."""
     surface = Surface(body(ARM))
     assert surface.whole.joint_names == ["root", "end", "tip"] and surface.skeleton.joint_names == ["root", "end"]
     assert (surface.start.tolist(), surface.end.tolist(), surface.limbs.tolist()) == ([0, 1], [1, 2], [False, True])
@@ -47,7 +47,7 @@ def test_the_table_of_an_arm() -> None:
 
 
 def test_the_table_of_wedges() -> None:
-    """Edges that two wedges share are one capsule; the capsules of the file come after them."""
+    """Edges shared by two wedges are one capsule; the file's own capsules follow."""
     wedges = """wedge { joint: "root" joint: "end" joint: "tip" radius: 0.3 radius: 0.2 radius: 0.1 part: "web" }
       wedge { joint: "tip" joint: "end" joint: "side" radius: 0.1 radius: 0.2 radius: 0.4 }
       joint { name: "side" parent: "root" bone { axis: Y length: 1 } }"""
@@ -61,7 +61,7 @@ def test_the_table_of_wedges() -> None:
 
 
 def test_offsets_turn_with_their_axes() -> None:
-    """By hand: the shoulder turned a quarter, the elbow back; the tip's own axes are then the world's."""
+    """With the shoulder at a quarter turn and the elbow back, the offsets equal those worked out by hand."""
     surface = Surface(body(ARM))
     pose = surface.kinematics.forward(np.array([[0, np.pi / 2, -np.pi / 2, 0.0]]))
     np.testing.assert_allclose(surface.ends(pose)[0], [[0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]], atol=1e-12)
@@ -70,7 +70,7 @@ def test_offsets_turn_with_their_axes() -> None:
 
 
 def test_surface_lies_towards_the_palm() -> None:
-    """A hand seen from its palm has more before its wrist than one seen from its back; its joints are the same."""
+    """Seen from the palm, more surface is in front of the wrist than seen from the back; the joints are the same."""
     inputs = np.zeros((2, len(SURFACE_BLOCK.whole.initial)))
     inputs[:, :47] = -HAND.initial
     inputs[1, HAND.dof_names.index("palm_rot_y")] += np.pi
@@ -90,7 +90,7 @@ def test_surface_lies_towards_the_palm() -> None:
 
 
 def test_what_keeps_apart() -> None:
-    """Parts of different digits, and digits and the palm; not what is together at rest, nor what has no part."""
+    """Parts of different digits, and digits and palm, are pairs; parts that touch at rest, or have no name, are not."""
     name = [
         f"{SURFACE_BLOCK.whole.joint_names[a]}-{SURFACE_BLOCK.whole.joint_names[b]}"
         for a, b in zip(SURFACE_BLOCK.start, SURFACE_BLOCK.end)
@@ -114,7 +114,7 @@ def test_what_keeps_apart() -> None:
 
 
 def test_penetration_of_two_arms() -> None:
-    """The depth of one capsule in another; none without pairs."""
+    """The penetration is the depth of one capsule within another, and -inf without pairs."""
     crossed = body(
         """dof { name: "y" } joint { name: "a" } joint { name: "b" parent: "a" bone { axis: X length: 2 } }
         joint { name: "c" translate { axis: Y dof: "y" } } joint { name: "d" parent: "c" bone { axis: Z length: 2 } }
@@ -130,7 +130,7 @@ def test_penetration_of_two_arms() -> None:
 
 
 def test_surface_is_written_and_scaled_with_its_body() -> None:
-    """The text reads back the same; twice the body has twice the surface."""
+    """A surface survives writing and reading, and is scaled with its body."""
     assert body(text_of(HAND.param, "hand", "")).param.flesh == HAND.param.flesh
     surface, twice = Surface(body(ARM)), Surface(body(ARM).scaled(2))
     inputs = np.full((1, 4), 0.3)
@@ -178,14 +178,14 @@ def test_surface_is_written_and_scaled_with_its_body() -> None:
     ],
 )
 def test_mistakes(old: str, new: str, message: str) -> None:
-    """Each says its place in the file."""
+    """The error names the place in the file."""
     assert ARM.count(old) == 1
     with pytest.raises(PrototxtError, match=message):
         Surface(body(ARM.replace(old, new)))
 
 
 def test_a_skeleton_without_surface() -> None:
-    """Is a skeleton, but nothing to be seen."""
+    """A skeleton without a surface, or with an empty one, raises an error."""
     with pytest.raises(NetlibError, match=r"skeleton 'arm' has no flesh"):
         Surface(body(ARM[: ARM.index("flesh")]))
     with pytest.raises(PrototxtError, match="no capsule"):
