@@ -1,4 +1,4 @@
-"""The frames that several files of tests look at."""
+"""Frames shared by several test files."""
 
 from __future__ import annotations
 
@@ -16,5 +16,5 @@ def generator() -> Generator:
 
 @pytest.fixture(scope="module")
 def frames(generator: Generator) -> Frames:
-    """Its first block."""
+    """Its first block of frames."""
     return generator.block(0)

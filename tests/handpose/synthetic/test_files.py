@@ -18,12 +18,12 @@ SOURCES = [(Generator(split="train"), 5), (Generator(split="test"), 2)]
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files of 2 frames."""
+    """Parts have 2 frames per file."""
     monkeypatch.setattr(parts, "FRAMES_PER_FILE", 2)
 
 
 def test_pieces(tmp_path: Path) -> None:
-    """One after the other; the last one has what is left."""
+    """Pieces follow one another, and the last one has the remaining frames."""
     pieces = pieces_of(Generator(), 5, tmp_path)
     assert [(piece.start, piece.part.rows, piece.part.path.name) for piece in pieces] == [
         (0, 2, "train_000.h5"),
@@ -34,12 +34,12 @@ def test_pieces(tmp_path: Path) -> None:
 
 
 def test_whole_files_are_kept(tmp_path: Path) -> None:
-    """Of a run that was ended; only the rest is written then, and the lists at the end."""
-    told: list[int] = []
+    """Complete files of an interrupted run are kept; the next run writes the others, and the lists at the end."""
+    reported: list[int] = []
 
     def advance(count: int) -> None:
-        told.append(count)
-        if sum(told) == 4:
+        reported.append(count)
+        if sum(reported) == 4:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -56,7 +56,7 @@ def test_whole_files_are_kept(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", [10**8, 10**11])
 def test_a_run_without_room_changes_nothing(tmp_path: Path, count: int) -> None:
-    """And is told at once, however many files it would be."""
+    """Insufficient disk space raises an error before anything is written, for any number of files."""
     DataSet(tmp_path, SOURCES).write(1, lambda count: None)
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     with pytest.raises(DataError, match=r"needs \d+ MB, \d+ MB are free"):
@@ -65,7 +65,7 @@ def test_a_run_without_room_changes_nothing(tmp_path: Path, count: int) -> None:
 
 
 def test_lists_stand_until_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The disk may have filled since the first look."""
+    """Disk space is checked again before writing, and if it is full, the lists are kept."""
     DataSet(tmp_path, SOURCES).write(1, lambda count: None)
     data = DataSet(tmp_path, [(Generator(split="train"), 50)])
     monkeypatch.setattr(parts, "check_room", lambda out, need: (_ for _ in ()).throw(DataError("full")))
@@ -75,7 +75,7 @@ def test_lists_stand_until_there_is_room(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_a_missing_list_is_written_again(tmp_path: Path) -> None:
-    """And no frame."""
+    """A missing list is written again, without writing frames."""
     DataSet(tmp_path, SOURCES).write(1, lambda count: None)
     (tmp_path / "train.txt").unlink()
     data = DataSet(tmp_path, SOURCES)
@@ -86,7 +86,7 @@ def test_a_missing_list_is_written_again(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("places_first", [True, False])
 def test_places_and_frames_do_not_replace_each_other(tmp_path: Path, places_first: bool) -> None:
-    """Without --force; the line says what is there and what was to be."""
+    """Places and frames replace each other only with ``force``; the error names both."""
     places, frames = [(PlaceGenerator(), 2)], [(Generator(), 2)]
     first, second = (places, frames) if places_first else (frames, places)
     DataSet(tmp_path, first).write(1, lambda count: None)

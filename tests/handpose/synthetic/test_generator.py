@@ -40,7 +40,7 @@ def test_arrays(generator: Generator, frames: Frames) -> None:
 
 
 def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frames: Frames) -> None:
-    """The same generator repeats itself whatever it drew before; another seed, split or block is different."""
+    """A generator gives the same frames regardless of earlier blocks; another seed, split or block differs."""
     generator.block(3)
     assert_equal(generator.block(0), frames)
     for other in (Generator(8).block(0), Generator(7, "test").block(0), generator.block(1)):
@@ -48,14 +48,14 @@ def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frame
 
 
 def test_a_generator_in_another_process(generator: Generator, frames: Frames) -> None:
-    """Travels as its numbers, and draws the same frames there."""
+    """A generator is pickled as its numbers, and the copy draws the same frames."""
     sent = pickle.dumps(Generator(7, "train", Recipe()))
     assert len(sent) < 60_000
     assert_equal(pickle.loads(sent).block(0), frames)
 
 
 def test_the_scene_of_a_block(generator: Generator, frames: Frames) -> None:
-    """Has the joints before they are cut off at the cube, and the depth of the frames."""
+    """The scene has the joints before clipping at the cube, and the depth of the frames."""
     scene = generator.scene(0)
     joints = scene.bodies.joints.reshape(BLOCK, -1)
     assert np.abs(joints).max() > 1
@@ -65,7 +65,7 @@ def test_the_scene_of_a_block(generator: Generator, frames: Frames) -> None:
 
 
 def test_joints_are_inside_the_surface() -> None:
-    """Along the ray through a joint the surface is in front of it; mostly no more than a finger or palm in front."""
+    """Along a joint's ray the surface is in front of the joint, by a median of about 12 mm."""
     frames = Generator(seed=3, recipe=Recipe(views=(View(NYU, None),))).block(0)
     joints = frames.joint.reshape(-1, 31, 3).astype(float)
     xyz = restore_joints(joints, frames.center, frames.half_cube)
@@ -79,7 +79,7 @@ def test_joints_are_inside_the_surface() -> None:
 
 
 def test_nothing_is_seen_outside_the_image() -> None:
-    """Hands at the border of the image: no ragged edge reaches into crop pixels that no image pixel fills."""
+    """For hands at the image border, crop pixels without an image pixel are background."""
     at_the_border = prior_file.load().but(
         lateral_x=NormalParameter(-0.5, 0.02), lateral_y=NormalParameter(0.38, 0.02), depth=RangeParameter(550, 560)
     )
@@ -88,13 +88,13 @@ def test_nothing_is_seen_outside_the_image() -> None:
     outside = (picked.columns < 0)[:, None, :] | (picked.rows < 0)[:, :, None]
     assert outside.any(axis=(1, 2)).mean() > 0.9
     touching = outside & np.pad(frames.depth[:, 0] < 1, ((0, 0), (0, 1), (0, 0)))[:, 1:]
-    assert touching.any()  # the hand is cut by the border
+    assert touching.any()  # the border cuts the hand
     assert (frames.depth[:, 0][outside] == 1).all()
 
 
 @pytest.mark.parametrize("name", recipes.NAMES)
 def test_recipes(name: str) -> None:
-    """Each draws frames, the same again; its text says all of it, and no two recipes are the same."""
+    """Every recipe draws reproducible frames, and all recipes have different descriptions."""
     scene = Generator(3, "test", recipes.recipe(name)).scene(1)
     np.testing.assert_array_equal(scene.depth, Generator(3, "test", recipes.recipe(name)).scene(1).depth)
     assert np.isfinite(scene.depth).all() and (scene.depth < 1).any(axis=(1, 2)).all()
@@ -103,7 +103,7 @@ def test_recipes(name: str) -> None:
 
 
 def test_every_roll_and_every_camera() -> None:
-    """The recipe for cameras: all views come, hands point everywhere, near and far."""
+    """The recipe "cameras" uses all views, all rolls, and near and far hands."""
     scenes = [Generator(3, "train", recipes.recipe("cameras")).scene(number) for number in range(12)]
     assert len({scene.camera.name for scene in scenes}) == 4
     depth = np.concatenate([scene.center_uvd[:, 2] for scene in scenes])
@@ -117,7 +117,7 @@ def test_every_roll_and_every_camera() -> None:
 
 @pytest.mark.parametrize("frame", [0, 772])
 def test_real_hands(nyu_data: Path, generator: Generator, frame: int) -> None:
-    """Surface on the annotated joints of a real frame covers the real hand and lies at its depth."""
+    """The surface on a real frame's annotated joints covers the real hand and lies at its depth."""
     published = cv2.imread(str(nyu_data / "crops" / f"{frame}.png"), cv2.IMREAD_GRAYSCALE)
     assert published is not None
     real = published / 127.5 - 1
@@ -141,23 +141,23 @@ def test_real_hands(nyu_data: Path, generator: Generator, frame: int) -> None:
 
 
 def test_crops_look_like_real_ones(generator: Generator) -> None:
-    """As much background as real crops have (67% and 73%), and hands at the same depth (median -27 mm)."""
+    """Crops have as much background as real ones (67% and 73%), and hands at the same depth (median -27 mm)."""
     depth = np.concatenate([generator.block(number).depth for number in range(4)])
     assert 0.65 < np.median((depth == 1).mean(axis=(1, 2, 3))) < 0.85
     assert np.median(depth[depth < 1]) * 150 == pytest.approx(-27, abs=15)
 
 
 def test_the_present_version_is_documented() -> None:
-    """In the last row of the table of versions, and nowhere else."""
+    """The present version is in one row of the table of versions."""
     rows = [line for line in (ROOT / "docs" / "experiments.md").read_text().splitlines() if "present version" in line]
     assert len(rows) == 1 and rows[0].startswith(f"| {VERSION} |")
 
 
 def test_mistakes() -> None:
-    """Impossible numbers and splits are named."""
+    """An invalid seed or split raises an error that names it."""
     for make, message in (
         (lambda: Generator(-1), "seed -1"),
-        (lambda: Generator(1 << 32), "seed 4294967296, expected 0 to 4294967295"),  # 0 again, of the other split
+        (lambda: Generator(1 << 32), "seed 4294967296, expected 0 to 4294967295"),  # seed 0 of the other split
         (lambda: Generator(0, "tset"), "'tset', expected one of train, test"),  # type: ignore[arg-type]
     ):
         with pytest.raises(DataError, match=message):

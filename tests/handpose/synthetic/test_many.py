@@ -13,7 +13,7 @@ from tests.support.same_frames import assert_equal
 
 
 def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
-    """Frames of any stretch, over block borders, are those of the blocks."""
+    """Frames of any range, across blocks, equal those of the blocks."""
     pieces = list(generate(BLOCK, generator, start=BLOCK // 2))
     assert [len(piece) for piece in pieces] == [BLOCK // 2, BLOCK // 2]
     np.testing.assert_array_equal(pieces[0].depth, frames.depth[BLOCK // 2 :])
@@ -34,6 +34,6 @@ def test_workers_change_nothing(generator: Generator) -> None:
     ("count", "workers", "message"), [(-1, 1, "-1 frames"), (1, 0, "0 worker processes")], ids=["frames", "workers"]
 )
 def test_mistakes(count: int, workers: int, message: str) -> None:
-    """Impossible numbers are named."""
+    """Invalid numbers raise an error that names them."""
     with pytest.raises(DataError, match=message):
         list(generate(count, Generator(), workers=workers))

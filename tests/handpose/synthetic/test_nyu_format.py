@@ -17,7 +17,7 @@ COUNTS: dict[Split, int] = {"train": 3, "test": 2}
 
 
 def test_the_crop_of_the_image_is_the_crop() -> None:
-    """To half a mm, since the image has whole ones."""
+    """The crop of the image equals the frame's crop to half a mm, because the image has whole mm."""
     generator = Generator(seed=1)
     scene = generator.scene(0)
     for n in range(8):
@@ -29,7 +29,7 @@ def test_the_crop_of_the_image_is_the_crop() -> None:
 
 @pytest.mark.parametrize(("u", "v"), [(8, 240), (320, 8), (11, 11), (14, 23)])
 def test_a_hand_over_the_upper_or_left_border(u: float, v: float) -> None:
-    """What the crop shows of the image comes back, the image's first column and row included."""
+    """The crop's part within the image is restored, including the image's first column and row."""
     generator = Generator(seed=1)
     scene = generator.scene(0)
     center = np.array([[u, v, 800.0]])
@@ -42,18 +42,18 @@ def test_a_hand_over_the_upper_or_left_border(u: float, v: float) -> None:
 
 
 def test_whole_splits_are_kept(tmp_path: Path) -> None:
-    """Of a run that ended between two of them; ``advance`` hears of every frame."""
-    told: list[int] = []
+    """Complete splits of an interrupted run are kept, and ``advance`` counts every frame."""
+    reported: list[int] = []
 
     def advance(count: int) -> None:
-        told.append(count)
-        if sum(told) == 5:
+        reported.append(count)
+        if sum(reported) == 5:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         RawDataSet(tmp_path, 0, COUNTS).write(1, advance)
     data = RawDataSet(tmp_path, 0, COUNTS)
-    assert (told, data.missing_frames, data.is_whole) == ([3, 2], 2, False)
+    assert (reported, data.missing_frames, data.is_whole) == ([3, 2], 2, False)
     data.write(1, lambda count: None)
     assert RawDataSet(tmp_path, 0, COUNTS).is_whole
     assert RawDataSet(tmp_path, 0, COUNTS, force=True).missing_frames == 5
@@ -61,7 +61,7 @@ def test_whole_splits_are_kept(tmp_path: Path) -> None:
 
 
 def test_a_person_with_another_cube_is_refused(tmp_path: Path) -> None:
-    """The format has no place for it: the frames would come back with the first person's."""
+    """A recipe with a second cube size raises an error, because the format stores no cubes."""
     with pytest.raises(
         DataError, match="holds no cubes, they are taken for 300 mm; this recipe also has one of 261 mm"
     ):

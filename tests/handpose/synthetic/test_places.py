@@ -20,12 +20,12 @@ from netlib.errors import DataError
 
 @pytest.fixture(scope="module")
 def block() -> PlaceRows:
-    """Places of four scenes."""
+    """The places of four scenes."""
     return PlaceGenerator(3).block(1)
 
 
 def test_labels(block: PlaceRows) -> None:
-    """Hands that are near, with their offsets; none where none is; neither where one is half near."""
+    """Places near a hand are labelled with the offset; those far from one are not; those between are unknown."""
     hand, offset = block.hand, np.linalg.norm(block.offset, axis=1) * CUBE_MM / 2
     assert {0.0, 1.0} <= set(hand.tolist()) <= {0.0, 1.0, UNKNOWN}
     assert 0.3 < (hand == 1).mean() < 0.7
@@ -36,14 +36,14 @@ def test_labels(block: PlaceRows) -> None:
 
 
 def test_offsets(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Go from each crop's middle to the hand's; of mirrored crops with the other sign along x."""
-    told: list[tuple[np.ndarray, np.ndarray]] = []
+    """Offsets lead from each crop's middle to the hand's; for mirrored crops x is negated."""
+    returned: list[tuple[np.ndarray, np.ndarray]] = []
     original = places.place_crops
     hands: list[np.ndarray] = []
 
     def cut(depth: np.ndarray, chosen: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-        told.append(original(depth, chosen, camera))
-        return told[-1]
+        returned.append(original(depth, chosen, camera))
+        return returned[-1]
 
     def draw(*args: object, **options: object) -> scenes.Scenes:
         drawn = scenes.draw_scenes(*args, **options)  # type: ignore[arg-type]
@@ -55,7 +55,7 @@ def test_offsets(monkeypatch: pytest.MonkeyPatch) -> None:
     block = PlaceGenerator(3).block(1)
     mirrored = 0
     for n in np.flatnonzero(block.hand == 1):
-        (crops, kept), hand = told[n // PER_SCENE], hands[n // PER_SCENE]
+        (crops, kept), hand = returned[n // PER_SCENE], hands[n // PER_SCENE]
         own = n % PER_SCENE % len(kept)
         expected = (hand - kept[own]) / (CUBE_MM / 2)
         if not np.array_equal(crops[own], block.depth[n, 0]):
@@ -66,7 +66,7 @@ def test_offsets(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_same_places(block: PlaceRows) -> None:
-    """For the same numbers, in another process too; other ones for another seed or split."""
+    """The same seed gives the same places, in another process too; another seed or split gives others."""
     generator = pickle.loads(pickle.dumps(PlaceGenerator(3)))
     for name, values in generator.block(1).arrays().items():
         np.testing.assert_array_equal(values, getattr(block, name))
@@ -76,14 +76,14 @@ def test_the_same_places(block: PlaceRows) -> None:
 
 
 def test_what_they_are_made_from(monkeypatch: pytest.MonkeyPatch) -> None:
-    """How hands are held, and which hand, too: another prior is another recipe, and files are made anew."""
+    """A change of the hands' prior changes the recipe, so that files are made again."""
     before = json.dumps(PlaceGenerator(3).made_from())
     monkeypatch.setattr(places, "any_roll", lambda: any_roll().but(scale_std=0.2))
     assert json.dumps(PlaceGenerator(3).made_from()) != before
 
 
 def test_a_few_of_them(block: PlaceRows) -> None:
-    """In pieces, with the columns that a file will have."""
+    """``generate`` returns a part of a block, with the columns of the files."""
     (few,) = generate(3, PlaceGenerator(3), start=BLOCK)
     np.testing.assert_array_equal(few.depth, block.depth[:3])
     columns = PlaceGenerator(3).columns()
@@ -92,7 +92,7 @@ def test_a_few_of_them(block: PlaceRows) -> None:
 
 
 def test_a_seed_below_zero() -> None:
-    """Or another split: one line."""
+    """A negative seed or an unknown split raises an error."""
     with pytest.raises(DataError, match="seed -1, expected 0 to 4294967295"):
         PlaceGenerator(-1)
     with pytest.raises(DataError, match="split 'valid', expected one of train, test"):

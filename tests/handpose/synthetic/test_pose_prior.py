@@ -21,7 +21,7 @@ def sampler() -> BodySampler:
 
 
 def test_bones_vary_within_reason(sampler: BodySampler) -> None:
-    """Joints are apart by their frame's bones, which are the skeleton's times a hand's and a bone's own factor."""
+    """Bone lengths are those of the frame, which vary by a factor per hand and one per bone."""
     hands = sampler.draw(np.random.default_rng(0), 500)
     skeleton = sampler.skeleton
     child = np.flatnonzero(skeleton.parents >= 0)
@@ -46,7 +46,7 @@ def test_parameters_are_the_models(sampler: BodySampler) -> None:
 
 
 def test_fingers_rarely_run_through_each_other(sampler: BodySampler) -> None:
-    """Hardly a hand has parts deeper in each other than the prior allows."""
+    """In fewer than 1% of the hands, parts penetrate each other more than the prior allows."""
     hands = sampler.draw(np.random.default_rng(0), 500)
     surface, inputs = sampler.surface, np.zeros((500, len(sampler.surface.whole.initial)))
     inputs[:, : hands.inputs.shape[1]] = hands.inputs
@@ -56,7 +56,7 @@ def test_fingers_rarely_run_through_each_other(sampler: BodySampler) -> None:
 
 
 def test_center_is_in_the_palm(sampler: BodySampler) -> None:
-    """The prior's crop centre is NYU's joint 34; it lies as far from the palm joint, give or take the jitter."""
+    """The prior's crop centre is NYU's joint 34, at the same distance from the palm joint, up to the jitter."""
     np.testing.assert_allclose(sampler.center * 150, CENTER_IN_PALM, atol=1e-12)
     hands = sampler.draw(np.random.default_rng(0), 500)
     distance = np.linalg.norm(hands.joints[:, sampler.skeleton.joint_names.index("palm")], axis=1) * 150
@@ -65,7 +65,7 @@ def test_center_is_in_the_palm(sampler: BodySampler) -> None:
 
 
 def test_bones_of_a_group_differ_together() -> None:
-    """All of a finger's are longer, or shorter, by one factor; the others keep the body's size."""
+    """All bones of a group are scaled by one factor; other bones keep the body's size."""
     group = ProportionParameter(("index_pip_a", "index_pip_b"), 0.1)
     prior = prior_file.load().but(scale_mean=0.8, scale_std=0.0, bone_std=0.0, proportion=(group,))
     sampler = BodySampler(prior)
@@ -79,7 +79,7 @@ def test_bones_of_a_group_differ_together() -> None:
 
 
 def test_people_are_seen_from_every_side() -> None:
-    """Of directions in which a palm, or its fingers, may point, each eighth of the sphere has its share."""
+    """The directions of palms and fingers are distributed evenly over the eight octants."""
     sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
     everywhere = tuple(schema.changed(turn, any=1.0) for turn in sampler.prior.turn)
     angles = BodySampler(sampler.prior.but(turn=everywhere)).rotations(np.random.default_rng(0), 4000)

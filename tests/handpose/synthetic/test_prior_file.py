@@ -1,4 +1,4 @@
-"""handpose/synthetic/prior_file.py, and bodies of other files than the hand's"""
+"""handpose/synthetic/prior_file.py, and bodies from other files than the hand's"""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ pose { name: "curled" bend { of: "tail" part: 1 } at { of: "c" part: 0.5 } }
 
 @pytest.fixture()
 def tail(tmp_path: Path) -> Path:
-    """A prior file with its skeleton beside it."""
+    """A prior file with its skeleton in the same folder."""
     (tmp_path / "tail.prototxt").write_text(SKELETON)
     path = tmp_path / "tail_prior.prototxt"
     path.write_text(PRIOR)
@@ -59,7 +59,7 @@ def tail(tmp_path: Path) -> Path:
 
 
 def test_the_hands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The packaged prior is found from anywhere, has NYU's hand, and gestures that every finger takes part in."""
+    """The packaged prior is found from any folder, has NYU's hand, and its gestures use every finger."""
     monkeypatch.chdir(tmp_path)
     prior = prior_file.load()
     assert prior.body().name == "nyu" and prior.cube_mm == 300 and prior.camera in CAMERAS
@@ -69,7 +69,7 @@ def test_the_hands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_another_body(tail: Path) -> None:
-    """Its frames are drawn, posed and seen as its files say, in another process, too."""
+    """Its frames are drawn, posed and rendered as described in its files, also after pickling."""
     made = recipe_of(tail)
     assert made.views[0].camera.name == "kinect2"
     generator: Generator = pickle.loads(pickle.dumps(Generator(3, "train", made)))
@@ -83,12 +83,12 @@ def test_another_body(tail: Path) -> None:
     assert inside.all() and (frames.dof[:, skeleton.fixed] == 0).all()
     turn = np.degrees(frames.dof[:, 3] + 0.5)
     assert turn.mean() == pytest.approx(30, abs=3) and 2 < turn.std() < 8
-    # a from its lower to its upper limit while b goes from its own to its own
+    # ``a`` goes from its lower to its upper limit while ``b`` goes from its lower to its upper one
     np.testing.assert_allclose((frames.dof[:, 4] + 1) / 1.5, frames.dof[:, 5] / 2, atol=1e-6)
 
 
 def test_the_crop_centre(tail: Path) -> None:
-    """Lies where the file says, in the frame of its joint, whatever the turn."""
+    """The crop centre is at the given position in the frame of its joint, for any rotation."""
     sampler = BodySampler(prior_file.load(tail))
     bodies = sampler.draw(np.random.default_rng(0), 50)
     pose = sampler.kinematics.forward(bodies.inputs, bodies.bones)
@@ -97,7 +97,7 @@ def test_the_crop_centre(tail: Path) -> None:
 
 
 def test_poses_with_a_name(tail: Path) -> None:
-    """Parts of the ranges, and blends of them within the limits."""
+    """Named poses are parts of the ranges, and blends of them stay within the limits."""
     prior = prior_file.load(tail)
     sampler = BodySampler(prior)
     np.testing.assert_allclose(sampler.poses["curled"], [0, 0, 0, 0, 0.5, 2, 0, 0])
@@ -106,7 +106,7 @@ def test_poses_with_a_name(tail: Path) -> None:
 
 
 def test_one_hand_and_a_second() -> None:
-    """Training frames show the packaged hand; the test split in turn another one, in smaller crops, always the same."""
+    """Training frames have the packaged hand; test blocks alternate with a second, constant one in smaller crops."""
     made = recipe("one_hand")
     hand = made.prior.body()
     for split, number, same in (("train", 0, True), ("train", 1, True), ("test", 0, True), ("test", 1, False)):
@@ -164,7 +164,7 @@ def test_one_hand_and_a_second() -> None:
     ],
 )
 def test_refusals(tail: Path, old: str, new: str, message: str) -> None:
-    """What means nothing is one line with its place."""
+    """An invalid value raises an error of one line with its place."""
     assert old in PRIOR
     tail.write_text(PRIOR.replace(old, new, 1))
     with pytest.raises(NetlibError, match=message):
@@ -172,7 +172,7 @@ def test_refusals(tail: Path, old: str, new: str, message: str) -> None:
 
 
 def test_the_skeleton_beside_the_prior_comes_first(tail: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file of the same name in the working directory is another body's."""
+    """The skeleton in the prior's folder takes precedence over one in the working directory."""
     other = tail.parent / "other"
     other.mkdir()
     (other / "tail.prototxt").write_text('name: "other" joint { name: "root" }')
@@ -181,7 +181,7 @@ def test_the_skeleton_beside_the_prior_comes_first(tail: Path, monkeypatch: pyte
 
 
 def test_a_centre_that_cannot_move(tail: Path) -> None:
-    """A fixed place takes no crop to the body."""
+    """A centre at a joint with a fixed translation raises an error."""
     tail.with_name("tail.prototxt").write_text(SKELETON.replace('dof { name: "z" }', 'dof { name: "z" fixed: true }'))
     with pytest.raises(NetlibError, match="joint: expected one without a parent that translates along X, Y and Z"):
         prior_file.load(tail)
@@ -189,7 +189,7 @@ def test_a_centre_that_cannot_move(tail: Path) -> None:
 
 @pytest.mark.parametrize(("old", "new"), [("0.3", "5"), ("cube_mm: 1000", "cube_mm: 1"), ("y: 100", "y: 3000")])
 def test_a_body_beside_the_crops(tail: Path, old: str, new: str) -> None:
-    """Lengths beyond the cube, a cube of 1 mm and a centre far away are told before frames are made of them."""
+    """Lengths beyond the cube, a cube of 1 mm and a distant centre raise an error before frames are made."""
     tail.with_name("tail.prototxt").write_text(SKELETON.replace(old, new))
     tail.write_text(PRIOR.replace(old, new))
     with pytest.raises(NetlibError, match=r"of the joints lie outside the crops.*expected lengths in half-cubes"):
@@ -197,6 +197,6 @@ def test_a_body_beside_the_crops(tail: Path, old: str, new: str) -> None:
 
 
 def test_packaged_bodies_are_in_view() -> None:
-    """Person and arm are."""
+    """The packaged person and arm are within their crops."""
     for name in ("person", "arm"):
         check_in_view(recipe_of(NYU_HAND.parents[1] / "body" / f"{name}_prior.prototxt"), 0)

@@ -10,7 +10,7 @@ from handpose.synthetic.scenes import KINDS, draw_scenes, prior_of
 
 
 def test_scenes() -> None:
-    """Images of every kind in turn, the same for the same seed, the hand in sight; a forearm that is nearer than it."""
+    """Kinds alternate, scenes are reproducible, hands are in sight, and forearms are nearer than their hands."""
     scenes = draw_scenes(np.random.default_rng(7), 9)
     again = draw_scenes(np.random.default_rng(7), 9)
     np.testing.assert_array_equal(scenes.depth, again.depth)
@@ -27,7 +27,7 @@ def test_scenes() -> None:
 
 
 def test_other_cameras_and_distances() -> None:
-    """From any number on."""
+    """Another camera and other distances are used, and scenes may start at any number."""
     prior = prior_of(RangeParameter(1100.0, 1200.0))
     scenes = draw_scenes(np.random.default_rng(7), 2, KINECT2, None, prior, first=2)
     assert scenes.kind == ["clutter", "forearm"] and scenes.depth.shape == (2, 424, 512)

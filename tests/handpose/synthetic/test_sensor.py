@@ -18,14 +18,14 @@ PERFECT = Sensor(
 
 
 def slope() -> np.ndarray:
-    """Two frames of a slanted plate before the background, mm."""
+    """Two frames of a slanted plate in front of the background, in mm."""
     depth = np.full((2, 128, 128), 950, np.float32)
     depth[:, 30:90, 40:100] = np.linspace(700, 850, 60, dtype=np.float32)
     return depth
 
 
 def test_sensor_without_faults_is_exact_to_its_step() -> None:
-    """With every fault at 0 only the rounding of the disparity is left."""
+    """Without faults, only the rounding of the disparity changes the depth."""
     read = sense(np.random.default_rng(0), slope(), FAR, PERFECT, NYU)
     seen = slope() < 950
     assert (read[~seen] == 950).all()
@@ -35,7 +35,7 @@ def test_sensor_without_faults_is_exact_to_its_step() -> None:
 
 
 def test_sensor_noise() -> None:
-    """The default sensor moves depths by a few mm, drops few pixels, and only near edges of the outline."""
+    """The default sensor moves depths by a few mm and drops few pixels, all near the outline."""
     read = sense(np.random.default_rng(0), slope(), FAR, Sensor(), NYU)
     inner = (slice(None), slice(36, 84), slice(46, 94))
     assert 0.1 < np.abs(read[inner] - slope()[inner]).mean() < 4
@@ -45,7 +45,7 @@ def test_sensor_noise() -> None:
 
 
 def edges(depth: np.ndarray) -> np.ndarray:
-    """Pixels with a neighbour at another depth, by more than a sensor's 15 mm."""
+    """Pixels with a neighbour that differs by more than a sensor's 15 mm."""
     found = np.zeros(depth.shape, dtype=bool)
     for axis in (1, 2):
         for step in (-1, 1):
@@ -58,7 +58,7 @@ def edges(depth: np.ndarray) -> np.ndarray:
 
 
 def test_dropped_pixels() -> None:
-    """Are those at edges, read as the background: all at a dropout of 1, about a third at a third, none at 0."""
+    """Dropped pixels are at edges and read as background: all for a dropout of 1, about a third for 1/3, none for 0."""
     whole = sense(np.random.default_rng(0), slope(), FAR, PERFECT, NYU)
     at_edge = edges(whole) & (whole < 950)
     assert at_edge.sum() == 2 * (4 * 60 - 4)  # the outline of the plate
@@ -70,7 +70,7 @@ def test_dropped_pixels() -> None:
 
 
 def test_holes() -> None:
-    """Are 3 x 3 pixels about one at an edge, read as the background, each frame as its own background."""
+    """Holes are 3 x 3 pixels about one at an edge, and read as each frame's own background."""
     whole = sense(np.random.default_rng(0), slope(), FAR, PERFECT, NYU)
     far = np.array([950.0, 1200.0])
     read = sense(np.random.default_rng(0), slope(), far, replace(PERFECT, holes=(1.0, 1.0)), NYU)
@@ -83,7 +83,7 @@ def test_holes() -> None:
 
 
 def test_time_of_flight() -> None:
-    """Noise that grows with the squared depth, rounded to mm; nothing else if there are no other faults."""
+    """Noise grows with the squared depth and is rounded to mm; without other faults nothing else changes."""
     perfect = replace(PERFECT, baseline=0.0, depth_noise=(4.0, 4.0))
     near, far = (np.full((1, 64, 64), mm, np.float32) for mm in (500, 1000))
     for plate, deviation in ((near, 1.0), (far, 4.0)):
@@ -93,7 +93,7 @@ def test_time_of_flight() -> None:
 
 
 def test_flying_pixels() -> None:
-    """Some pixels at an edge between two surfaces read what lies between; beside the background there is none."""
+    """Some pixels at an edge between two surfaces read a depth between them; at the background none do."""
     depth = np.full((1, 64, 64), 950, np.float32)
     depth[:, 10:50, 10:30], depth[:, 10:50, 30:50] = 600, 700
     flying = replace(PERFECT, baseline=0.0, flying=(1.0, 1.0))
@@ -104,7 +104,7 @@ def test_flying_pixels() -> None:
 
 
 def test_a_settled_sensor_is_one_camera() -> None:
-    """Its levels lie between the bounds, are the same for every frame, and differ from camera to camera."""
+    """A settled sensor has levels within the bounds that are constant over frames and differ between cameras."""
     one, other = (NOISY_KINECT.settled(np.random.default_rng(seed)) for seed in (0, 1))
     for name, bounds in vars(NOISY_KINECT).items():
         own = getattr(one, name)
@@ -116,7 +116,7 @@ def test_a_settled_sensor_is_one_camera() -> None:
 
 
 def test_near_surfaces_spread() -> None:
-    """A plate covers the background beside it by as many pixels of the image as said; its own depths stay."""
+    """A plate covers the given number of image pixels around it, and its own depths are unchanged."""
     depth = np.full((1, 128, 128), 950, np.float32)
     depth[:, 40:80, 40:80] = 700
     wide = replace(PERFECT, spread=(2.0, 2.0), disparity_step=1e-4)

@@ -24,13 +24,13 @@ def sampler() -> BodySampler:
 
 
 def drawn(sampler: BodySampler, prior: SurfacePrior, count: int = 300, depth: float = 800) -> Capsules:
-    """The capsules of hands before a camera."""
+    """The capsules of hands in front of a camera."""
     rng = np.random.default_rng(0)
     return capsules_of(sampler, rng, sampler.draw(rng, count), (0, 0, depth), prior)
 
 
 def test_rendered_hand_equals_its_cropped_image(sampler: BodySampler) -> None:
-    """A hand drawn along the crop's rays is the crop of the hand drawn on the whole image."""
+    """A hand rendered along the crop's rays equals the crop of the hand rendered in the whole image."""
     rng = np.random.default_rng(5)
     hands = sampler.draw(rng, 3)
     centers = sampler.centers(rng, 3, NYU)
@@ -41,7 +41,7 @@ def test_rendered_hand_equals_its_cropped_image(sampler: BodySampler) -> None:
 
 
 def test_forearms_do_not_point_at_the_camera(sampler: BodySampler) -> None:
-    """The last capsule, the forearm, keeps to the side where the wrist can bend so far."""
+    """The forearm, the last capsule, rarely points at the camera more than the prior allows."""
     surface = drawn(sampler, DEFAULT_SURFACE)
     arm = surface.b[:, -1] - surface.a[:, -1]
     towards = -arm[:, 2] / np.linalg.norm(arm, axis=1)
@@ -50,7 +50,7 @@ def test_forearms_do_not_point_at_the_camera(sampler: BodySampler) -> None:
 
 
 def test_thickness_and_single_radii(sampler: BodySampler) -> None:
-    """Radii are the file's times a hand's thickness, and times a factor of each."""
+    """Radii are those of the file, times a thickness per hand and a factor per radius."""
     rng = np.random.default_rng(0)
     size = sampler.draw(rng, 300).scale
     own = sampler.surface.radii[:, 0] * 150
@@ -63,7 +63,7 @@ def test_thickness_and_single_radii(sampler: BodySampler) -> None:
 
 
 def test_offsets(sampler: BodySampler) -> None:
-    """At 0, capsules end at the joints."""
+    """With offsets of 0, capsules end at the joints."""
     rng = np.random.default_rng(0)
     hands = sampler.draw(rng, 10)
     capsules = capsules_of(sampler, rng, hands, (0, 0, 800), replace(EXACT, offsets=(0.0, 0.0)))
@@ -73,7 +73,7 @@ def test_offsets(sampler: BodySampler) -> None:
 
 
 def test_cut_forearms_and_sleeves(sampler: BodySampler) -> None:
-    """A cut forearm is shorter; a sleeve lies about it, thicker, from some place to its end."""
+    """A cut forearm is shorter; a sleeve surrounds it from a given place to its end, and is thicker."""
     whole, cut = drawn(sampler, EXACT), drawn(sampler, replace(EXACT, cut=1.0, cut_at=(0.25, 0.25)))
     length = [np.linalg.norm(c.b[:, -1] - c.a[:, -1], axis=1) for c in (whole, cut)]
     np.testing.assert_allclose(length[1], length[0] / 4)
@@ -85,14 +85,14 @@ def test_cut_forearms_and_sleeves(sampler: BodySampler) -> None:
 
 
 def test_a_forearm_ends_before_the_camera(sampler: BodySampler) -> None:
-    """Nothing of it is nearer than CLEAR_MM to the camera's plane, so that it can be rendered."""
+    """No part of the forearm is nearer to the camera's plane than CLEAR_MM, so that it can be rendered."""
     near = drawn(sampler, replace(EXACT, redraws=0), depth=260)
     assert (near.b[:, -1, 2] - near.radius_b[:, -1]).min() >= CLEAR_MM - 1e-9
     assert (drawn(sampler, EXACT, depth=900).b[:, -1, 2] > 500).all()
 
 
 def test_palms_are_thicker_than_fingers(sampler: BodySampler) -> None:
-    """Their radii have a factor of their own; a finger's and an arm's are those of the whole surface."""
+    """The palm's radii have a factor of their own; those of fingers and arms have the common one."""
     prior = replace(EXACT, thickness_mean=1.5, trunk_mean=2.0)
     thin, thick = (drawn(sampler, own, count=20) for own in (EXACT, prior))
     factor = np.concatenate([thick.radius_a / thin.radius_a, thick.radius_b / thin.radius_b])

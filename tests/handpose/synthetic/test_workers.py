@@ -18,20 +18,20 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_a_pool_computes() -> None:
-    """In other processes than this one."""
+    """Jobs run in other processes."""
     with processes(1) as pool:
         assert pool.submit(os.getpid).result() != os.getpid()
 
 
 def test_no_workers() -> None:
-    """Are too few."""
+    """A pool without workers raises an error."""
     with pytest.raises(DataError, match="0 worker processes, expected at least one"), processes(0):
         pass
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be blocked here")
 def test_what_starts_within_does_not_see_ctrl_c() -> None:
-    """Processes inherit the signals that are blocked; in this one all is as before."""
+    """Processes started within the block inherit the blocked SIGINT; this process is unchanged."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     with processes(1) as pool:
         with no_interrupt():
@@ -42,7 +42,7 @@ def test_what_starts_within_does_not_see_ctrl_c() -> None:
 
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="waiting for a process that is not a child needs pidfd_open")
 def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
-    """Not even if it is killed and can tell them nothing."""
+    """Workers end when their parent is killed, although it cannot notify them."""
     script = tmp_path / "parent.py"
     script.write_text(
         "import os, sys\n"
