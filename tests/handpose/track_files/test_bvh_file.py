@@ -1,4 +1,4 @@
-"""handpose/track_files/bvh_file.py, by a reader that knows BVH and nothing of our kinematics"""
+"""handpose/track_files/bvh_file.py, checked by a reader of BVH that is independent of our kinematics"""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.bvh_reader import Bvh
 from tests.support.made_tracks import any_hand, any_skeleton, header_of, skeleton_of
 
 HAND = header_of(load())
-# Two bones in a plane, which turn about z; the file has the child first.
+# Two bones in a plane, which rotate about z; the file has the child first.
 ARM = """
     name: "arm"
     dof { name: "x" } dof { name: "y" initial: 0.5 }
@@ -28,13 +28,13 @@ ARM = """
     joint { name: "elbow" parent: "base" rotate { axis: Z dof: "shoulder" } bone { axis: X length: 2 } }
     joint { name: "base" translate { axis: X dof: "x" } translate { axis: Y dof: "y" } }
 """
-CAMERA = np.array([1000.0, 1000.0, -1000.0])  # mm in camera axes, z away, from m in BVH's, z towards
+CAMERA = np.array([1000.0, 1000.0, -1000.0])  # from m in BVH's axes, z towards the camera, to mm in camera axes, z away
 
 
 def joints_read(bvh: Bvh, header: TrackHeader) -> dict[int, np.ndarray]:
-    """By number, joints (N, 3) in mm, camera axes: what stands at the ends of their bones.
+    """Joints (N, 3) in mm by number, in camera axes: the ends of their bones.
 
-    Without those whose children all are translated: no joint of BVH is there.
+    Joints whose children all are translated are omitted, because BVH has no joint there.
     """
     sk, places = header.skeleton, bvh.positions()
     found = {}
@@ -51,20 +51,20 @@ def joints_read(bvh: Bvh, header: TrackHeader) -> dict[int, np.ndarray]:
 
 
 def poses(header: TrackHeader, hand: str, seed: int, count: int = 4) -> list[TrackedHand]:
-    """Of one hand, which keeps its bones."""
+    """Poses of one hand with constant bones."""
     rng = np.random.default_rng(seed)
     bones = header.skeleton.bones * rng.uniform(0.8, 1.2, len(header.skeleton.bones))
     return [any_hand(header, rng, 0, hand, bones) for _ in range(count)]
 
 
 def text_of(header: TrackHeader, made: list[TrackedHand], rate: float = 30.0) -> str:
-    """The file of these poses."""
+    """The text of a file with these poses."""
     inputs, origins = (np.array([getattr(pose, name) for pose in made]) for name in ("inputs", "origin_mm"))
     return bvh_text(header, made[0].hand, inputs, origins, made[0].bones, rate)
 
 
 def check(header: TrackHeader, hand: str, seed: int) -> int:
-    """All joints that can be read are where they were; says how many."""
+    """Assert that all readable joints are at their places, and return their number."""
     made = poses(header, hand, seed)
     found = joints_read(Bvh(text_of(header, made)), header)
     for j, places in found.items():
@@ -76,25 +76,25 @@ def check(header: TrackHeader, hand: str, seed: int) -> int:
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
 def test_the_hand_is_where_it_was(hand: str, seed: int) -> None:
-    """All 31 joints to a thousandth of a mm, of a right hand and of a left one."""
+    """All 31 joints are restored to a thousandth of a mm, for right and left hands."""
     assert check(HAND, hand, seed) == 31
 
 
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
 def test_any_body(seed: int) -> None:
-    """Several roots, turns in any order, about an axis twice, slides, fixed DoFs, joints without a bone."""
+    """Bodies with several roots, any rotations and translations, fixed DoFs and joints without bones are restored."""
     check(header_of(any_skeleton(seed), 100.0), "left" if seed % 2 else "right", seed)
 
 
 @pytest.mark.parametrize("hand", ["right", "left"])
 def test_a_planar_arm(hand: str) -> None:
-    """Children before parents, and no turn of the root."""
+    """A body with children before parents, and a root that does not rotate, is restored."""
     assert check(header_of(skeleton_of(ARM), 100.0), hand, 0) == 3
 
 
 def test_true_angles_and_bones() -> None:
-    """The elbow's channel is its angle, its OFFSET the upper arm; of a left hand the turn about z is the other way."""
+    """The elbow's channel is its angle and its OFFSET the upper arm; a left hand rotates the other way about z."""
     header = header_of(skeleton_of(ARM), 100.0)
     for hand, side in (("right", 1), ("left", -1)):
         pose = replace(any_hand(header, np.random.default_rng(0), 0, hand), inputs=np.array([0, 0, 0.5, 0.75]))
@@ -110,7 +110,7 @@ def test_true_angles_and_bones() -> None:
 
 
 def test_what_importers_expect() -> None:
-    """Names of ASCII without spaces, each once; lines as Blender's importer takes them apart."""
+    """Names are unique ASCII words without spaces, and lines have the form that Blender's importer parses."""
     names = ["Büro der Hand", "Buro der Hand", "", "手"]
     joints = "".join(f'joint {{ name: "{name}" {f"parent: {chr(34)}{names[0]}{chr(34)}" if i else ""} }}'
                      for i, name in enumerate(names))  # fmt: skip
@@ -123,7 +123,7 @@ def test_what_importers_expect() -> None:
 
 
 def test_no_angle_jumps() -> None:
-    """A hand that turns on and on turns on in the file, too: programs draw curves through the frames."""
+    """A continuous rotation stays continuous in the file, because programs interpolate between frames."""
     header = header_of(skeleton_of(ARM))
     hand = any_hand(header, np.random.default_rng(0))
     angles = (np.linspace(0, 12, 60) + np.pi) % (2 * np.pi) - np.pi
@@ -136,7 +136,7 @@ def test_no_angle_jumps() -> None:
 
 
 def written(path: Path, frames: list[TrackedFrame], rate: float | None = None) -> list[Path]:
-    """The files of a track of the packaged hand."""
+    """The paths of the files of a track of the packaged hand."""
     with BvhWriter(path, HAND, rate) as writer:
         for frame in frames:
             writer.write(frame)
@@ -144,14 +144,14 @@ def written(path: Path, frames: list[TrackedFrame], rate: float | None = None) -
 
 
 def shown(path: Path, made: list[TrackedHand]) -> list[int]:
-    """Which of the poses each frame of the file shows, by the tip of the index finger."""
+    """The index of the pose that each frame of the file shows, found by the tip of the index finger."""
     tips = joints_read(Bvh(path.read_text()), HAND)[HAND.skeleton.joint_names.index("index_tip")]
     wanted = np.array([pose.xyz[HAND.skeleton.joint_names.index("index_tip")] for pose in made])
     return np.abs(tips[:, None] - wanted).max(axis=2).argmin(axis=1).tolist()
 
 
 def test_a_file_for_each_hand(tmp_path: Path) -> None:
-    """Which begin and end together; a hand that is lost stays where it was, and waits where it will appear."""
+    """All files span the same frames; a lost hand keeps its last pose, and a later one waits in its first pose."""
     right, left = poses(HAND, "right", 1), poses(HAND, "left", 2)
     left = [replace(pose, id=1) for pose in left]
     frames = [
@@ -168,7 +168,7 @@ def test_a_file_for_each_hand(tmp_path: Path) -> None:
 
 
 def test_a_gap_in_the_recording(tmp_path: Path) -> None:
-    """Frames of BVH are equally spaced: each shows the frame that is nearest in time."""
+    """Frames of BVH are equally spaced, and each shows the frame nearest in time."""
     made = poses(HAND, "right", 1)
     frames = [TrackedFrame(n, time, (pose,)) for n, (time, pose) in enumerate(zip((1.0, 1.1, 1.21, 1.6), made))]
     (file,) = written(tmp_path / "a.bvh", frames, rate=10.0)
@@ -177,7 +177,7 @@ def test_a_gap_in_the_recording(tmp_path: Path) -> None:
 
 
 def test_the_hand_that_it_was_in_the_end(tmp_path: Path) -> None:
-    """With the bones that it had then; what was taken for the other hand is left out."""
+    """A hand's final side and bones are used, and earlier frames with the other side are omitted."""
     first, later = poses(HAND, "left", 1, 2), poses(HAND, "right", 2, 2)
     frames = [TrackedFrame(n, n / 10, (pose,)) for n, pose in enumerate([*first, *later])]
     (file,) = written(tmp_path / "a.bvh", frames)
@@ -186,7 +186,7 @@ def test_the_hand_that_it_was_in_the_end(tmp_path: Path) -> None:
 
 
 def test_an_interruption_leaves_whole_files(tmp_path: Path) -> None:
-    """Of what was done."""
+    """After an interruption the files of the frames so far are complete."""
     (pose,) = poses(HAND, "right", 1, 1)
     with pytest.raises(KeyboardInterrupt), BvhWriter(tmp_path / "a.bvh", HAND) as writer:
         writer.write(TrackedFrame(0, 0.0, (pose,)))
@@ -195,7 +195,7 @@ def test_an_interruption_leaves_whole_files(tmp_path: Path) -> None:
 
 
 def test_no_hand_no_file(tmp_path: Path) -> None:
-    """And a folder that is not there is said before any work is done."""
+    """Without hands there is no file; a missing folder raises an error at the start."""
     assert written(tmp_path / "a.bvh", [TrackedFrame(0, 0.0, ())]) == []
     with pytest.raises(FileNotFoundError) as caught, BvhWriter(tmp_path / "none" / "a.bvh", HAND):
         pytest.fail("began all the same")
@@ -203,7 +203,7 @@ def test_no_hand_no_file(tmp_path: Path) -> None:
 
 
 def test_nearest_frames() -> None:
-    """The rate is that of most frames, unless it is given; one frame is one frame."""
+    """The rate is that of most frames, unless given; a single frame stays one; too many frames raise an error."""
     numbers, rate = nearest_frames(np.array([0, 0.1, 0.2, 0.31, 0.4]))
     assert numbers.tolist() == [0, 1, 2, 3, 4]
     assert rate == pytest.approx(10)
@@ -226,5 +226,5 @@ def test_nearest_frames() -> None:
     ids=["pairs", "pairs, the other half", "bursts of six", "pauses", "lost frames"],
 )
 def test_the_rate_of_uneven_times(steps: list[float], rate: float) -> None:
-    """Bursts do not multiply it, pauses and lost frames do not lessen it."""
+    """Bursts do not increase the rate; pauses and lost frames do not reduce it."""
     assert nearest_frames(np.cumsum([0.0, *steps]))[1] == pytest.approx(rate, rel=0.2)

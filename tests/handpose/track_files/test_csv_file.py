@@ -29,7 +29,7 @@ def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> list
 
 @pytest.mark.parametrize("header", [HAND, header_of(any_skeleton(2))], ids=["the hand", "another body"])
 def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
-    """Joints in mm and angles in rad, by column."""
+    """Each row has the joints in mm and the angles in rad, by column."""
     frames = any_track(header, 3, 6)
     rows = iter(written(tmp_path / "a.csv", header, frames))
     sk = header.skeleton
@@ -56,7 +56,7 @@ def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
 
 
 def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
-    """NaN of pandas; and a reason may hold commas and quotes."""
+    """Unknown values are empty, which pandas reads as NaN; a reason may contain commas and quotes."""
     hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=np.nan)
     reason = 'it is "dark", 3 mm'
     seen, lost = written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0, (hand,), (LostHand(1, "left", 0, reason),))])
@@ -65,7 +65,7 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
 
 
 def test_no_hand_no_row(tmp_path: Path) -> None:
-    """The columns are there."""
+    """Without hands the file has only its header."""
     assert written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0.0, ())]) == []
     assert (
         (tmp_path / "a.csv").read_text().startswith("number,time_s,id,hand,lost,confidence,error_mm,little_tip_x_mm,")
@@ -73,7 +73,7 @@ def test_no_hand_no_row(tmp_path: Path) -> None:
 
 
 def test_an_interruption_leaves_whole_rows(tmp_path: Path) -> None:
-    """Of the frames until then."""
+    """After an error the file has complete rows for the frames so far."""
     frames = any_track(HAND, 3, 4)
     rows = written(tmp_path / "whole.csv", HAND, frames)
     with pytest.raises(DataError), CsvWriter(tmp_path / "cut.csv", HAND) as writer:

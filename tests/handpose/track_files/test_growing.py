@@ -1,4 +1,4 @@
-"""handpose/track_files/growing.py: whatever happens, the file is a whole one or the old one"""
+"""handpose/track_files/growing.py: after any error, the file is either complete or the old one"""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from handpose.track_files.growing import GrowingFile
 
 
 def test_pieces_one_after_the_other(tmp_path: Path) -> None:
-    """Nothing stands under the name before the end, and nothing else afterwards."""
+    """The file appears under its name only at the end, and no other file is left."""
     path = tmp_path / "a.txt"
     with GrowingFile(path, b"<", b">") as file:
         for piece in (b"a", b"b"):
@@ -23,7 +23,7 @@ def test_pieces_one_after_the_other(tmp_path: Path) -> None:
 
 
 def test_another_end(tmp_path: Path) -> None:
-    """For the one who knows that all went well."""
+    """``finish`` replaces the end that is written after an interruption."""
     with GrowingFile(tmp_path / "a.txt", b"<", b" cut>") as file:
         file.append(b"a")
         file.finish(b">")
@@ -34,7 +34,7 @@ def test_another_end(tmp_path: Path) -> None:
 def test_a_piece_that_was_not_written_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
 ) -> None:
-    """Is not in the file; an error of the disk has the file's name."""
+    """A partly written piece is removed, and a disk error names the file."""
     path = tmp_path / "a.txt"
     file = GrowingFile(path, b"<", b">")
     with pytest.raises(type(error)) as caught, file:
@@ -46,7 +46,7 @@ def test_a_piece_that_was_not_written_whole(
 
 
 class Stream:
-    """A file on a disk that takes half of what is wrong."""
+    """A stream on a disk that fails halfway through the piece "wrong"."""
 
     def __init__(self, stream: io.FileIO, error: BaseException) -> None:
         self._stream, self._error = stream, error
@@ -62,7 +62,7 @@ class Stream:
 
 
 def test_before_the_first_piece_the_old_file_stays(tmp_path: Path) -> None:
-    """Whatever the error."""
+    """An interruption before the first piece leaves the old file."""
     (tmp_path / "a.txt").write_text("old")
     with pytest.raises(KeyboardInterrupt), GrowingFile(tmp_path / "a.txt", b"<", b">"):
         raise KeyboardInterrupt
@@ -72,7 +72,7 @@ def test_before_the_first_piece_the_old_file_stays(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["folder", "none/a.txt"])
 def test_where_no_file_can_be(tmp_path: Path, name: str) -> None:
-    """Said before any work is done."""
+    """A folder of that name, or a missing folder, raises an error at the start."""
     (tmp_path / "folder").mkdir()
     with pytest.raises(OSError) as caught, GrowingFile(tmp_path / name):
         pytest.fail("began all the same")

@@ -1,4 +1,4 @@
-"""handpose/track_files/joint_values.py: other formats in the files of tracks"""
+"""handpose/track_files/joint_values.py: other joint formats in track files"""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FRAMES = any_track(HEADER, 1, 4)
 
 
 def written(path: Path, joints: FormatName | None) -> Path:
-    """The file of the frames."""
+    """The path of a file with the frames."""
     with open_writer(path, HEADER, joints=joints) as writer:
         for frame in FRAMES:
             writer.write(frame)
@@ -34,7 +34,7 @@ def written(path: Path, joints: FormatName | None) -> Path:
 @pytest.mark.parametrize("ending", ["json", "jsonl"])
 @pytest.mark.parametrize("name", FORMATS)
 def test_json(tmp_path: Path, name: FormatName, ending: str) -> None:
-    """Every hand has the format beside ours, the header says what it is, and the track is read as any other."""
+    """Every hand has the format in addition to the joints, the header describes it, and the track is read as before."""
     path = written(tmp_path / f"a.{ending}", name)
     found = json.loads(path.read_text()) if ending == "json" else json.loads(path.read_text().splitlines()[0])
     assert found["joint_format"]["joints"] == list(FORMATS[name].joints)
@@ -56,7 +56,7 @@ def test_json(tmp_path: Path, name: FormatName, ending: str) -> None:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_csv(tmp_path: Path, name: FormatName) -> None:
-    """The format's columns stand for our joints and angles; a lost hand has its empty row."""
+    """The format's columns replace the joints and angles; a lost hand has an empty row."""
     rows = list(csv.DictReader(io.StringIO(written(tmp_path / "a.csv", name).read_text())))
     assert len(rows) == sum(len(frame.hands) + len(frame.lost) for frame in FRAMES)
     hand, row = FRAMES[0].hands[1], rows[1]
@@ -80,7 +80,7 @@ def test_csv(tmp_path: Path, name: FormatName) -> None:
 
 
 def test_gestures(tmp_path: Path) -> None:
-    """Each hand has its own in JSON and, in the last columns, in CSV; the same in both."""
+    """Each hand's gesture is written to JSON and, in the last columns, to CSV, with equal values."""
     for name in ("a.json", "a.csv"):
         with open_writer(tmp_path / name, HEADER, gestures=True) as writer:
             for frame in FRAMES:
@@ -98,14 +98,14 @@ def test_gestures(tmp_path: Path) -> None:
 
 
 def test_without_a_format_nothing_changes(tmp_path: Path) -> None:
-    """Neither the header nor a hand has a key of it."""
+    """Without a format neither the header nor the hands have its keys."""
     found = json.loads(written(tmp_path / "a.json", None).read_text())
     assert "joint_format" not in found
     assert "anatomical_deg" not in found["frames"][0]["hands"][0]
 
 
 def test_another_body_has_no_format(tmp_path: Path) -> None:
-    """One line says so, and what was there stays."""
+    """A body other than a hand raises an error, and no file is written."""
     header = header_of(any_skeleton(2))
     with (
         pytest.raises(DataError, match="only hands have"),

@@ -1,4 +1,4 @@
-"""handpose/track_files/json_file.py: what is written can be read, and what was cut short is whole all the same"""
+"""handpose/track_files/json_file.py: tracks are read as written, and interrupted files are complete"""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ both = pytest.mark.parametrize("layout", LAYOUTS)
 
 
 def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> Track:
-    """Written in the layout of the name's ending, and read."""
+    """The track, written in the layout of the suffix and read back."""
     with LAYOUTS[path.suffix[1:]](path, header) as writer:
         for frame in frames:
             writer.write(frame)
@@ -32,7 +32,7 @@ def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> Trac
 
 
 def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) -> None:
-    """To the digits of the file; the joints that follow from angles and bones are the joints."""
+    """Assert equality to the digits of the file, also for the joints computed from angles and bones."""
     assert replace(track.header, skeleton=header.skeleton) == header
     assert track.header.skeleton.param == header.skeleton.param
     assert [frame.number for frame in track.frames] == [frame.number for frame in frames]
@@ -53,7 +53,7 @@ def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) ->
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
 def test_what_is_written_can_be_read(tmp_path_factory: pytest.TempPathFactory, layout: str, seed: int) -> None:
-    """Of any body: pose, bones and joints of both hands, and what was said of lost ones."""
+    """Pose, bones and joints of both hands, and lost hands, are restored for any body."""
     header = header_of(any_skeleton(seed), unit_mm=100.0)
     frames = any_track(header, seed)
     check_same(written(tmp_path_factory.mktemp("track") / f"a.{layout}", header, frames), header, frames)
@@ -61,17 +61,17 @@ def test_what_is_written_can_be_read(tmp_path_factory: pytest.TempPathFactory, l
 
 @both
 def test_the_packaged_hand(tmp_path: Path, layout: str) -> None:
-    """With its surface; bones stand in the file where they are new."""
+    """The packaged hand is restored with its surface; bones are written only when they change."""
     frames = any_track(HAND, 3, 8)
     track = written(tmp_path / f"a.{layout}", HAND, frames)
     check_same(track, HAND, frames)
     assert not track.cut
-    assert (tmp_path / f"a.{layout}").read_text().count("bones_mm") == 4  # of two hands that grow once
+    assert (tmp_path / f"a.{layout}").read_text().count("bones_mm") == 4  # two hands whose bones change once
 
 
 @both
 def test_numbers_of_numpy(tmp_path: Path, layout: str) -> None:
-    """Of frames and of hands, as who counts by arrays has them."""
+    """NumPy's numbers are accepted for frames and hands."""
     hand = replace(any_hand(HAND, np.random.default_rng(0)), id=np.int64(3))
     lost = LostHand(np.int32(4), "left", np.float32(0.5), "left the image")
     track = written(tmp_path / f"a.{layout}", HAND, [TrackedFrame(np.int64(7), np.float64(0.25), (hand,), (lost,))])
@@ -80,7 +80,7 @@ def test_numbers_of_numpy(tmp_path: Path, layout: str) -> None:
 
 
 def test_keys_and_units(tmp_path: Path) -> None:
-    """What others rely on: names once, values by name; what is not known is null."""
+    """Keys and units are as documented; unknown values are null."""
     hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=float("nan"))
     written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (hand,))])
     found = json.loads((tmp_path / "a.json").read_text())
@@ -91,7 +91,7 @@ def test_keys_and_units(tmp_path: Path) -> None:
     assert found["complete"] is True
     assert body["joints"] == HAND.skeleton.joint_names
     assert ["index_dip", "index_tip"] in body["bones"]
-    assert len(body["angles"]) == 23  # of the palm 3, of four fingers 4 each, of the thumb 4
+    assert len(body["angles"]) == 23  # 3 of the palm, 4 of each of four fingers, 4 of the thumb
     assert body["angles"][0] == {"name": "palm_rot_x", "lower": None, "upper": None}
     assert body["angles"][3]["upper"] == pytest.approx(0.968701 + 0.117380)
     assert (frame["number"], frame["time_s"]) == (7, 0.25)
@@ -105,7 +105,7 @@ def test_keys_and_units(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, DataError])
 def test_an_interruption_leaves_a_whole_document(tmp_path: Path, error: type[BaseException]) -> None:
-    """Which says that it was stopped; nothing else stays."""
+    """After an interruption the document is complete and has a note; no other file is left."""
     frames = any_track(HAND, 1, 3)
     with pytest.raises(error), JsonWriter(tmp_path / "a.json", HAND) as writer:
         for frame in frames:
@@ -118,7 +118,7 @@ def test_an_interruption_leaves_a_whole_document(tmp_path: Path, error: type[Bas
 
 
 def test_an_interruption_before_the_first_frame_leaves_what_was_there(tmp_path: Path) -> None:
-    """Such as the track of yesterday, when the camera is not plugged in today."""
+    """An interruption before the first frame leaves an older file."""
     (tmp_path / "a.json").write_text("yesterday")
     with pytest.raises(DataError), JsonWriter(tmp_path / "a.json", HAND):
         raise DataError("no camera")
@@ -126,13 +126,13 @@ def test_an_interruption_before_the_first_frame_leaves_what_was_there(tmp_path: 
 
 
 def test_no_frame_at_all(tmp_path: Path) -> None:
-    """A recording without frames is a track without frames."""
+    """A recording without frames gives a track without frames."""
     assert written(tmp_path / "a.json", HAND, []).frames == []
     assert written(tmp_path / "a.jsonl", HAND, []).frames == []
 
 
 def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
-    """Each is there as soon as it is written."""
+    """Each line is flushed as soon as it is written."""
     frames = any_track(HAND, 1, 2)
     with JsonLinesWriter(None, HAND) as writer:
         assert json.loads(capsys.readouterr().out)["format"] == "handpose track"
@@ -143,14 +143,14 @@ def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_numbers_that_are_not_known_are_null() -> None:
-    """Alone and within lists: NaN is no JSON."""
+    """NaN and infinity become null, alone and within lists, because JSON lacks them."""
     nan, infinity = float("nan"), float("inf")
     assert rounded(nan, 2) is None
     assert rounded([[0.126, nan], [-0.001, infinity]], 2) == [[0.13, None], [0.0, None]]
 
 
 def test_lines_that_are_cut(tmp_path: Path) -> None:
-    """Whole lines are read, and a cut one is said; a last line that only lacks its end is whole."""
+    """Complete lines are read and a truncated one is reported; a missing final line end does not matter."""
     frames = any_track(HAND, 1, 3)
     written(tmp_path / "a.jsonl", HAND, frames)
     text = (tmp_path / "a.jsonl").read_text()
@@ -163,7 +163,7 @@ def test_lines_that_are_cut(tmp_path: Path) -> None:
 
 
 def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
-    """On one line, or on many."""
+    """A document formatted by another program is read, on one line or on many."""
     frames = any_track(HAND, 1, 2)
     written(tmp_path / "a.json", HAND, frames)
     values = json.loads((tmp_path / "a.json").read_text())
@@ -191,7 +191,7 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_is_no_track(tmp_path: Path, old: str, new: str, message: str) -> None:
-    """One line says where, and what was expected."""
+    """The error names the place and what was expected, on one line."""
     path = tmp_path / "a.json"
     written(path, HAND, any_track(HAND, 1, 2))
     text = path.read_text()
@@ -203,7 +203,7 @@ def test_what_is_no_track(tmp_path: Path, old: str, new: str, message: str) -> N
 
 
 def test_a_standard_output_that_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As by >&- in a shell: said as of a disk that is full."""
+    """A closed standard output, as by >&- in a shell, raises an error."""
     monkeypatch.setattr("sys.stdout", None)
     with pytest.raises(OSError, match="is closed: 'standard output'"), JsonLinesWriter(None, HAND):
         pytest.fail("began all the same")

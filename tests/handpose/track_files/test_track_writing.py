@@ -18,7 +18,7 @@ NAMES = {"a.json": ["a.json"], "b.JSONL": ["b.JSONL"], "c.csv": ["c.csv"], "d.bv
 
 @pytest.mark.parametrize("name", NAMES)
 def test_by_the_ending(tmp_path: Path, name: str) -> None:
-    """A writer says which files it wrote."""
+    """The suffix selects the writer, which returns the files that it wrote."""
     frames = any_track(HAND, 1)
     with open_writer(tmp_path / name, HAND, rate=30.0) as writer:
         for frame in frames:
@@ -29,7 +29,7 @@ def test_by_the_ending(tmp_path: Path, name: str) -> None:
 
 
 def test_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
-    """By the name -."""
+    """The name - stands for standard output."""
     with open_writer("-", HAND) as writer:
         writer.write(any_track(HAND, 1)[0])
     assert capsys.readouterr().out.count("\n") == 2
@@ -37,6 +37,6 @@ def test_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_another_ending() -> None:
-    """Says which there are."""
+    """An unknown suffix raises an error with the known ones."""
     with pytest.raises(DataError, match=r"a\.txt: cannot write a track of this kind; expected a name in \.json, "):
         open_writer("a.txt", HAND)
