@@ -1,4 +1,4 @@
-"""A body, what sees it, and short recordings that were tracked once for many tests."""
+"""A body, its predictor, and short recordings that are tracked once for many tests."""
 
 from __future__ import annotations
 
@@ -25,35 +25,35 @@ RATE = 15.0
 
 @dataclass
 class Take:
-    """A recording with its truth, and what a tracker told of it; after each frame the sizes that it knew, by id."""
+    """A recording with its truth and its tracked frames; after each frame the known sizes, by id."""
 
     recording: SyntheticRecording
     frames: list[DepthFrame]
     truth: list[TrackedFrame]
     tracker: Tracker | None = None
-    told: list[TrackedFrame] = field(default_factory=list)
+    reported: list[TrackedFrame] = field(default_factory=list)
     sizes: list[dict[int, float | None]] = field(default_factory=list)
 
     def score(self) -> TrackScores:
-        """Of what was told."""
+        """The scores of the tracked frames."""
         assert self.tracker is not None
-        return score(self.tracker.header("a recording"), self.told, self.truth)
+        return score(self.tracker.header("a recording"), self.reported, self.truth)
 
 
 def played(script: Script, seed: int) -> Take:
-    """A script, before ICVL's camera; not tracked yet."""
+    """A recording of a script for ICVL's camera, not tracked yet."""
     recording = SyntheticRecording(script, ICVL, rate=RATE, seed=seed)
     return Take(recording, list(recording), list(recording.truths()))
 
 
 def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
-    """The same, tracked. A size is told from fewer frames than it usually is: the recordings are short."""
+    """The same take, tracked. Sizes are determined from fewer frames than usual, because recordings are short."""
     tracker = Tracker(predictor, **options)  # type: ignore[arg-type]
-    done = replace(take, tracker=tracker, told=[], sizes=[])
+    done = replace(take, tracker=tracker, reported=[], sizes=[])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sizing, "FRAMES", 12)
         for frame in take.frames:
-            done.told.append(tracker.step(frame))
+            done.reported.append(tracker.step(frame))
             done.sizes.append({id: known.size for id, known in tracker.known.items()})
     return done
 
@@ -66,7 +66,7 @@ def model() -> CapsuleModel:
 
 @pytest.fixture(scope="session")
 def predictor() -> Predictor:
-    """The packaged one for ICVL's camera, the smallest."""
+    """The packaged predictor for ICVL's camera, the smallest one."""
     return load_predictor(ICVL, fit="fast")
 
 
@@ -78,7 +78,7 @@ def shown(predictor: Predictor) -> Take:
 
 @pytest.fixture(scope="session")
 def leaving(predictor: Predictor) -> Take:
-    """A left hand that leaves and returns."""
+    """A left hand that leaves the image and returns."""
     acts = (Act("rest", 0.6), Act("away", 2.2), Act("rest", 0.8))
     return tracked(predictor, played(Script(3.4, (Role("left", acts),)), 3))
 

@@ -14,14 +14,14 @@ SEEDS = st.integers(0, 10**6)
 
 
 def any_x(model: CapsuleModel, seed: int) -> np.ndarray:
-    """Variables (V,), the root's angles in all directions."""
+    """Variables (V,) with the root's angles in all directions."""
     x = np.random.default_rng(seed).uniform(-1, 1, model.variables)
     x[model.root] *= 4
     return x
 
 
 def check_round_trip(model: CapsuleModel, x: np.ndarray, first: np.ndarray, second: np.ndarray) -> None:
-    """The joints, in space, are the same about another centre."""
+    """Assert that the joints in space are the same about another centre."""
     converter = PoseConverter(model)
     body = converter.world_pose(x, first)
     again = converter.variables(body, second)
@@ -31,13 +31,13 @@ def check_round_trip(model: CapsuleModel, x: np.ndarray, first: np.ndarray, seco
 
 @given(seed=SEEDS, first=CENTERS, second=CENTERS)
 def test_there_and_back(model: CapsuleModel, seed: int, first: tuple[float, ...], second: tuple[float, ...]) -> None:
-    """Any pose of the hand, about any centre."""
+    """Any pose of the hand is converted between any two centres."""
     check_round_trip(model, any_x(model, seed), np.array(first), np.array(second))
 
 
 @given(seed=SEEDS, seconds=st.floats(0.01, 2))
 def test_motion_leads_there(model: CapsuleModel, seed: int, seconds: float) -> None:
-    """From one pose to another; half of the time is half of the way, and none is none."""
+    """The motion leads from one pose to the other; half the time is half the way, and no time is no motion."""
     converter, center = PoseConverter(model), np.zeros(3)
     first, second = (converter.world_pose(any_x(model, seed + i), center) for i in range(2))
     motion = motion_between(first, second, seconds)
@@ -50,7 +50,7 @@ def test_motion_leads_there(model: CapsuleModel, seed: int, seconds: float) -> N
 
 
 def test_how_fast() -> None:
-    """A quarter turn about y in half a second, 10 mm along x."""
+    """A quarter turn about y and 10 mm along x in half a second give the velocities worked out by hand."""
     first = WorldPose(np.zeros(3), np.eye(3), np.zeros(2))
     second = WorldPose(np.array([10.0, 0, 0]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0, 0.1]))
     motion = motion_between(first, second, 0.5)

@@ -1,4 +1,4 @@
-"""handpose/tracking/hand_track.py: by estimates that were made by hand"""
+"""handpose/tracking/hand_track.py, with artificial estimates"""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ FRAME = 1 / 30
 
 
 class FakeEstimator:
-    """Its crops are at the palm, and its locator sees the hand 7 mm farther right."""
+    """An estimator whose crops are at the palm, and whose locator sees the hand 7 mm farther right."""
 
     sides = SIDES
 
     def center_of(self, body: WorldPose, side: str) -> np.ndarray:
-        """The place itself."""
+        """The place of the body."""
         return body.place
 
     def hand_near(self, depth: np.ndarray, estimate: Estimate) -> np.ndarray:
-        """Beside it."""
+        """The place, 7 mm to the right."""
         return estimate.body.place + (7, 0, 0)
 
 
 ESTIMATOR: Any = FakeEstimator()
-DEPTH = np.zeros((1, 1), np.float32)  # which it does not look at
+DEPTH = np.zeros((1, 1), np.float32)  # unused by the fake estimator
 
 
 def estimate(
@@ -42,7 +42,7 @@ def estimate(
     error: float = 5.0,
     goes_on: bool = True,
 ) -> Estimate:
-    """A hand at x mm."""
+    """An estimate of a hand at x mm."""
     one, none = np.ones(1), np.zeros((1, 3))
     fit = DepthFit(none, one, none, none, one, uncertainty * one, error * one, confidence * one, none,
                    np.full((1, 5), 3.0), one)  # fmt: skip
@@ -51,20 +51,20 @@ def estimate(
 
 
 def both(x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float) -> list[Estimate]:
-    """One place seen as a right hand and as a left one, with these uncertainties."""
+    """Estimates of one place as a right and as a left hand, with these uncertainties."""
     return [estimate("right", x, right, **said), estimate("left", x, left, **said)]
 
 
 def followed(
     one: HandTrack, estimates: list[list[Estimate]], first: int = 1, beside: list[Estimate] | None = None
 ) -> None:
-    """Frame by frame at 30 frames/s, as the sides that are still looked for; ``beside``: second looks at each."""
+    """Add a frame of each estimate, at 30 per second; ``beside`` are second estimates for every frame."""
     for n, seen in enumerate(estimates, first):
         assert one.take([own for own in seen if own.region.side in one.sides], beside or [], n * FRAME)
 
 
 def compared(one: HandTrack, looks: list[list[Estimate]], first: int = 1) -> None:
-    """Second looks at both sides, one in each frame."""
+    """Add second estimates of both sides, one pair per frame."""
     for n, seen in enumerate(looks, first):
         followed(one, [both()], n, seen)
 
@@ -74,7 +74,7 @@ def compared(one: HandTrack, looks: list[list[Estimate]], first: int = 1) -> Non
 
 @pytest.mark.parametrize(("right", "left", "side"), [(1.0, 9.0, "right"), (9.0, 1.0, "left")])
 def test_which_hand_is_decided_and_kept(right: float, left: float, side: str) -> None:
-    """Both are followed until looks enough have spoken; then one, whatever a single look says."""
+    """Both sides are tracked until enough estimates agree; afterwards single estimates do not change the decision."""
     one = HandTrack(0, ESTIMATOR, both(right=right, left=left), 0.0, None)
     assert set(one.sides) == set(SIDES) and not one.is_decided
     assert one.best.estimate.region.side == side and {region.side for region in one.regions(FRAME)} == set(SIDES)
@@ -90,7 +90,7 @@ def test_which_hand_is_decided_and_kept(right: float, left: float, side: str) ->
 
 
 def test_the_sum_decides() -> None:
-    """No look alone, however sure it is: most looks said right."""
+    """No single estimate decides, however certain; most estimates are for the right hand."""
     one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
     compared(one, [both(right=1e9, left=1e-9)])
     assert not one.is_decided and one.best.estimate.region.side == "left"
@@ -102,14 +102,14 @@ def test_the_sum_decides() -> None:
 
 
 def test_at_last_the_many_decide() -> None:
-    """Where every look says little."""
+    """After many estimates of small difference the side is decided."""
     one = HandTrack(0, ESTIMATOR, both(right=1.01), 0.0, None)
     compared(one, [both(right=1.01)] * 29)
     assert list(one.sides) == ["left"]
 
 
 def test_who_decided_in_bad_light_may_be_wrong() -> None:
-    """If all looks say the other hand from then on, it becomes that one."""
+    """If all later estimates contradict a decided side, the side changes."""
     one = HandTrack(0, ESTIMATOR, both(right=9), 0.0, None)
     compared(one, [both(right=9)] * 20)
     assert list(one.sides) == ["left"]
@@ -121,7 +121,7 @@ def test_who_decided_in_bad_light_may_be_wrong() -> None:
 
 @pytest.mark.parametrize(("side_prior", "side"), [(1.0, "right"), (-1.0, "left")])
 def test_what_else_is_known(side_prior: float, side: str) -> None:
-    """Decides where pictures do not."""
+    """The prior of the side decides where the images do not."""
     one = HandTrack(0, ESTIMATOR, both(), 0.0, None, side_prior)
     assert one.best.estimate.region.side == side
     compared(one, [both()] * 29)
@@ -129,7 +129,7 @@ def test_what_else_is_known(side_prior: float, side: str) -> None:
 
 
 def test_a_side_that_is_not_seen_says_nothing() -> None:
-    """Where one place is out of sight the other is followed; what shows nothing at all speaks against its side."""
+    """A side out of sight is no evidence; a side whose crop shows no hand counts against that side."""
     one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
     followed(one, [[estimate("left")]] * 29, beside=[estimate("left")])
     assert not one.is_decided
@@ -142,7 +142,7 @@ def test_a_side_that_is_not_seen_says_nothing() -> None:
 
 
 def test_a_side_that_was_right_for_long() -> None:
-    """The more looks spoke for it, the more it takes to change it."""
+    """The more estimates support the side, the more are needed to change it."""
     needed = []
     for looks in (0, 2, 20):
         one = HandTrack(0, ESTIMATOR, both(left=9), 0.0, None)
@@ -158,7 +158,7 @@ def test_a_side_that_was_right_for_long() -> None:
 
 
 def test_only_one_side_is_looked_for() -> None:
-    """Then there is nothing to be decided."""
+    """If only one side is tracked, it is decided from the start."""
     one = HandTrack(3, ESTIMATOR, [estimate("left")], 0.0, 1.1)
     assert one.is_decided and one.id == 3 and [region.size for region in one.regions(FRAME)] == [1.1]
 
@@ -167,7 +167,7 @@ def test_only_one_side_is_looked_for() -> None:
 
 
 def test_where_to_look_next() -> None:
-    """First where it was; then farther in the direction that it moves, but not farther than it goes."""
+    """The first region is at the hand; later ones are extrapolated, by no more than its velocity."""
     one = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
     (region,) = one.regions(FRAME)
     np.testing.assert_array_equal(region.center_uvd, [0, 0, 600])
@@ -184,7 +184,7 @@ def test_where_to_look_next() -> None:
 
 
 def test_the_network_is_asked_now_and_then() -> None:
-    """While all is well, sure or not; always while the hand is in trouble. In between the last one's answer counts."""
+    """The network runs in some frames while the fit is good, and in all others; in between its last error is reused."""
     one = HandTrack(0, ESTIMATOR, [estimate()], 0.0, None)
     asked = []
     for n in range(1, 31):
@@ -201,7 +201,7 @@ def test_the_network_is_asked_now_and_then() -> None:
 
 
 def test_a_second_look() -> None:
-    """Where nothing sure was seen: where a hand is seen near, as both hands; where it was, if nothing was seen."""
+    """An uncertain hand gets regions for both sides where the locator sees one, or at its last place."""
     one = HandTrack(0, ESTIMATOR, [estimate(x=5)], 0.0, 0.9)
     assert one.other_regions(DEPTH, [estimate()], 1.0) == []
     unsure = [estimate(x=20, confidence=0.6)]
@@ -213,7 +213,7 @@ def test_a_second_look() -> None:
 
 
 def test_a_second_look_at_both_sides() -> None:
-    """While it is not decided, however sure what was seen is."""
+    """While the side is undecided, both sides get a second region, however certain the estimates are."""
     one = HandTrack(0, ESTIMATOR, both(x=5), 0.0, None)
     regions = one.other_regions(DEPTH, both(x=20), 1.0)
     assert sorted((region.center_uvd[0], region.side) for region in regions) == [(27, "left"), (27, "right")]
@@ -226,7 +226,7 @@ def test_a_second_look_at_both_sides() -> None:
     ids=["helps", "does not", "finds the same pose"],
 )
 def test_second_looks_are_rare(error: float, goes_on: bool, least: int, most: int) -> None:
-    """In ten seconds of 300 unsure frames; rarer where they find no better pose."""
+    """Of 300 uncertain frames in ten seconds few get a second estimate, fewer if it finds no better pose."""
     one, looks = HandTrack(0, ESTIMATOR, [estimate()], 0.0, None), 0
     for n in range(1, 301):
         seen = [estimate(confidence=0.6)]
@@ -237,7 +237,7 @@ def test_second_looks_are_rare(error: float, goes_on: bool, least: int, most: in
 
 
 def test_the_other_hand_is_looked_for_soon() -> None:
-    """While looks find it better: who was decided as the wrong hand is that for half a second, not for seconds."""
+    """If second estimates favour the other side, the side changes within 0.6 s."""
     one = HandTrack(0, ESTIMATOR, [estimate("left")], 0.0, None)
     for n in range(1, 200):
         seen = [estimate("left", confidence=0.6, error=15)]
@@ -250,7 +250,7 @@ def test_the_other_hand_is_looked_for_soon() -> None:
 
 
 def test_a_hand_in_trouble() -> None:
-    """It fits much worse than this hand usually does: the network is asked, and soon it is looked at anew."""
+    """If a hand fits much worse than usual, the network runs again, and a second estimate follows soon."""
     one = HandTrack(0, ESTIMATOR, [estimate(error=4)], 0.0, None)
     followed(one, [[estimate(error=4)]] * 9)
     assert one.other_regions(DEPTH, [estimate(error=5)], 10 * FRAME) == []
@@ -266,7 +266,7 @@ def test_a_hand_in_trouble() -> None:
 
 
 def test_of_several_looks_the_best_counts() -> None:
-    """The one with the least expected error; a side of which nothing was seen stays as it was."""
+    """The estimate with the least expected error is used; a side without an estimate keeps its pose."""
     one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
     assert one.take(
         [estimate("right", 1, error=9), None], [estimate("right", 2, error=4), estimate("right", 3, error=6)], FRAME
@@ -280,7 +280,7 @@ def test_of_several_looks_the_best_counts() -> None:
 
 @pytest.mark.parametrize("seen", [[], [None, None], [estimate(confidence=0.1), None]], ids=["nothing", "out", "unlike"])
 def test_losing(seen: list[Estimate | None]) -> None:
-    """A frame without it is no end: it is looked for where it was, and given up after a while."""
+    """A frame without the hand does not end its track; the hand is given up after two seconds."""
     one = HandTrack(0, ESTIMATOR, [estimate()], 0.0, None)
     followed(one, [[estimate(x=1)]])
     assert not one.take(seen, seen, 2 * FRAME)
@@ -290,7 +290,7 @@ def test_losing(seen: list[Estimate | None]) -> None:
 
 
 def test_smoothing_begins_with_the_first_pose() -> None:
-    """And follows what was seen, not what was not."""
+    """Smoothing starts at the first pose, and ignores frames without the hand."""
     one = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
     assert one.best.smooth.place[0] == 0
     followed(one, [[estimate(x=10)], [estimate(x=10)]])
@@ -301,7 +301,7 @@ def test_smoothing_begins_with_the_first_pose() -> None:
 
 
 def test_a_jump_is_no_movement() -> None:
-    """A pose that was found anew, elsewhere, says nothing of speed: the hand goes on as it moved, from there."""
+    """A pose found anew elsewhere does not change the velocity."""
     one = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
     followed(one, [[estimate(x=10.0 * n)] for n in range(1, 10)])
     followed(one, [[estimate(x=250.0, goes_on=False)]], 10)
@@ -313,7 +313,7 @@ def test_a_jump_is_no_movement() -> None:
 
 
 def test_a_likely_size() -> None:
-    """Is looked for until the hand's own is known."""
+    """The likely size is used until the hand's own size is known."""
     one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
     assert {region.size for region in one.regions(FRAME)} == {None}
     one.likely = 0.9

@@ -1,4 +1,4 @@
-"""handpose/tracking/one_euro.py: the paper's formulas, of vectors and of rotations"""
+"""handpose/tracking/one_euro.py: the paper's formulas, for vectors and rotations"""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ FRAMES = np.arange(60) / 30
 
 
 def alpha(hertz: float, seconds: float) -> float:
-    """The paper's share of a new value."""
+    """The weight of a new value in the paper."""
     tau = 1 / (2 * math.pi * hertz)
     return 1 / (1 + tau / seconds)
 
 
 def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[float]:
-    """Its equations 1 to 5, number by number: the speed is that of the raw values, filtered with a fixed cutoff."""
+    """The paper's equations 1 to 5 for scalars: the speed of the raw values is filtered with a fixed cutoff."""
 
     out, speed = [values[0]], 0.0
     for i in range(1, len(values)):
@@ -38,14 +38,14 @@ def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[
 
 
 def with_noise(values: np.ndarray, times: np.ndarray, cutoff: Cutoff, trust: np.ndarray) -> list[float]:
-    """The paper's with a bounded floor of the speed: the geometric mean of how far single speeds lie from it."""
+    """The paper's filter with a bounded noise floor of the speed: the geometric mean of its deviations."""
 
     out, speed, scatter = [values[0]], 0.0, 1.0
     for i in range(1, len(values)):
         seconds = times[i] - times[i - 1]
         now = (values[i] - values[i - 1]) / seconds
         speed += alpha(cutoff.speed, seconds) * (now - speed)
-        part = max(alpha(SCATTER_HZ, seconds), 1 / i)  # at first the mean of all there are
+        part = max(alpha(SCATTER_HZ, seconds), 1 / i)  # at first the mean of all deviations so far
         scatter = scatter ** (1 - part) * abs(now - speed) ** part
         excess = max(abs(speed) - min(cutoff.noise * scatter, cutoff.most), 0.0)
         out.append(out[-1] + alpha(trust[i] * (cutoff.least + cutoff.slope * excess), seconds) * (values[i] - out[-1]))
@@ -53,17 +53,17 @@ def with_noise(values: np.ndarray, times: np.ndarray, cutoff: Cutoff, trust: np.
 
 
 def uneven(rng: np.random.Generator, count: int = 30) -> np.ndarray:
-    """Times of frames some of which are missing."""
+    """Times of frames, some of which are missing."""
     return np.cumsum(rng.choice([1, 1, 1, 2, 5], count)) / 30
 
 
 def filtered(one: Callable[[np.ndarray, float], np.ndarray], values: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Value by value."""
+    """The filtered values."""
     return np.array([one(value, float(time)) for value, time in zip(values, times)])
 
 
 def turns(rng: np.random.Generator, count: int = 30, size: float = 0.5) -> np.ndarray:
-    """Rotations (count, 3, 3), each turned by up to ``size`` from the one before, the first anyhow."""
+    """Rotations (count, 3, 3), each within ``size`` of the previous one; the first is random."""
     made = [Rotation.random(random_state=rng)]
     for step in rng.uniform(-size, size, (count - 1, 3)) / math.sqrt(3):
         made.append(Rotation.from_rotvec(step) * made[-1])
@@ -75,7 +75,7 @@ def turns(rng: np.random.Generator, count: int = 30, size: float = 0.5) -> np.nd
 
 @given(seed=SEEDS)
 def test_as_in_the_paper(seed: int) -> None:
-    """Each element by itself, at uneven times."""
+    """Each element is filtered as in the paper, at uneven times."""
     rng = np.random.default_rng(seed)
     times, values = uneven(rng), np.cumsum(rng.normal(0, 20, (30, 3)), axis=0)
     expected = np.transpose([by_the_paper(own, times, CUTOFF) for own in values.T])
@@ -86,7 +86,7 @@ def test_as_in_the_paper(seed: int) -> None:
 
 @given(seed=SEEDS)
 def test_a_point_has_no_axes(seed: int) -> None:
-    """With one speed for all, the filter of what is turned is what is filtered, turned; element by element not."""
+    """With a common speed, filtering commutes with rotation; with one speed per element it does not."""
     rng = np.random.default_rng(seed)
     times, values = uneven(rng), np.cumsum(rng.normal(0, 20, (30, 3)), axis=0)
     R = Rotation.random(random_state=rng).as_matrix()
@@ -98,7 +98,7 @@ def test_a_point_has_no_axes(seed: int) -> None:
 
 @given(seed=SEEDS, noise=st.floats(0, 3), most=st.sampled_from([2.0, 30.0, math.inf]))
 def test_trembling_is_no_movement(seed: int, noise: float, most: float) -> None:
-    """What the speed scatters by is taken off it, up to a bound, and values are trusted more or less."""
+    """The deviation of the speed is subtracted from it, up to a bound, and values can have weights."""
     rng = np.random.default_rng(seed)
     times, values, trust = uneven(rng), np.cumsum(rng.normal(0, 2, (30, 3)), axis=0), rng.uniform(0.1, 1, 30)
     cutoff = Cutoff(0.8, 0.5, 1.5, noise, most)
@@ -109,7 +109,7 @@ def test_trembling_is_no_movement(seed: int, noise: float, most: float) -> None:
 
 
 def test_steadier_at_rest_and_as_quick_in_motion() -> None:
-    """A filter with the noise's floor beside one without: much less trembling, the same lag behind a movement."""
+    """With the noise floor the filter trembles much less at rest, and has the same lag in motion."""
     times = np.arange(300) / 30
     still = np.random.default_rng(0).normal(0, 1, (300, 1))
     plain, floored = Cutoff(0.5, 0.4, 2.7), Cutoff(0.5, 0.4, 2.7, noise=1.3)
@@ -121,14 +121,14 @@ def test_steadier_at_rest_and_as_quick_in_motion() -> None:
 
 
 def test_at_rest_it_stays() -> None:
-    """Exactly."""
+    """Constant values are unchanged, exactly."""
     values = np.tile([3.3, -1e5, 0], (60, 1))
     np.testing.assert_array_equal(filtered(OneEuro(CUTOFF), values, FRAMES), values)
 
 
 @given(slope=st.floats(0, 100), together=st.booleans())
 def test_a_step_is_approached(slope: float, together: bool) -> None:
-    """From below, without ever going back or beyond."""
+    """A step is approached monotonically, without overshoot."""
     values = np.where(FRAMES[:, None] > 0.2, [10.0, -4], [0.0, 0])
     found = filtered(OneEuro(Cutoff(0.8, slope, 1.5), together), values, FRAMES)
     assert (np.diff(found[:, 0]) >= 0).all() and (np.diff(found[:, 1]) <= 0).all()
@@ -136,7 +136,7 @@ def test_a_step_is_approached(slope: float, together: bool) -> None:
 
 
 def test_what_moves_faster_lags_less() -> None:
-    """In seconds; without the slope all lag alike."""
+    """The lag in seconds is shorter for faster motion; without the slope it is constant."""
 
     def lag(speed: float, slope: float) -> float:
         values = speed * FRAMES[:, None]
@@ -148,13 +148,13 @@ def test_what_moves_faster_lags_less() -> None:
 
 
 def test_it_trembles_less() -> None:
-    """About a place that does not move, to less than half."""
+    """The deviation of noise about a constant is reduced to less than half."""
     values = np.random.default_rng(0).normal(0, 1, (300, 1))
     assert filtered(OneEuro(CUTOFF), values, np.arange(300) / 30)[30:].std() < 0.5
 
 
 def test_longer_without_a_frame_counts_more() -> None:
-    """After a long time nothing is left of what was; at the same time nothing new is told."""
+    """After a long time the old value has no weight; a second value at the same time is ignored."""
     assert share(1.0, 1e-9) < 1e-8 and share(1.0, 1e9) > 1 - 1e-8
     assert (np.diff(share(1.0, np.linspace(0.01, 2, 50))) > 0).all()  # type: ignore[arg-type]
     one = OneEuro(CUTOFF)
@@ -169,7 +169,7 @@ def test_longer_without_a_frame_counts_more() -> None:
 
 @given(seed=SEEDS)
 def test_turns_about_one_axis_are_angles(seed: int) -> None:
-    """What the filter of vectors makes of the angle, also beyond half a turn."""
+    """Rotations about one axis are filtered like the angle, also beyond half a turn."""
     rng = np.random.default_rng(seed)
     times, angles = uneven(rng), np.cumsum(rng.uniform(-0.8, 1.0, (30, 1)), axis=0)
     axis = rng.normal(size=3)
@@ -182,7 +182,7 @@ def test_turns_about_one_axis_are_angles(seed: int) -> None:
 
 @given(seed=SEEDS)
 def test_rotations_stay_rotations(seed: int) -> None:
-    """However they jump."""
+    """Filtered values are rotations, for any jumps."""
     rng = np.random.default_rng(seed)
     found = filtered(OneEuroRotation(CUTOFF), turns(rng, size=3.0), uneven(rng))
     np.testing.assert_allclose(found @ found.swapaxes(1, 2), np.tile(np.eye(3), (30, 1, 1)), atol=1e-9)
@@ -191,7 +191,7 @@ def test_rotations_stay_rotations(seed: int) -> None:
 
 @given(seed=SEEDS)
 def test_rotations_have_no_axes(seed: int) -> None:
-    """Neither those of the world nor those of the body."""
+    """The filter does not depend on the axes of the world or of the body."""
     rng = np.random.default_rng(seed)
     times, values = uneven(rng), turns(rng)
     A, B = Rotation.random(2, random_state=rng).as_matrix()
@@ -200,7 +200,7 @@ def test_rotations_have_no_axes(seed: int) -> None:
 
 
 def test_rotations_at_rest_and_at_one_time() -> None:
-    """As vectors: what rests stays, and the same time again tells nothing new."""
+    """As for vectors, a constant is unchanged, and a second value at the same time is ignored."""
     R = Rotation.from_rotvec([2, 1, -2]).as_matrix()
     found = filtered(OneEuroRotation(CUTOFF), np.tile(R, (60, 1, 1)), FRAMES)
     np.testing.assert_allclose(found, np.tile(R, (60, 1, 1)), atol=1e-7)
@@ -211,7 +211,7 @@ def test_rotations_at_rest_and_at_one_time() -> None:
 
 @given(seed=SEEDS, angle=st.floats(0, math.pi))
 def test_turns_there_and_back(seed: int, angle: float) -> None:
-    """A turn leads from one rotation to the other: about an axis of the world, by no more than half a turn."""
+    """``turn_between`` leads from one rotation to the other about an axis of the world, by at most half a turn."""
     rng = np.random.default_rng(seed)
     first = Rotation.random(random_state=rng).as_matrix()
     axis = rng.normal(size=3)

@@ -1,4 +1,4 @@
-"""handpose/tracking/output.py: from a pose that was found to the words of a track"""
+"""handpose/tracking/output.py: from an estimated pose to the values of a track"""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CENTER = np.array([350.0, 200, 650])  # px, px, mm
 
 @pytest.fixture(scope="module")
 def estimator(model: CapsuleModel) -> Any:
-    """What of it is needed."""
+    """The used attributes of an estimator."""
     return SimpleNamespace(fitter=SimpleNamespace(model=model), converter=PoseConverter(model), cube_mm=300.0)
 
 
@@ -33,7 +33,7 @@ def variables(model: CapsuleModel) -> np.ndarray:
 
 
 def track(model: CapsuleModel, estimator: Any, side: str = "right", size: float | None = None) -> Any:
-    """That saw this pose, and smoothed it to one 6 mm farther along x."""
+    """A track with this pose, smoothed to one 6 mm farther along x."""
     center = NYU.unproject(CENTER) * mirror_of(side)
     body = estimator.converter.world_pose(variables(model), center)
     fit: Any = SimpleNamespace(confidence=np.array([0.9]), error_mm=np.array([7.0]))
@@ -44,7 +44,7 @@ def track(model: CapsuleModel, estimator: Any, side: str = "right", size: float 
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_hand(model: CapsuleModel, estimator: Any, side: str) -> None:
-    """Its joints are where the body was found, and those of the inputs that are told; all else is as it was seen."""
+    """The joints are those of the body and of the reported inputs; all else is as estimated."""
     hand = tracked_hand(track(model, estimator, side), estimator, smooth=False, surface=False)
     mirror = mirror_of(side)
     expected = model.joints(variables(model)[None])[0] * mirror + NYU.unproject(CENTER)
@@ -59,7 +59,7 @@ def test_a_hand(model: CapsuleModel, estimator: Any, side: str) -> None:
 
 @pytest.mark.parametrize(("side", "x"), [("right", 6), ("left", -6)])
 def test_smoothed(model: CapsuleModel, estimator: Any, side: str, x: float) -> None:
-    """The other pose is told, about the same crop; a left hand's is its mirror image."""
+    """The smoothed pose is reported, about the same crop, for a left hand mirrored."""
     one = track(model, estimator, side)
     raw, smooth = (tracked_hand(one, estimator, smooth=smooth, surface=False) for smooth in (False, True))
     np.testing.assert_allclose(smooth.xyz - raw.xyz, np.tile([x, 0, 0], (31, 1)), atol=1e-6)
@@ -67,14 +67,14 @@ def test_smoothed(model: CapsuleModel, estimator: Any, side: str, x: float) -> N
 
 
 def test_a_known_size(model: CapsuleModel, estimator: Any) -> None:
-    """Is that of the bones, whatever was found in this frame."""
+    """A known size determines the bones, regardless of the size found in this frame."""
     hand = tracked_hand(track(model, estimator, size=1.08), estimator, smooth=True, surface=False)
     np.testing.assert_allclose(hand.bones, 1.08 * model.skeleton.bones)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_surface(model: CapsuleModel, estimator: Any, side: str) -> None:
-    """About the joints that are told: ends of capsules that are joints are just there."""
+    """The surface surrounds the reported joints."""
     hand = tracked_hand(track(model, estimator, side), estimator, smooth=True, surface=True)
     assert hand.capsules is not None
     ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])

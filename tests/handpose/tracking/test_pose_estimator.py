@@ -1,4 +1,4 @@
-"""handpose/tracking/pose_estimator.py: by the packaged network and fit, in frames of a hand that is known"""
+"""handpose/tracking/pose_estimator.py: the packaged network and fit, on frames of a known hand"""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from handpose.tracking.body_pose import WorldPose
 from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
 from tests.handpose.tracking.conftest import Take
 
-FAR_OFF = np.array([-900.0, 120, 700])  # px, px, mm: nothing of its cube is in the image
+FAR_OFF = np.array([-900.0, 120, 700])  # px, px, mm: no part of its cube is in the image
 ASIDE = Camera("aside", 240.0, 241.0, 130.0, 110.0, 320, 240)
 
 
 @pytest.fixture(scope="module")
 def estimator(predictor: Predictor) -> PoseEstimator:
-    """At ICVL's camera."""
+    """An estimator for ICVL's camera."""
     return PoseEstimator(predictor, ICVL)
 
 
@@ -40,24 +40,24 @@ def depth(shown: Take) -> np.ndarray:
 
 @pytest.fixture
 def center(shown: Take) -> np.ndarray:
-    """Where it is, (3,) px, px, mm."""
+    """The hand's place, (3,) px, px, mm."""
     return shown.truth[20].hands[0].center_uvd
 
 
 def joints(estimator: PoseEstimator, estimate: Estimate | None) -> np.ndarray:
-    """(K, 3) in mm, camera axes."""
+    """The joints (K, 3) in mm, camera axes."""
     assert estimate is not None
     mirror = mirror_of(estimate.region.side)
     return (estimator.fitter.model.joints(estimate.fit.x)[0] + estimate.center_mm) * mirror
 
 
 def error(estimator: PoseEstimator, estimate: Estimate | None, shown: Take) -> float:
-    """Of all joints, mm."""
+    """The mean error of all joints in mm."""
     return float(np.linalg.norm(joints(estimator, estimate) - shown.truth[20].hands[0].xyz, axis=1).mean())
 
 
 def test_a_hand_is_seen(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, shown: Take) -> None:
-    """Where it is, and by the accurate plan, too; surely, and not strange."""
+    """A hand is estimated with a small error, a high confidence and a low rejection score, by both plans."""
     for plan in (None, ACCURATE):
         (estimate,) = estimator.estimate(depth, [SearchRegion(center, "right")], plan)
         assert estimate is not None and error(estimator, estimate, shown) < 15
@@ -66,13 +66,13 @@ def test_a_hand_is_seen(estimator: PoseEstimator, depth: np.ndarray, center: np.
 
 
 def test_the_wrong_hand_is_doubted(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """More than the right one."""
+    """The uncertainty of the wrong side is larger than that of the right one."""
     right, left = estimator.estimate(depth, [SearchRegion(center, side) for side in ("right", "left")])
     assert right is not None and left is not None and right.uncertainty < left.uncertainty
 
 
 def test_no_hand_is_strange(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """More than a hand is: the forearm beside the image's edge, or a place beside the hand."""
+    """The rejection score of a place beside the hand is higher than the hand's."""
     there, beside = estimator.estimate(
         depth, [SearchRegion(center, "right"), SearchRegion(center + (0, 75, 0), "right")]
     )
@@ -81,7 +81,7 @@ def test_no_hand_is_strange(estimator: PoseEstimator, depth: np.ndarray, center:
 
 
 def test_places_of_all_kinds_together(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """In their order: each as when it is looked at alone, None where it is out of sight."""
+    """Estimates are in the order of the regions, equal those of single regions, and are None out of sight."""
     (before,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert before is not None
     regions = [
@@ -104,7 +104,7 @@ def test_places_of_all_kinds_together(estimator: PoseEstimator, depth: np.ndarra
 
 
 def test_a_known_size(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """Of each its own."""
+    """Each region can have its own known size."""
     estimates = estimator.estimate(depth, [SearchRegion(center, "right", size=size) for size in (0.9, 1.1)])
     assert [float(estimate.fit.size[0]) for estimate in estimates if estimate] == pytest.approx([0.9, 1.1], abs=5e-3)
 
@@ -112,10 +112,10 @@ def test_a_known_size(estimator: PoseEstimator, depth: np.ndarray, center: np.nd
 def test_from_the_pose_before(
     estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, shown: Take, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also about another centre; without asking the network, if its last answer is given, which counts as before."""
+    """From a previous pose, also about another centre, the network does not run if its last error is given."""
     (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert first is not None
-    monkeypatch.setattr(pose_estimator, "fit_starts", None)  # whoever calls it fails
+    monkeypatch.setattr(pose_estimator, "fit_starts", None)  # any call raises an error
     where = ((0, 0, 0), (0, 0, 0), (8, -6, 20))
     regions = [
         SearchRegion(center + by, "right", first.body, None, moved) for by, moved in zip(where, (1.0, 25.0, 25.0))
@@ -130,7 +130,7 @@ def test_from_the_pose_before(
 
 
 def test_does_it_go_on(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """Where both compete, what the network sees and what was expected: only if that is what won."""
+    """``goes_on`` is true only if the previous pose wins against the network's."""
     (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert first is not None
     far = first.body._replace(others=-first.body.others, rotation=first.body.rotation @ np.diag([-1.0, 1, -1]))
@@ -139,9 +139,9 @@ def test_does_it_go_on(estimator: PoseEstimator, depth: np.ndarray, center: np.n
 
 
 def test_a_left_hand_is_the_mirror_image() -> None:
-    """In the mirrored image of the mirrored camera, which does not look from its middle.
+    """A left hand in the mirrored image, with an off-centre principal point, is mirrored.
 
-    The accurate plan finds the same in both, though the window of a crop is rounded towards the left of the image.
+    The accurate plan gives nearly the same pose for both, although crop windows are rounded towards the left.
     """
     recording = SyntheticRecording(Script(3, (Role("right", (Act("gestures", 3),)),)), ASIDE, rate=15, seed=2)
     depth, center = recording.frame(20).depth, recording.truth(20).hands[0].center_uvd
@@ -157,7 +157,7 @@ def test_a_left_hand_is_the_mirror_image() -> None:
 
 
 def test_where_the_next_crop_is(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """About the middle of the palm, as the fit has it and as the locator has it."""
+    """The next centre is near the middle of the palm, by the fit and by the locator."""
     (estimate,) = estimator.estimate(depth, [SearchRegion(center + (10, 0, 0), "right")])
     assert estimate is not None
     for found in (estimator.center_of(estimate.body, "right"), estimator.hand_near(depth, estimate)):
@@ -166,7 +166,7 @@ def test_where_the_next_crop_is(estimator: PoseEstimator, depth: np.ndarray, cen
 
 @given(place=st.tuples(st.floats(-200, 200), st.floats(-150, 150), st.floats(400, 900)))
 def test_crops_move_with_the_body(estimator: PoseEstimator, place: tuple[float, ...]) -> None:
-    """As far as it; those of a left hand in the mirror image."""
+    """The centre moves as far as the body, and is mirrored for a left hand."""
     body = WorldPose(np.array(place), np.eye(3), np.zeros(len(estimator.converter.others)))
     moved = body._replace(place=body.place + (10, 20, -30))
     first, second = (ICVL.unproject(estimator.center_of(one, "right")) for one in (body, moved))
@@ -178,7 +178,7 @@ def test_crops_move_with_the_body(estimator: PoseEstimator, place: tuple[float, 
 def test_where_the_locator_sees_no_hand(
     estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, side: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The network's joints tell where the palm is, and it moves with them."""
+    """Without a detection by the locator, the place follows from the network's joints."""
     (estimate,) = estimator.estimate(depth, [SearchRegion(center, side)])
     assert estimate is not None
     monkeypatch.setattr(estimator.locator, "look", lambda crops: (np.zeros(len(crops)), np.ones((len(crops), 3))))
@@ -190,7 +190,7 @@ def test_where_the_locator_sees_no_hand(
 
 
 def test_what_nobody_measured(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """A network without a table of its errors: the cost compares looks, and all that is seen is believed."""
+    """Without a table of errors the selection cost is the fit's cost, and the confidence of a visible hand is 1."""
     (estimate,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert estimate is not None
     unknown = np.full(1, np.nan)

@@ -1,4 +1,4 @@
-"""handpose/tracking/reasons.py: images in which a hand cannot be found, each for its own reason"""
+"""handpose/tracking/reasons.py: images without a detectable hand, each with its own reason"""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
 
 
 def why(depth: np.ndarray, u: float = 80, v: float = 60, d: float = 600, confidence: float | None = 0.2) -> str:
-    """The reason for a hand that was expected there."""
+    """The reason for a hand that was expected at this place."""
     seen = None if confidence is None else estimate(confidence=confidence)
     return reason(depth.astype(np.float32), CAMERA, 300.0, SearchRegion(np.array([u, v, d]), "right"), seen)
 
@@ -26,7 +26,7 @@ def wall(mm: float = 1500) -> np.ndarray:
 
 
 def plate(mm: float, half: int = 20) -> np.ndarray:
-    """And of a plate before it."""
+    """A depth image of a plate in front of a wall."""
     depth = wall()
     depth[60 - half : 60 + half, 80 - half : 80 + half] = mm
     return depth
@@ -38,12 +38,12 @@ def plate(mm: float, half: int = 20) -> np.ndarray:
      (900, -900, "right upper")],
 )  # fmt: skip
 def test_beyond_the_edges(u: float, v: float, where: str) -> None:
-    """It left there."""
+    """A hand beyond an edge of the image has left there."""
     assert why(wall(), u, v) == f"{LEFT} at the {where} edge"
 
 
 def test_near_the_edges() -> None:
-    """A hand that is seen in half at the edge leaves there, though its middle is in the image; a far one is smaller."""
+    """A hand half visible at an edge has left there, although its middle is in the image; a far one is smaller."""
     depth = wall()
     depth[40:80, 130:] = 600
     assert why(depth, 153) == f"{LEFT} at the right edge" and why(wall(), 143).startswith("only background")
@@ -52,8 +52,9 @@ def test_near_the_edges() -> None:
 
 
 def test_something_that_an_edge_cuts() -> None:
-    """A wrist at the edge was a hand's that left there, though the middle of what is seen is well inside; what ends
-    before the edge is no such thing, nor what reaches another one."""
+    """An object that an edge cuts, such as a wrist, means that the hand has left there.
+
+    An object that ends before the edge, or that reaches another edge, does not."""
     depth = wall()
     depth[40:80, 130:] = 600
     assert why(depth, 143) == why(depth, 126) == f"{LEFT} at the right edge"
@@ -64,7 +65,7 @@ def test_something_that_an_edge_cuts() -> None:
 
 
 def test_an_edge_where_nothing_was_read() -> None:
-    """Cuts nothing, however near the hand is."""
+    """An edge without readings does not count as cutting the hand."""
     depth = wall(0)
     depth[30:90, 40:120] = 130
     assert why(depth, 80, d=130).startswith(NO_HAND)
@@ -73,28 +74,28 @@ def test_an_edge_where_nothing_was_read() -> None:
 
 
 def test_an_empty_frame() -> None:
-    """Says nothing of any hand, wherever it was."""
+    """An empty frame gives that reason for any place."""
     assert why(wall(0)) == why(wall(0), -5) == "no depth in this frame"
 
 
 def test_hidden() -> None:
-    """By a plate before it; one as near as the hand hides nothing."""
+    """A nearer plate hides the hand, and one at the hand's depth does not."""
     assert why(plate(300, 40)) == f"{HIDDEN} by a nearer object"
     assert not why(plate(600, 40)).startswith(HIDDEN)
 
 
 def test_nothing_there() -> None:
-    """Only the wall behind, or a speck."""
+    """Only the wall, or a speck, is visible at the place."""
     assert why(wall()) == "only background at its last position, 600 mm away"
     assert why(plate(600, 1), d=612.3) == "only background at its last position, 612 mm away"
 
 
 def test_no_hand_there() -> None:
-    """With how sure that is."""
+    """The reason contains the confidence."""
     assert why(plate(600)) == f"{NO_HAND} (confidence 20%)"
 
 
 def test_at_the_camera() -> None:
-    """At the camera there is no crop."""
+    """Where no crop is possible, as behind the camera, the reason is that the hand has left the image."""
     assert why(wall(), d=-10, confidence=None) == LEFT
     assert why(plate(600), confidence=None) == why(plate(600), u=float("nan")) == LEFT

@@ -1,4 +1,4 @@
-"""handpose/tracking/sizing.py: hands of a known size, fitted with another"""
+"""handpose/tracking/sizing.py: hands of a known size, fitted with another size"""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ TRUE, COUNT = 0.93, 60
 
 @pytest.fixture(scope="module")
 def estimator(model: CapsuleModel) -> Any:
-    """What of it is needed."""
+    """The used attributes of an estimator."""
     return SimpleNamespace(fitter=DepthFitter(model), camera=NYU, cube_mm=300.0)
 
 
 @pytest.fixture(scope="module")
 def hands(model: CapsuleModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Crops (N, 128, 128) of right hands of the true size, centres (N, 3), and variables (N, V) off by a little."""
+    """Crops (N, 128, 128) of right hands of the true size, centres (N, 3), and variables (N, V) with small errors."""
     exact = prior_file.load().but(scale_std=0, bone_std=0)
     drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
     x, uvd = model.variables_of(drawn.bodies.inputs[:COUNT]), drawn.center_uvd[:COUNT]
     x[:, SIZE] = np.log(TRUE)
     depth = render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0)
     fitted = x + np.random.default_rng(0).normal(0, 0.03, x.shape)
-    fitted[:, SIZE] = np.random.default_rng(1).normal(0, 0.05, len(x))  # about 1, not the true one
+    fitted[:, SIZE] = np.random.default_rng(1).normal(0, 0.05, len(x))  # about 1 instead of the true size
     return normalise_depth(depth, uvd[:, 2], 300.0), uvd, fitted
 
 
 def estimates(hands: tuple[np.ndarray, np.ndarray, np.ndarray], side: str, confidence: float = 1.0) -> list[Estimate]:
-    """Of these hands, or of their mirror images."""
+    """Estimates of these hands, or of their mirror images."""
     found = []
     for crop, uvd, x in zip(*hands):
         if side == "left":
@@ -53,45 +53,45 @@ def estimates(hands: tuple[np.ndarray, np.ndarray, np.ndarray], side: str, confi
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_the_size_of_a_hand(estimator: Any, hands: Any, side: str) -> None:
-    """Is told once, after some seconds of frames."""
-    keeper, told = SizeKeeper(estimator), []
+    """The size is returned once, after more than five frames."""
+    keeper, reported = SizeKeeper(estimator), []
     for n, estimate in enumerate(estimates(hands, side)):
-        told.append(keeper.take(estimate, n / 5))
-        if told[-1] is not None:
+        reported.append(keeper.take(estimate, n / 5))
+        if reported[-1] is not None:
             break
-    assert len(told) > 5 and told[:-1] == [None] * (len(told) - 1)
-    assert told[-1] == pytest.approx(TRUE, abs=0.02)
+    assert len(reported) > 5 and reported[:-1] == [None] * (len(reported) - 1)
+    assert reported[-1] == pytest.approx(TRUE, abs=0.02)
 
 
 def test_the_population_is_that_of_the_training_frames() -> None:
-    """The recipe of the packaged weights draws sizes with this deviation."""
+    """The recipe of the packaged weights samples sizes with this deviation."""
     prior = recipe("people").prior
     assert prior.scale_std / prior.scale_mean == pytest.approx(POPULATION, abs=0.001)
 
 
 def test_a_size_far_from_what_was_expected(estimator: Any, hands: Any) -> None:
-    """Hands that were fitted as another's, a fifth smaller: the sizes that are tried go on to the true one."""
+    """The true size is found although the hands were fitted with one a fifth smaller."""
     crops, uvd, x = hands
     wrong = x.copy()
     wrong[:, SIZE] = np.log(0.8)
-    keeper, told = SizeKeeper(estimator), []
+    keeper, reported = SizeKeeper(estimator), []
     for n, estimate in enumerate(estimates((crops, uvd, wrong), "right")):
-        told.append(keeper.take(estimate, n / 5))
-    assert [one for one in told if one] == [pytest.approx(TRUE, abs=0.03)]
+        reported.append(keeper.take(estimate, n / 5))
+    assert [one for one in reported if one] == [pytest.approx(TRUE, abs=0.03)]
 
 
 def test_sights_as_the_other_hand_say_nothing(estimator: Any, hands: Any) -> None:
-    """Of the one that it was taken for before."""
-    keeper, told = SizeKeeper(estimator), []
+    """After the side has changed, earlier estimates of the other side are ignored."""
+    keeper, reported = SizeKeeper(estimator), []
     for n, estimate in enumerate([*estimates(hands, "left")[:20], *estimates(hands, "right")]):
-        told.append(keeper.take(estimate, n / 5))
-        if told[-1] is not None:
+        reported.append(keeper.take(estimate, n / 5))
+        if reported[-1] is not None:
             break
-    assert told[-1] == pytest.approx(TRUE, abs=0.02)
+    assert reported[-1] == pytest.approx(TRUE, abs=0.02)
 
 
 def test_frames_that_say_nothing(estimator: Any, hands: Any) -> None:
-    """Those that are unsure, and those that follow one another too soon to differ."""
+    """Estimates that are uncertain, or follow one another too soon, are ignored."""
     keeper = SizeKeeper(estimator)
     assert [keeper.take(estimate, n / 5) for n, estimate in enumerate(estimates(hands, "right", 0.3))] == [None] * COUNT
     assert [keeper.take(estimate, 10 + n / 1000) for n, estimate in enumerate(estimates(hands, "right"))] == [

@@ -1,4 +1,4 @@
-"""handpose/tracking/smoothing.py: a hand that trembles, and one that moves"""
+"""handpose/tracking/smoothing.py: a trembling hand and a moving one"""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CENTER = np.array([20.0, -30, 700])
 
 
 def smoothed(model: CapsuleModel, poses: np.ndarray) -> np.ndarray:
-    """Joints (N, K, 3) in mm of variables (N, V), smoothed."""
+    """Smoothed joints (N, K, 3) in mm, from variables (N, V)."""
     converter, one = PoseConverter(model), PoseFilter()
     found = [
         converter.variables(one(converter.world_pose(x, CENTER), float(time)), CENTER) for x, time in zip(poses, TIMES)
@@ -23,14 +23,14 @@ def smoothed(model: CapsuleModel, poses: np.ndarray) -> np.ndarray:
 
 
 def bones(model: CapsuleModel, joints: np.ndarray) -> np.ndarray:
-    """Their lengths (N, K - 1)."""
+    """Bone lengths (N, K - 1)."""
     child = np.flatnonzero(model.skeleton.parents >= 0)
     return np.linalg.norm(joints[:, child] - joints[:, model.skeleton.parents[child]], axis=2)
 
 
 @pytest.fixture
 def trembling(model: CapsuleModel) -> np.ndarray:
-    """Variables (90, V) of a hand that does not move: off by half a millimetre and 0.004 radians, its size never."""
+    """Variables (90, V) of a hand at rest, with noise of half a millimetre and 0.004 radians, and a constant size."""
     off = np.random.default_rng(0).normal(0, 0.004, (len(TIMES), model.variables))
     off[:, :3] *= 0.5 / (150 * 0.004)
     off[:, -2:] = 0
@@ -38,7 +38,7 @@ def trembling(model: CapsuleModel) -> np.ndarray:
 
 
 def test_a_trembling_hand_becomes_steady(model: CapsuleModel, trembling: np.ndarray) -> None:
-    """To less than half; the first pose is as it was found."""
+    """The deviation is halved at least, and the first pose is unchanged."""
     raw, found = model.joints(trembling), smoothed(model, trembling)
     np.testing.assert_allclose(found[0], raw[0], atol=1e-6)
     assert found[15:].std(axis=0).max() < 0.5 * raw.std(axis=0).max()
@@ -46,14 +46,14 @@ def test_a_trembling_hand_becomes_steady(model: CapsuleModel, trembling: np.ndar
 
 
 def test_bones_keep_their_length(model: CapsuleModel, trembling: np.ndarray) -> None:
-    """Which joints that are smoothed do not."""
+    """Bones keep their lengths, unlike those of joints smoothed one by one."""
     expected = bones(model, model.joints(trembling[:1]))
     lengths = bones(model, smoothed(model, trembling))
     np.testing.assert_allclose(lengths, np.tile(expected, (len(lengths), 1)), atol=1e-9)
 
 
 def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:
-    """Half a metre and half a turn a second, fingers that close: behind by less than a frame's way."""
+    """At half a metre and half a turn per second, with closing fingers, the lag is less than a frame."""
     x = np.zeros((len(TIMES), model.variables))
     x[:, 0] = 500 * TIMES / 150
     x[:, 5] = np.pi * TIMES

@@ -12,7 +12,7 @@ from tests.support.tracked_hands import HEADER, tracked
 
 
 def summed(*hands: tuple[TrackedHand | LostHand, ...], first: float = 3.0) -> Summary:
-    """Of frames with these hands, two a second."""
+    """The summary of frames with these hands, two per second."""
     found = Summary(HEADER.skeleton)
     for n, own in enumerate(hands):
         seen = tuple(one for one in own if isinstance(one, TrackedHand))
@@ -26,19 +26,19 @@ def gone(since: float, id: int = 1) -> LostHand:
 
 
 def test_nothing() -> None:
-    """Is nothing."""
+    """A summary without frames has no hands."""
     found = summed()
     assert (found.frames, found.seconds, found.hands) == (0, 0, {})
 
 
 def test_frames_and_seconds() -> None:
-    """From the first frame to the last, wherever they begin."""
+    """Time is counted from the first frame to the last."""
     found = summed((), (), ())
     assert (found.frames, found.seconds, found.hands) == (3, 1.0, {})
 
 
 def test_losses() -> None:
-    """As often as it is lost, not in how many frames; the longest time since it was seen."""
+    """Losses are counted once each, with the longest time since the hand was last seen."""
     here = tracked()
     found = summed((here,), (gone(3),), (gone(3),), (here,), (gone(4.5),), (here,)).hands[1]
     assert (found.frames, found.losses, found.longest, found.is_lost) == (3, 2, 1.0, False)
@@ -46,7 +46,7 @@ def test_losses() -> None:
 
 
 def test_each_hand_by_itself() -> None:
-    """By its id; which hand and how large, as it was told last."""
+    """Hands are summarised by id, with their last side and size."""
     left, grown = tracked("left", id=2), replace(tracked(), bones=HEADER.skeleton.bones * 1.1)
     found = summed((tracked(hand="left"), left), (grown, left), (grown,)).hands
     assert (found[1].hand, found[1].frames, found[2].hand, found[2].frames) == ("right", 3, "left", 2)
@@ -54,7 +54,7 @@ def test_each_hand_by_itself() -> None:
 
 
 def test_how_sure() -> None:
-    """The median, of what is known."""
+    """The confidence is the median of the known ones."""
     hands = [(tracked(confidence=value),) for value in (0.2, 0.9, 0.8, float("nan"))]
     assert summed(*hands).hands[1].sure == "80%"
     assert summed(hands[-1]).hands[1].sure == "unknown"

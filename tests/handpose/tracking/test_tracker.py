@@ -1,4 +1,4 @@
-"""handpose/tracking/tracker.py: on short synthetic recordings, beside their truth"""
+"""handpose/tracking/tracker.py, on short synthetic recordings with their truth"""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def again(predictor: Predictor, take: Take, frames: int = SOME, **options: objec
 
 
 def begun(predictor: Predictor, take: Take, **options: object) -> Tracker:
-    """One that has seen the first six frames."""
+    """A tracker that has seen the first six frames."""
     tracker = Tracker(predictor, **options)  # type: ignore[arg-type]
     for frame in take.frames[:6]:
         tracker.step(frame)
@@ -37,7 +37,7 @@ def begun(predictor: Predictor, take: Take, **options: object) -> Tracker:
 
 @pytest.fixture(scope="module")
 def raw(predictor: Predictor, shown: Take) -> Take:
-    """The gestures again, without smoothing."""
+    """The gestures, tracked without smoothing."""
     return tracked(predictor, shown, smooth=False)
 
 
@@ -45,32 +45,32 @@ def raw(predictor: Predictor, shown: Take) -> Take:
 
 
 def test_a_hand_is_followed(shown: Take) -> None:
-    """In every frame, by one id, as the right hand that it is, with a small error; nothing else is told."""
+    """The hand is found in nearly every frame with one id, as a right hand, with a small error; no other hand is."""
     scores = shown.score()
     hand = scores.hands[0]
     assert scores.found > 0.95 and scores.invented == 0 and scores.id_switches == 0
     assert hand.wrong_side <= 3 and hand.errors.mean < 15 and hand.missed == hand.said_lost
-    assert [frame.number for frame in shown.told] == list(range(45))
-    assert [frame.time for frame in shown.told] == [frame.time for frame in shown.frames]
+    assert [frame.number for frame in shown.reported] == list(range(45))
+    assert [frame.time for frame in shown.reported] == [frame.time for frame in shown.frames]
 
 
 def test_better_than_frame_by_frame(shown: Take, predictor: Predictor) -> None:
-    """Of every eighth frame that was tracked, by the same network and the same plan."""
+    """In every eighth frame the tracked error is lower than that of the same network and plan on single frames."""
     errors = []
-    for frame, told, truth in list(zip(shown.frames, shown.told, shown.truth))[4::8]:
+    for frame, reported, truth in list(zip(shown.frames, shown.reported, shown.truth))[4::8]:
         alone = predictor.in_frame(frame.depth)
         true = truth.hands[0].xyz
-        errors.append([np.linalg.norm(xyz - true, axis=1).mean() for xyz in (told.hands[0].xyz, alone.xyz)])
+        errors.append([np.linalg.norm(xyz - true, axis=1).mean() for xyz in (reported.hands[0].xyz, alone.xyz)])
     tracked, alone_mm = np.mean(errors, axis=0)
     assert tracked < alone_mm
 
 
 def test_joints_are_those_of_the_inputs(shown: Take, leaving: Take) -> None:
-    """Of angles, bones and place; of a left hand as well. The crop is about the hand, the confidence a chance."""
+    """Joints follow from inputs, bones and origin; the crop is about the hand, and the confidence is a probability."""
     for take in (shown, leaving):
         assert take.tracker is not None
         header = take.tracker.header("a recording")
-        for hand in (hand for frame in take.told for hand in frame.hands):
+        for hand in (hand for frame in take.reported for hand in frame.hands):
             xyz = joints_of(header.skeleton, header.unit_mm, hand.hand, hand.inputs, hand.bones, hand.origin_mm)
             np.testing.assert_allclose(xyz, hand.xyz, atol=1e-6)
             np.testing.assert_allclose(ICVL.project(hand.origin_mm), hand.center_uvd, atol=1e-6)
@@ -79,33 +79,35 @@ def test_joints_are_those_of_the_inputs(shown: Take, leaving: Take) -> None:
 
 
 def test_the_size_is_found_and_kept(shown: Take, raw: Take, predictor: Predictor) -> None:
-    """After some seconds, once; from then on bones do not change."""
+    """The size is determined once, after some time, and bones are constant from then on."""
     sizes = [known[0] for known in shown.sizes]
     first = next(n for n, size in enumerate(sizes) if size is not None)
     assert RATE / 2 < first < len(sizes) and set(sizes[first:]) == {sizes[first]}
     true = np.median(shown.truth[0].hands[0].bones[1:]), np.median(predictor.skeleton.bones[1:])
     assert sizes[first] == pytest.approx(true[0] / true[1], rel=0.1)
     for take in (shown, raw):
-        after = np.array([frame.hands[0].bones for frame in take.told[first + 1 :]])
+        after = np.array([frame.hands[0].bones for frame in take.reported[first + 1 :]])
         assert len(after) > 2
         np.testing.assert_allclose(after, np.tile(sizes[first] * predictor.skeleton.bones, (len(after), 1)))
 
 
 def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
-    """Is every hand's, from the first frame on."""
-    told = again(predictor, shown, size=1.05, smooth=False)
-    for frame in told:
+    """A given size is used from the first frame on."""
+    reported = again(predictor, shown, size=1.05, smooth=False)
+    for frame in reported:
         np.testing.assert_allclose(frame.hands[0].bones, 1.05 * predictor.skeleton.bones)
 
 
 def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
-    """Smoothing changes what is told, not what is followed; it makes movements smaller, and not worse."""
-    for one, other in zip(shown.told, raw.told):
+    """Smoothing changes only the reported poses; motion is smoother, and the error hardly changes."""
+    for one, other in zip(shown.reported, raw.reported):
         assert (one.number, one.lost) == (other.number, other.lost)
         for own, same in zip(one.hands, other.hands, strict=True):
             assert (own.id, own.hand, own.confidence) == (same.id, same.hand, same.confidence)
             np.testing.assert_array_equal(own.center_uvd, same.center_uvd)
-    smooth_xyz, raw_xyz = (np.array([frame.hands[0].xyz for frame in told]) for told in (shown.told, raw.told))
+    smooth_xyz, raw_xyz = (
+        np.array([frame.hands[0].xyz for frame in reported]) for reported in (shown.reported, raw.reported)
+    )
     assert not np.allclose(smooth_xyz, raw_xyz, atol=1)
     restless = [np.linalg.norm(np.diff(xyz, 2, axis=0), axis=2).mean() for xyz in (smooth_xyz, raw_xyz)]
     assert restless[0] < 0.95 * restless[1]
@@ -113,8 +115,8 @@ def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
 
 
 def test_the_same_again(shown: Take, predictor: Predictor) -> None:
-    """Bit for bit."""
-    for one, other in zip(again(predictor, shown), shown.told):
+    """A second run gives the same hands bit for bit."""
+    for one, other in zip(again(predictor, shown), shown.reported):
         assert one.lost == other.lost and len(one.hands) == len(other.hands)
         for own, same in zip(one.hands, other.hands):
             for field in dataclasses.fields(TrackedHand):
@@ -122,7 +124,7 @@ def test_the_same_again(shown: Take, predictor: Predictor) -> None:
 
 
 def test_surface(shown: Take, leaving: Take, predictor: Predictor) -> None:
-    """If it is asked for: about the joints, of a left hand as well."""
+    """With ``surface`` the capsules surround the joints, for left hands as well."""
     for take in (shown, leaving):
         hand = again(predictor, take, 4, surface=True)[-1].hands[0]
         assert hand.capsules is not None
@@ -132,7 +134,7 @@ def test_surface(shown: Take, leaving: Take, predictor: Predictor) -> None:
 
 
 def test_it_goes_frame_by_frame(shown: Take, predictor: Predictor) -> None:
-    """No frame is asked for before the one before it was told."""
+    """The next frame is read only after the previous one has been reported."""
     taken: list[int] = []
 
     def frames() -> Iterator[DepthFrame]:
@@ -140,30 +142,30 @@ def test_it_goes_frame_by_frame(shown: Take, predictor: Predictor) -> None:
             taken.append(frame.number)
             yield frame
 
-    told = Tracker(predictor).follow(frames())
-    assert next(told).number == 0 and taken == [0]
-    assert next(told).number == 1 and taken == [0, 1]
+    reported = Tracker(predictor).follow(frames())
+    assert next(reported).number == 0 and taken == [0]
+    assert next(reported).number == 1 and taken == [0, 1]
 
 
 # --------------------------------------------------------------------------------------- lost and found
 
 
 def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
-    """Is said to be lost, with the reason and since when; when it returns it is the same one, and the same hand."""
+    """The hand is reported as lost, with reason and time, and returns with the same id and side."""
     scores = leaving.score()
     hand = scores.hands[0]
     assert hand.gone > 5 and hand.said_gone >= hand.gone - 3 and hand.right_reason >= hand.gone - 5
     assert scores.found > 0.8 and scores.id_switches == 0 and hand.wrong_side <= 3 and hand.errors.mean < 20
-    gone = [frame.lost[0] for frame in leaving.told if frame.lost]
+    gone = [frame.lost[0] for frame in leaving.reported if frame.lost]
     assert gone[-1].reason.startswith(LEFT) and {(lost.id, lost.hand) for lost in gone} == {(0, "left")}
-    assert {hand.id for frame in leaving.told for hand in frame.hands} == {0}
-    assert leaving.told[-1].hands and not leaving.told[-1].lost
+    assert {hand.id for frame in leaving.reported for hand in frame.hands} == {0}
+    assert leaving.reported[-1].hands and not leaving.reported[-1].lost
 
 
 def test_nothing_lost_is_repeated(leaving: Take) -> None:
-    """A hand is told or lost, never both; since when it is lost does not change until it is found."""
+    """A hand is either reported or lost, and ``since`` is constant until it is found again."""
     since = None
-    for frame in leaving.told:
+    for frame in leaving.reported:
         assert len(frame.hands) + len(frame.lost) == 1
         if frame.hands:
             since = frame.time
@@ -172,41 +174,41 @@ def test_nothing_lost_is_repeated(leaving: Take) -> None:
 
 
 def test_what_becomes_of_a_hand(shown: Take, predictor: Predictor) -> None:
-    """The camera reads nothing; then there is a wall where it was."""
+    """The reason is an empty frame, then the wall at the hand's place."""
     tracker, step = begun(predictor, shown), 1 / RATE
     empty, wall = np.zeros((240, 320), np.float32), np.full((240, 320), 1500, np.float32)
-    told = [tracker.step(DepthFrame(6, 6 * step, empty)), tracker.step(DepthFrame(7, 7 * step, wall))]
-    assert [frame.hands for frame in told] == [(), ()]
-    assert told[0].lost == (LostHand(0, told[0].lost[0].hand, 5 * step, "no depth in this frame"),)
-    assert told[1].lost[0].reason.startswith("only background at its last position")
+    reported = [tracker.step(DepthFrame(6, 6 * step, empty)), tracker.step(DepthFrame(7, 7 * step, wall))]
+    assert [frame.hands for frame in reported] == [(), ()]
+    assert reported[0].lost == (LostHand(0, reported[0].lost[0].hand, 5 * step, "no depth in this frame"),)
+    assert reported[1].lost[0].reason.startswith("only background at its last position")
 
 
 def test_what_does_not_look_like_a_hand_is_dropped(
     shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Soon, though not at once, and also if the fit is sure."""
+    """A hand is dropped after some frames that do not look like one, even if the fit is certain."""
     tracker = begun(predictor, shown)
     monkeypatch.setattr(tracker.detector, "probability", lambda depth, middle: 0.0)
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
-    told = [tracker.step(frame) for frame in shown.frames[6:24]]
-    assert told[0].hands and not told[-1].hands
-    assert told[-1].lost[0].reason.startswith("the object at its last position does not look like a hand")
+    reported = [tracker.step(frame) for frame in shown.frames[6:24]]
+    assert reported[0].hands and not reported[-1].hands
+    assert reported[-1].lost[0].reason.startswith("the object at its last position does not look like a hand")
 
 
 def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
     """The hand's position is unknown: it is lost, with that reason, until it is found again."""
     tracker = begun(predictor, shown)
-    told = tracker.step(DepthFrame(99, 9.0, np.full((240, 320), 1500, np.float32)))
-    assert not told.hands and told.lost[0].reason == "no frame for 8.7 s, and not found again"
+    reported = tracker.step(DepthFrame(99, 9.0, np.full((240, 320), 1500, np.float32)))
+    assert not reported.hands and reported.lost[0].reason == "no frame for 8.7 s, and not found again"
     for n in range(20):
-        told = tracker.step(DepthFrame(100 + n, 9.1 + n / RATE, shown.frames[n].depth))
-        if told.hands:
+        reported = tracker.step(DepthFrame(100 + n, 9.1 + n / RATE, shown.frames[n].depth))
+        if reported.hands:
             break
-    assert [hand.id for hand in told.hands] == [0] and not told.lost
+    assert [hand.id for hand in reported.hands] == [0] and not reported.lost
 
 
 def test_what_no_fit_is_sure_of(shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is not followed, though the locator sees a hand."""
+    """A hand that only the locator sees is not tracked."""
     tracker = Tracker(predictor)
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: shown.truth[0].hands[0].origin_mm)
     monkeypatch.setattr(tracker.estimator, "estimate", lambda depth, regions, plan=None: [None] * len(regions))
@@ -217,7 +219,7 @@ def test_what_no_fit_is_sure_of(shown: Take, predictor: Predictor, monkeypatch: 
 def test_what_the_locator_takes_for_a_hand(
     predictor: Predictor, monkeypatch: pytest.MonkeyPatch, place: tuple[float, ...]
 ) -> None:
-    """Is none if the fit does not say so as well."""
+    """A place that only the locator takes for a hand is rejected by the fit."""
     tracker = Tracker(predictor)
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: np.array(place))
     image = np.full((240, 320), 1380, np.float32)
@@ -228,10 +230,10 @@ def test_what_the_locator_takes_for_a_hand(
 
 
 def test_two_hands(two: Take) -> None:
-    """Each by its own id, and which it is."""
+    """Each hand has its own id and the right side."""
     scores = two.score()
     assert scores.found > 0.6 and scores.invented == 0 and scores.id_switches == 0
-    last = two.told[-1].hands
+    last = two.reported[-1].hands
     assert [hand.id for hand in last] == [0, 1] and {hand.hand for hand in last} == {"right", "left"}
     for hand in last:
         true = next(own for own in two.truth[-1].hands if own.hand == hand.hand)
@@ -240,19 +242,19 @@ def test_two_hands(two: Take) -> None:
 
 @pytest.mark.parametrize("apart", [0.2, 0.5])
 def test_both_hands_are_found_at_once(two: Take, predictor: Predictor, apart: float) -> None:
-    """In the first frame, and in every frame where each is searched anew."""
-    first = next(n for n, frame in enumerate(two.truth) if len(frame.hands) == 2 and len(two.told[n].hands) == 2)
+    """Both hands are found in the first frame, and in every frame after a long gap."""
+    first = next(n for n, frame in enumerate(two.truth) if len(frame.hands) == 2 and len(two.reported[n].hands) == 2)
     frames = [frame._replace(time=apart * n) for n, frame in enumerate(two.frames[first : first + 8 : 2])]
-    for told in Tracker(predictor).follow(frames):
-        assert {hand.hand for hand in told.hands} == {"right", "left"}
+    for reported in Tracker(predictor).follow(frames):
+        assert {hand.hand for hand in reported.hands} == {"right", "left"}
 
 
 def test_a_second_hand_is_taken_to_be_as_large(two: Take, predictor: Predictor) -> None:
-    """As soon as one is measured; until then each has its own size in every frame."""
+    """A second hand uses the first one's size until its own is known."""
     tracker = Tracker(predictor, smooth=False)
     for frame in two.frames:
-        told = tracker.step(frame)
-        if len(told.hands) == 2 and told.hands[1].id == 1 and tracker.known[1].size is None:
+        reported = tracker.step(frame)
+        if len(reported.hands) == 2 and reported.hands[1].id == 1 and tracker.known[1].size is None:
             break
     else:
         pytest.fail("no second hand whose size is not known yet")
@@ -264,27 +266,27 @@ def test_a_second_hand_is_taken_to_be_as_large(two: Take, predictor: Predictor) 
 
 
 def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
-    """One of the two, always the same."""
-    told = again(predictor, two, 8, hands=1)
-    assert {len(frame.hands) for frame in told[1:]} == {1} and not any(frame.lost for frame in told)
-    places = np.array([frame.hands[0].origin_mm for frame in told[1:]])
+    """Only one of two hands is reported, always the same."""
+    reported = again(predictor, two, 8, hands=1)
+    assert {len(frame.hands) for frame in reported[1:]} == {1} and not any(frame.lost for frame in reported)
+    places = np.array([frame.hands[0].origin_mm for frame in reported[1:]])
     assert np.ptp(places, axis=0).max() < 60
 
 
 def test_one_hand_is_not_two(shown: Take, predictor: Predictor) -> None:
-    """Two that are followed and come to the same place: one of them goes on, the other is lost."""
+    """If two tracks come to the same place, one continues and the other is lost."""
     tracker = begun(predictor, shown)
     last = tracker.tracks[0].best.estimate
     tracker.tracks.append(HandTrack(1, tracker.estimator, [last], shown.frames[5].time, None))
     tracker.known[1] = dataclasses.replace(tracker.known[0])
-    told = tracker.step(shown.frames[6])
-    assert len(told.hands) == len(told.lost) == 1 and told.hands[0].id != told.lost[0].id
-    assert told.lost[0].reason == "another hand is tracked at its position"
-    assert [hand.id for hand in tracker.step(shown.frames[7]).hands] == [told.hands[0].id]
+    reported = tracker.step(shown.frames[6])
+    assert len(reported.hands) == len(reported.lost) == 1 and reported.hands[0].id != reported.lost[0].id
+    assert reported.lost[0].reason == "another hand is tracked at its position"
+    assert [hand.id for hand in tracker.step(shown.frames[7]).hands] == [reported.hands[0].id]
 
 
 def test_nobody(predictor: Predictor) -> None:
-    """In an image where nothing was read, and before a wall: no hand, none lost."""
+    """An empty image, or a wall, gives neither hands nor lost hands."""
     tracker = Tracker(predictor)
     for n, depth in enumerate((0, 0, 1200, 1200, 1200, 3000)):
         image = np.full((240, 320), depth, np.float32)
@@ -296,7 +298,7 @@ def test_nobody(predictor: Predictor) -> None:
 
 @pytest.mark.parametrize("hands", [1, 2])
 def test_a_frame_of_another_size(shown: Take, predictor: Predictor, hands: int) -> None:
-    """Is an error that says so, also while hands enough are followed: not a hand that left."""
+    """A frame of another size raises an error, also while the maximum number of hands is tracked."""
     tracker = begun(predictor, shown, hands=hands)
     other = DepthFrame(6, 6 / RATE, np.full((480, 640), 700, np.float32))
     with pytest.raises(DataError, match=r"depth image of shape \(480, 640\), expected \(240, 320\) of camera 'icvl'"):
@@ -304,7 +306,7 @@ def test_a_frame_of_another_size(shown: Take, predictor: Predictor, hands: int) 
 
 
 def test_times_that_do_not_ascend(shown: Take, predictor: Predictor) -> None:
-    """They are an error, because velocities would be undefined."""
+    """Times that do not ascend raise an error, because velocities would be undefined."""
     tracker = begun(predictor, shown)
     for time in (5 / RATE, 0.0, float("nan")):
         with pytest.raises(DataError, match=r"frame 9 is of \S+ s, after one of 0.333333 s; times must ascend"):
@@ -314,13 +316,13 @@ def test_times_that_do_not_ascend(shown: Take, predictor: Predictor) -> None:
 
 @pytest.mark.parametrize("hands", [0, -1, 1.5, True])
 def test_numbers_of_hands(predictor: Predictor, hands: int) -> None:
-    """None, or half a hand, would never be found."""
+    """An invalid number of hands raises an error."""
     with pytest.raises(NetlibError, match=f"hands={hands}; expected a whole number from 1 to 100"):
         Tracker(predictor, hands=hands)
 
 
 def test_another_unit(shown: Take, predictor: Predictor) -> None:
-    """Is told at the first frame in which anything was read; a speck later on is none."""
+    """Another unit raises an error at the first frame with readings; a speck in a later frame does not."""
     for factor in (0.001, -1):
         tracker = Tracker(predictor)
         tracker.step(DepthFrame(0, 0.0, np.zeros((240, 320), np.float32)))
@@ -331,20 +333,20 @@ def test_another_unit(shown: Take, predictor: Predictor) -> None:
 
 
 def test_masked_frames(shown: Take, predictor: Predictor) -> None:
-    """What is masked was not read."""
+    """Masked pixels have no reading."""
     tracker = Tracker(predictor)
     hidden = np.ma.array(shown.frames[0].depth, mask=True)
     assert tracker.step(DepthFrame(0, 0.0, hidden)) == TrackedFrame(0, 0.0, (), ())
 
 
 def test_predictors_of_other_kinds() -> None:
-    """Tracking needs a fit."""
+    """A predictor without a fit raises an error."""
     with pytest.raises(NetlibError, match="a tracker needs a predictor with a fit and a locator"):
         Tracker(load_predictor(NYU, fit="no", hand="right"))
 
 
 def test_in_five_lines(shown: Take) -> None:
-    """With the packaged weights, and options."""
+    """The tracker is loaded with the packaged weights and options."""
     tracker = load_tracker(shown.recording.camera, hands=1, smooth=False)
     header = tracker.header(shown.recording.name)
     assert (header.source, header.camera, header.unit_mm, header.smoothed) == (shown.recording.name, ICVL, 150, False)

@@ -1,4 +1,4 @@
-"""handpose/tracking/detector.py: with a locator that takes every block of a hand's width for a hand"""
+"""handpose/tracking/detector.py, with a locator for which every block of a hand's width is a hand"""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ NOBODY = np.zeros((0, 3))
 
 
 class Blocks(Locator):
-    """Where a crop shows something before something else, there is a hand, and its middle is the middle of that."""
+    """Takes any object in front of a background for a hand, with the object's middle."""
 
     def __init__(self) -> None:
         self.seen: list[int] = []
 
     def look(self, crops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Chances and how far the middles are."""
+        """Probabilities (N,) and offsets (N, 3) of the middles."""
         self.seen.append(len(crops))
         chance, where = np.zeros(len(crops)), np.zeros((len(crops), 3))
         for n, crop in enumerate(crops):
@@ -36,13 +36,13 @@ class Blocks(Locator):
 
     @property
     def count(self) -> int:
-        """How many crops were looked at, since that was asked last."""
+        """The number of crops evaluated since the last access."""
         self.seen, seen = [], self.seen
         return sum(seen)
 
 
 def room(*blocks: tuple[int, int, float]) -> np.ndarray:
-    """A depth image of a wall at 1.5 m, and before it blocks of 15 cm about pixels (u, v) at depths in mm."""
+    """A depth image of a wall at 1.5 m, with blocks of 15 cm about pixels (u, v) in front, at depths in mm."""
     depth = np.full((480, 640), 1500, np.float32)
     for u, v, d in blocks:
         half = round(75 * NYU.fx / d)
@@ -51,12 +51,12 @@ def room(*blocks: tuple[int, int, float]) -> np.ndarray:
 
 
 def middle(u: int, v: int, d: float) -> np.ndarray:
-    """Of a block."""
+    """The middle of a block."""
     return NYU.unproject(np.array([u, v, d]))
 
 
 def detector() -> tuple[Detector, Any]:
-    """And its locator."""
+    """A detector and its locator."""
     locator: Any = Blocks()
     return Detector(locator, NYU), locator
 
@@ -64,7 +64,7 @@ def detector() -> tuple[Detector, Any]:
 def first_found(
     one: Detector, depth: np.ndarray, followed: np.ndarray, frames: int = 200
 ) -> tuple[int, np.ndarray] | None:
-    """In which frame something is found, and what."""
+    """The first frame with a detection, and its place."""
     for n in range(frames):
         place = one.detect(depth, followed, n * FRAME)
         if place is not None:
@@ -76,21 +76,21 @@ LEFT_BLOCK, RIGHT_BLOCK = (180, 240, 700.0), (460, 200, 800.0)
 
 
 def test_a_hand_is_found() -> None:
-    """In few frames, and where it is said to be, not where the surface was looked at."""
+    """A hand is found within 8 frames, at the place given by the locator."""
     found = first_found(detector()[0], room(LEFT_BLOCK), NOBODY)
     assert found is not None and found[0] < 8
     np.testing.assert_allclose(found[1], middle(*LEFT_BLOCK), atol=12)
 
 
 def test_the_nearest_is_found_first() -> None:
-    """A hand is held towards the camera."""
+    """The nearest hand is found first, because hands are held towards the camera."""
     found = first_found(detector()[0], room(LEFT_BLOCK, RIGHT_BLOCK), NOBODY)
     assert found is not None
     np.testing.assert_allclose(found[1], middle(*LEFT_BLOCK), atol=12)
 
 
 def test_a_further_hand_is_found_beside_one_that_is_followed() -> None:
-    """And that one is not found again."""
+    """A second hand is found, and the tracked one is not found again."""
     known = middle(*LEFT_BLOCK)[None]
     assert first_found(detector()[0], room(LEFT_BLOCK), known) is None
     found = first_found(detector()[0], room(LEFT_BLOCK, RIGHT_BLOCK), known)
@@ -99,8 +99,9 @@ def test_a_further_hand_is_found_beside_one_that_is_followed() -> None:
 
 
 def test_no_frame_waits() -> None:
-    """But the first: then few places are looked at in a frame, fewer while a hand is followed, and as many a second
-    whatever the rate; a round is not begun at once after another.
+    """After the first frame few places are evaluated per frame, and fewer while a hand is tracked.
+
+    The number per second does not depend on the rate, and there is a pause between rounds.
     """
 
     def places(followed: np.ndarray, rate: int, seconds: int = 3) -> list[int]:
@@ -118,7 +119,7 @@ def test_no_frame_waits() -> None:
     assert max(beside[1:]) < max(slow[1:]) < whole / 5 and sum(slow[1:]) == pytest.approx(sum(beside[1:]), rel=0.2)
     rounds, locator = detector()
     few = np.zeros((480, 640), np.float32)
-    few[:200, :200] = 700  # places that are over soon
+    few[:200, :200] = 700  # a round over few places
     counts = []
     for n in range(90):
         rounds.detect(few, middle(*RIGHT_BLOCK)[None], n * FRAME)
@@ -127,13 +128,13 @@ def test_no_frame_waits() -> None:
 
 
 def test_nothing_to_be_seen() -> None:
-    """No place, no hand, no error."""
+    """Without a hand, nothing is detected and no error is raised."""
     assert first_found(detector()[0], np.zeros((480, 640), np.float32), NOBODY, 3) is None
     assert first_found(detector()[0], room(), NOBODY, 50) is None
 
 
 def test_the_chance_of_a_place() -> None:
-    """Of a block, of the wall, and of what is out of sight."""
+    """The probability is high at a block, and 0 at the wall and out of sight."""
     one, _ = detector()
     depth = room(LEFT_BLOCK)
     assert one.probability(depth, middle(*LEFT_BLOCK)) == pytest.approx(0.9)
@@ -142,7 +143,7 @@ def test_the_chance_of_a_place() -> None:
 
 
 def test_nothing_is_looked_for_on_an_arm() -> None:
-    """A block beside a hand is found, unless the hand's arm passes there."""
+    """A block is found, unless the arm of a tracked hand passes there."""
     left, right = (200, 240, 700.0), (440, 240, 700.0)
     depth, followed = room(left, right), middle(*left)[None]
     for arms, found in ((middle(*right)[None] + (30, 0, 0), False), (middle(*right)[None] + (0, 300, 0), True)):
@@ -152,7 +153,7 @@ def test_nothing_is_looked_for_on_an_arm() -> None:
 
 
 def test_a_place_that_was_no_hand() -> None:
-    """Is passed over for half a second, then for a second, while a hand is followed; where none is, it is not."""
+    """A rejected place is skipped for 0.5 s, then for 1 s, while a hand is tracked; otherwise it is not skipped."""
     left, right = (200, 240, 700.0), (440, 240, 700.0)
     depth, followed = room(left, right), middle(*left)[None]
     one, _ = detector()
