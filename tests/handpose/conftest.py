@@ -1,4 +1,4 @@
-"""What the tests of handpose share."""
+"""Fixtures shared by the tests of handpose."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SHARED = Path(__file__).parents[2].parent / "shared" / "data"  # real frames, on
 
 @pytest.fixture
 def nyu_data() -> Path:
-    """The folder with real NYU frames; skips the test where there is none."""
+    """The folder with real NYU frames; the test is skipped where it is missing."""
     if not (SHARED / "nyu").is_dir():
         pytest.skip("needs real NYU frames")
     return SHARED / "nyu"

@@ -1,4 +1,4 @@
-"""handpose/__main__.py: one command, whose sub-commands are the tools."""
+"""handpose/__main__.py: one command, with the tools as sub-commands."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def handpose(*words: str, status: int = 0) -> Done:
 
 
 def test_every_tool_is_a_command() -> None:
-    """By its name with dashes; the list shows each with a sentence on what it does."""
+    """Every tool is a command named with dashes, and the list has a sentence about each."""
     assert {path.name for path in (ROOT / "tools").glob("[!_]*.py")} == {path.name for path in commands().values()}
     assert {"demo", "predict", "track", "record", "train", "test", "caffe", "export-onnx"} <= set(commands())
     lines = usage().splitlines()
@@ -26,7 +26,7 @@ def test_every_tool_is_a_command() -> None:
 
 
 def test_messages_name_the_command_that_was_typed() -> None:
-    """Usage, errors and examples."""
+    """Usage, errors and examples name the command as typed."""
     done = handpose("train", status=2)
     assert done.err.startswith("usage: handpose train [-h]") and "\nhandpose train: error: " in done.err
     done = handpose("export_onnx", "--help")
@@ -36,14 +36,14 @@ def test_messages_name_the_command_that_was_typed() -> None:
 
 
 def test_without_a_command() -> None:
-    """The list, and wrong usage; --help and --version are no mistakes."""
+    """Without a command the list is printed and the status is 2; --help and --version succeed."""
     assert handpose(status=2).out == usage()
     assert handpose("--help").out == usage()
     assert handpose("--version").out == f"handpose {__version__}\n"
 
 
 def test_an_unknown_command() -> None:
-    """One line."""
+    """An unknown command gives an error of one line."""
     done = handpose("trian", status=2)
     assert done.out == "" and done.err == (
         "handpose: error: unknown command 'trian' (did you mean 'train'?); 'handpose --help' lists them\n"

@@ -18,7 +18,7 @@ import pytest
     ],
 )
 def test_an_old_name_is_the_same_module(old: str, new: str) -> None:
-    """With a warning that says the new one."""
+    """Importing an old name gives the same module, with a warning that names the new one."""
     with pytest.warns(DeprecationWarning) as caught:
         module = importlib.import_module(old)
     assert str(caught[-1].message) == f"{old} is now {new}; the old name goes with the next release"
@@ -27,6 +27,6 @@ def test_an_old_name_is_the_same_module(old: str, new: str) -> None:
 
 
 def test_what_never_was() -> None:
-    """Neither under the old package nor elsewhere."""
+    """A module that never existed raises ModuleNotFoundError under an old package too."""
     with pytest.warns(DeprecationWarning), pytest.raises(ModuleNotFoundError, match=r"handpose\.prediction\.none"):
         importlib.import_module("handpose.predicting.none")

@@ -1,4 +1,4 @@
-"""Whole depth images of hands, to test what is made for crops."""
+"""Whole depth images of hands, for tests of functions that process crops."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from handpose.surface.render import Capsules, Floats, render
 from handpose.synthetic.pose_prior import Bodies, BodySampler
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior, draw_capsules
 
-ARM_BEHIND = SurfacePrior(towards_camera=-0.2)  # the hand is nearer than the arm, as one holds it to a camera
+ARM_BEHIND = SurfacePrior(towards_camera=-0.2)  # the hand is nearer than the arm, as when held towards the camera
 
 
 def render_image(capsules: Capsules, camera: Camera = NYU, background: float = np.inf) -> Floats:
