@@ -12,7 +12,7 @@ from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError
 from tests.support.made_tracks import skeleton_of
 
-# A body of three joints; its root moves along the axes %s and turns about the axes %s, each from somewhere.
+# A body of three joints; {slides} and {turns} are the motions of its root, which have initial values.
 BODY = """name: "made up"
 dof {{ name: "x" initial: 0.1 }} dof {{ name: "y" initial: -0.2 }} dof {{ name: "z" {z} }}
 dof {{ name: "a" initial: 0.3 }} dof {{ name: "b" initial: -0.4 }} dof {{ name: "c" initial: 0.2 }}

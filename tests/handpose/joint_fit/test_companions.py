@@ -159,7 +159,7 @@ def test_a_link_whose_file_has_gone(source, net_of):
 
 
 def test_what_is_there_is_kept(source):
-    """A companion made in the same way from the same file is reused; progress is reported all the same."""
+    """A companion made in the same way from the same file is reused, and its frames count as progress."""
     target, first = fitted(source)
     os.utime(target, ns=(1, 1))
     reported = []
