@@ -23,6 +23,7 @@ from netlib.system.memory import blocks
 LARGEST_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
 FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/parts.py shows both
 CACHED_BYTES = 1 << 20  # of the weights of a block, which stay in the cache from item to item
+ALIGNED = 64  # outputs; blocks of multiples are rounded as one product of all outputs is
 
 
 class FastInnerProduct(FastLayer, InnerProduct):
@@ -41,7 +42,7 @@ class FastInnerProduct(FastLayer, InnerProduct):
                 y[:, o] += self.bias.data[o]
 
         if few:
-            cached = max(1, CACHED_BYTES // max(w[:1].nbytes, 1))
+            cached = max(CACHED_BYTES // max(w[:1].nbytes, 1) // ALIGNED, 1) * ALIGNED
             parallel.run([partial(job, o) for o in blocks(len(w), cached if len(x) > 1 else len(w))])
         else:
             parallel.run(_by_blocks(job, len(w)))

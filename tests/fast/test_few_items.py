@@ -1,0 +1,46 @@
+"""FastInnerProduct on up to FEW_ITEMS items."""
+
+from __future__ import annotations
+
+import platform
+import sys
+
+import numpy as np
+import pytest
+
+import netlib
+from fast.inner_product import CACHED_BYTES, FEW_ITEMS, FastInnerProduct
+from netlib import gradcheck
+from netlib.blob import Array, Blob, Blobs
+
+INPUTS, OUTPUTS = 1152, 700  # as in the paper's FC1; more than three blocks of weights in the cache
+TEXT = f'type: "InnerProduct" inner_product_param {{ num_output: {OUTPUTS} weight_filler {{ type: "gaussian" }} }}'
+
+
+def forward(x: Array) -> Array:
+    """The output (N, OUTPUTS) for x (N, INPUTS)."""
+    layer = gradcheck.make_layer(TEXT, [x], engine="fast", dtype=np.float32)
+    assert isinstance(layer, FastInnerProduct)
+    bottom, top = Blobs([Blob(x.shape, np.float32)]), Blobs([Blob((), np.float32)])
+    bottom[0].data[...] = x
+    layer.reshape(bottom, top)
+    layer.forward(bottom, top)
+    return top[0].data
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("count", [2, FEW_ITEMS])
+def test_an_item_does_not_depend_on_the_others(
+    rng: np.random.Generator, keep_threads: None, count: int, threads: int
+) -> None:
+    """Several items, by blocks of outputs, give what each gives alone, by all outputs at once.
+
+    Bit for bit with OpenBLAS's kernels for x86; other libraries may round by the position in a block.
+    """
+    assert 4 * INPUTS * OUTPUTS > 3 * CACHED_BYTES
+    netlib.set_threads(threads)
+    x = rng.normal(size=(count, INPUTS)).astype(np.float32)
+    together, alone = forward(x), np.concatenate([forward(x[n : n + 1]) for n in range(count)])
+    np.testing.assert_allclose(together, alone, atol=1e-5 * np.abs(alone).max())
+    if (sys.platform, platform.machine()) == ("linux", "x86_64"):
+        np.testing.assert_array_equal(together, alone)
