@@ -84,7 +84,7 @@ PARTS: dict[str, Off] = {
     "tiles between layers": patched(fast.plan, "_agree_on_tiles", lambda order, hidden: {}),
     "products without packing": patched(fast.row_tiles, "unpacked_parts", lambda rows, inner, columns: 1),
     "small batches one item at a time": patched(fast.inner_product, "FEW_ITEMS", 0),
-    "blocked products": patched(fast.inner_product, "LARGEST_BLOCK", 1 << 30),
+    "blocked products": patched(fast.inner_product, "MAX_BLOCK", 1 << 30),
     "updates in blocks": patched(netlib.updates, "BLOCK", 1 << 40),
     "updates on all threads": patched(FastEngine, "run", lambda self, jobs: [job() for job in jobs]),
     "inputs copied on all threads": patched(fast.engine, "LARGE", 1 << 40),

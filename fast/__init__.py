@@ -2,7 +2,7 @@
 
     engine        the table of fast layers, and other parts of this engine
     executor      runs a net: rows of layers slice by slice (slices, slice_blobs), others whole; plan decides which, and
-                  facts has the properties of each layer type
+                  traits has the properties of each layer type
     tiles         blobs stored in the order in which products write and poolings read
     convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each inherits from the plain layer of the same name and replaces its computation

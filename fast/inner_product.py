@@ -20,7 +20,7 @@ from layers.common.inner_product import InnerProduct
 from netlib.blob import Blobs
 from netlib.system.memory import blocks
 
-LARGEST_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
+MAX_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
 FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/parts.py shows both
 CACHED_BYTES = 1 << 20  # of the weights of a block, which stay in the cache from item to item
 ALIGNED = 64  # outputs; blocks of multiples are rounded as one product of all outputs is
@@ -70,5 +70,5 @@ class FastInnerProduct(FastLayer, InnerProduct):
 
 def _by_blocks(job: Callable[[slice], None], count: int) -> list[Callable[[], None]]:
     """``job`` for each of as few blocks of the features as there can be, nearly equal ones."""
-    number = -(-count // LARGEST_BLOCK)
+    number = -(-count // MAX_BLOCK)
     return [partial(job, features) for features in blocks(count, -(-count // number))]

@@ -14,8 +14,8 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from fast.facts import facts_of
 from fast.fast_layer import FastLayer
+from fast.traits import traits_of
 from netlib.blob import Blob, Blobs
 from netlib.engine.plain import Connection
 
@@ -86,7 +86,7 @@ def whole(at: Connection) -> Run:
 
 def _fits(row: list[Connection], at: Connection) -> bool:
     """May this layer join the row?"""
-    if not facts_of(at.layer).batchwise or not at.bottom:
+    if not traits_of(at.layer).batchwise or not at.bottom:
         return False
     items = {blob.shape[0] if blob.shape else None for blob in [*at.bottom, *at.top]}
     if len(items) != 1 or items == {None}:
@@ -101,7 +101,7 @@ def _runs_for(row: list[Connection], users: Mapping[int, int], stored: Callable[
     end = _end_of_run(row, users, stored)
     row, rest = row[:end], row[end:]
     hidden = _hidden_blobs(row, users, stored)
-    if all(facts_of(at.layer).elementwise for at in row):  # nothing to gain; also the empty row
+    if all(traits_of(at.layer).elementwise for at in row):  # nothing to gain; also the empty row
         return [whole(at) for at in [*row, *rest]]
     order = _pool_first(row, hidden)
     return [Run(row, order, hidden, _agree_on_tiles(order, hidden), sliced=True), *map(whole, rest)]
@@ -119,7 +119,7 @@ def _end_of_run(row: list[Connection], users: Mapping[int, int], stored: Callabl
     last_use: list[int] = []  # of all blobs that layers up to this one overwrite
     for at in row:
         last = last_use[-1] if last_use else -1
-        if not facts_of(at.layer).monotone:
+        if not traits_of(at.layer).monotone:
             below = {id(blob) for blob in at.bottom}
             for blob in (top for top in at.top if id(top) in below):
                 own = uses[id(blob)]
@@ -145,10 +145,10 @@ def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
     for i in range(len(order) - 1):
         at, pool = order[i], order[i + 1]
         if (
-            facts_of(at.layer).monotone
+            traits_of(at.layer).monotone
             and at.bottom[0] is at.top[0]
             and id(at.top[0]) in secret
-            and facts_of(pool.layer).takes_maximum
+            and traits_of(pool.layer).takes_maximum
             and pool.bottom[0] is at.top[0]
             and id(pool.top[0]) in secret  # else its diff would be seen with the layer's gradient in it
             and not _is_overwritten(pool.top[0], order[i + 2 :])  # backward reads the signs of what the layer wrote
@@ -160,7 +160,7 @@ def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
 
 def _is_overwritten(blob: Blob, later: list[Connection]) -> bool:
     """Does a later layer in place change which values of the blob are positive?"""
-    return any(top is blob and not facts_of(at.layer).monotone for at in later for top in at.top)
+    return any(top is blob and not traits_of(at.layer).monotone for at in later for top in at.top)
 
 
 def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[int, int]:
@@ -182,7 +182,7 @@ def _wish(use: Use, tiles: dict[int, int]) -> int | None:
     """The layout that a layer prefers for a blob: the size of tiles, plain (None), or ``ANY``."""
     at = use.at
     if use.reads and use.writes:
-        return ANY if facts_of(at.layer).elementwise else None
+        return ANY if traits_of(at.layer).elementwise else None
     if not isinstance(at.layer, FastLayer):
         return None
     if use.writes:

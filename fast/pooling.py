@@ -14,7 +14,7 @@ from layers.vision.pooling import Pooling
 from netlib.blob import Blob, Blobs
 
 Layout = tuple[tuple[int, ...], int | None, int]  # of a blob: shape, tile, pitch
-LARGEST_TILE = 15  # a winner is a byte
+MAX_TILE = 15  # a winner is a byte
 
 
 class FastPooling(FastLayer, Pooling):
@@ -27,7 +27,7 @@ class FastPooling(FastLayer, Pooling):
         side_by_side = self.kernel == self.stride == (k, k) and self.pad == (0, 0) and self.param.round_mode == "CEIL"
         self.fits = self.is_max and len(top) == 1  # the plain layer writes a mask
         self.layout: list[Layout] = []
-        self.tile = k if self.fits and side_by_side and 1 < k <= LARGEST_TILE else None
+        self.tile = k if self.fits and side_by_side and 1 < k <= MAX_TILE else None
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
         """One tile is one window."""

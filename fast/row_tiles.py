@@ -142,13 +142,13 @@ def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
 
 
 UNPACKED = 1_000_000  # operations of a product up to which OpenBLAS does not copy its factors first
-MOST_PARTS = 4  # beyond, the copies are worth their time
+MAX_PARTS = 4  # beyond, the copies are worth their time
 
 
 def unpacked_parts(rows: int, inner: int, columns: int) -> int:
     """Into how many parts a product's longest side is cut, so that OpenBLAS takes each without copying."""
     parts = max(1, -(-rows * inner * columns // UNPACKED))
-    return parts if parts <= MOST_PARTS and columns % parts == 0 else 1
+    return parts if parts <= MAX_PARTS and columns % parts == 0 else 1
 
 
 def stacked_rows(X: Array, kh: int, parts: int) -> Array:

@@ -27,10 +27,10 @@ from collections.abc import Callable
 from functools import partial
 
 from fast import parallel
-from fast.facts import facts_of
 from fast.fast_layer import FastLayer
 from fast.plan import Run, Use, uses_of
 from fast.slice_blobs import Hidden, ParamOfLane, Window
+from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
 from netlib.engine import memory_advice
 from netlib.engine.plain import BackwardHook, Connection, Step, guarded
@@ -39,7 +39,7 @@ from netlib.system.memory import blocks
 
 # Aim for the largest blob of a slice; less is more calls, and threads wait for each other in calls.
 SLICE_BYTES = 16 << 20
-LARGEST_SLICE = 64
+MAX_SLICE = 64
 LANES = 16
 
 Piece = list[Connection]  # the layers of a run, for one slice
@@ -201,7 +201,7 @@ def _with_params(layer: Layer, params: Blobs) -> Layer:
 
 def _slice_size(item_bytes: int) -> int:
     """Items per slice: a power of two, so that products divide into equal parts; 32 images of the hand network."""
-    wanted = max(1, min(LARGEST_SLICE, SLICE_BYTES // max(item_bytes, 1)))
+    wanted = max(1, min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1)))
     return 1 << (wanted.bit_length() - 1)
 
 
@@ -209,5 +209,5 @@ def _read_again(at: Connection) -> list[Blob]:
     """The blobs whose data a layer's backward reads."""
     if not at.needs_backward:
         return []
-    facts = facts_of(at.layer)
-    return [*(at.bottom if facts.reads_bottom else []), *(at.top if facts.reads_top else [])]
+    traits = traits_of(at.layer)
+    return [*(at.bottom if traits.reads_bottom else []), *(at.top if traits.reads_top else [])]

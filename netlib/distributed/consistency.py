@@ -31,7 +31,7 @@ class Solver(Protocol):
     ranks: Ranks
 
 
-def facts_of(solver: Solver) -> dict[str, Any]:
+def traits_of(solver: Solver) -> dict[str, Any]:
     """Return the values, by name, that must be equal on all ranks before their first step."""
     return {
         "solver prototxt": _crc(repr(solver.param)),

@@ -67,7 +67,7 @@ class DistributedSolver(InterruptibleSolver):
         """Check once that the ranks are about to run the same training. Raises NetlibError."""
         if not self._introduced and self.ranks.count > 1:
             with self.ranks.together():
-                facts = consistency.facts_of(self)
+                facts = consistency.traits_of(self)
             self.ranks.introduce(facts)
         self._introduced = True
 

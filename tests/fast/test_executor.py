@@ -165,7 +165,7 @@ def test_results_do_not_depend_on_the_number_of_threads(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, keep_threads: None
 ) -> None:
     """Not in one bit: 1, 2, 3 and 5 threads, more slices than lanes, a last slice that is smaller."""
-    monkeypatch.setattr(slices, "LARGEST_SLICE", 2)
+    monkeypatch.setattr(slices, "MAX_SLICE", 2)
     found = []
     for threads in (1, 2, 3, 5):
         netlib.set_threads(threads)
@@ -186,7 +186,7 @@ def test_who_follows_a_backward_pass_hears_of_it_often(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, keep_threads: None
 ) -> None:
     """Between the layers of slices, too, but always by the thread that runs the net."""
-    monkeypatch.setattr(slices, "LARGEST_SLICE", 2)
+    monkeypatch.setattr(slices, "MAX_SLICE", 2)
     netlib.set_threads(2)
     net = net_of(PAPER)
     feed(net, batch(37))
@@ -629,7 +629,7 @@ def stacks(draw: st.DrawFn) -> str:
 def tiny_slices() -> Iterator[None]:
     """Slices of two items, so that a few items make several."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(slices, "LARGEST_SLICE", 2)
+        patch.setattr(slices, "MAX_SLICE", 2)
         yield
 
 

@@ -469,8 +469,8 @@ def check(seed: int, show: Callable[[str], object] = lambda line: None) -> Count
     """Run the program of a seed; every second one in slices of two items, so that there are several. Returns which
     operations it ran. Raises AssertionError where the engines differ, UndecidedError if rounding decides there.
     """
-    before, threads = slices.LARGEST_SLICE, netlib.threads()
-    slices.LARGEST_SLICE = 2 if seed % 2 else before
+    before, threads = slices.MAX_SLICE, netlib.threads()
+    slices.MAX_SLICE = 2 if seed % 2 else before
     try:
         program = Program(seed, show)
         try:
@@ -481,7 +481,7 @@ def check(seed: int, show: Callable[[str], object] = lambda line: None) -> Count
             raise
         return program.done
     finally:
-        slices.LARGEST_SLICE = before
+        slices.MAX_SLICE = before
         netlib.set_threads(threads)
 
 

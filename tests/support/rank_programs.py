@@ -166,7 +166,7 @@ def two_solvers(ranks):
     one.net.run_forward = run
     for solver in (one, other):
         solver.step(2)
-        ranks.introduce({"parameters": consistency.facts_of(solver)["parameters"]})
+        ranks.introduce({"parameters": consistency.traits_of(solver)["parameters"]})
     assert (one.iter, other.iter) == (3, 3)
 
 
@@ -198,7 +198,7 @@ def resume(ranks):
         assert solver.iter == 6
         arrays = [p.blob.data for p in solver.net.learnable] + [h for hs in solver.history for h in hs]
         bits.append((b"".join(a.tobytes() for a in arrays), list(solver.smoothed)))
-        ranks.introduce({"parameters": consistency.facts_of(solver)["parameters"]})
+        ranks.introduce({"parameters": consistency.traits_of(solver)["parameters"]})
     assert bits[0] == bits[1], "not the same again"
     assert bits[0] == bits[2], "a resume is not exact"
 

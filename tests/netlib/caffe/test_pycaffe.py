@@ -234,11 +234,11 @@ def test_options_that_cannot_change_so(name: str, value: object, error: type[Exc
 
 def test_solvers_of_one_file_say_the_same_options() -> None:
     """Which ranks that train together compare."""
-    one, two = (consistency.facts_of(pycaffe.SGDSolver("solver.prototxt")) for _ in range(2))
+    one, two = (consistency.traits_of(pycaffe.SGDSolver("solver.prototxt")) for _ in range(2))
     assert one["solver prototxt"] == two["solver prototxt"]
     one_more = pycaffe.SGDSolver("solver.prototxt")
     one_more.param.base_lr = 0.25
-    assert consistency.facts_of(one_more)["solver prototxt"] != one["solver prototxt"]
+    assert consistency.traits_of(one_more)["solver prototxt"] != one["solver prototxt"]
 
 
 def test_callbacks() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fast.engine import FAST_CLASSES
-from fast.facts import TABLE, Facts, facts_of
+from fast.traits import TABLE, LayerTraits, traits_of
 from layers import LAYER_TYPES
 from layers.activation.relu import ReLU
 from netlib import gradcheck
@@ -20,10 +20,10 @@ def test_every_entry_is_a_layer_type() -> None:
 
 
 def test_a_fast_class_is_its_plain_class_with_another_computation() -> None:
-    """It inherits options and messages, and has the facts of its plain class."""
+    """It inherits options and messages, and has the traits of its plain class."""
     for plain, fast in FAST_CLASSES.items():
         assert issubclass(fast, plain)
-    assert facts_of(gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])).monotone
+    assert traits_of(gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])).monotone
 
 
 def test_a_users_subclass_of_a_known_type_is_not_taken_for_it() -> None:
@@ -33,10 +33,10 @@ def test_a_users_subclass_of_a_known_type_is_not_taken_for_it() -> None:
         """Not a ReLU any more."""
 
     layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
-    assert facts_of(Own(layer.spec, "TRAIN", layer.rng, np.float64)) == Facts()
+    assert traits_of(Own(layer.spec, "TRAIN", layer.rng, np.float64)) == LayerTraits()
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if facts_of(made(name)[0]).batchwise])
+@pytest.mark.parametrize("name", [name for name in CASES if traits_of(made(name)[0]).batchwise])
 def test_a_batchwise_layer_treats_every_item_alone(name: str) -> None:
     """Item n of a top depends on item n of the bottoms only; that is what slices rely on."""
     layer, bottoms = made(name, 5)
@@ -66,7 +66,7 @@ def test_backward_reads_only_what_it_says(name: str) -> None:
         for blob in top:
             blob.diff[...] = 1
         if spoil:
-            for blob in ([] if facts_of(layer).reads_bottom else bottom) + ([] if facts_of(layer).reads_top else top):
+            for blob in ([] if traits_of(layer).reads_bottom else bottom) + ([] if traits_of(layer).reads_top else top):
                 blob.data[...] = np.nan
         layer.backward(top, wanted, bottom)
         found.append([blob.diff.copy() for blob, want in zip(bottom, wanted) if want])

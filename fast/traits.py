@@ -21,7 +21,7 @@ from netlib.layer import Layer
 
 
 @dataclass(frozen=True)
-class Facts:
+class LayerTraits:
     """About one layer.
 
     batchwise      item n of a top depends only on item n of the bottoms, so it may run on a slice of the batch; such a
@@ -41,34 +41,37 @@ class Facts:
     reads_top: bool = True
 
 
-def _relu(layer: ReLU) -> Facts:
-    return Facts(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False)
+def _relu(layer: ReLU) -> LayerTraits:
+    return LayerTraits(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False)
 
 
-def _convolution(layer: Convolution) -> Facts:
-    return Facts(batchwise=layer.axis > 0, reads_top=False)
+def _convolution(layer: Convolution) -> LayerTraits:
+    return LayerTraits(batchwise=layer.axis > 0, reads_top=False)
 
 
-def _pooling(layer: Pooling) -> Facts:
+def _pooling(layer: Pooling) -> LayerTraits:
     full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))  # no window without values
     alone = len(layer.spec.top) == 1  # a mask is that of the values before a layer that would be moved behind
-    return Facts(batchwise=True, takes_maximum=layer.is_max and full and alone, reads_bottom=False, reads_top=False)
+    return LayerTraits(
+        batchwise=True, takes_maximum=layer.is_max and full and alone, reads_bottom=False, reads_top=False
+    )
 
 
-TABLE: dict[type[Layer], Facts | Callable[..., Facts]] = {  # a type, or a function of the layer where options matter
+# A type's traits, or a function of the layer where options matter.
+TABLE: dict[type[Layer], LayerTraits | Callable[..., LayerTraits]] = {
     Convolution: _convolution,
-    InnerProduct: Facts(reads_top=False),  # not batchwise: one product for the whole batch beats many small ones
+    InnerProduct: LayerTraits(reads_top=False),  # not batchwise: one product for the whole batch beats many small ones
     Pooling: _pooling,
-    Power: Facts(batchwise=True, reads_bottom=False, reads_top=False),
+    Power: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
     ReLU: _relu,
-    Sigmoid: Facts(batchwise=True, elementwise=True, reads_bottom=False),
-    Split: Facts(batchwise=True, elementwise=True, reads_bottom=False, reads_top=False),
-    TanH: Facts(batchwise=True, elementwise=True, reads_bottom=False),
+    Sigmoid: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
+    Split: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False, reads_top=False),
+    TanH: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
 }
 
 
-def facts_of(layer: Layer) -> Facts:
-    """The facts of a layer's type, or of the plain type that it implements."""
+def traits_of(layer: Layer) -> LayerTraits:
+    """The traits of a layer's type, or of the plain type that it implements."""
     lineage = type(layer).__mro__ if isinstance(layer, FastLayer) else [type(layer)]  # a user's subclass may differ
-    found = next((TABLE[cls] for cls in lineage if cls in TABLE), Facts())
-    return found if isinstance(found, Facts) else found(layer)
+    found = next((TABLE[cls] for cls in lineage if cls in TABLE), LayerTraits())
+    return found if isinstance(found, LayerTraits) else found(layer)
