@@ -8,6 +8,7 @@ The same synthetic frames are predicted in one process for each set; Nehalem's w
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import subprocess
@@ -36,12 +37,17 @@ for fit in fits:
 """
 
 
+def simd_extensions() -> list[str]:
+    """The optional instruction sets that NumPy uses on this processor."""
+    core = importlib.import_module(f"numpy.{'_core' if np.__version__ >= '2' else 'core'}._multiarray_umath")
+    return [name for name in core.__cpu_dispatch__ if core.__cpu_features__[name]]
+
+
 def joints(kernels: str, count: int, seed: int, fits: Sequence[str]) -> np.ndarray:
     """(fits, frames, K, 3) mm, with these kernels. Other BLAS libraries than OpenBLAS ignore the choice."""
     environment = os.environ | {"OPENBLAS_CORETYPE": kernels}
     if kernels == "Nehalem":
-        simd = np.show_config("dicts").get("SIMD Extensions", {})  # type: ignore[union-attr]
-        environment["NPY_DISABLE_CPU_FEATURES"] = " ".join(simd.get("found", []))
+        environment["NPY_DISABLE_CPU_FEATURES"] = " ".join(simd_extensions())
     command = [sys.executable, "-c", SCRIPT, json.dumps([count, seed, fits])]
     done = subprocess.run(command, env=environment, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
     return np.array([json.loads(line) for line in done.stdout.splitlines()])
