@@ -1,4 +1,4 @@
-"""Blob: data and diff of one shape."""
+"""Blob: data and diff of the same shape."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from netlib.blob import Blob, Blobs
 
 
 def test_a_new_blob_is_zero() -> None:
-    """Data and diff, of the given type."""
+    """Data and diff are zero and have the given type."""
     blob = Blob((2, 3), np.float64)
     assert blob.data.tolist() == blob.diff.tolist() == [[0, 0, 0], [0, 0, 0]]
     assert blob.data.dtype == np.float64
@@ -17,7 +17,7 @@ def test_a_new_blob_is_zero() -> None:
 
 
 def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_another_count() -> None:
-    """As Caffe's Python interface does."""
+    """reshape accepts sizes or a shape and clears the values only if the count changes, as in pycaffe."""
     blob = Blob((2, 3))
     blob.data[...] = 5
     blob.reshape(2, 3)
@@ -37,7 +37,7 @@ def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_another_c
 
 @pytest.mark.parametrize("shape", [(2**62,), (0, 2**64), (10**10, 10**10), (1,) * 33])
 def test_shapes_that_no_array_can_have(shape: tuple[int, ...]) -> None:
-    """Found when they are asked for, not by the first who looks at the values."""
+    """Impossible shapes raise an error on construction and reshape, not on first use of the values."""
     with pytest.raises((ValueError, MemoryError), match="a blob cannot have the shape"):
         Blob(shape)
     with pytest.raises((ValueError, MemoryError), match="a blob cannot have the shape"):
@@ -45,7 +45,7 @@ def test_shapes_that_no_array_can_have(shape: tuple[int, ...]) -> None:
 
 
 def test_caffes_names_of_the_axes() -> None:
-    """Missing axes have size 1."""
+    """Axes that the blob lacks have size 1."""
     blob = Blob((5, 4, 3))
     assert (blob.num, blob.channels, blob.height, blob.width) == (5, 4, 3, 1)
     assert repr(blob) == "<Blob 5x4x3 float32>"
@@ -53,14 +53,14 @@ def test_caffes_names_of_the_axes() -> None:
 
 
 def test_add_blob_makes_a_parameter() -> None:
-    """Of the list's type: how a Caffe Python layer makes its parameters."""
+    """The parameter has the type of the list; Caffe's Python layers create parameters this way."""
     blobs = Blobs(dtype=np.float64)
     assert blobs.add_blob(2, 3) is blobs[0]
     assert (blobs[0].shape, blobs[0].data.dtype) == ((2, 3), np.float64)
 
 
 def test_a_shared_blob_uses_its_owners_memory() -> None:
-    """Data and diff, in its own shape, also through a second share."""
+    """Data and diff are shared, each blob has its own shape, and sharing is transitive."""
     owner, one, two = Blob((2, 3)), Blob((6,)), Blob((3, 2))
     one.share(owner)
     two.share(one)
@@ -72,7 +72,7 @@ def test_a_shared_blob_uses_its_owners_memory() -> None:
 
 
 def test_a_blob_that_shares_data_keeps_its_diff() -> None:
-    """Its own, or that of another blob which it shared before."""
+    """A blob that shares only data keeps its own diff, or the diff of a blob it shared before."""
     other, owner, one, two = Blob((3,)), Blob((3,)), Blob((3,)), Blob((3,))
     two.share(one)
     for blob in (one, two):
@@ -83,5 +83,5 @@ def test_a_blob_that_shares_data_keeps_its_diff() -> None:
     assert not owner.diff.any()
     owner.share_data(other)
     assert not two.data.any()
-    other.share_data(two)  # which is itself by now
+    other.share_data(two)  # other is the same memory by now
     assert not other.data.any()

@@ -1,4 +1,4 @@
-"""What an error says of its cause, and of names that nearly are right."""
+"""Error messages: causes, and suggestions for misspelt names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from netlib.errors import NetlibError, PrototxtError, did_you_mean, printable, reason_of
 
-ANY_TEXT = st.text(st.characters(exclude_categories=()))  # surrogates, too: bytes of a file that are no UTF-8
+ANY_TEXT = st.text(st.characters(exclude_categories=()))  # including surrogates, for bytes that are not UTF-8
 
 
 @pytest.mark.parametrize(
@@ -31,24 +31,24 @@ ANY_TEXT = st.text(st.characters(exclude_categories=()))  # surrogates, too: byt
     ],
 )
 def test_reasons_are_one_line(error: Exception, reason: str) -> None:
-    """Without numbers and addresses."""
+    """A reason is one line without numbers and addresses."""
     assert reason_of(error) == reason
 
 
 def test_the_nearest_name() -> None:
-    """Or nothing, if none is near."""
+    """The nearest name is suggested, or nothing if none is near."""
     assert did_you_mean("Convolutoin", ["Convolution", "Pooling"]) == " (did you mean 'Convolution'?)"
     assert did_you_mean("abc", ["Convolution"]) == ""
 
 
 def test_a_message_is_one_line() -> None:
-    """Whatever the names in it hold."""
+    """Line breaks in names are escaped."""
     assert str(NetlibError("unknown bottom 'a\n\rb'")) == "unknown bottom 'a\\n\\rb'"
 
 
 @given(ANY_TEXT)
 def test_an_error_can_be_shown_whatever_it_names(name: str) -> None:
-    """On one line, without commands to the terminal or marks that turn the direction of writing."""
+    """A message is printable on one line, without terminal control codes or marks that change the writing direction."""
     assert str(NetlibError(f"no layer {name}")).isprintable()
     assert str(PrototxtError(f"{name}:1:2", name)).isprintable()
     assert printable(printable(name)) == printable(name)
@@ -65,15 +65,15 @@ def test_an_error_can_be_shown_whatever_it_names(name: str) -> None:
     ids=ascii,
 )
 def test_what_is_escaped(text: str, shown: str) -> None:
-    """Letters of all languages are not; what no font has a picture of is, as in Python's repr."""
+    """Letters of all languages are kept; unprintable characters are escaped as in Python's repr."""
     assert printable(text) == shown
 
 
 def test_a_message_of_any_length_is_a_line_that_can_be_read() -> None:
-    """Its begin, which says where, and its end, which says what to do."""
+    """A long message keeps its beginning, with the position, and its end, with the advice."""
     found = str(NetlibError(f"net.prototxt:1:7: unknown layer type '{'x' * 150_000}'; known types: ..."))
     assert len(found) < 2000
     assert found.startswith("net.prototxt:1:7: unknown layer type 'xxx")
     assert " ... (150057 characters) ... xxx" in found
-    assert len(str(NetlibError("\0" * 1900))) <= 2000  # each is shown as four characters
+    assert len(str(NetlibError("\0" * 1900))) <= 2000  # each character is shown as four
     assert found.endswith("x'; known types: ...")

@@ -12,7 +12,7 @@ SHAPE = (50, 20, 10, 10)  # fan-in 2000, fan-out 5000
 
 
 def filled(filler: Filler, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
-    """An array with these initial values."""
+    """Return an array with initial values."""
     array = np.full(shape, np.nan)
     fill(array, filler, np.random.default_rng(0))
     return array
@@ -35,63 +35,63 @@ def filled(filler: Filler, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
     ids=lambda value: f"{value.type} {value.variance_norm}" if isinstance(value, Filler) else "",
 )
 def test_mean_and_deviation(filler: Filler, mean: float, std: float) -> None:
-    """Of 100,000 values: within five standard errors."""
+    """The mean and deviation of 100,000 values agree with the distribution."""
     array = filled(filler)
     assert abs(array.mean() - mean) <= 5 * std / np.sqrt(array.size)
     assert array.std() == pytest.approx(std, rel=0.02)
 
 
 def test_bounds() -> None:
-    """uniform and xavier end where they say."""
+    """The values of uniform and xavier reach their bounds and do not exceed them."""
     assert -1 <= filled(Filler("uniform", min=-1, max=3)).min() < -0.99
     bound = np.sqrt(3 / 2000)
     assert 0.99 * bound < np.abs(filled(Filler("xavier"))).max() <= bound
 
 
 def test_fans_of_a_transposed_inner_product() -> None:
-    """fan-in is count / shape[0], whatever the axes mean; so is it in Caffe."""
+    """The fan-in is count / shape[0], whatever the meaning of the axes, as in Caffe."""
     assert np.abs(filled(Filler("xavier"), (100, 10))).max() == pytest.approx(np.sqrt(3 / 10), rel=0.01)
     assert np.abs(filled(Filler("xavier"), (10, 100))).max() == pytest.approx(np.sqrt(3 / 100), rel=0.01)
 
 
 def test_a_vector_has_a_fan_in_of_1() -> None:
-    """A bias with xavier."""
+    """A bias with xavier has a fan-in of 1."""
     assert np.abs(filled(Filler("xavier"), (5000,))).max() == pytest.approx(np.sqrt(3), rel=0.01)
 
 
 def test_sparse_gaussian() -> None:
-    """``sparse: 5`` leaves about 5 weights of an input that go to 50 outputs."""
+    """``sparse: 5`` leaves about 5 nonzero weights for an input that goes to 50 outputs."""
     array = filled(Filler("gaussian", sparse=5))
     assert np.mean(array != 0) == pytest.approx(5 / 50, rel=0.05)
 
 
 def test_sparse_is_for_weights() -> None:
-    """A single number has no outputs to count by."""
+    """sparse raises an error for a single number, which has no outputs."""
     with pytest.raises(netlib.PrototxtError, match="'gaussian': sparse needs weights"):
         fill(np.empty(()), Filler("gaussian", sparse=1), np.random.default_rng(0))
 
 
 def test_positive_unitball() -> None:
-    """Positive, and the weights of an output sum to one."""
+    """Values are positive, and the weights of each output sum to one."""
     array = filled(Filler("positive_unitball"))
     assert (array > 0).all()
     assert np.allclose(array.reshape(50, -1).sum(axis=1), 1)
 
 
 def test_bilinear() -> None:
-    """An upsampling kernel: width 4 is factor 2, the line 1/4, 3/4, 3/4, 1/4."""
+    """The kernel upsamples: width 4 is factor 2, with the line 1/4, 3/4, 3/4, 1/4."""
     line = np.array([0.25, 0.75, 0.75, 0.25])
     array = filled(Filler("bilinear"), (2, 1, 4, 4))
     assert np.allclose(array, np.outer(line, line))
 
 
 def test_the_same_stream_gives_the_same_values() -> None:
-    """All randomness comes from the generator that is handed in."""
+    """Equal generators give equal values."""
     assert np.array_equal(filled(Filler("msra")), filled(Filler("msra")))
 
 
 def test_an_unknown_type() -> None:
-    """Names the nearest, or all."""
+    """The error suggests the nearest type or lists all."""
     with pytest.raises(netlib.PrototxtError, match=r"unknown filler type 'xaver' \(did you mean 'xavier'\?\)"):
         filled(Filler("xaver"))
     with pytest.raises(netlib.PrototxtError, match="unknown filler type 'q'; known types: constant, uniform"):

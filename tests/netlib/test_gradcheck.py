@@ -1,4 +1,4 @@
-"""The gradient check itself: it passes what is right and catches what is wrong."""
+"""The gradient check accepts correct layers and detects wrong ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ X = np.random.default_rng(0).uniform(0.5, 1, (3, 2))
 
 
 class Right(Layer):
-    """y = gain x² + noise, with noise from the layer's stream."""
+    """y = gain x² + noise, with noise from the layer's random stream."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.new_param("gain", (2,), Filler("uniform", min=1, max=2))
@@ -73,7 +73,7 @@ class Wrong(Right):
 
 
 class IgnoresTop(Right):
-    """A loss that forgets its top diff."""
+    """A loss that ignores its top diff."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         top[0].diff[...] = 1
@@ -82,7 +82,7 @@ class IgnoresTop(Right):
 
 @pytest.fixture
 def layer(monkeypatch: pytest.MonkeyPatch) -> Callable[[type[Layer]], Layer]:
-    """A layer of a class that is entered in the table for this test."""
+    """A factory of layers whose class is registered for this test."""
 
     def make(cls: type[Layer]) -> Layer:
         monkeypatch.setitem(LAYER_TYPES, cls.__name__, cls)
@@ -92,7 +92,7 @@ def layer(monkeypatch: pytest.MonkeyPatch) -> Callable[[type[Layer]], Layer]:
 
 
 def test_a_right_layer_passes(layer: Callable[[type[Layer]], Layer]) -> None:
-    """Although it adds random numbers: the stream is rewound before each forward."""
+    """A layer with random noise passes, because its stream is rewound before each forward pass."""
     gradcheck.check(layer(Right), [X])
 
 
@@ -110,18 +110,18 @@ def test_a_right_layer_passes(layer: Callable[[type[Layer]], Layer]) -> None:
     ],
 )
 def test_a_wrong_layer_is_caught(layer: Callable[[type[Layer]], Layer], cls: Any, message: str) -> None:
-    """With the place and both numbers."""
+    """The error gives the position and both numbers."""
     with pytest.raises(GradientError, match=message):
         gradcheck.check(layer(cls), [X])
 
 
 def test_bottoms_that_want_no_gradient_are_left_out(layer: Callable[[type[Layer]], Layer]) -> None:
-    """Labels, for example: the layer is told, and nothing is compared."""
+    """A bottom without a gradient, such as labels, gets propagate_down false and is not compared."""
     gradcheck.check(layer(Right), [X], wanted=[False])
 
 
 def test_the_values_are_as_before(layer: Callable[[type[Layer]], Layer]) -> None:
-    """Neither inputs nor parameters are left moved."""
+    """The inputs and parameters are restored."""
     made, x = layer(Right), X.copy()
     gain = made.blobs[0].data.copy()
     gradcheck.check(made, [x])

@@ -17,12 +17,12 @@ MakeNet = Callable[..., netlib.Net]
 
 
 def backwards(net: netlib.Net) -> dict[str, list[bool]]:
-    """Layers that run backwards, and for which bottoms."""
+    """Return the layers that run backwards, with propagate_down for each bottom."""
     return {at.layer.name: at.propagate_down for at in net.connections if at.needs_backward}
 
 
 def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
-    """By a Split, which is Caffe's; a loss weight on the blob is one more reader."""
+    """A Split layer sums the gradients, as in Caffe; a loss weight on the blob counts as one more reader."""
     text = "force_backward: true " + X + ip("a", "x", "a", "loss_weight: 2") + ip("b", "a", "b") + ip("c", "a", "c")
     net = net_of(text)
     net.forward(x=np.ones((2, 3)))
@@ -34,7 +34,7 @@ def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
 
 
 def test_layers_in_place_run_in_file_order(net_of: MakeNet) -> None:
-    """Forwards and backwards: -2 x, then ReLU, on one blob."""
+    """Layers in place run in file order in both passes: -2 x, ReLU and TanH on one blob."""
     net = net_of(
         "force_backward: true "
         + X
@@ -50,7 +50,7 @@ def test_layers_in_place_run_in_file_order(net_of: MakeNet) -> None:
 
 
 def test_gradients_flow_only_where_something_learns_below_a_loss(net_of: MakeNet) -> None:
-    """Frozen layers below and layers that lead to no loss do not run backwards."""
+    """Frozen layers at the beginning and layers that lead to no loss do not run backwards."""
     net = net_of(
         X
         + ip("frozen", "x", "f", "param { lr_mult: 0 } param { lr_mult: 0 }")
@@ -66,7 +66,7 @@ def test_gradients_flow_only_where_something_learns_below_a_loss(net_of: MakeNet
 
 
 def test_force_backward_runs_everything(net_of: MakeNet) -> None:
-    """Down to the inputs, where a layer allows it: not to labels."""
+    """force_backward computes gradients down to the inputs, but not for labels."""
     text = X + ip("frozen", "x", "f", "param { lr_mult: 0 } param { lr_mult: 0 }") + loss("f")
     net = net_of("force_backward: true " + text)
     net.forward(x=np.ones((2, 3)), t=np.zeros((2, 3)))
@@ -80,13 +80,13 @@ def test_force_backward_runs_everything(net_of: MakeNet) -> None:
 
 
 def test_propagate_down_cuts_the_gradient(net_of: MakeNet) -> None:
-    """``propagate_down: false`` stops it; below, nothing runs backwards."""
+    """``propagate_down: false`` stops the gradient; no layer below runs backwards."""
     net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b", "propagate_down: false") + loss("b"))
     assert backwards(net) == {"b": [False], "loss": [True, False]}
 
 
 def test_propagate_down_true_asks_for_a_gradient(net_of: MakeNet) -> None:
-    """Of an input, which otherwise gets none."""
+    """``propagate_down: true`` computes the gradient of an input, which otherwise has none."""
     net = net_of(X + ip("a", "x", "a", "propagate_down: true") + loss("a"))
     net.forward(x=np.ones((2, 3)))
     net.backward()
@@ -97,7 +97,7 @@ def test_propagate_down_true_asks_for_a_gradient(net_of: MakeNet) -> None:
     ("weight", "layer"), [(3, "loss_weight: 3"), (1, ""), (0.5, "loss_weight: 0.5"), (-1, "loss_weight: -1")]
 )
 def test_loss_weight(net_of: MakeNet, weight: float, layer: str) -> None:
-    """The top shows the plain loss; the net's loss and the gradients are weighted."""
+    """The top holds the unweighted loss; the net's loss and the gradients are weighted."""
     net = net_of(X + ip("a", "x", "a") + loss("a", layer))
     net.params["a"][0].data[...] = np.eye(3)
     total = None
@@ -110,7 +110,7 @@ def test_loss_weight(net_of: MakeNet, weight: float, layer: str) -> None:
 
 
 def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
-    """The loss is the sum of its values, the gradient the weight everywhere; 0 switches a loss layer off."""
+    """The loss is the weighted sum of the top's values and its gradient is the weight; 0 disables a loss layer."""
     net = net_of(X + ip("a", "x", "a", "loss_weight: 0.5"))
     net.forward(x=np.ones((2, 3)))
     net.backward()
@@ -120,7 +120,7 @@ def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
 
 
 def test_loss_weight_on_a_top_in_place(net_of: MakeNet) -> None:
-    """Its diff is overwritten on the way down, and begins anew in every pass."""
+    """The diff of a top in place is overwritten by backward and is set again in every pass."""
     power = 'layer { name: "p" type: "Power" bottom: "a" top: "a" loss_weight: 1 power_param { scale: 2 } }'
     net = net_of(X + ip("a", "x", "a") + power)
     for _ in range(3):
@@ -131,7 +131,7 @@ def test_loss_weight_on_a_top_in_place(net_of: MakeNet) -> None:
 
 
 def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
-    """Caffe calls it "(automatic)"; it counts, and is no output."""
+    """A loss without a top is named "(automatic)" as in Caffe; it contributes to the loss and is not an output."""
     net = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }')
     named = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }')
     for one in (net, named):
@@ -149,10 +149,10 @@ def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
 def test_a_gradient_that_will_be_wrong_is_said(
     net_of: MakeNet, caplog: pytest.LogCaptureFixture, below: str, notes: int
 ) -> None:
-    """Sigmoid needs its top backwards; a layer in place behind it overwrites that. Caffe computes it and is silent."""
+    """A warning reports a layer in place that overwrites a top needed by another gradient; Caffe gives none."""
     text = X + ip("a", "x", "a") + f'layer {{ name: "s" type: "{below}" bottom: "a" top: "s" }} '
     text += 'layer { name: "p" type: "Power" bottom: "s" top: "s" power_param { scale: 3 } } '
-    net_of(text)  # nothing runs backwards: nothing to say
+    net_of(text)  # without a loss nothing runs backwards, so there is no warning
     assert caplog.messages == []
     net_of(text + 'layer { name: "l" type: "EuclideanLoss" bottom: "s" bottom: "x" top: "l" }')
     assert len(caplog.messages) == notes
@@ -174,7 +174,7 @@ def test_a_gradient_that_will_be_wrong_is_said(
 def test_a_relu_in_place_needs_its_signs(
     net_of: MakeNet, caplog: pytest.LogCaptureFixture, behind: list[str], notes: int
 ) -> None:
-    """A layer in place behind it that may change them is said."""
+    """A layer in place that may change the signs of a ReLU's output is reported."""
     text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } '
     for i, kind in enumerate(behind):
         text += f'layer {{ name: "p{i}" bottom: "a" top: "a" type: {kind} }} '
@@ -186,7 +186,7 @@ def test_a_relu_in_place_needs_its_signs(
 
 
 def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """As in Caffe both run; here, unlike there, both also keep their weights, under names of their own."""
+    """Both layers run, as in Caffe; the second gets a new name, so that both keep their weights."""
     text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } ' + ip("a", "a", "b")
     net = net_of(text + 'layer { name: "r" type: "ReLU" bottom: "b" top: "b" }')
     assert list(net.layer_dict) == ["x", "a", "r", "a (2)", "r (2)"]
@@ -203,7 +203,7 @@ def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.
 
 
 def test_a_name_that_a_repeated_one_would_get(net_of: MakeNet) -> None:
-    """No layer takes the place of another."""
+    """A new name for a repeated one does not collide with an existing name."""
     names = ["a", "a (2)", "a", "a (3)", "a"]
     net = net_of(X + "".join(ip(name, "x", f"y{i}") for i, name in enumerate(names)))
     assert [layer.name for layer in net.layers if layer.blobs] == ["a", "a (2)", "a (4)", "a (3)", "a (5)"]
@@ -233,7 +233,7 @@ def test_a_name_that_a_repeated_one_would_get(net_of: MakeNet) -> None:
     ],
 )  # fmt: skip
 def test_mistakes_name_layer_blob_and_shapes(net_of: MakeNet, text: str, message: str) -> None:
-    """One line, with the place in the file."""
+    """The error is one line with the position in the file."""
     with pytest.raises(netlib.LayerError, match=message) as error:
         net_of(X + text)
     assert str(error.value).startswith("net.prototxt:1:")

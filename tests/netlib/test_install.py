@@ -1,4 +1,4 @@
-"""``import caffe`` finds netlib.caffe: asked for, or where a Python layer needs it. In processes of their own."""
+"""``import caffe`` finds netlib.caffe after install_as_caffe or in a Python layer. Each test runs a new process."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(code: str, folder: Path, *paths: Path) -> str:
-    """What a program prints; it runs in ``folder``."""
+    """Return the output of a program that runs in ``folder``."""
     return run_python("-c", code, cwd=folder, PYTHONPATH=os.pathsep.join(map(str, [ROOT, *paths]))).out.strip()
 
 
@@ -21,7 +21,7 @@ SAME = "import caffe.proto.caffe_pb2 as a, netlib.caffe.proto.caffe_pb2 as b, ca
 
 
 def test_once_asked_for_every_import_finds_it(tmp_path: Path) -> None:
-    """The same modules, not copies: whole names, parts, names from them."""
+    """All forms of import return netlib's own modules, not copies."""
     code = "import netlib; netlib.install_as_caffe(); netlib.install_as_caffe()\n" + SAME
     code += "from caffe import layers as L, params as P, Net\nimport caffe\n"
     code += "print(a is b, caffe.io is c.io, caffe is c, Net is c.Net, caffe.__name__, P.Pooling.AVE)"
@@ -29,7 +29,7 @@ def test_once_asked_for_every_import_finds_it(tmp_path: Path) -> None:
 
 
 def test_it_wins_over_what_else_is_called_caffe(tmp_path: Path) -> None:
-    """A checkout of Caffe that was never built, say, or a file that a script has imported already."""
+    """install_as_caffe takes precedence over other modules named caffe, even one already imported."""
     (tmp_path / "caffe").mkdir()
     (tmp_path / "caffe" / "__init__.py").write_text("mine = 1")
     code = "import caffe; assert caffe.mine; import netlib; netlib.install_as_caffe(); import caffe; print(caffe.Net)"
@@ -37,7 +37,7 @@ def test_it_wins_over_what_else_is_called_caffe(tmp_path: Path) -> None:
 
 
 def test_what_is_not_there_is_missing_as_ever(tmp_path: Path) -> None:
-    """An ImportError with the name that was written."""
+    """A missing module raises an ImportError with the name as written."""
     code = "import netlib; netlib.install_as_caffe()\ntry:\n    import caffe.nothing\nexcept ImportError as e: print(e)"
     assert run(code, tmp_path) == "No module named 'caffe.nothing'"
 
@@ -66,7 +66,7 @@ FORWARD = (
 
 @pytest.mark.parametrize("module", ["ten", "layers", "tools", "tools.ten", "layers.ten"])
 def test_a_python_layer_that_imports_caffe(tmp_path: Path, module: str) -> None:
-    """Without being asked, and with Python 2's xrange; also from a file or folder that is called as one of ours."""
+    """A Python layer can import caffe and use Python 2's xrange, also in a module named like one of the project's."""
     path = tmp_path / (module.replace(".", "/") + ".py")
     path.parent.mkdir(exist_ok=True)
     path.write_text(LAYER)
@@ -75,7 +75,7 @@ def test_a_python_layer_that_imports_caffe(tmp_path: Path, module: str) -> None:
 
 
 def test_an_installed_caffe_is_left_alone(tmp_path: Path) -> None:
-    """A package of that name with code in it: a Python layer gets that one, whatever it is."""
+    """If a package named caffe is installed, a Python layer imports that one."""
     installed = tmp_path / "installed" / "caffe"
     installed.mkdir(parents=True)
     (installed / "__init__.py").write_text("import netlib\nclass Layer(netlib.Layer):\n    theirs = True\n")
@@ -86,8 +86,8 @@ def test_an_installed_caffe_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_text_format_where_protobuf_is_missing(tmp_path: Path) -> None:
-    """Scripts say ``from google.protobuf import text_format``."""
-    code = "import sys; sys.modules['google.protobuf.text_format'] = None\n"  # as if it were not installed
+    """``from google.protobuf import text_format`` works without protobuf."""
+    code = "import sys; sys.modules['google.protobuf.text_format'] = None\n"  # as if protobuf were not installed
     code += "import netlib; netlib.install_as_caffe()\n"
     code += "from google.protobuf import text_format\nfrom caffe.proto import caffe_pb2\n"
     code += "print(text_format.Merge('name: \"n\"', caffe_pb2.NetParameter()).name, text_format.__name__)"
@@ -95,7 +95,7 @@ def test_text_format_where_protobuf_is_missing(tmp_path: Path) -> None:
 
 
 def test_a_script_as_it_is(tmp_path: Path) -> None:
-    """``python -m netlib.caffe script.py argument``: its own folder, arguments and name are those that it expects."""
+    """``python -m netlib.caffe script.py argument`` runs the script with its own folder, arguments and ``__main__``."""
     (tmp_path / "scripts").mkdir()
     (tmp_path / "scripts" / "helper.py").write_text("x = 7")
     code = "import sys, caffe, helper\nif __name__ == '__main__': print(caffe.TEST, helper.x, sys.argv)\nsys.exit(3)"

@@ -1,4 +1,4 @@
-"""The layer contract's other half: types, options, Python layers, helpers for who writes a layer."""
+"""Layer types, options, Python layers, and helpers for authors of layers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MakeNet = Callable[..., netlib.Net]
 
 X = inputs(x=(2, 3))
 
-# As in Caffe's examples, but for the import.
+# As in Caffe's examples, except for the import.
 DOUBLE = """
 import json
 import netlib as caffe
@@ -51,13 +51,13 @@ class NotALayer:
 
 
 def python(param: str) -> str:
-    """A net with a Python layer."""
+    """Return a net with a Python layer."""
     return X + f'layer {{ name: "p" type: "Python" bottom: "x" top: "y" python_param {{ {param} }} }}'
 
 
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The name of a module with the layer ``Double``, on the path."""
+    """Write a module with the layer ``Double`` to the import path and return its name."""
     name = f"double_{abs(hash(tmp_path))}"
     (tmp_path / f"{name}.py").write_text(DOUBLE)
     monkeypatch.syspath_prepend(tmp_path)
@@ -66,7 +66,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 @pytest.mark.parametrize(("param_str", "factor"), [("", 2), ("param_str: '{\"factor\": 5}'", 5)])
 def test_a_caffe_python_layer_runs(net_of: MakeNet, module: str, param_str: str, factor: int) -> None:
-    """module, layer, param_str, phase, self.blobs.add_blob: forward and backward."""
+    """A Caffe Python layer with param_str, phase and self.blobs.add_blob runs forward and backward."""
     net = net_of("force_backward: true " + python(f'module: "{module}" layer: "Double" {param_str}'))
     x = np.arange(6.0).reshape(2, 3)
     assert np.array_equal(net.forward(x=x)["y"], factor * x)
@@ -83,7 +83,7 @@ def test_a_python_layer_knows_its_phase(net_of: MakeNet, module: str) -> None:
 
 
 def test_a_python_layer_can_be_checked(module: str) -> None:
-    """By whoever wrote it."""
+    """The gradient check accepts a Python layer."""
     x = np.random.default_rng(0).normal(size=(2, 3))
     layer = gradcheck.make_layer(f'type: "Python" python_param {{ module: "{module}" layer: "Double" }}', [x])
     gradcheck.check(layer, [x])
@@ -92,7 +92,7 @@ def test_a_python_layer_can_be_checked(module: str) -> None:
 def test_a_python_layer_in_the_working_directory(
     net_of: MakeNet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Found without PYTHONPATH, as in pycaffe."""
+    """A module in the working directory is found without PYTHONPATH, as in pycaffe."""
     (tmp_path / "layer_in_the_working_directory.py").write_text(DOUBLE)
     monkeypatch.chdir(tmp_path)
     assert net_of(python('module: "layer_in_the_working_directory" layer: "Double"')).outputs == ["y"]
@@ -112,20 +112,20 @@ def test_a_python_layer_in_the_working_directory(
     ],
 )
 def test_mistakes_in_python_param(net_of: MakeNet, module: str, param: str, message: str) -> None:
-    """At their place in the prototxt."""
+    """Errors in python_param have the position in the prototxt."""
     with pytest.raises(netlib.PrototxtError, match=message.replace("MODULE", module)) as error:
         net_of(python(param.replace("MODULE", module)))
     assert str(error.value).startswith("net.prototxt:1:")
 
 
 def test_a_python_layer_without_python_param(net_of: MakeNet) -> None:
-    """Says what it needs."""
+    """The error states that python_param is required."""
     with pytest.raises(netlib.PrototxtError, match="layer 'p' of type 'Python' needs a python_param"):
         net_of(X + 'layer { name: "p" type: "Python" bottom: "x" top: "y" }')
 
 
 def test_the_names_of_option_blocks() -> None:
-    """The type in snake case, as in caffe.proto."""
+    """The name is the type in snake case, as in caffe.proto."""
     found = {name: block_name(cls, name) for name, cls in layer_types().items()}
     assert found["InnerProduct"] == "inner_product_param"
     assert found["HDF5Data"] == "hdf5_data_param"
@@ -137,14 +137,14 @@ def test_the_names_of_option_blocks() -> None:
 
 
 def test_layer_type_list() -> None:
-    """Sorted, Python included."""
+    """The list is sorted and includes Python."""
     types = netlib.layer_type_list()
     assert types == sorted(types)
     assert {"Convolution", "HandModel", "DeepHandModel", "Python"} <= set(types)
 
 
 def test_helpers_for_layer_authors() -> None:
-    """Negative axes, errors with a place."""
+    """canonical_axis resolves negative axes; fail adds the position of an option."""
     layer = gradcheck.make_layer('name: "p" type: "Power" power_param { scale: 2 }', [np.zeros(3)])
     assert [layer.canonical_axis(a, Blob((2, 3, 4))) for a in (0, 2, -1, -3)] == [0, 2, 2, 0]
     with pytest.raises(netlib.LayerError, match=r"layer 'p': axis 3 is out of range for a blob of 3 axes \(2, 3, 4\)"):
@@ -153,7 +153,7 @@ def test_helpers_for_layer_authors() -> None:
 
 
 def test_state_and_restore_rewind_the_random_stream() -> None:
-    """Plain numbers and strings, so that JSON can hold them."""
+    """The state holds plain numbers and strings, so that JSON can store it."""
     from netlib.snapshots.snapshot import as_plain
 
     layer: Any = gradcheck.make_layer('type: "Dropout"', [np.zeros(3)])

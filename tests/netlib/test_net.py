@@ -1,4 +1,4 @@
-"""Net: how it is made, how it runs, how weights come and go."""
+"""Net: construction, forward and backward passes, and weights."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MakeNet = Callable[..., netlib.Net]
 
 
 def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:
-    """Net(file, phase), Net(file, weights, phase), Net(file, phase=, weights=)."""
+    """Net(file, weights, phase) and Net(file, phase=, weights=) are accepted."""
     (tmp_path / "net.prototxt").write_text(X + ip("ip", "x", "y"))
     first = netlib.Net(str(tmp_path / "net.prototxt"), netlib.TRAIN, seed=3)
     first.save(tmp_path / "w.h5")
@@ -38,7 +38,7 @@ def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:
 
 
 def test_set_random_seed_decides_the_weights(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of nets and solvers that have no seed of their own; as in Caffe, each that is made gets other numbers."""
+    """The seed applies to nets and solvers without their own seed; each one gets different numbers, as in Caffe."""
     monkeypatch.setattr(netlib.net, "_seeds", None)
     tree = prototxt.parse(X + ip("ip", "x", "y"))
     options = SolverParameter(net_param=tree, base_lr=0.1, lr_policy="fixed")
@@ -56,7 +56,7 @@ def test_set_random_seed_decides_the_weights(net_of: MakeNet, monkeypatch: pytes
 
 
 def test_forward_takes_inputs_and_gives_outputs(net_of: MakeNet) -> None:
-    """By name; more blobs on request; outputs are what no layer reads."""
+    """Inputs and outputs are passed by name, with more blobs on request; outputs are blobs that no layer reads."""
     net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b"))
     x = np.random.default_rng(0).normal(size=(2, 3)).astype(np.float32)
     found = net.forward(["a"], x=x)
@@ -67,7 +67,7 @@ def test_forward_takes_inputs_and_gives_outputs(net_of: MakeNet) -> None:
 
 
 def test_a_new_batch_size_reshapes_the_net(net_of: MakeNet) -> None:
-    """By the array that is given, or by hand."""
+    """The batch size is that of the given array, or is set by reshape."""
     net = net_of(X + ip("a", "x", "a"))
     assert net.forward(x=np.ones((5, 3)))["a"].shape == (5, 3)
     net.blobs["x"].reshape(4, 3)
@@ -76,14 +76,14 @@ def test_a_new_batch_size_reshapes_the_net(net_of: MakeNet) -> None:
 
 
 def test_a_new_batch_size_for_two_inputs_that_must_agree(net_of: MakeNet) -> None:
-    """Both are given a new shape before the net is shaped."""
+    """Both inputs get their new shape before the net is reshaped."""
     net = net_of(X + loss("x"))
     found = net.forward(x=np.ones((5, 3)), t=np.zeros((5, 3)))
     assert float(found["loss"]) == pytest.approx(1.5)
 
 
 def test_forward_from_one_layer_to_another(net_of: MakeNet) -> None:
-    """Both are included; what lies outside keeps its values."""
+    """start and end are included; blobs of other layers keep their values."""
     net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b") + ip("c", "b", "c"))
     x = np.ones((2, 3))
     whole = {name: net.forward(["a", "b"], x=x)[name].copy() for name in "abc"}
@@ -97,7 +97,7 @@ def test_forward_from_one_layer_to_another(net_of: MakeNet) -> None:
 
 
 def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
-    """From ``start`` down to ``end``."""
+    """backward runs from ``start`` down to ``end``."""
     net = net_of("force_backward: true " + X + ip("a", "x", "a") + ip("b", "a", "b"))
     net.forward(x=np.ones((2, 3)))
     found = net.backward(["a"], end="b", b=np.ones((2, 3)))
@@ -126,13 +126,13 @@ def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
     ],
 )
 def test_unknown_names_are_told(net_of: MakeNet, call: Callable[[netlib.Net], object], message: str) -> None:
-    """With the known ones, or the nearest."""
+    """Unknown names are reported with the known ones or the nearest; invalid arrays with the expected kind."""
     with pytest.raises(netlib.NetlibError, match=message):
         call(net_of(X + ip("a", "x", "a")))
 
 
 def test_float64_nets(net_of: MakeNet) -> None:
-    """Blobs, parameters and gradients are of the net's type; whole numbers are refused."""
+    """Blobs, parameters and gradients have the net's type; integer types are rejected."""
     net = net_of(X + ip("a", "x", "a") + loss("a"), dtype=np.float64)
     net.forward(x=np.random.default_rng(0).normal(size=(2, 3)))
     net.backward()
@@ -146,7 +146,7 @@ def test_float64_nets(net_of: MakeNet) -> None:
 
 
 def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
-    """Two passes give twice the gradient."""
+    """Two passes give twice the gradient; clear_param_diffs also removes NaN."""
     net = net_of(X + ip("a", "x", "a") + loss("a"))
     net.forward(x=np.ones((2, 3)))
     net.backward()
@@ -165,7 +165,7 @@ def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
 
 
 def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None:
-    """From a file or a net; returns the source's layers that are not here."""
+    """Weights are copied from a file or a net; layers that exist only in the source are returned."""
     source, net = net_of(X + ip("a", "x", "a") + ip("more", "a", "more")), net_of(X + ip("a", "x", "y"), seed=2)
     source.save(tmp_path / "w.h5")
     for origin in (source, tmp_path / "w.h5"):
@@ -185,7 +185,7 @@ def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None
     ],
 )  # fmt: skip
 def test_weights_that_do_not_fit_change_nothing(net_of: MakeNet, tmp_path: Path, text: str, message: str) -> None:
-    """Not even the layers that would fit: a net is never half copied."""
+    """If one layer does not fit, none is copied."""
     net_of(X + ip("a", "x", "a") + ip("b", "a", "b")).save(tmp_path / "w.h5")
     net = net_of(text, seed=2)
     before = [p.blob.data.copy() for p in net.learnable]
@@ -195,14 +195,14 @@ def test_weights_that_do_not_fit_change_nothing(net_of: MakeNet, tmp_path: Path,
 
 
 def test_weights_without_a_bias_do_not_fill_half_a_layer(net_of: MakeNet, tmp_path: Path) -> None:
-    """The net's second parameter is missing."""
+    """A file that lacks the bias of a layer is rejected."""
     net_of((X + ip("a", "x", "a")).replace("num_output: 3", "num_output: 3 bias_term: false")).save(tmp_path / "w.h5")
     with pytest.raises(netlib.WeightsError, match="layer 'a' lacks parameter 1, the net has 2"):
         net_of(X + ip("a", "x", "a")).copy_from(tmp_path / "w.h5")
 
 
 def test_old_four_dimensional_weights(net_of: MakeNet, tmp_path: Path) -> None:
-    """Caffe once stored every parameter with four axes."""
+    """Weights with four axes, as older versions of Caffe stored them, are loaded."""
     with h5py.File(tmp_path / "old.h5", "w") as file:
         file["data/a/0"] = np.arange(9, dtype=np.float32).reshape(1, 1, 3, 3)
         file["data/a/1"] = np.ones((1, 1, 1, 3), np.float32)
@@ -212,7 +212,7 @@ def test_old_four_dimensional_weights(net_of: MakeNet, tmp_path: Path) -> None:
 
 
 def test_shared_weights_are_saved_and_loaded(net_of: MakeNet, tmp_path: Path) -> None:
-    """The sharing layer's group is empty; its other parameters have their index."""
+    """Shared and separate parameters of both layers survive saving and loading."""
     one, two = net_of(shared()), net_of(shared(), seed=2)
     one.params["b"][1].data[...] = 4
     one.save(tmp_path / "w.h5")
@@ -223,7 +223,7 @@ def test_shared_weights_are_saved_and_loaded(net_of: MakeNet, tmp_path: Path) ->
 
 
 def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:
-    """As in Caffe: each net's gradients are its own."""
+    """share_params shares the values; each net keeps its own gradients, as in Caffe."""
     text = "force_backward: true " + X + ip("a", "x", "a")
     one, two = net_of(text), net_of(text, seed=2)
     two.share_params(one)
@@ -237,7 +237,7 @@ def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:
 
 @pytest.mark.parametrize("before", ["nothing", "a part", "another shape", "net.reshape"])
 def test_backward_needs_a_forward_pass(net_of: MakeNet, before: str) -> None:
-    """With the shapes that the blobs have now, of all layers that are to run."""
+    """backward requires a forward pass of all layers with the current shapes."""
     net = net_of("force_backward: true " + X + ip("a", "x", "a") + ip("b", "a", "b"))
     if before == "a part":
         net.forward(end="a")
@@ -254,14 +254,14 @@ def test_backward_needs_a_forward_pass(net_of: MakeNet, before: str) -> None:
 
 @pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_a_net_is_not_copied(net_of: MakeNet, how: Callable[[object], object]) -> None:
-    """It would share half of its blobs with the copy."""
+    """Copying or pickling raises an error, because the copy would share some blobs with the net."""
     with pytest.raises(netlib.NetlibError, match="a net cannot be copied or pickled"):
         how(net_of(X + ip("a", "x", "a")))
 
 
 @pytest.mark.parametrize("other", ["shape", "dtype"])
 def test_nets_that_cannot_share_parameters_share_none(net_of: MakeNet, other: str) -> None:
-    """Not even those that fit."""
+    """If one parameter does not fit, none is shared."""
     text = X + ip("a", "x", "a") + ip("b", "a", "b")
     one = net_of(text)
     two = (
@@ -275,7 +275,7 @@ def test_nets_that_cannot_share_parameters_share_none(net_of: MakeNet, other: st
 
 
 def test_stages_are_added_to_those_of_the_file(net_of: MakeNet) -> None:
-    """As in pycaffe."""
+    """The caller's stages are added to those of the file, as in pycaffe."""
     text = X + "".join(f'layer {{ name: "{s}" type: "Silence" bottom: "x" include {{ stage: "{s}" }} }}' for s in "st")
     net = net_of(text + 'state { stage: "s" }', stages=["t"])
     assert {"s", "t"} <= set(net.layer_dict)
@@ -285,7 +285,7 @@ def test_stages_are_added_to_those_of_the_file(net_of: MakeNet) -> None:
 
 
 def test_rows_of_different_lengths(net_of: MakeNet) -> None:
-    """One line."""
+    """The error names the input."""
     with pytest.raises(netlib.LayerError, match="input 'x' got rows of different lengths"):
         net_of(X + ip("a", "x", "a")).forward(x=[[1, 2], [3]])
 
@@ -298,7 +298,7 @@ def test_a_phase_that_is_none(net_of: MakeNet) -> None:
 
 
 def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The layer keeps its initial values, as in pycaffe; here it is said."""
+    """A layer without weights in the file keeps its initial values, as in pycaffe, and a note is logged."""
     small, text = net_of(X + ip("a", "x", "a")), X + ip("a", "x", "a") + ip("b", "a", "b")
     small.save(tmp_path / "w.caffemodel")
     path = tmp_path / "net.prototxt"
@@ -309,7 +309,7 @@ def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pyte
 
 
 def test_a_reshape_that_no_longer_fits_the_weights(net_of: MakeNet) -> None:
-    """The layer says what it has and what it expects."""
+    """The error states the number of features and the expected one."""
     net = net_of(X + ip("fc2", "x", "y"))
     with pytest.raises(netlib.LayerError, match=r"layer 'fc2': bottom 'x' has 4 features \(4,\), its weights expect 3"):
         net.forward(x=np.ones((2, 4)))
@@ -334,7 +334,7 @@ def test_a_reshape_that_no_longer_fits_the_weights(net_of: MakeNet) -> None:
     ids=["no classes", "no channels", "a stride beyond 32 bits", "two tops of one name", "a huge window"],
 )  # fmt: skip
 def test_what_layers_cannot_compute(net_of: MakeNet, shape: str, layer: str, message: str) -> None:
-    """A line with the layer, the blob and what was expected; no error of NumPy's."""
+    """The error names the layer, the blob and the expected values; it is not an error of NumPy."""
     text = f'layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ {shape} }} }} }} '
     with pytest.raises(netlib.NetlibError, match=message):
         net_of(f'{text} layer {{ name: "l" bottom: "x" {layer} }}').forward()

@@ -1,4 +1,4 @@
-"""Parameters of one name are one parameter."""
+"""Parameters with the same name are shared."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MakeNet = Callable[..., netlib.Net]
 
 
 def test_shared_parameters_are_one(net_of: MakeNet) -> None:
-    """One blob, one entry to learn, the gradients of both layers in it."""
+    """Shared parameters have one blob and one learnable entry, with the sum of both layers' gradients."""
     net = net_of(shared() + loss("b"), dtype=np.float64)
     assert np.shares_memory(net.params["a"][0].data, net.params["b"][0].data)
     assert np.shares_memory(net.params["a"][0].diff, net.params["b"][0].diff)
@@ -34,7 +34,7 @@ def test_shared_parameters_are_one(net_of: MakeNet) -> None:
 
 
 def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:
-    """A (2, 6) and a (3, 4) weight in one memory, seen in two shapes."""
+    """PERMISSIVE sharing requires only equal counts: (2, 6) and (3, 4) weights use the same memory."""
     shapes = "shape { dim: 2 dim: 6 } shape { dim: 2 dim: 4 }"
     text = f'layer {{ name: "x" type: "Input" top: "x" top: "y" input_param {{ {shapes} }} }} '
     text += ip("a", "x", "a", 'param { name: "w" }', 2) + ip(
@@ -60,7 +60,7 @@ def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_shared(net_of: MakeNet, text: str, message: str) -> None:
-    """Other shapes, other multipliers, more param blocks than parameters."""
+    """Different shapes, different multipliers and too many param blocks raise an error."""
     with pytest.raises(netlib.LayerError, match=message):
         net_of(text)
 
@@ -76,7 +76,7 @@ def test_what_cannot_be_shared(net_of: MakeNet, text: str, message: str) -> None
 def test_no_layer_may_contradict_another_about_a_shared_parameter(
     net_of: MakeNet, params: list[str], message: str
 ) -> None:
-    """Whichever layers say it, and whatever else they agree on."""
+    """Contradicting multipliers are reported for any pair of layers."""
     text = X
     for i, param in enumerate(params):
         text += ip(f"b{i}", f"b{i - 1}" if i else "x", f"b{i}", f'param {{ name: "w" {param} }}')
@@ -85,7 +85,7 @@ def test_no_layer_may_contradict_another_about_a_shared_parameter(
 
 
 def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: MakeNet) -> None:
-    """What only one of them says holds for both."""
+    """A multiplier set in one layer applies to all layers that share the parameter."""
     text = (
         X + ip("a", "x", "a", 'param { name: "w" lr_mult: 2 }') + ip("b", "a", "b", 'param { name: "w" decay_mult: 0 }')
     )
@@ -94,6 +94,6 @@ def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: Mak
 
 
 def test_param_blocks_count_from_the_first(net_of: MakeNet) -> None:
-    """One block leaves the bias at lr_mult 1, decay_mult 1."""
+    """With one param block the bias has lr_mult 1 and decay_mult 1."""
     net = net_of(X + ip("a", "x", "a", "param { lr_mult: 5 decay_mult: 0 }"))
     assert [(p.spec.lr_mult, p.spec.decay_mult) for p in net.learnable] == [(5, 0), (1, 1)]

@@ -1,4 +1,4 @@
-"""Solver: the course of a training, its reports, its snapshots, and going on from one bit for bit."""
+"""Solver: training, reports, snapshots, and exact resume."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ONE_WEIGHT = """
     layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
 """
 
-# Shuffled data, dropout, random noise: everything that an exact resume has to remember.
+# Shuffled data, dropout and random noise: all state that an exact resume must restore.
 RANDOM = """
     layer { name: "data" type: "HDF5Data" top: "x" top: "t" include { phase: TRAIN }
             hdf5_data_param { source: "train.txt" batch_size: 5 shuffle: true } }
@@ -58,14 +58,14 @@ RULES = {
 
 @pytest.fixture(autouse=True)
 def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Every test works in a folder of its own."""
+    """Run every test in its own folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.fixture
 def solver_of(work: Path) -> MakeSolver:
-    """``solver_of(net, options)``: a solver file and its net; base_lr 0.1 and a fixed policy unless given."""
+    """``solver_of(net, options)`` writes a solver and its net; the defaults are base_lr 0.1 and a fixed policy."""
 
     def make(net: str, options: str = "", seed: int | None = None) -> netlib.Solver:
         (work / "net.prototxt").write_text(net)
@@ -80,25 +80,25 @@ def solver_of(work: Path) -> MakeSolver:
 
 @pytest.fixture
 def rows(write_rows: Callable[..., Path]) -> None:
-    """train.txt with 7 + 4 rows, test.txt with 4."""
+    """Write train.txt with 7 + 4 rows and test.txt with 4."""
     write_rows("train.txt", [7, 4], x=(1, 5, 5), t=(2,))
     write_rows("test.txt", [4], seed=1, x=(1, 5, 5), t=(2,))
 
 
 def weights(solver: netlib.Solver) -> list[np.ndarray]:
-    """All parameters and histories, copied."""
+    """Return copies of all parameters and histories."""
     arrays = [p.blob.data for p in solver.net.learnable] + [h for param in solver.history for h in param]
     return [array.copy() for array in arrays]
 
 
 def assert_same(a: list[np.ndarray], b: list[np.ndarray]) -> None:
-    """Equal in every bit."""
+    """Check that all arrays are equal bit for bit."""
     assert len(a) == len(b)
     assert all(np.array_equal(x, y) for x, y in zip(a, b))
 
 
 def weight(solver: netlib.Solver) -> float:
-    """The one weight of ONE_WEIGHT."""
+    """Return the only weight of ONE_WEIGHT."""
     return float(solver.net.params["ip"][0].data.item())
 
 
@@ -121,7 +121,7 @@ def weight(solver: netlib.Solver) -> float:
     ],
 )
 def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, expected: float) -> None:
-    """Clip the sum, divide by iter_size, decay, then the rule: in that order."""
+    """The sum is clipped, divided by iter_size, decayed, and passed to the update rule, in this order."""
     solver = solver_of(ONE_WEIGHT % param, options)
     solver.step(1)
     assert weight(solver) == pytest.approx(expected, rel=1e-6)
@@ -129,14 +129,14 @@ def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, exp
 
 
 def test_a_parameter_with_lr_mult_0_stays_and_is_not_decayed(solver_of: MakeSolver) -> None:
-    """Frozen is frozen."""
+    """A parameter with lr_mult 0 does not change, even with weight decay and momentum."""
     solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", "weight_decay: 0.5 momentum: 0.9")
     solver.step(3)
     assert weight(solver) == 1
 
 
 def test_the_loss_is_the_mean_over_iter_size_and_average_loss(solver_of: MakeSolver) -> None:
-    """With w fixed at 1 every batch has the loss 0.5; the displayed loss averages over the last iterations."""
+    """The loss averages over iter_size batches; the displayed loss averages over the last iterations."""
     solver = solver_of(ONE_WEIGHT % "", "base_lr: 0 iter_size: 4 average_loss: 3")
     solver.step(2)
     assert list(solver.smoothed) == [0.5, 0.5]
@@ -148,7 +148,7 @@ def test_the_loss_is_the_mean_over_iter_size_and_average_loss(solver_of: MakeSol
 
 
 def test_iter_counts_updates_and_step_makes_so_many(solver_of: MakeSolver) -> None:
-    """Two steps of three are one of six."""
+    """step(n) makes n updates; two steps of three equal one of six."""
     one, two = solver_of(ONE_WEIGHT % "", "momentum: 0.5"), solver_of(ONE_WEIGHT % "", "momentum: 0.5")
     assert one.step(6)
     assert two.step(3)
@@ -158,7 +158,7 @@ def test_iter_counts_updates_and_step_makes_so_many(solver_of: MakeSolver) -> No
 
 
 def test_the_same_seed_gives_the_same_training(solver_of: MakeSolver, rows: None) -> None:
-    """random_seed decides weights, dropout and the order of data; another seed, another training."""
+    """random_seed determines weights, dropout and the order of data."""
     a, b, c = (solver_of(RANDOM, f"random_seed: {seed}") for seed in (4, 4, 5))
     for solver in (a, b, c):
         solver.step(4)
@@ -167,7 +167,7 @@ def test_the_same_seed_gives_the_same_training(solver_of: MakeSolver, rows: None
 
 
 def test_weights_start_from_a_file(solver_of: MakeSolver) -> None:
-    """``weights:`` names a snapshot, found beside the solver as well."""
+    """``weights:`` names a snapshot to start from."""
     solver = solver_of(ONE_WEIGHT % "")
     solver.step(1)
     solver.net.save("start.caffemodel")
@@ -178,12 +178,12 @@ def test_weights_start_from_a_file(solver_of: MakeSolver) -> None:
 
 
 def messages(caplog: pytest.LogCaptureFixture, part: str) -> list[str]:
-    """The log lines that contain this."""
+    """Return the log lines that contain ``part``."""
     return [line.strip() for line in caplog.messages if part in line]
 
 
 def test_display_shows_loss_outputs_and_rate(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """At iterations 0, 2, 4, before their updates; once more at the end, as max_iter divides."""
+    """The loss is displayed before the updates of iterations 0 and 2, and at the end, if display divides max_iter."""
     caplog.set_level("INFO", "netlib")
     solver_of(ONE_WEIGHT % "", "display: 2 max_iter: 4 snapshot_after_train: false").solve()
     shown = messages(caplog, ", loss = ")
@@ -195,7 +195,7 @@ def test_display_shows_loss_outputs_and_rate(solver_of: MakeSolver, caplog: pyte
 
 
 def test_debug_info_shows_every_blob(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """Mean absolute values: x = 2, y = 2, the gradient 2."""
+    """debug_info logs mean absolute values: x = 2, y = 2 and the gradient 2."""
     caplog.set_level("INFO", "netlib")
     solver_of(ONE_WEIGHT % 'param { name: "w" }', "display: 1 debug_info: true").step(1)
     assert "[Forward] Layer ip, top blob y data: 2" in messages(caplog, "[Forward]")
@@ -211,7 +211,7 @@ def test_debug_info_shows_every_blob(solver_of: MakeSolver, caplog: pytest.LogCa
 def test_debug_info_shows_a_blob_before_a_layer_in_place(
     solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """What each layer left there: y is 2, then 4; its gradient 1, then a half."""
+    """For a blob in place, the values after each layer are logged: y is 2, then 4; its gradient is 1, then 0.5."""
     caplog.set_level("INFO", "netlib")
     ip = ONE_WEIGHT.split('layer { name: "loss"')[0] % ""
     text = """
@@ -228,14 +228,14 @@ def test_debug_info_shows_a_blob_before_a_layer_in_place(
 
 
 def test_solver_mode_gpu_is_accepted_with_a_note(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """One line says that this runs on the CPU."""
+    """A note states that training runs on the CPU."""
     caplog.set_level("INFO", "netlib")
     solver_of(ONE_WEIGHT % "", "solver_mode: GPU")
     assert len(messages(caplog, "CPU")) == 1
 
 
 def test_a_step_of_multistep_is_logged(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """In the iteration in which the rate falls."""
+    """The step is logged in the iteration in which the rate falls."""
     caplog.set_level("INFO", "netlib")
     solver_of(ONE_WEIGHT % "", 'lr_policy: "multistep" gamma: 0.1 stepvalue: 1 stepvalue: 3').step(5)
     assert messages(caplog, "MultiStep") == [
@@ -245,7 +245,7 @@ def test_a_step_of_multistep_is_logged(solver_of: MakeSolver, caplog: pytest.Log
 
 @pytest.mark.parametrize("policy", ['"exp" gamma: 1.5', '"step" stepsize: 1 gamma: 10', '"inv" gamma: 1 power: -400'])
 def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, policy: str) -> None:
-    """In one line."""
+    """A learning rate that overflows raises a one-line DivergenceError."""
     solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", f"lr_policy: {policy}")
     solver.iter = 10**4
     with pytest.raises(netlib.DivergenceError, match="iteration 10000: learning rate overflow"):
@@ -270,7 +270,7 @@ def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, poli
     ],
 )
 def test_the_state_of_the_training_net(solver_of: MakeSolver, of_net: str, of_solver: str, layers: str) -> None:
-    """What train_state says counts, else what the net says, else the phase TRAIN and level 0; stages add up."""
+    """train_state takes precedence over the net's state, then phase TRAIN and level 0; stages are added up."""
     rules = {
         "low": "max_level: -1",
         "high": "min_level: 5",
@@ -289,7 +289,7 @@ def test_the_state_of_the_training_net(solver_of: MakeSolver, of_net: str, of_so
 
 
 def test_without_test_iter_nothing_is_tested(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """As in Caffe; it is said."""
+    """Without test_iter there are no tests, as in Caffe, and a note is logged."""
     solver = solver_of(ONE_WEIGHT % "", "test_interval: 1 max_iter: 2")
     assert solver.test_nets == []
     assert solver.solve()
@@ -297,7 +297,7 @@ def test_without_test_iter_nothing_is_tested(solver_of: MakeSolver, caplog: pyte
 
 
 def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, rows: None) -> None:
-    """One line, and nothing is broadcast."""
+    """An output whose size changes between test batches raises an error."""
     text = """
         layer { name: "data" type: "HDF5Data" top: "x" top: "t" hdf5_data_param { source: "train.txt" batch_size: 4 } }
         layer { name: "n" type: "Python" bottom: "x" top: "n" include { phase: TEST }
@@ -319,7 +319,7 @@ def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, rows: Non
 
 
 def test_test_nets_share_weights_and_are_averaged(solver_of: MakeSolver, rows: None) -> None:
-    """4 rows in batches of 3: two batches see rows 0-2 and 3, 0, 1. Dropout is off."""
+    """Test nets share the weights, and outputs are averaged over the batches, with dropout disabled."""
     solver = solver_of(RANDOM, "test_iter: 2 test_interval: 2 test_initialization: false random_seed: 1")
     solver.step(1)
     [means] = solver.test_all()
@@ -337,7 +337,7 @@ def test_test_nets_share_weights_and_are_averaged(solver_of: MakeSolver, rows: N
 def test_when_tests_are_made(
     solver_of: MakeSolver, caplog: pytest.LogCaptureFixture, options: str, iterations: list[int]
 ) -> None:
-    """Every test_interval iterations before the update, at 0 unless switched off, at the end if it divides."""
+    """Tests run every test_interval iterations before the update, and at 0 unless test_initialization is false."""
     caplog.set_level("INFO", "netlib")
     if "test_interval" not in options:
         options += " test_interval: 2"
@@ -348,7 +348,7 @@ def test_when_tests_are_made(
 
 
 def test_several_test_nets(solver_of: MakeSolver, work: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """``test_net`` files come first, ``net`` for what remains of test_iter, each with its test_state."""
+    """``test_net`` files come first, then ``net`` for the remaining values of test_iter, each with its test_state."""
     caplog.set_level("INFO", "netlib")
     extra = 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { stage: "more" } }'
     (work / "other.prototxt").write_text(ONE_WEIGHT % "" + extra)
@@ -377,7 +377,7 @@ def test_several_test_nets(solver_of: MakeSolver, work: Path, caplog: pytest.Log
     ],
 )
 def test_when_snapshots_are_written(solver_of: MakeSolver, work: Path, options: str, expected: list[int]) -> None:
-    """After every ``snapshot`` updates, and at the end unless that was one already."""
+    """Snapshots are written every ``snapshot`` updates and at the end, unless one was just written."""
     assert solver_of(ONE_WEIGHT % "", options).solve()
     names = sorted(f"snap_iter_{i}.{kind}" for i in expected for kind in ("caffemodel", "solverstate"))
     assert sorted(path.name for path in work.glob("snap*")) == names
@@ -389,7 +389,7 @@ def test_when_snapshots_are_written(solver_of: MakeSolver, work: Path, options: 
      ('snapshot_prefix: "there"', "there/solver"), ('snapshot_prefix: ""', "solver")],
 )  # fmt: skip
 def test_where_snapshots_go(solver_of: MakeSolver, work: Path, prefix: str, stem: str) -> None:
-    """A directory gets the solver file's name in it; no prefix, the solver file's name."""
+    """Snapshots in a folder, or without a prefix, are named after the solver file."""
     (work / "there").mkdir()
     state = solver_of(ONE_WEIGHT % "", prefix).snapshot()
     assert state == Path(f"{stem}_iter_0.solverstate")
@@ -397,7 +397,7 @@ def test_where_snapshots_go(solver_of: MakeSolver, work: Path, prefix: str, stem
 
 
 def test_a_directory_of_the_prefix_that_comes_later(solver_of: MakeSolver, work: Path) -> None:
-    """All snapshots of a training lie side by side."""
+    """A folder created during training with the name of the prefix does not change where snapshots are written."""
     solver = solver_of(ONE_WEIGHT % "", "snapshot: 1")
     solver.step(1)
     (work / "snap").mkdir()
@@ -409,7 +409,7 @@ def test_a_directory_of_the_prefix_that_comes_later(solver_of: MakeSolver, work:
 
 
 def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeSolver, work: Path) -> None:
-    """Under its own prefix it is there already."""
+    """Resuming a finished training run with another prefix writes the snapshot under that prefix."""
     first = solver_of(ONE_WEIGHT % "", "max_iter: 2")
     first.solve()
     state = first.snapshot_paths(2)[1]
@@ -419,7 +419,7 @@ def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeS
 
 
 def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: MakeSolver, work: Path) -> None:
-    """Not after hours of it."""
+    """An unwritable folder is reported before the first iteration."""
     (work / "file").write_text("")
     solver = solver_of(ONE_WEIGHT % "", 'snapshot_prefix: "file/x" max_iter: 2')
     with pytest.raises(netlib.WeightsError, match=r"^file: cannot write snapshots there: "):
@@ -429,7 +429,7 @@ def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: 
 
 @pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="links cannot be told apart here")
 def test_a_lock_that_is_in_the_way_is_named(solver_of: MakeSolver, work: Path) -> None:
-    """The folder is writable, but not a file or link that another user has left in it."""
+    """A symbolic link in place of the lock file is reported and not followed."""
     (work / ".x.netlib.lock").symlink_to("victim")
     with pytest.raises(
         netlib.WeightsError, match=r"^\.: cannot write snapshots there: \.x\.netlib\.lock: Too many levels"
@@ -440,7 +440,7 @@ def test_a_lock_that_is_in_the_way_is_named(solver_of: MakeSolver, work: Path) -
 
 @pytest.mark.parametrize("request_", ["stop", "snapshot"])
 def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path, request_: str) -> None:
-    """ "stop" writes a snapshot and ends; "snapshot" writes one and goes on."""
+    """A stop request writes a snapshot and ends training; a snapshot request writes one and continues."""
     solver = solver_of(ONE_WEIGHT % "", "max_iter: 6 snapshot_after_train: false")
 
     def ask(solver: netlib.Solver) -> None:
@@ -455,7 +455,7 @@ def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path,
 
 
 def test_stop_during_a_test_ends_the_test(solver_of: MakeSolver, work: Path) -> None:
-    """The rest of a long test is not waited for; the snapshot is that of the iteration."""
+    """A stop request during a test ends the test early; the snapshot is that of the current iteration."""
     solver = solver_of(ONE_WEIGHT % "", "test_iter: 1000000 test_interval: 1")
     forward = solver.test_nets[0].run_forward
 
@@ -474,7 +474,7 @@ def test_stop_during_a_test_ends_the_test(solver_of: MakeSolver, work: Path) -> 
 
 @pytest.mark.parametrize("rule", list(RULES))
 def test_n_updates_resume_n_more_equal_2n(solver_of: MakeSolver, rows: None, rule: str) -> None:
-    """Bit for bit: dropout, shuffled data in mid-file, a step policy, averaged loss; without a given seed."""
+    """A resume is exact to the bit with dropout, shuffled data, a step policy and an averaged loss, without a seed."""
     options = RULES[rule] + (
         ' base_lr: 0.01 lr_policy: "step" stepsize: 5 gamma: 0.5 weight_decay: 0.01 average_loss: 3 iter_size: 2'
         " test_iter: 1 test_interval: 3"
@@ -495,7 +495,7 @@ def test_n_updates_resume_n_more_equal_2n(solver_of: MakeSolver, rows: None, rul
 
 
 def test_a_solver_can_go_back(solver_of: MakeSolver, rows: None) -> None:
-    """Restoring into the solver that wrote the state repeats its training, the averaged loss included."""
+    """Restoring an earlier state into the same solver repeats its training, including the averaged loss."""
     solver = solver_of(RANDOM, "base_lr: 0.01 average_loss: 4 momentum: 0.9")
     solver.step(3)
     state = solver.snapshot()
@@ -509,7 +509,7 @@ def test_a_solver_can_go_back(solver_of: MakeSolver, rows: None) -> None:
 
 
 def test_resume_says_what_it_restored(solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture) -> None:
-    """And nothing of changes where there are none."""
+    """The log names the restored weights, and states that the resume is exact if nothing has changed."""
     solver = solver_of(RANDOM, "momentum: 0.9")
     state = solver.snapshot()
     caplog.set_level("INFO", "netlib")
@@ -533,7 +533,7 @@ def test_resume_says_what_it_restored(solver_of: MakeSolver, rows: None, caplog:
 def test_resume_says_what_changed(
     solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, net: str, options: str, line: str
 ) -> None:
-    """Another learning rate, another batch size, other data."""
+    """Changed options, batch sizes and data files are logged."""
     state = solver_of(RANDOM).snapshot()
     caplog.set_level("INFO", "netlib")
     solver_of(net, options).restore(state)
@@ -543,7 +543,7 @@ def test_resume_says_what_changed(
 def test_a_state_older_than_a_field_was_made_with_its_default(
     solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So another value is a change, though the state does not name the field."""
+    """An option missing in an old state had its default, so another value is logged as a change."""
     with monkeypatch.context() as before:
         before.setattr("netlib.training.resume.COURSE", tuple(n for n in COURSE if not n.startswith("rampup")))
         state = solver_of(RANDOM).snapshot()
@@ -558,7 +558,7 @@ def test_a_state_older_than_a_field_was_made_with_its_default(
 def test_a_resume_that_changes_something_does_not_claim_to_be_exact(
     solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The training of another learning rate or other data is another training."""
+    """With other options or data, the log does not state that the resume is exact."""
     state = solver_of(RANDOM).snapshot()
     caplog.set_level("INFO", "netlib")
     solver_of(RANDOM.replace("train.txt", "test.txt"), "base_lr: 0.05").restore(state)
@@ -566,7 +566,7 @@ def test_a_resume_that_changes_something_does_not_claim_to_be_exact(
 
 
 def test_a_new_max_iter_is_no_change_of_a_fixed_policy(solver_of: MakeSolver) -> None:
-    """Training longer is the commonest resume; it works from the final state."""
+    """A larger max_iter continues training from the final state."""
     solver = solver_of(ONE_WEIGHT % "", "max_iter: 2")
     solver.solve()
     longer = solver_of(ONE_WEIGHT % "", "max_iter: 4")
@@ -575,7 +575,7 @@ def test_a_new_max_iter_is_no_change_of_a_fixed_policy(solver_of: MakeSolver) ->
 
 
 def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, work: Path) -> None:
-    """Caffe once stored every array with four axes."""
+    """Histories with four axes, as older versions of Caffe stored them, are restored."""
     solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
     solver.step(2)
     state = solver.snapshot()
@@ -588,7 +588,7 @@ def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, work: Pa
 
 
 def test_resume_of_moved_files(solver_of: MakeSolver, work: Path) -> None:
-    """A pair that was moved together is found together."""
+    """Weights are found next to a state that was moved together with them."""
     solver = solver_of(ONE_WEIGHT % "")
     solver.step(2)
     state = solver.snapshot()
@@ -611,7 +611,7 @@ def test_resume_of_moved_files(solver_of: MakeSolver, work: Path) -> None:
 def test_what_cannot_be_resumed_is_one_line(
     solver_of: MakeSolver, make: Callable[[netlib.Solver], Any], message: str
 ) -> None:
-    """A weights file, a missing file, another kind of file."""
+    """A weights file, a missing file and a text file each raise a one-line error."""
     solver = solver_of(ONE_WEIGHT % "")
     with pytest.raises(netlib.WeightsError) as error:
         solver.restore(make(solver))
@@ -630,7 +630,7 @@ def test_what_cannot_be_resumed_is_one_line(
 def test_a_state_of_another_solver_or_net_changes_nothing(
     solver_of: MakeSolver, net: str, options: str, message: str
 ) -> None:
-    """The message says what differs; the solver is as it was."""
+    """The error states the difference, and the solver is unchanged."""
     solver = solver_of(ONE_WEIGHT % "")
     solver.step(1)
     state = solver.snapshot()
@@ -644,7 +644,7 @@ def test_a_state_of_another_solver_or_net_changes_nothing(
 
 
 def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, work: Path) -> None:
-    """Neither iteration, weights nor history, when only the weights file of the pair does not fit."""
+    """If only the weights do not fit, neither the iteration, the weights nor the history changes."""
     solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
     solver.step(1)
     state = solver.snapshot()
@@ -664,7 +664,7 @@ def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, work: Path
 
 
 def test_nan_in_the_data_names_layer_and_blob(solver_of: MakeSolver, work: Path, rows: None) -> None:
-    """Training stops at once; the message names where the first NaN is."""
+    """Training stops at once; the error names the first blob with a NaN."""
     with h5py.File(work / "train0.h5", "r+") as file:
         file["x"][:, 0, 2, 2] = np.nan
     solver = solver_of(RANDOM)
@@ -673,7 +673,7 @@ def test_nan_in_the_data_names_layer_and_blob(solver_of: MakeSolver, work: Path,
 
 
 def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> None:
-    """The weight that multiplied it, and all before, are not blamed."""
+    """If the weights and earlier blobs are finite, the error names the first top with a NaN."""
     log = 'layer { name: "log" type: "Log" bottom: "y" top: "logy" } layer { name: "loss"'
     text = (
         (ONE_WEIGHT % "")
@@ -689,7 +689,7 @@ def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> Non
 
 
 def test_a_nan_weight_is_named(solver_of: MakeSolver) -> None:
-    """The second parameter of its layer: not the first, and not the top that it spoils."""
+    """The error names the parameter with the NaN, not the top computed from it."""
     solver = solver_of((ONE_WEIGHT % "").replace("bias_term: false", ""))
     solver.net.params["ip"][1].data[...] = np.nan
     with pytest.raises(netlib.DivergenceError, match=r"the loss is nan; .* in parameter 1 of layer 'ip'"):
@@ -697,7 +697,7 @@ def test_a_nan_weight_is_named(solver_of: MakeSolver) -> None:
 
 
 def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolver, work: Path) -> None:
-    """The learning rate is far too large: the loss becomes infinite, and what was written before stays."""
+    """If the loss becomes infinite, the snapshots written before remain and are finite."""
     solver = solver_of(ONE_WEIGHT % "", "base_lr: 1e9 snapshot: 1 max_iter: 100")
     with (
         pytest.raises(netlib.DivergenceError, match=r"iteration \d+: the loss is inf.*'(ip|loss)'"),
@@ -736,7 +736,7 @@ def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolve
     ],
 )
 def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, options: str, message: str) -> None:
-    """file:line:column: error: what was found, what is known."""
+    """The error has the file, line and column, the invalid value and the known ones."""
     with pytest.raises(netlib.PrototxtError) as error:
         solver_of(ONE_WEIGHT % "", options)
     assert message in str(error.value)
@@ -745,14 +745,14 @@ def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, option
 
 
 def test_a_missing_net_is_named(work: Path) -> None:
-    """By the name in the solver file."""
+    """The error gives the net's name as written in the solver file."""
     (work / "s.prototxt").write_text('net: "gone.prototxt" base_lr: 1 lr_policy: "fixed"')
     with pytest.raises(netlib.NetlibError, match=r"s.prototxt: the net 'gone.prototxt' does not exist"):
         netlib.get_solver("s.prototxt")
 
 
 def test_a_net_beside_the_solver_is_found(work: Path, monkeypatch: pytest.MonkeyPatch, solver_of: MakeSolver) -> None:
-    """From any working directory."""
+    """A net in the solver's folder is found from any working directory."""
     solver_of(ONE_WEIGHT % "")
     (work / "elsewhere").mkdir()
     monkeypatch.chdir(work / "elsewhere")
@@ -760,5 +760,5 @@ def test_a_net_beside_the_solver_is_found(work: Path, monkeypatch: pytest.Monkey
 
 
 def test_the_older_solver_type_field(solver_of: MakeSolver) -> None:
-    """``solver_type: ADAM`` is ``type: "Adam"``."""
+    """``solver_type: ADAM`` is read as ``type: "Adam"``."""
     assert solver_of(ONE_WEIGHT % "", "solver_type: ADAM").param.type == "Adam"

@@ -1,4 +1,4 @@
-"""Update rules and learning-rate policies, on numbers worked by hand."""
+"""Update rules and learning-rate policies, on examples worked by hand."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ pytestmark = pytest.mark.both_engines
 
 
 def solver(**options: Any) -> SolverParameter:
-    """Options of a solver."""
+    """Return the options of a solver."""
     return SolverParameter(**options)
 
 
 def run(rule: str, gradients: list[float], rate: float = 0.1, **options: Any) -> list[float]:
-    """The weight, from 1, after each update."""
+    """Return the weight, initially 1, after each update."""
     apply, count = RULES[rule]
     w, history, found = np.array([1.0]), [np.zeros(1) for _ in range(count)], []
     for t, g in enumerate(gradients, 1):
@@ -51,12 +51,12 @@ def run(rule: str, gradients: list[float], rate: float = 0.1, **options: Any) ->
     ],
 )  # fmt: skip
 def test_two_updates_by_hand(rule: str, options: dict[str, float], expected: list[float]) -> None:
-    """Gradients 2 and 4, learning rate 0.1."""
+    """Gradients 2 and 4 with learning rate 0.1 give the expected weights."""
     assert run(rule, [2, 4], **options) == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_rate_is_inside_the_history_of_sgd() -> None:
-    """A rate that changes acts on new gradients only: with rate 0 the weight still coasts."""
+    """The learning rate scales new gradients only: with rate 0 the momentum still moves the weight."""
     apply, _ = RULES["SGD"]
     w, history = np.array([1.0]), [np.zeros(1)]
     apply(solver(momentum=0.5), w, np.array([2.0]), 0.1, history, 1)
@@ -65,13 +65,13 @@ def test_the_rate_is_inside_the_history_of_sgd() -> None:
 
 
 def test_momentum_0_is_plain_descent_for_nesterov_too() -> None:
-    """Both take w - r g."""
+    """With momentum 0 both rules compute w - r g."""
     assert run("Nesterov", [2, 4], momentum=0.0) == pytest.approx(run("SGD", [2, 4], momentum=0.0))
 
 
 @pytest.mark.parametrize("rule", list(RULES))
 def test_every_rule_works_in_float32_in_place(rule: str) -> None:
-    """Weight and histories keep their type and memory."""
+    """An update in float32 keeps the types of weight and histories."""
     apply, count = RULES[rule]
     w, history = np.ones(3, np.float32), [np.zeros(3, np.float32) for _ in range(count)]
     apply(solver(momentum=0.5), w, np.full(3, 2, np.float32), 0.1, history, 1)
@@ -93,13 +93,13 @@ def test_every_rule_works_in_float32_in_place(rule: str) -> None:
     ],
 )
 def test_learning_rate_policies(policy: str, options: dict[str, Any], expected: dict[int, float]) -> None:
-    """From base_lr 2."""
+    """The rates follow each policy from base_lr 2."""
     p = solver(base_lr=2.0, lr_policy=policy, **options)
     assert {i: learning_rate(p, i) for i in expected} == pytest.approx(expected)
 
 
 def test_multistep_takes_at_most_one_step_an_iteration() -> None:
-    """As Caffe: equal or neighbouring step values come one after the other."""
+    """Equal or adjacent step values take effect one iteration after another, as in Caffe."""
     p = solver(lr_policy="multistep", stepvalue=(3, 3, 4))
     assert [steps_taken(p, i) for i in range(8)] == [0, 0, 0, 1, 2, 3, 3, 3]
     assert steps_taken(solver(lr_policy="step", stepsize=3), 7) == 2
@@ -107,17 +107,17 @@ def test_multistep_takes_at_most_one_step_an_iteration() -> None:
 
 
 def test_an_extreme_sigmoid_does_not_overflow() -> None:
-    """Far from its step the rate is base_lr or 0."""
+    """Far from the step of a sigmoid the rate is base_lr or 0."""
     p = solver(base_lr=2.0, lr_policy="sigmoid", gamma=-10.0, stepsize=1000)
     assert [learning_rate(p, i) for i in (0, 2000)] == pytest.approx([2, 0])
 
 
 def test_poly_after_its_end() -> None:
-    """Training on beyond max_iter leaves the rate at 0, not at a complex number."""
+    """Beyond max_iter the rate is 0, not a complex number."""
     assert learning_rate(solver(base_lr=2.0, lr_policy="poly", power=0.5, max_iter=10), 11) == 0
 
 
 def test_the_rate_rises_first_where_asked() -> None:
-    """From rampup_lr to base_lr in a straight line; then the policy goes on as if it had run from the beginning."""
+    """The rate rises linearly from rampup_lr to base_lr; then the policy applies as if it had run from the start."""
     p = solver(base_lr=2.0, lr_policy="poly", power=1.0, max_iter=10, rampup_interval=4, rampup_lr=1.0)
     assert [learning_rate(p, i) for i in range(6)] == pytest.approx([1, 1.25, 1.5, 1.75, 1.2, 1])

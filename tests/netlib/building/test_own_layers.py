@@ -1,4 +1,4 @@
-"""Layers of one's own, and layers whose names or options cannot be: each mistake is one line with its place."""
+"""User-defined Python layers, and invalid layer names and options: each error is one line with its position."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def squares(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_python_layer(squares: None) -> None:
-    """Caffe's protocol: four methods, param_str."""
+    """A Python layer follows Caffe's protocol: four methods and param_str."""
     net = net_with(python("Square", more='param_str: "3"'))
     assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [3, 12, 27]
     assert net.backward(y=np.ones(3))["x"].tolist() == [6, 12, 18]
 
 
 def test_a_python_layer_may_keep_its_parameters_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Caffe's diffs stay where they are: what is added to them after clear_param_diffs is the gradient."""
+    """Parameter diffs stay in place, so gradients added after clear_param_diffs through a kept reference count."""
     (tmp_path / "keeper.py").write_text("""
 import netlib
 
@@ -99,7 +99,7 @@ class Keeper(netlib.Layer):
 def test_a_module_with_the_name_of_one_of_ours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, file: str
 ) -> None:
-    """Public nets say ``module: "layers.data_layer"`` or ``module: "layers"``: the user's file is found beside ours."""
+    """``module: "layers.data_layer"`` or ``module: "layers"`` finds the user's file, not the project's."""
     path = tmp_path / file.format(package)
     path.parent.mkdir(exist_ok=True)
     path.write_text(SQUARE)
@@ -114,7 +114,7 @@ def test_a_module_with_the_name_of_one_of_ours(
 
 
 def test_a_python_layer_may_derive_from_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its options are those of a Python layer."""
+    """A Python layer may subclass a built-in layer; its options remain those of a Python layer."""
     (tmp_path / "steeper.py").write_text("""
 from layers.activation.tanh import TanH
 
@@ -129,7 +129,7 @@ class Steeper(TanH):
 
 
 def test_a_python_layer_that_fails(squares: None) -> None:
-    """The layer, what happened, and the line of the file it happened in."""
+    """The error names the layer, the exception, and the file and line that raised it."""
     net = net_with(python("Broken"))
     message = r"layer 'own': forward failed: ZeroDivisionError: division by zero \(squares.py:20\)$"
     with pytest.raises(netlib.LayerError, match=message):
@@ -150,19 +150,19 @@ def test_a_python_layer_that_fails(squares: None) -> None:
     ],
 )
 def test_a_python_layer_that_is_not_there(squares: None, layer: str, message: str) -> None:
-    """The module or class, and where it was looked for."""
+    """The error names the missing module or class and where it was searched for."""
     with pytest.raises(netlib.PrototxtError, match=message):
         net_with(layer)
 
 
 # ---------------------------------------------------------------------------------------------- before a module runs
 
-RAN = "import pathlib; pathlib.Path(__file__ + '.ran').touch()\n"  # leaves a file beside the module when it runs
+RAN = "import pathlib; pathlib.Path(__file__ + '.ran').touch()\n"  # creates a file next to the module when it runs
 
 
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
-    """``module("own/inner.py", text)``: a module in the working directory; a package's ``__init__`` says if it runs."""
+    """``module("own/inner.py", text)`` writes a module that records its execution into the working directory."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     before = set(sys.modules)
@@ -178,7 +178,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
 
 
 def has_run() -> set[str]:
-    """The modules that did."""
+    """Return the names of the modules that have run."""
     return {path.name.removesuffix(".py.ran") for path in Path().rglob("*.ran")}
 
 
@@ -188,7 +188,7 @@ def has_run() -> set[str]:
      "Squares = 'Square'"],
 )  # fmt: skip
 def test_a_module_that_cannot_have_the_class_does_not_run(module: Callable[[str, str], None], text: str) -> None:
-    """Its text is read first; the error is the same as for one that has run."""
+    """The module's text is read first; the error is the same as for a module that has run."""
     module("gadget.py", text)
     with pytest.raises(netlib.PrototxtError, match=r"layer 'own': gadget.Square has no such class \(.*gadget.py\)$"):
         net_with(python("Square", "gadget"))
@@ -205,7 +205,7 @@ def test_a_module_that_cannot_have_the_class_does_not_run(module: Callable[[str,
      "import netlib, sys\nsetattr(sys.modules[__name__], 'Squ' + 'are', netlib.Layer)"],
 )  # fmt: skip
 def test_a_module_that_may_have_it_runs(module: Callable[[str, str], None], text: str) -> None:
-    """Any statement that makes the name, and whatever can make names that the text does not show."""
+    """A module runs if any statement may define the name, including statements that hide it, such as ``exec``."""
     module("made.py", "from netlib import Layer as Square")
     module("own_module.py", text)
     with pytest.raises(netlib.LayerError, match="reshape failed: NotImplementedError"):  # the class is Layer itself
@@ -226,7 +226,7 @@ def test_a_module_that_may_have_it_runs(module: Callable[[str, str], None], text
     ],
 )
 def test_packages_do_not_run_for_nothing(module: Callable[[str, str], None], name: str, message: str) -> None:
-    """Neither those above a module that is not there, nor those above one without the class."""
+    """Neither the packages above a missing module run, nor those above a module without the class."""
     for file in ("parent/__init__", "parent/gadget", "parent/child/__init__", "parent/child/gadget", "folder/gadget"):
         module(f"{file}.py", "")
     module("parent/broken.py", "def")
@@ -236,7 +236,7 @@ def test_packages_do_not_run_for_nothing(module: Callable[[str, str], None], nam
 
 
 def test_a_package_may_say_where_its_modules_are(module: Callable[[str, str], None], tmp_path: Path) -> None:
-    """Then only running it tells."""
+    """A package that extends its ``__path__`` is run to find its modules."""
     module("elsewhere/squares_inside.py", SQUARE)
     module("parent/__init__.py", f"__path__.append({str(tmp_path / 'elsewhere')!r})")
     net = net_with(python("Square", "parent.squares_inside"))
@@ -245,7 +245,7 @@ def test_a_package_may_say_where_its_modules_are(module: Callable[[str, str], No
 
 @pytest.mark.parametrize("name", ["", ".", ".squares", "squares.", "a..b", "../squares", "\\000", "sys", "sys.path"])
 def test_names_that_no_module_has(squares: None, name: str) -> None:
-    """One line."""
+    """Invalid module names raise a one-line error."""
     with pytest.raises(netlib.PrototxtError, match=r"cannot import|has no such class"):
         net_with(python("Square", name))
 
@@ -261,7 +261,7 @@ def text_with(layer: str) -> prototxt.Message:
 
 @pytest.mark.parametrize("make", [netlib.Net, caffe.Net])
 def test_a_net_without_python_layers(module: Callable[[str, str], None], make: type[netlib.Net]) -> None:
-    """Is refused, if it has one, before any layer is made; without one it is a net like any other."""
+    """``python_layers=False`` rejects a net with a Python layer before any layer is built; other nets load."""
     module("squares.py", SQUARE)
     with pytest.raises(netlib.PrototxtError, match=REFUSED):
         make(text_with(python("Square")), netlib.TRAIN, python_layers=False)
@@ -272,7 +272,7 @@ def test_a_net_without_python_layers(module: Callable[[str, str], None], make: t
 
 @pytest.mark.parametrize("make", [netlib.get_solver, caffe.get_solver, caffe.SGDSolver])
 def test_a_solver_without_python_layers(module: Callable[[str, str], None], make: Callable[..., object]) -> None:
-    """The same for its nets."""
+    """``python_layers=False`` also applies to the nets of a solver."""
     module("squares.py", SQUARE)
     Path("f").write_text(str(text_with(python("Square"))).replace("\n", " "))
     Path("solver.prototxt").write_text('net: "f" base_lr: 0.1 lr_policy: "fixed"')
@@ -283,7 +283,7 @@ def test_a_solver_without_python_layers(module: Callable[[str, str], None], make
 
 
 def test_a_layer_that_the_net_does_not_have(squares: None) -> None:
-    """One of another phase is not made, and so is not refused."""
+    """A Python layer of another phase is not built, so it is not rejected."""
     other = python("Square").replace('name: "own"', 'name: "own" include { phase: TEST }')
     netlib.Net(text_with(other), netlib.TRAIN, python_layers=False)
     with pytest.raises(netlib.PrototxtError, match="'own' is of type 'Python'"):
@@ -291,7 +291,7 @@ def test_a_layer_that_the_net_does_not_have(squares: None) -> None:
 
 
 def test_a_process_without_python_layers(squares: None) -> None:
-    """No net of it may have one, whatever its own argument says; afterwards all is as before."""
+    """Within ``allowed(False)`` no net may have a Python layer, whatever its argument; the setting is then restored."""
     with python_layer.allowed(False), python_layer.allowed(True), pytest.raises(netlib.PrototxtError, match=REFUSED):
         netlib.Net(text_with(python("Square")), netlib.TRAIN, python_layers=True)
     with pytest.raises(KeyError), python_layer.allowed(False):
@@ -304,7 +304,7 @@ def test_a_process_without_python_layers(squares: None) -> None:
 
 @pytest.mark.parametrize("name", ["", "/", ".", "a//b", "/a", "a/", "a/0", "\\000"])
 def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
-    """Caffe takes any name, and so does its binary format; HDF5 says which layer, unless that has no parameters."""
+    """Any layer name works in the binary format; HDF5 rejects an invalid name if the layer has parameters."""
     options = "inner_product_param { num_output: 1 axis: 0 }"
     layer = f'layer {{ name: "{name}" type: "%s" bottom: "x" top: "y" {options} }}'
     net = net_with(layer % "InnerProduct")
@@ -316,6 +316,6 @@ def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
 
 
 def test_a_missing_options_block() -> None:
-    """Required options are missed at the layer."""
+    """A missing required option is reported for its layer."""
     with pytest.raises(netlib.PrototxtError, match="missing required field 'num_output' in inner_product_param"):
         net_with('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }')

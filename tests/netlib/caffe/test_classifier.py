@@ -1,4 +1,4 @@
-"""caffe.Classifier: images in, one prediction for each."""
+"""caffe.Classifier: one prediction for each image."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ layer { name: "means" type: "Convolution" bottom: "data" top: "means"
 
 @pytest.fixture
 def make(tmp_path):
-    """``make(**options)``: the Classifier whose predictions are the means of each channel of its input."""
+    """``make(**options)``: a Classifier that predicts the mean of each channel of its input."""
     (tmp_path / "net.prototxt").write_text(MEANS)
     caffe.Net(prototxt.parse(MEANS), caffe.TEST).save(tmp_path / "net.caffemodel")
     return lambda **options: caffe.Classifier(
@@ -27,13 +27,13 @@ def make(tmp_path):
 
 
 def image(height, width):
-    """Red counts the pixels, green is 100, blue is 0."""
+    """An image whose red channel numbers the pixels; green is 100, blue is 0."""
     red = np.arange(height * width, dtype=np.float32).reshape(height, width)
     return np.dstack([red, np.full_like(red, 100), np.zeros_like(red)])
 
 
 def test_the_centre(make):
-    """Of an image of the size image_dims; more images than the net's batch are run in several."""
+    """The centre of an image of size image_dims is used; more images than the batch size run in several batches."""
     classifier = make(image_dims=(4, 4))
     found = classifier.predict([image(4, 4)] * 5, oversample=False)
     assert found.shape == (5, 3, 1, 1) and found.dtype == np.float32
@@ -41,13 +41,13 @@ def test_the_centre(make):
 
 
 def test_ten_crops(make):
-    """Corners, centre and mirrors, averaged; here all of them have the mean of the image on average."""
+    """The ten crops (corners, centre and their mirror images) are averaged."""
     found = make(image_dims=[4, 4]).predict([image(4, 4), 2 * image(4, 4)])
     np.testing.assert_allclose(found, [[7.5, 100, 0], [15, 200, 0]], rtol=1e-6)
 
 
 def test_the_whole_image(make):
-    """Without image_dims it is scaled to the input."""
+    """Without image_dims the whole image is scaled to the input size."""
     classifier = make()
     assert tuple(classifier.image_dims) == tuple(classifier.crop_dims) == (2, 2)
     found = classifier.predict([image(4, 4)], oversample=False)
@@ -55,7 +55,7 @@ def test_the_whole_image(make):
 
 
 def test_preprocessing(make):
-    """Blue first, times the raw scale, less the mean, times the input scale."""
+    """Channels are swapped, then scaled by raw_scale, the mean is subtracted, and input_scale is applied."""
     classifier = make(mean=np.array([1.0, 2, 3]), raw_scale=10, input_scale=0.5, channel_swap=(2, 1, 0))
     found = classifier.predict([image(2, 2)], oversample=False)
     np.testing.assert_allclose(found[0, :, 0, 0], [(0 - 1) / 2, (1000 - 2) / 2, (15 - 3) / 2])
@@ -63,13 +63,13 @@ def test_preprocessing(make):
 
 
 def test_it_is_a_net(make):
-    """Of phase TEST."""
+    """A Classifier is a caffe.Net in the TEST phase."""
     classifier = make()
     assert isinstance(classifier, caffe.Net) and classifier.phase == caffe.TEST and classifier.outputs == ["means"]
 
 
 def test_mistakes(make, tmp_path):
-    """Images smaller than the input, none at all, colour among gray ones, a net that reads its own data."""
+    """Images that are too small, missing or of mixed channels, and a net without an input, raise an error."""
     with pytest.raises(NetlibError, match=r"image_dims \(1, 4\) are smaller than the net's input, \(2, 2\)"):
         make(image_dims=(1, 4))
     with pytest.raises(NetlibError, match=r"images \(H, W, K\) .*, found \[\]"):

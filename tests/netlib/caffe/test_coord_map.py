@@ -1,4 +1,4 @@
-"""caffe.coord_map: where points of a top lie in another, worked by hand."""
+"""caffe.coord_map: maps between the coordinates of two tops, on examples worked by hand."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def data():
 
 
 def numbers(found):
-    """A map with plain lists."""
+    """Return a map with its arrays as lists."""
     axis, a, b = found
     return axis, np.ravel(a).tolist(), np.ravel(b).tolist()
 
@@ -50,12 +50,12 @@ def numbers(found):
     ],
 )
 def test_one_layer(data, type_name, options, expected):
-    """Point x of the bottom is at a x + b of the top: strides divide, kernels and pads shift."""
+    """Point x of the bottom maps to a x + b of the top: strides scale, kernels and pads shift."""
     assert numbers(coord_map(getattr(L, type_name)(data, **options).fn)) == expected
 
 
 def test_compose_and_inverse():
-    """3 (2 x + 1) + 5 = 6 x + 8, and back."""
+    """3 (2 x + 1) + 5 = 6 x + 8, and composing with the inverse gives the identity."""
     both = compose((1, 3, 5), (1, 2, 1))
     assert both == (1, 6, 8)
     axis, a, b = compose(both, inverse(both))
@@ -66,7 +66,7 @@ def test_compose_and_inverse():
 
 
 def test_from_a_net_to_its_input(data):
-    """conv 3, pool 4 and upsampling by 4 move by one."""
+    """A 3 x 3 convolution, pooling by 4 and upsampling by 4 together shift by one."""
     pooled = L.Pooling(L.ReLU(L.Convolution(data, kernel_size=3)), kernel_size=4, stride=4)
     up = L.Deconvolution(pooled, kernel_size=8, stride=4)
     assert numbers(coord_map_from_to(up, data)) == (1, [1], [-1])
@@ -75,7 +75,7 @@ def test_from_a_net_to_its_input(data):
 
 
 def test_between_two_branches(data):
-    """They meet in a common ancestor; of a Crop's bottoms only the first is followed."""
+    """Two branches are related through a common ancestor; only the first bottom of a Crop is followed."""
     left = L.Convolution(data, kernel_size=3)
     right = L.Convolution(data, kernel_size=7)
     assert numbers(coord_map_from_to(right, left)) == (1, [1], [2])
@@ -85,7 +85,7 @@ def test_between_two_branches(data):
 
 
 def test_crop_makes_the_layer(data):
-    """Scores of FCN-32s, cut to the image: the offset is what real FCN has."""
+    """Cropping the scores of FCN-32s to the image gives the offset of the original FCN."""
     conv = L.Convolution(data, kernel_size=3, pad=100)
     for _ in range(5):
         conv = L.Pooling(conv, kernel_size=2, stride=2)
@@ -98,12 +98,12 @@ def test_crop_makes_the_layer(data):
 
 
 def test_crop_of_tops_that_lie_alike(data):
-    """Through layers without axis, it cuts at the end only."""
+    """Through layers without an axis, tops are aligned and the offset is 0."""
     assert crop(L.ReLU(data), data).fn.params == {"crop_param": {"axis": 2, "offset": [0]}}
 
 
 def test_crop_cannot(data):
-    """AssertionErrors, as in pycaffe."""
+    """Impossible crops raise an AssertionError, as in pycaffe."""
     pooled = L.Pooling(data, kernel_size=2, stride=2)
     with pytest.raises(AssertionError, match=r"scale mismatch on crop \(a = \[2\.\]\)"):
         crop(pooled, data)
@@ -114,7 +114,7 @@ def test_crop_cannot(data):
 
 
 def test_what_cannot_be_followed(data):
-    """InnerProduct mixes all points; so does a pooling of the whole map."""
+    """InnerProduct, global pooling and unrelated tops have no coordinate map."""
     flat = L.InnerProduct(data, num_output=1)
     with pytest.raises(RuntimeError, match="Could not compute map between tops"):
         coord_map_from_to(flat, data)
@@ -128,6 +128,6 @@ def test_what_cannot_be_followed(data):
 
 
 def test_old_fields(data):
-    """kernel_h and its like are refused, as in pycaffe."""
+    """Legacy fields such as pad_w are rejected, as in pycaffe."""
     with pytest.raises(AssertionError, match=r"a Convolution layer has pad_w: .* does not support legacy _h/_w params"):
         coord_map(L.Convolution(data, kernel_size=3, pad_w=1).fn)

@@ -1,4 +1,4 @@
-"""caffe.Detector: windows of images, with what lies around them. Crops are compared with pycaffe's."""
+"""caffe.Detector: windows of images with a border of context. The crops are compared with pycaffe's."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ MEAN = """
 layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 2 dim: %d dim: 6 dim: 6 } } }
 layer { name: "mean" type: "Convolution" bottom: "data" top: "mean"
         convolution_param { num_output: 1 kernel_size: 6 weight_filler { type: "constant" value: 0.027777778 } } }
-"""  # the mean of the pixels, of all channels together
+"""  # the mean of all pixels and channels
 GRAY = np.arange(64, dtype=np.float32).reshape(8, 8, 1)
 
 
 @pytest.fixture
 def make(tmp_path):
-    """``make(channels, **options)``: the Detector whose prediction is the mean of its input."""
+    """``make(channels, **options)``: a Detector that predicts the mean of its input."""
 
     def made(channels=1, **options):
         (tmp_path / "net.prototxt").write_text(MEAN % channels)
@@ -31,7 +31,7 @@ def make(tmp_path):
 
 
 def test_windows(make, tmp_path):
-    """One prediction for each window of each image, in order."""
+    """There is one prediction for each window of each image, in order."""
     pixels = np.zeros((10, 12), np.uint8)
     pixels[:6, :6], pixels[4:, 6:] = 51, 255
     cv2.imwrite(str(tmp_path / "a.png"), pixels)
@@ -42,12 +42,12 @@ def test_windows(make, tmp_path):
     assert [one["filename"] for one in found] == [str(tmp_path / name) for name in ("a.png", "a.png", "b.png")]
     assert [list(one["window"]) for one in found] == [[0, 0, 6, 6], [4, 6, 10, 12], [0, 6, 6, 12]]
     predictions = [one["prediction"].item() for one in found]
-    np.testing.assert_allclose(predictions, [3 * 0.2, 3, 3], rtol=1e-5)  # of three equal channels
+    np.testing.assert_allclose(predictions, [3 * 0.2, 3, 3], rtol=1e-5)  # three equal channels
     assert make(3).detect_windows([]) == []
 
 
 def test_the_window_alone(make):
-    """Without context, a crop is what the window says; it is warped later."""
+    """Without context a crop is exactly the window, without resizing."""
     assert make().crop(GRAY, [1, 2, 3, 5])[..., 0].tolist() == [[10, 11, 12], [18, 19, 20]]
 
 
@@ -62,7 +62,7 @@ def test_the_window_alone(make):
     ids=["inside", "over the top", "over the corner"],
 )  # fmt: skip
 def test_a_border_of_context(make, window, rows):
-    """context_pad pixels on each side; beyond the image is the mean, as an image has it."""
+    """context_pad adds pixels on each side; outside the image the mean is used."""
     detector = make(mean=np.array([3.0]), raw_scale=2.0, context_pad=1)
     found = detector.crop(GRAY, np.array(window))
     assert found.shape == (6, 6, 1)
@@ -71,7 +71,7 @@ def test_a_border_of_context(make, window, rows):
 
 
 def test_the_mean_in_the_order_of_an_image(make):
-    """Channels as before the swap, as the image has them: red first."""
+    """The mean of a crop is in the channel order of the image, before the channel swap."""
     mean = np.arange(3.0)[:, None, None] + np.zeros((3, 6, 6))
     detector = make(3, mean=mean, channel_swap=(1, 2, 0), context_pad=2)
     assert detector.crop_mean.shape == (6, 6, 3) and detector.crop_mean[0, 0].tolist() == [2, 0, 1]
@@ -80,12 +80,12 @@ def test_the_mean_in_the_order_of_an_image(make):
 
 
 def test_without_a_mean_it_is_black(make):
-    """Zeros, in the shape of an input."""
+    """Without a mean the border of a crop is zero."""
     assert (make(context_pad=1).crop_mean == np.zeros((6, 6, 1))).all()
 
 
 def test_mistakes(make):
-    """Windows beside the image, too wide a border, and what only MATLAB can do."""
+    """Windows outside the image, malformed windows, too wide a border and selective search raise an error."""
     for detector in (make(), make(context_pad=1)):
         with pytest.raises(NetlibError, match=r"the window \(20, 20, 25, 25\) .* an image of 8 x 8"):
             detector.crop(GRAY, np.array([20, 20, 25, 25]))

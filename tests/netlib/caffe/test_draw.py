@@ -1,4 +1,4 @@
-"""caffe.draw: a net as a graph. What needs pydot or Graphviz is skipped without them."""
+"""caffe.draw: a net as a graph. Tests that need pydot or Graphviz are skipped without them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def layer_of(text):
 
 
 def test_labels_of_layers(net):
-    """Name, type, kernel; on lines of their own where the graph goes from left to right."""
+    """A label has name, type and kernel, on separate lines if the graph goes from left to right."""
     labels = [draw.get_layer_label(layer, "TB") for layer in net.layer]
     assert labels == [
         '"data (Data)"', '"data (Input)"', '"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1"', '"relu (ReLU)"',
@@ -55,7 +55,7 @@ def test_labels_of_layers(net):
 
 
 def test_labels_with_learning_rates(net):
-    """Of layers that learn, if not all are 0."""
+    """Learning rates are shown for layers that have parameters, unless all are 0."""
     assert draw.get_layer_label(net.layer[6], "TB", display_lrm=True) == '"node (InnerProduct) lr mult: 1.0, 1.0"'
     assert draw.get_layer_label(net.layer[3], "TB", display_lrm=True) == '"relu (ReLU)"'
     frozen = layer_of('name: "ip" type: "InnerProduct" param { lr_mult: 0 } param { lr_mult: 0 }')
@@ -63,7 +63,7 @@ def test_labels_with_learning_rates(net):
 
 
 def test_learning_rates(net):
-    """Weights, then biases; 1 where none is given."""
+    """The multipliers are those of the weights and biases, with 1 as the default."""
     assert draw.get_layer_lr_mult(net.layer[2]) == (2, 1)
     assert draw.get_layer_lr_mult(net.layer[6]) == (1, 1)
     both = 'name: "c" type: "Convolution" param { lr_mult: 3 } param { lr_mult: 4 }'
@@ -75,13 +75,13 @@ def test_learning_rates(net):
 
 
 def test_labels_of_arrows(net):
-    """Batch size, number of outputs, or nothing."""
+    """An arrow shows the batch size, the number of outputs, or nothing."""
     labels = [draw.get_edge_label(layer) for layer in net.layer]
     assert labels == ["Batch 64", '""', "20", '""', '""', '""', "10"]
 
 
 def test_colours_and_kinds_of_pooling():
-    """The colours are Caffe's."""
+    """The colours and the pooling names are those of Caffe."""
     types = ["Convolution", "Deconvolution", "Pooling", "InnerProduct", "ReLU"]
     colours = ["#FF5050", "#FF5050", "#FF9900", "#CC33FF", "#6495ED"]
     assert [draw.choose_color_by_layertype(name) for name in types] == colours
@@ -97,7 +97,7 @@ def text_of(net, *args, **options):
 
 
 def test_the_graph(net):
-    """Boxes for layers, octagons for blobs; names that Graphviz would misread are in quotes."""
+    """Layers are boxes and blobs are octagons; names that Graphviz would misread are quoted."""
     text = text_of(net, "TB")
     assert text.startswith('digraph "small net" {\nrankdir=TB;\n')
     assert '"relu (ReLU)" [shape=record, fillcolor="#90EE90", style=filled];\n' in text  # in place
@@ -119,13 +119,13 @@ def test_the_graph(net):
     ],
 )
 def test_phases(net, phase, shown):
-    """Only the layers of a phase, or all."""
+    """Only the layers of the given phase are drawn; without a phase, all are."""
     text = text_of(net, "TB", phase=phase)
     assert [name for name in ("data (Data)", "data (Input)", "drop") if f'"{name}' in text] == shown
 
 
 def test_rules_without_a_phase(net):
-    """Stages and levels are not asked for; both kinds of rules are a mistake."""
+    """Stages and levels are ignored; a layer with both include and exclude rules raises an error."""
     net.layer[3].include.add(stage=["deploy"])
     net.layer[5].exclude.add(stage=["deploy"])
     assert "relu" in text_of(net, "LR", phase=caffe.TRAIN) and "drop" in text_of(net, "LR", phase=caffe.TRAIN)
@@ -135,7 +135,7 @@ def test_rules_without_a_phase(net):
 
 
 def test_raw(net, tmp_path):
-    """Graphviz's language, without Graphviz."""
+    """The ``raw`` format writes Graphviz's language and does not need Graphviz."""
     pytest.importorskip("pydot")
     draw.draw_net_to_file(net, str(tmp_path / "net.raw"), phase=caffe.TRAIN, display_lrm=True)
     text = (tmp_path / "net.raw").read_text()
@@ -144,7 +144,7 @@ def test_raw(net, tmp_path):
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 def test_a_picture(net, tmp_path):
-    """In the format of the name's ending."""
+    """The file's suffix selects the format."""
     pytest.importorskip("pydot")
     draw.draw_net_to_file(net, tmp_path / "net.svg")
     assert "conv1/3x3" in (tmp_path / "net.svg").read_text()
@@ -157,14 +157,14 @@ def test_a_picture(net, tmp_path):
 
 
 def test_without_pydot(net, monkeypatch):
-    """One line says how to get it."""
+    """Without pydot a one-line error names the command that installs it."""
     monkeypatch.setitem(sys.modules, "pydot", None)
     with pytest.raises(NetlibError, match=r"^pydot is missing: pip install pydot$"):
         draw.draw_net(net, "LR")
 
 
 def test_without_graphviz(net, monkeypatch):
-    """One line says how to get it."""
+    """Without Graphviz a one-line error says what to install."""
     pytest.importorskip("pydot")
     monkeypatch.setattr("shutil.which", lambda name: None)
     with pytest.raises(NetlibError, match="program dot is missing: install Graphviz"):
@@ -172,7 +172,7 @@ def test_without_graphviz(net, monkeypatch):
 
 
 def test_a_dot_that_fails(net, monkeypatch, tmp_path):
-    """Its words, on one line."""
+    """The error output of ``dot`` is reported on one line."""
     pytest.importorskip("pydot")
     program = tmp_path / "dot"
     program.write_text("#!/bin/sh\ncat > /dev/null\necho 'Error: no' >&2\necho 'at all' >&2\nexit 1\n")
@@ -183,7 +183,7 @@ def test_a_dot_that_fails(net, monkeypatch, tmp_path):
 
 
 def test_names_of_pictures(net, tmp_path):
-    """Must say the format, and lie where one can write."""
+    """A file name without a suffix or in a missing folder raises an error."""
     with pytest.raises(NetlibError, match="net: no suffix"):
         draw.draw_net_to_file(net, tmp_path / "net")
     pytest.importorskip("pydot")

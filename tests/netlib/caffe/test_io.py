@@ -1,4 +1,4 @@
-"""caffe.io: messages and arrays, the Transformer, images. Numbers of resized images are scikit-image's."""
+"""caffe.io: messages and arrays, the Transformer, images. Expected values of resized images are scikit-image's."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SMALL = np.array([[0, 10, 20], [40, 30, 60]], np.float32)
 
 
 def test_blobproto_and_back():
-    """Values and gradients in the array's own shape, in double precision, as pycaffe gives them."""
+    """Values and gradients keep their shape and are returned in double precision, as in pycaffe."""
     blob = io.array_to_blobproto(np.arange(6).reshape(1, 2, 3), np.full((1, 2, 3), 0.5))
     assert list(blob.shape.dim) == [1, 2, 3]
     data, diff = io.blobproto_to_array(blob), io.blobproto_to_array(blob, return_diff=True)
@@ -25,20 +25,20 @@ def test_blobproto_and_back():
 
 
 def test_blobproto_of_four_axes():
-    """Old files say num, channels, height and width instead of a shape."""
+    """Old files have num, channels, height and width instead of a shape."""
     blob = caffe_pb2.BlobProto(num=1, channels=2, height=1, width=2, data=[1, 2, 3, 4])
     assert io.blobproto_to_array(blob).tolist() == [[[[1, 2]], [[3, 4]]]]
 
 
 def test_blobproto_in_double_precision():
-    """pycaffe overlooks these values."""
+    """double_data is read; pycaffe ignores it."""
     blob = caffe_pb2.BlobProto(double_data=[0.1, 0.2])
     blob.shape.dim.append(2)
     assert io.blobproto_to_array(blob).tolist() == [0.1, 0.2]
 
 
 def test_blobproto_without_shape():
-    """Is a single number, or a ValueError."""
+    """A BlobProto without a shape is a scalar if it has one value; otherwise a ValueError is raised."""
     assert io.blobproto_to_array(caffe_pb2.BlobProto(data=[7])).shape == ()
     with pytest.raises(ValueError, match=r"a BlobProto has shape \(\), but 2 values") as found:
         io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8]))
@@ -46,7 +46,7 @@ def test_blobproto_without_shape():
 
 
 def test_blobprotovector():
-    """Several arrays as bytes."""
+    """Several arrays survive a round trip through bytes."""
     arrays = [np.arange(3.0), np.ones((2, 1))]
     found = io.blobprotovector_str_to_arraylist(io.arraylist_to_blobprotovector_str(arrays))
     assert [a.tolist() for a in found] == [[0, 1, 2], [[1], [1]]]
@@ -54,23 +54,23 @@ def test_blobprotovector():
 
 @pytest.mark.parametrize(("dtype", "back"), [(np.uint8, np.uint8), (np.float32, np.float64), (np.int64, np.float64)])
 def test_datum_and_back(dtype, back):
-    """Bytes stay bytes, all else becomes floats."""
+    """A Datum keeps uint8 values; all other types become float64."""
     array = np.arange(12).reshape(3, 2, 2).astype(dtype)
     datum = io.array_to_datum(array, label=4)
     assert (datum.channels, datum.height, datum.width, datum.label) == (3, 2, 2, 4)
     assert (len(datum.data), len(datum.float_data)) == ((12, 0) if dtype == np.uint8 else (0, 12))
     found = io.datum_to_array(caffe_pb2.Datum.FromString(datum.SerializeToString()))
     assert found.dtype == back and (found == array).all()
-    found[0] = 1  # it is the caller's own
+    found[0] = 1  # the array is a writable copy
 
 
 def test_datum_without_label():
-    """The label is not set then, not 0."""
+    """Without a label the field stays unset."""
     assert not io.array_to_datum(np.zeros((1, 1, 1))).HasField("label")
 
 
 def test_datum_mistakes():
-    """Each says what was expected."""
+    """The errors state the expected shape or content."""
     with pytest.raises(ValueError, match=r"takes \(channels, height, width\), found \(2, 2\)"):
         io.array_to_datum(np.zeros((2, 2)))
     with pytest.raises(ValueError, match=r"a Datum has shape \(0, 0, 0\), but 2 values"):
@@ -84,14 +84,14 @@ def test_datum_mistakes():
 
 @pytest.fixture
 def transformer() -> io.Transformer:
-    """For colour images of 2 x 3."""
+    """A Transformer for colour images of 2 x 3 pixels."""
     made = io.Transformer({"data": (4, 3, 2, 3)})
     made.set_transpose("data", (2, 0, 1))
     return made
 
 
 def test_preprocess_step_by_step(transformer):
-    """Transposed, blue first, times 255, less the mean, times the scale; worked by hand for one pixel."""
+    """The steps are transpose, channel swap, raw scale, mean and input scale; worked by hand for one pixel."""
     transformer.set_channel_swap("data", (2, 1, 0))
     transformer.set_raw_scale("data", 255)
     transformer.set_mean("data", np.array([100.0, 110, 120]))
@@ -105,7 +105,7 @@ def test_preprocess_step_by_step(transformer):
 
 
 def test_preprocess_of_an_image_of_another_size():
-    """Numbers of pycaffe with scikit-image."""
+    """The values agree with pycaffe and scikit-image."""
     transformer = io.Transformer({"data": (1, 3, 3, 4)})
     transformer.set_transpose("data", (2, 0, 1))
     transformer.set_channel_swap("data", (2, 1, 0))
@@ -123,7 +123,7 @@ def test_preprocess_of_an_image_of_another_size():
 
 
 def test_preprocess_leaves_the_image_alone(transformer):
-    """pycaffe writes into a float32 image of the input's size."""
+    """The image is not modified; pycaffe writes into a float32 image of the input's size."""
     transformer.set_raw_scale("data", 255)
     image = np.ones((2, 3, 3), np.float32)
     transformer.preprocess("data", image)
@@ -131,7 +131,7 @@ def test_preprocess_leaves_the_image_alone(transformer):
 
 
 def test_deprocess_undoes_preprocess(transformer, rng):
-    """All but resizing, for one item of the blob."""
+    """deprocess reverses every step except resizing, and leaves the blob unchanged."""
     transformer.set_channel_swap("data", (1, 2, 0))
     transformer.set_raw_scale("data", 255)
     transformer.set_mean("data", rng.uniform(0, 255, (3, 2, 3)))
@@ -144,7 +144,7 @@ def test_deprocess_undoes_preprocess(transformer, rng):
 
 
 def test_deprocess_of_a_gray_image():
-    """Axes of length 1 go, as for matplotlib; pycaffe fails where a transpose is set."""
+    """Axes of length 1 are dropped, as matplotlib expects; pycaffe fails if a transpose is set."""
     transformer = io.Transformer({"data": (1, 1, 2, 3)})
     transformer.set_transpose("data", (2, 0, 1))
     transformer.set_mean("data", np.array([1], np.uint8))
@@ -162,7 +162,7 @@ def test_deprocess_of_a_gray_image():
     ],
 )
 def test_means(transformer, mean, kept):
-    """One number per channel, or an image, of one channel for all or of all channels."""
+    """A mean is one number per channel, or an image with one channel or with all channels."""
     transformer.set_mean("data", mean)
     assert transformer.mean["data"].shape == kept
     if mean.ndim > 1:
@@ -170,7 +170,7 @@ def test_means(transformer, mean, kept):
 
 
 def test_a_mean_of_another_size():
-    """Is resized; numbers of pycaffe with scikit-image."""
+    """A mean image is resized to the input; the values agree with pycaffe and scikit-image."""
     transformer = io.Transformer({"data": (1, 3, 3, 4)})
     transformer.set_mean("data", np.arange(12.0).reshape(3, 2, 2))
     expected = [[0, 0.20833, 0.625, 0.625], [0.75, 1.25, 1.75, 1.5], [1.25, 1.875, 2.29167, 1.875]]
@@ -178,7 +178,7 @@ def test_a_mean_of_another_size():
 
 
 def test_transformer_mistakes(transformer):
-    """Each says what was found and what was expected."""
+    """The errors state the given value and the expected one."""
     with pytest.raises(NetlibError, match=r"'dat' is not one of the net inputs: 'data' \(did you mean 'data'\?\)"):
         transformer.preprocess("dat", np.zeros((2, 3, 3)))
     with pytest.raises(ValueError, match=r"takes each of 0, 1, 2 once, found \(0, 1\)"):
@@ -198,7 +198,7 @@ def test_transformer_mistakes(transformer):
 
 
 def test_a_mean_without_transpose():
-    """The channels are last then, and the mean does not fit."""
+    """Without a transpose the channels are last, so a mean with channels first does not fit."""
     transformer = io.Transformer({"data": (1, 3, 2, 4)})
     transformer.set_mean("data", np.zeros((3, 2, 4)))
     with pytest.raises(ValueError, match=r"shape \(3, 2, 4\), the array \(2, 4, 3\); .*transpose"):
@@ -221,7 +221,7 @@ RESIZED = {
 
 @pytest.mark.parametrize("size", RESIZED)
 def test_resized_as_scikit_image_does(size):
-    """One channel or three: pixels are areas, and outside them is the least value."""
+    """For one channel or three, the values agree with scikit-image."""
     found = io.resize_image(SMALL[..., None], size)
     assert found.dtype == np.float32
     np.testing.assert_allclose(found[..., 0], RESIZED[size], atol=1e-5)
@@ -233,14 +233,14 @@ def test_resized_as_scikit_image_does(size):
     ("order", "first_row"), [(0, [0, 10, 10, 20]), (3, [0, 1.425636, 11.090056, 11.989746])], ids=["nearest", "cubic"]
 )
 def test_other_orders(order, first_row):
-    """Nearest pixels; cubic splines, which are cut off where they leave the image's range."""
+    """Order 0 takes the nearest pixel; order 3 uses cubic splines, clipped to the range of the image."""
     found = io.resize_image(SMALL[..., None], (3, 4), interp_order=order)
     np.testing.assert_allclose(found[0, :, 0], first_row, atol=1e-5)
     assert found.min() >= 0 and found.max() <= 60
 
 
 def test_resized_with_other_channels():
-    """The corners stay the corners."""
+    """With another number of channels the corner pixels are kept."""
     found = io.resize_image(np.stack([SMALL, SMALL + 1], axis=-1), (3, 4))
     expected = [[0, 6.666667, 13.333333, 20], [20, 20, 26.666666, 40], [40, 33.333332, 40, 60]]
     np.testing.assert_allclose(found[..., 0], expected, atol=1e-5)
@@ -248,7 +248,7 @@ def test_resized_with_other_channels():
 
 
 def test_a_constant_image_stays_constant():
-    """Its borders do not fade."""
+    """The borders of a constant image do not fade."""
     assert (io.resize_image(np.full((2, 2, 3), 5), (3, 7)) == np.full((3, 7, 3), 5)).all()
 
 
@@ -256,7 +256,7 @@ def test_a_constant_image_stays_constant():
     ("shape", "size"), [((4, 4), (2, 2)), ((4, 4, 3), (2,)), ((4, 4, 3), (0, 2)), ((0, 4, 3), (2, 2))]
 )
 def test_what_cannot_be_resized(shape, size):
-    """One line says what it takes."""
+    """Invalid images, sizes and orders raise a one-line error with the valid ones."""
     with pytest.raises(ValueError, match=r"takes an image \(H, W, K\), a \(height, width\) and an order from 0 to 5"):
         io.resize_image(np.zeros(shape), size)
     with pytest.raises(ValueError, match=r"\(2, 2\) and 7"):
@@ -267,7 +267,7 @@ def test_what_cannot_be_resized(shape, size):
 
 
 def test_ten_crops():
-    """Four corners, the centre, then the same mirrored; image after image."""
+    """The crops are the four corners and the centre, then their mirror images, for each image in turn."""
     image = np.arange(20, dtype=np.float32).reshape(4, 5, 1)
     crops = io.oversample([image, image + 100], (2, 2))
     assert crops.shape == (20, 2, 2, 1) and crops.dtype == np.float32
@@ -277,7 +277,7 @@ def test_ten_crops():
 
 
 def test_what_cannot_be_cut():
-    """Crops larger than the image, images of two sizes, no image."""
+    """Crops larger than the image, images of different sizes and an empty list raise an error."""
     with pytest.raises(ValueError, match=r"crop \(5, 2\) from an image of shape \(4, 4, 1\)"):
         io.oversample([np.zeros((4, 4, 1))], (5, 2))
     with pytest.raises(ValueError, match=r"images of the same shape, found \(4, 4, 1\) and \(4, 5, 1\)"):
@@ -288,7 +288,7 @@ def test_what_cannot_be_cut():
 
 # ---------------------------------------------------------------------------------------------- load_image
 
-BGR = np.array([[[0, 51, 255], [255, 255, 255]]], np.uint8)  # one orange pixel, one white
+BGR = np.array([[[0, 51, 255], [255, 255, 255]]], np.uint8)  # one orange pixel, one white pixel
 RGB = [[[1, 0.2, 0], [1, 1, 1]]]
 LUMA = [[[0.2125 + 0.7154 * 0.2], [1]]]
 
@@ -299,7 +299,7 @@ def written(path, pixels):
 
 
 def test_colour(tmp_path):
-    """Red first, in [0, 1]; or gray by scikit-image's weights."""
+    """Colour is red first in [0, 1]; gray uses scikit-image's weights."""
     path = written(tmp_path / "a.png", BGR)
     found = io.load_image(path)
     assert found.dtype == np.float32 and found.shape == (1, 2, 3)
@@ -308,7 +308,7 @@ def test_colour(tmp_path):
 
 
 def test_alpha_is_dropped(tmp_path):
-    """Whatever it is."""
+    """The alpha channel is dropped, whatever its values."""
     path = written(tmp_path / "a.png", np.dstack([BGR, [[0, 128]]]).astype(np.uint8))
     np.testing.assert_allclose(io.load_image(path), RGB)
     np.testing.assert_allclose(io.load_image(path, color=False), LUMA, rtol=1e-6)
@@ -316,20 +316,20 @@ def test_alpha_is_dropped(tmp_path):
 
 @pytest.mark.parametrize(("dtype", "most"), [(np.uint8, 255), (np.uint16, 65535)])
 def test_gray(tmp_path, dtype, most):
-    """Of 8 and of 16 bits; in colour it has three equal channels."""
+    """Gray images of 8 and 16 bits are scaled to [0, 1]; in colour they have three equal channels."""
     path = written(tmp_path / "a.png", np.array([[0, most // 5, most]], dtype))
     np.testing.assert_allclose(io.load_image(path, color=False)[..., 0], [[0, 0.2, 1]], rtol=1e-6)
     np.testing.assert_allclose(io.load_image(path), [[[0] * 3, [0.2] * 3, [1] * 3]], rtol=1e-6)
 
 
 def test_floats_stay(tmp_path):
-    """They are in [0, 1] already."""
+    """Floating-point images are in [0, 1] and stay unchanged."""
     path = written(tmp_path / "a.tiff", np.array([[0.25, 0.5]], np.float32))
     assert io.load_image(path, color=False)[..., 0].tolist() == [[0.25, 0.5]]
 
 
 def test_what_is_no_image(tmp_path):
-    """One line with the file's name."""
+    """A missing, damaged or unsupported image raises a one-line error with the file's name."""
     with pytest.raises(DataError, match=r"none\.png: cannot read the image: No such file"):
         io.load_image(tmp_path / "none.png")
     for content in (b"", b"hello"):

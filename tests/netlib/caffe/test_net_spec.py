@@ -30,7 +30,7 @@ def small_net() -> caffe.NetSpec:
 
 
 def test_the_net_as_text():
-    """Options stand in the block of the type, or in the layer; names are those of the attributes."""
+    """Options are written to the block of the layer type or to the layer; names are those of the attributes."""
     text = str(small_net().to_proto())
     expected = """
     layer { name: "data" type: "DummyData" top: "data" top: "label"
@@ -49,7 +49,7 @@ def test_the_net_as_text():
 
 
 def test_the_net_runs(tmp_path):
-    """Written to a file, it is a net."""
+    """The text, written to a file, loads as a net and runs."""
     path = tmp_path / "net.prototxt"
     path.write_text(str(small_net().to_proto()))
     net = caffe.Net(str(path), caffe.TEST)
@@ -60,7 +60,7 @@ def test_the_net_runs(tmp_path):
 
 
 def test_names_are_made_for_what_has_none():
-    """From the types, counted from 1; a layer is called as its first top, all that is needed comes once."""
+    """Unnamed layers are numbered by type from 1 and take the name of their first top; shared inputs occur once."""
     data, label = L.DummyData(shape={"dim": [1, 2]}, ntop=2)
     left, right = L.Slice(L.InnerProduct(data, num_output=4), slice_point=2, ntop=2)
     net = caffe.to_proto(L.Eltwise(L.TanH(left), right), L.EuclideanLoss(L.TanH(right), label))
@@ -79,14 +79,14 @@ def test_names_are_made_for_what_has_none():
 
 
 def test_a_top_gives_its_net():
-    """``top.to_proto()`` holds what it needs, and nothing else."""
+    """``top.to_proto()`` contains only the layers that the top needs."""
     n = small_net()
     assert isinstance(n.pool, Top)
     assert [layer.type for layer in n.pool.to_proto().layer] == ["DummyData", "Convolution", "Pooling"]
 
 
 def test_layers_without_tops():
-    """ntop 0 gives the layer itself, which a NetSpec takes as well."""
+    """With ntop 0 the call returns the layer itself, which a NetSpec accepts."""
     n = caffe.NetSpec()
     n.data = L.DummyData(shape={"dim": 3})
     n.quiet = L.Silence(n.data, ntop=0)
@@ -96,7 +96,7 @@ def test_layers_without_tops():
 
 
 def test_deep_nets():
-    """Deeper than Python's own stack."""
+    """A net may be deeper than Python's recursion limit."""
     top = L.Input(shape={"dim": 1})
     for _ in range(3000):
         top = L.ReLU(top)
@@ -104,7 +104,7 @@ def test_deep_nets():
 
 
 def test_options_of_the_layer_and_of_its_block():
-    """A block may be given whole; include, name and the like belong to the layer."""
+    """A block may be given as a dict; include, name and similar options belong to the layer."""
     n = caffe.NetSpec()
     n.data = L.Input(input_param={"shape": [{"dim": [1, 2]}]}, include={"phase": caffe.TEST}, name="in")
     n.my = L.Python(n.data, module="mine", layer="My", param_str="x")
@@ -114,7 +114,7 @@ def test_options_of_the_layer_and_of_its_block():
 
 
 def test_a_netspec_has_items_too():
-    """For names that are no Python names."""
+    """Item access allows names that are not Python identifiers."""
     n = caffe.NetSpec()
     n["conv1/relu"] = L.Input(shape={"dim": 1})
     assert n["conv1/relu"] is n.tops["conv1/relu"] and list(n.tops) == ["conv1/relu"]
@@ -123,19 +123,19 @@ def test_a_netspec_has_items_too():
 
 
 def test_constants():
-    """Those of caffe_pb2."""
+    """The constants are those of caffe_pb2."""
     assert (P.Pooling.MAX, P.Pooling.AVE) == (caffe_pb2.PoolingParameter.MAX, caffe_pb2.PoolingParameter.AVE)
     assert P.Eltwise.MAX == caffe_pb2.EltwiseParameter.MAX
 
 
 def test_blocks_by_type():
-    """What finds a layer's block."""
+    """param_name_dict maps a layer type to the name of its options block."""
     names = param_name_dict()
     assert names["InnerProduct"] == "inner_product" and names["HDF5Data"] == "hdf5_data" and names["LRN"] == "lrn"
 
 
 def test_assign_proto():
-    """Lists are repeated fields, dicts are messages; a single value stands for a list of one."""
+    """Lists fill repeated fields, dicts fill messages; a single value is a list of one."""
     layer = caffe_pb2.LayerParameter()
     assign_proto(layer, "param", [{"lr_mult": 0}, {"name": "w"}])
     assign_proto(layer, "convolution_param", {"kernel_size": (3, 5), "weight_filler": {"type": "constant", "value": 2}})
@@ -159,7 +159,7 @@ def mistake(top: Top) -> str:
 
 
 def test_unknown_options():
-    """The layer, the option, and the nearest one, or where options of that name are."""
+    """The error names the layer and the option, and suggests the nearest option or its block."""
     data = L.Input(shape={"dim": 1})
     assert mistake(L.Convolution(data, kernal_size=3)) == (
         "layer 'Convolution1' (Convolution): unknown option 'kernal_size' (did you mean 'kernel_size'?)"
@@ -180,13 +180,13 @@ def test_unknown_options():
 
 
 def test_an_unknown_option_is_an_attribute_error():
-    """As in pycaffe."""
+    """An unknown option is an AttributeError, as in pycaffe."""
     with pytest.raises(AttributeError):
         L.ReLU(L.Input(shape={"dim": 1}), zzz=1).to_proto()
 
 
 def test_values_that_an_option_cannot_have():
-    """The value, and what is expected."""
+    """The error names the option, the message and the invalid value."""
     data = L.Input(shape={"dim": 1})
     assert "'num_output' of ConvolutionParameter cannot be 'many'" in mistake(L.Convolution(data, num_output="many"))
     assert "'num_output' of ConvolutionParameter cannot be [1, 2]" in mistake(L.Convolution(data, num_output=[1, 2]))
@@ -199,14 +199,14 @@ def test_values_that_an_option_cannot_have():
 
 
 def test_inputs_that_are_no_tops():
-    """The TypeError of pycaffe, for the layer and the input."""
+    """An input that is not a Top raises pycaffe's TypeError with the layer and the number of the input."""
     pair = L.DummyData(ntop=2)
     with pytest.raises(TypeError, match=r"^Silence input 0 is not a Top \(type is <class 'tuple'>\)$"):
         L.Silence(pair, ntop=0)
 
 
 def test_names_for_what_is_no_top():
-    """The usual mistake: one name for the two tops of a data layer."""
+    """A single name for the two tops of a data layer is reported with the correct assignment."""
     n = caffe.NetSpec()
     n.data = L.DummyData(ntop=2)
     with pytest.raises(NetlibError, match=r"'data' of the net is not a Top .* n\.data, n\.label = "):
@@ -214,7 +214,7 @@ def test_names_for_what_is_no_top():
 
 
 def test_names_that_are_not_there():
-    """AttributeErrors with advice."""
+    """Unknown names raise an AttributeError with a suggestion."""
     n = small_net()
     with pytest.raises(AttributeError, match=r"no top 'conv1' \(did you mean 'conv'\?\)"):
         _ = n.conv1

@@ -1,4 +1,4 @@
-"""caffe_pb2's messages behave like protobuf's: each statement here is true of a class that protobuf compiled."""
+"""caffe_pb2's messages behave like protobuf's: every assertion also holds for a class that protobuf compiled."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ pooling_param {
 
 
 def test_text_and_bytes() -> None:
-    """Fields in the order of their numbers; back from both."""
+    """Text and bytes list fields in the order of their numbers, and both parse back to the message."""
     made = layer()
     assert str(made) == TEXT
     assert caffe_pb2.LayerParameter.FromString(made.SerializeToString()) == made
@@ -50,7 +50,7 @@ def test_text_and_bytes() -> None:
 
 
 def test_what_is_not_set_reads_as_its_default() -> None:
-    """And looking sets nothing; setting something inside sets what holds it."""
+    """Reading an unset field returns its default and sets nothing; setting a nested field sets its parent."""
     made = caffe_pb2.LayerParameter()
     assert made.convolution_param.group == 1
     assert made.lrn_param.beta == 0.75
@@ -68,7 +68,7 @@ def test_what_is_not_set_reads_as_its_default() -> None:
 
 
 def test_what_is_forgotten_reads_as_its_default_again() -> None:
-    """One field, or all; and a message becomes that of other bytes without what it was."""
+    """Deleting, clearing or parsing over a message restores the defaults of the fields that are no longer set."""
     made = layer()
     del made.name
     made.ClearField("pooling_param")
@@ -81,7 +81,7 @@ def test_what_is_forgotten_reads_as_its_default_again() -> None:
 
 
 def test_what_caffe_has_nothing_of() -> None:
-    """Required fields, unknown fields, oneofs: protobuf's text_format asks."""
+    """Methods for required fields, unknown fields and oneofs exist, because protobuf's text_format calls them."""
     made = layer()
     assert made.IsInitialized()
     assert made.FindInitializationErrors() == made.UnknownFields() == []
@@ -90,7 +90,7 @@ def test_what_caffe_has_nothing_of() -> None:
 
 
 def test_fields_say_what_they_are() -> None:
-    """Numbers as protobuf's descriptors have them; a list or a message has no default."""
+    """Field descriptors have protobuf's numbers, types, labels and defaults."""
     fields = caffe_pb2.ConvolutionParameter.DESCRIPTOR.fields_by_name
     pad, bias, engine, filler = (fields[name] for name in ("pad", "bias_term", "engine", "weight_filler"))
     assert (pad.number, pad.type, pad.label, pad.default_value) == (3, 13, pad.LABEL_REPEATED, [])
@@ -102,7 +102,7 @@ def test_fields_say_what_they_are() -> None:
 
 
 def test_copies_are_copies() -> None:
-    """Nothing that is put in is shared."""
+    """Messages that are added to a list are copied."""
     net, one = caffe_pb2.NetParameter(), layer()
     net.layer.extend([one])
     net.layer.add().CopyFrom(one)
@@ -115,7 +115,7 @@ def test_copies_are_copies() -> None:
 
 
 def test_enums_have_names_and_numbers() -> None:
-    """As constants of the message, and of the enum itself."""
+    """Enum values are available as constants of the message and through the enum itself."""
     pool = caffe_pb2.PoolingParameter.PoolMethod
     assert (caffe_pb2.PoolingParameter.STOCHASTIC, pool.Value("AVE"), pool.Name(0)) == (2, 1, "MAX")
     assert pool.DESCRIPTOR.values_by_name["AVE"].number == 1
@@ -136,20 +136,20 @@ def test_enums_have_names_and_numbers() -> None:
     ],
 )
 def test_what_cannot_be_assigned(name: str, value: object, error: type[Exception]) -> None:
-    """One line with the field."""
+    """An invalid assignment raises protobuf's type of error with the name of the field."""
     with pytest.raises(error, match=name):
         setattr(layer(), name, value)
 
 
 def test_a_datum_holds_bytes() -> None:
-    """Not text."""
+    """Datum.data holds arbitrary bytes, not text."""
     datum = caffe_pb2.Datum(channels=1, data=b"\x00\xff", label=-3)
     again = caffe_pb2.Datum.FromString(datum.SerializeToString())
     assert (again.data, again.label) == (b"\x00\xff", -3)
 
 
 def test_old_nets_are_nets() -> None:
-    """As the file has them: whoever wants today's upgrades them."""
+    """Old nets are kept in the format of the file; they are not upgraded."""
     net = text_format.Merge('layers { type: RELU layer { name: "r" } blobs_lr: 2 }', caffe_pb2.NetParameter())
     assert net.layers[0].type == caffe_pb2.V1LayerParameter.RELU == 18
     assert (net.layers[0].layer.name, net.layers[0].blobs_lr) == ("r", [2])
@@ -159,7 +159,7 @@ def test_old_nets_are_nets() -> None:
 
 
 def test_mistakes_in_text_and_bytes() -> None:
-    """One line, with the place."""
+    """Errors in text and bytes are reported on one line with their position."""
     with pytest.raises(PrototxtError, match=r"1:1: error: unknown field 'nmae' \(did you mean 'name'\?\)"):
         text_format.Parse("nmae: 1", caffe_pb2.NetParameter())
     with pytest.raises(WireError, match="not a NetParameter: <bytes>: byte 0: malformed"):
@@ -171,7 +171,7 @@ def test_mistakes_in_text_and_bytes() -> None:
 
 
 def test_protobufs_own_text_format_takes_them() -> None:
-    """Scripts use it where protobuf is installed."""
+    """protobuf's own text_format accepts these messages."""
     google = pytest.importorskip("google.protobuf.text_format")
     assert google.Merge(TEXT, caffe_pb2.LayerParameter()) == layer()
     assert google.MessageToString(layer()) == TEXT

@@ -1,4 +1,4 @@
-"""What the fields of caffe_pb2's messages take and give: lists of scalars, of numbers, of messages."""
+"""Values of the fields of caffe_pb2's messages: lists of scalars, of numbers and of messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def layer() -> caffe_pb2.Message:
 
 
 def test_what_repeated_fields_take() -> None:
-    """Elements are checked one by one."""
+    """Each element of a repeated field is checked."""
     made = layer()
     for wrong, error in (("3", TypeError), (-1, ValueError), (1.5, TypeError), (2**32, ValueError)):
         with pytest.raises(error, match="kernel_size"):
@@ -29,7 +29,7 @@ def test_what_repeated_fields_take() -> None:
 
 
 def test_blobs_hold_arrays() -> None:
-    """A blob may have millions of numbers: they go in and out in one piece."""
+    """Arrays of blob values are stored and returned as a whole."""
     blob = caffe_pb2.BlobProto()
     values = np.random.default_rng(0).normal(size=1000).astype(np.float32)
     blob.data.extend(values)
@@ -45,7 +45,7 @@ def test_blobs_hold_arrays() -> None:
 
 
 def test_blobs_in_double_precision_have_bytes() -> None:
-    """Those of a net in float64."""
+    """double_data and double_diff survive a round trip through bytes."""
     blob = caffe_pb2.BlobProto(double_data=[0.1, -2], double_diff=[3])
     again = caffe_pb2.BlobProto.FromString(blob.SerializeToString())
     assert (list(again.double_data), list(again.double_diff), again == blob) == ([0.1, -2], [3], True)
@@ -53,7 +53,7 @@ def test_blobs_in_double_precision_have_bytes() -> None:
 
 
 def test_lists_say_what_they_hold() -> None:
-    """And are equal to lists of the same."""
+    """Lists print as Python lists and compare equal to them."""
     made, blob = layer(), caffe_pb2.BlobProto(data=[1, 2.5])
     assert (repr(made.bottom), repr(made.convolution_param.kernel_size), repr(blob.data)) == (
         "['x']",
@@ -68,14 +68,14 @@ def test_lists_say_what_they_hold() -> None:
 
 
 def test_numbers_as_their_field_holds_them() -> None:
-    """float in 32 bits, too large is infinite; double in 64."""
+    """A float field has 32 bits and overflows to infinity; a double field has 64."""
     filler = caffe_pb2.FillerParameter(value=0.1, std=1e39)
     assert (filler.value, filler.std) == (float(np.float32(0.1)), float("inf"))
     assert list(caffe_pb2.BlobProto(double_data=[0.1]).double_data) == [0.1]
 
 
 def test_lists_of_messages() -> None:
-    """Added, inserted, sorted, deleted; not replaced."""
+    """Messages in a list can be added, inserted, sorted and deleted, but not replaced."""
     net = caffe_pb2.NetParameter()
     net.layer.add(name="b")
     net.layer.insert(0, caffe_pb2.LayerParameter(name="c"))

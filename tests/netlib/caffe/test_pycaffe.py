@@ -1,4 +1,4 @@
-"""Net and the solvers as pycaffe has them."""
+"""Net and the solvers with pycaffe's interface."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SOLVER = 'net: "net.prototxt" base_lr: 0.5 lr_policy: "step" stepsize: 2 gamma: 
 
 @pytest.fixture(autouse=True)
 def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The files of a net and its solver, as the working directory."""
+    """Write a net and its solver to a temporary folder and make it the working directory."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "net.prototxt").write_text(NET)
     (tmp_path / "solver.prototxt").write_text(SOLVER)
@@ -49,7 +49,7 @@ X = np.arange(6, dtype=np.float32).reshape(2, 3) / 3
 
 
 def test_what_a_net_says_about_itself(net: pycaffe.Net) -> None:
-    """Names in order, with the Split layer that Caffe puts in; outputs by the alphabet."""
+    """Names are in order and include Caffe's Split layers; outputs are sorted by name."""
     split = "a_top_a_0_split"
     assert net._layer_names == ["x", "x_x_0_split", "a", split, "loss", "y"]
     assert net.top_names["a"] == ["a_top"]
@@ -65,7 +65,7 @@ def test_what_a_net_says_about_itself(net: pycaffe.Net) -> None:
 
 @pytest.mark.parametrize("args", [((), {"phase": 1, "weights": "w"}), ((1, 0, None, "w"), {}), (("w", 1), {})])
 def test_constructors(net: pycaffe.Net, args: tuple[tuple[object, ...], dict[str, object]]) -> None:
-    """Phase, level, stages, weights by place or name; and pycaffe's older order."""
+    """Phase, level, stages and weights are accepted by position or name, and in pycaffe's older order."""
     net.save("w")
     positional, named = args
     made = pycaffe.Net("net.prototxt", *positional, **named)
@@ -74,13 +74,13 @@ def test_constructors(net: pycaffe.Net, args: tuple[tuple[object, ...], dict[str
 
 
 def test_a_file_that_is_not_there_is_a_runtime_error() -> None:
-    """Which is what scripts catch."""
+    """A missing file raises a RuntimeError, which pycaffe scripts catch."""
     with pytest.raises(RuntimeError, match=r"nothing\.prototxt: cannot read the prototxt"):
         pycaffe.Net("nothing.prototxt", netlib.TEST)
 
 
 def test_forward_and_backward_return_what_pycaffes_do(net: pycaffe.Net) -> None:
-    """Outputs, or the tops of ``end``; diffs of inputs, or of the bottoms of ``end``; and what is asked for."""
+    """forward returns the outputs or the tops of ``end``; backward the diffs of inputs or of the bottoms of ``end``."""
     assert set(net.forward(x=X)) == {"l", "y"}
     assert set(net.forward(["x"], end="a")) == {"a_top", "x"}
     assert set(net.backward()) == {"x"}
@@ -88,7 +88,7 @@ def test_forward_and_backward_return_what_pycaffes_do(net: pycaffe.Net) -> None:
 
 
 def test_parts_by_number(net: pycaffe.Net) -> None:
-    """``_forward`` returns the loss of its part."""
+    """``_forward`` returns the loss of the layers that it runs."""
     net.blobs["x"].data[...] = X
     assert net._forward(0, 5) == pytest.approx(2 * float(net.blobs["l"].data))
     assert net._forward(5, 5) == 0
@@ -97,7 +97,7 @@ def test_parts_by_number(net: pycaffe.Net) -> None:
 
 
 def test_a_diff_set_by_hand_on_a_loss_counts(net: pycaffe.Net) -> None:
-    """It stays until it is set again, as in Caffe."""
+    """A diff that is set on a loss is used until it is set again, as in Caffe."""
     net.forward(x=X)
     net.backward()
     once = net.params["a"][0].diff.copy()
@@ -111,7 +111,7 @@ def test_a_diff_set_by_hand_on_a_loss_counts(net: pycaffe.Net) -> None:
 
 @pytest.mark.parametrize("count", [2, 5, 6])
 def test_any_number_of_items(net: pycaffe.Net, count: int) -> None:
-    """In batches; what fills the last one is cut off."""
+    """Items are processed in batches; the padding of the last batch is removed."""
     x = np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32)
     w, b = (blob.data for blob in net.params["a"])
     deploy = pycaffe.Net("net.prototxt", netlib.TEST)
@@ -124,7 +124,7 @@ def test_any_number_of_items(net: pycaffe.Net, count: int) -> None:
 
 
 def test_hooks_are_called_around_every_layer(net: pycaffe.Net) -> None:
-    """With the number of the layer, backwards in reverse; the numbers are those without hooks."""
+    """Hooks receive the number of the layer, in reverse order for backward, and do not change the results."""
     plain = net.forward(x=X)["y"].copy()
     calls: list[tuple[str, int]] = []
 
@@ -143,7 +143,7 @@ def test_hooks_are_called_around_every_layer(net: pycaffe.Net) -> None:
 
 
 def test_weights_in_both_formats(net: pycaffe.Net) -> None:
-    """``save_hdf5`` writes HDF5 whatever the name; ``load_hdf5`` reads it."""
+    """``save_hdf5`` writes HDF5 whatever the name of the file; ``load_hdf5`` reads it."""
     net.save_hdf5("weights")
     assert Path("weights").read_bytes().startswith(b"\x89HDF")
     other = pycaffe.Net("net.prototxt", netlib.TRAIN)
@@ -152,7 +152,7 @@ def test_weights_in_both_formats(net: pycaffe.Net) -> None:
 
 
 def test_images_in_memory() -> None:
-    """CameraInfo to a MemoryData layer, which must be the first."""
+    """set_input_arrays passes images to a MemoryData layer, which must be the first layer."""
     memory = "memory_data_param { batch_size: 2 channels: 1 height: 1 width: 3 }"
     Path("m.prototxt").write_text(f'layer {{ name: "m" type: "MemoryData" top: "d" top: "t" {memory} }}')
     net = pycaffe.Net("m.prototxt", netlib.TEST)
@@ -167,7 +167,7 @@ def test_images_in_memory() -> None:
 
 
 def test_the_class_of_a_solver() -> None:
-    """A class is a rule, whatever the file says; get_solver asks the file."""
+    """A solver class uses its own update rule whatever the file's type; get_solver uses the file's type."""
     adam = Path("adam.prototxt")
     adam.write_text(SOLVER + ' type: "Adam" momentum: 0.9')
     assert type(pycaffe.get_solver(adam)) is pycaffe.AdamSolver
@@ -177,7 +177,7 @@ def test_the_class_of_a_solver() -> None:
 
 
 def test_what_is_accepted_and_ignored_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
-    """The file is looked at for its type, then read for its options."""
+    """The note about the CPU appears once, although the file is read twice."""
     caplog.set_level(logging.INFO, "netlib")
     Path("gpu.prototxt").write_text(SOLVER + " solver_mode: GPU")
     pycaffe.get_solver("gpu.prototxt")
@@ -185,7 +185,7 @@ def test_what_is_accepted_and_ignored_is_said_once(caplog: pytest.LogCaptureFixt
 
 
 def test_an_update_by_hand() -> None:
-    """w <- w - lr dw."""
+    """apply_update computes w <- w - lr dw."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     w = solver.net.params["a"][0]
     w.data[...], w.diff[...] = 0, 1
@@ -194,7 +194,7 @@ def test_an_update_by_hand() -> None:
 
 
 def test_options_may_change_while_it_trains() -> None:
-    """pycaffe's base_lr, and here all others; a mistake is one line and changes nothing."""
+    """Options of a solver may change during training; an invalid value raises an error and changes nothing."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     assert (solver.lr, solver.param.max_iter) == (0.5, 4)
     solver.param.base_lr = 0.25
@@ -224,7 +224,7 @@ def test_options_may_change_while_it_trains() -> None:
     ],
 )
 def test_options_that_cannot_change_so(name: str, value: object, error: type[Exception], message: str) -> None:
-    """One line, and all stays."""
+    """Options that are fixed and invalid values raise a one-line error and change nothing."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     before = repr(solver.param)
     with pytest.raises(error, match=message):
@@ -233,7 +233,7 @@ def test_options_that_cannot_change_so(name: str, value: object, error: type[Exc
 
 
 def test_solvers_of_one_file_say_the_same_options() -> None:
-    """Which ranks that train together compare."""
+    """Solvers of one file have equal traits, which ranks compare; a changed option makes them differ."""
     one, two = (consistency.traits_of(pycaffe.SGDSolver("solver.prototxt")) for _ in range(2))
     assert one["solver prototxt"] == two["solver prototxt"]
     one_more = pycaffe.SGDSolver("solver.prototxt")
@@ -242,7 +242,7 @@ def test_solvers_of_one_file_say_the_same_options() -> None:
 
 
 def test_callbacks() -> None:
-    """Before each iteration, and when its gradients are there but not yet used."""
+    """One callback runs before each iteration, the other after its gradients are computed."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     seen: list[tuple[str, int, bool]] = []
     w = solver.net.params["a"][0]
@@ -257,7 +257,7 @@ def test_callbacks() -> None:
 
 
 def test_a_solver_lends_its_weights() -> None:
-    """To a net of one's own."""
+    """share_weights shares the solver's weights with another net."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     net = pycaffe.Net("net.prototxt", netlib.TEST)
     solver.share_weights(net)
@@ -269,7 +269,7 @@ def test_a_solver_lends_its_weights() -> None:
 
 
 def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> None:
-    """However often it is asked for."""
+    """Each GPU setting is noted once, however often it is called."""
     once.cache_clear()
     for _ in range(2):
         netlib.set_mode_gpu()
@@ -281,7 +281,7 @@ def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> No
 
 
 def test_one_solver_in_one_process() -> None:
-    """What would join several is refused, what says one is accepted."""
+    """Settings for several solvers raise NotImplementedError; settings for one solver are accepted."""
     process.set_solver_count(1)
     process.set_solver_rank(0)
     process.set_multiprocess(True)
@@ -292,7 +292,7 @@ def test_one_solver_in_one_process() -> None:
 
 
 def test_one_solver_of_several_processes(work: Path) -> None:
-    """Who trains together is what the solver that was made last says; another truth is refused."""
+    """The count and rank are those of the last solver created; setting other values raises an error."""
 
     class OneOfThree(Ranks):
         rank, count = 1, 3
@@ -309,7 +309,7 @@ def test_one_solver_of_several_processes(work: Path) -> None:
 def test_the_log(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """glog's levels and lines; a line of one's own."""
+    """The log has glog's levels and line format."""
     logger = logging.getLogger("netlib")
     monkeypatch.setattr(logger, "handlers", [])
     level = logger.level
@@ -323,7 +323,7 @@ def test_the_log(
 
 
 def test_a_timer() -> None:
-    """Milliseconds between start and stop."""
+    """A timer returns the milliseconds between start and stop."""
     timer = process.Timer()
     assert timer.ms == 0
     timer.start()

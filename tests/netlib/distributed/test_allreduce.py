@@ -1,4 +1,4 @@
-"""How averages of gradients go on while layers run backwards; test_mpi.py takes them between real ranks."""
+"""Gradients are averaged while layers run backwards; test_mpi.py does so between real ranks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHARED = 'param { name: "w" } param { name: "b" }'
 
 
 class Wire:
-    """A communicator of one rank, and what waits for it: each request needs so many looks, a wait without end none."""
+    """A communicator of one rank: each request needs a number of polls, a blocking wait needs one."""
 
     def __init__(self, looks: int) -> None:
         self.looks = self.left = looks
@@ -28,7 +28,7 @@ class Wire:
         return 1
 
     def Ialltoall(self, sent: np.ndarray, received: np.ndarray) -> str:
-        received[...] = 4 * sent  # as other ranks might change it
+        received[...] = 4 * sent  # stands for the sum over other ranks
         return self._begin("sent")
 
     def Iallgather(self, sent: np.ndarray, received: np.ndarray) -> str:
@@ -50,7 +50,7 @@ class Wire:
 
 
 def parts() -> list[list[Blob]]:
-    """Three parts, with ones."""
+    """Three parts of blobs with diffs of one."""
     made = [[Blob((2, 3))], [Blob((4,)), Blob(())], [Blob((5,))]]
     for blob in (blob for part in made for blob in part):
         blob.diff[...] = 1
@@ -63,7 +63,7 @@ def values(made: list[list[Blob]]) -> list[float]:
 
 @pytest.mark.parametrize("looks", [1, 2, 5])
 def test_a_part_begins_when_it_is_complete(looks: int) -> None:
-    """Not before; rounds one after the other; and the last round is looked after, too."""
+    """A part starts once it is complete, rounds run one after the other, and finish completes the last one."""
     wire, made = Wire(looks), parts()
     under_way = Averaging(Means(wire, wire.wait), made)
     under_way.poll()
@@ -75,7 +75,7 @@ def test_a_part_begins_when_it_is_complete(looks: int) -> None:
     assert set(wire.said[2 * looks + 2 :]) <= {"look"}
     for _ in range(20):
         under_way.poll(2)
-    assert values(made) == [4, 1, 1, 1]  # the second is taken back with the third, or at the end
+    assert values(made) == [4, 1, 1, 1]  # the second result is copied back with the third part or by finish
     assert [word for word in wire.said if word != "look"] == ["sent", "gathered"] * 2
     under_way.finish()
     assert [word for word in wire.said if word != "look"][4:] == ["wait", "sent", "wait", "gathered", "wait"]
@@ -90,7 +90,7 @@ def test_nobody_looked() -> None:
 
 
 def test_buffers_are_made_once() -> None:
-    """For arrays of these shapes, before the first step."""
+    """Buffers are allocated once for arrays of the same shapes and types."""
     wire = Wire(1)
     means = Means(wire, wire.wait)
     arrays = [np.ones((2, 3), np.float32), np.ones(4, np.float32)]
@@ -102,7 +102,7 @@ def test_buffers_are_made_once() -> None:
 
 
 def net_of(*params: str) -> netlib.Net:
-    """Inner products fc0, fc1 ..., with these ``param`` blocks."""
+    """A net of inner products fc0, fc1, ... with these ``param`` blocks."""
     text = inputs(x0=(2, 4))
     for i, param in enumerate(params):
         text += f"""layer {{ name: "fc{i}" type: "InnerProduct" bottom: "x{i}" top: "x{i + 1}" {param}
@@ -129,11 +129,11 @@ def test_parts_end_between_layers(least: int, expected: list[list[str]]) -> None
     gradients = Gradients(net.layers, net.learnable, least)
     assert labels(net, gradients) == expected
     done = [gradients.complete(layer) for layer in reversed(net.layers)]
-    assert done[0] == 0 and done[-2:] == [len(expected)] * 2 and done == sorted(done)  # sum ... fc0, in
+    assert done[0] == 0 and done[-2:] == [len(expected)] * 2 and done == sorted(done)  # sum, fc2, ..., fc0, input
 
 
 def test_fixed_and_shared_parameters() -> None:
-    """Fixed ones are in no part; a shared one is complete when the first layer that uses it has run."""
+    """Fixed parameters are in no part; a shared one is complete when the first layer that uses it has run backwards."""
     net = net_of(SHARED, "", SHARED, FIXED)
     gradients = Gradients(net.layers, net.learnable, min_bytes=1)
     assert labels(net, gradients) == [["fc1/1", "fc1/0"], ["fc0/1", "fc0/0"]]
@@ -141,7 +141,7 @@ def test_fixed_and_shared_parameters() -> None:
 
 
 def test_what_a_net_says_is_complete_does_not_change() -> None:
-    """While the other layers still run backwards."""
+    """The gradients of a complete part do not change while the remaining layers run backwards."""
     net = net_of("", SHARED, SHARED, "")
     net.forward(x0=np.random.default_rng(0).standard_normal((2, 4)))
     net.clear_param_diffs()
@@ -162,7 +162,7 @@ def test_what_a_net_says_is_complete_does_not_change() -> None:
 
 
 def test_the_papers_network() -> None:
-    """Nearly all bytes are sent before the backward passes of the convolutions, which are most of the work."""
+    """The large gradients are complete before the backward passes of the convolutions, which take most of the time."""
     net = netlib.Net("prototxt/nyu_deploy.prototxt", netlib.TRAIN)
     gradients = Gradients(net.layers, net.learnable)
     assert [part[-1] for part in labels(net, gradients)] == ["FC2/0", "FC1/0", "convL1/0"]

@@ -1,4 +1,4 @@
-"""Ranks over MPI: with real processes, rank_programs.py holds on each of them."""
+"""Ranks over MPI: rank_programs.py runs its checks in real processes."""
 
 from tests.support import ranks_started
 from tests.support.ranks_started import PROGRAMS, needs_mpi
@@ -7,7 +7,7 @@ pytestmark = needs_mpi
 
 
 def test_four_ranks(tmp_path, monkeypatch):
-    """Sums are exact in the order of the ranks; requests and errors are agreed on."""
+    """Sums are exact in the order of the ranks, and all ranks agree on requests and errors."""
     monkeypatch.chdir(tmp_path)
     programs = ["sums", "overlapped", "agreement", "errors"]
     done = ranks_started.run(4, PROGRAMS, *programs)
@@ -16,7 +16,7 @@ def test_four_ranks(tmp_path, monkeypatch):
 
 
 def test_a_network_that_is_cut(tmp_path, monkeypatch):
-    """Where MPI itself waits for a machine that is gone, a rank that has given up ends all the same."""
+    """A rank that stops waiting for a missing rank ends, even if MPI itself keeps waiting."""
     monkeypatch.chdir(tmp_path)
     done = ranks_started.run(2, PROGRAMS, "cut_off")
     assert done.returncode != 0

@@ -1,4 +1,4 @@
-"""Who trains together: how rows are dealt out, and a training alone. Without MPI."""
+"""The distribution of rows among ranks, and training with one rank, without MPI."""
 
 import cv2
 import lmdb
@@ -17,7 +17,7 @@ COUNT, ROWS, BATCH = 3, 10, 2
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7])
 def test_every_row_of_a_step_goes_to_one_rank(count):
-    """Row k of a step is row k div N of rank k mod N, however the step is cut into pieces."""
+    """Row k of a step is row k div N of rank k mod N, however the step is divided into pieces."""
     for pieces in ([12], [1, 1, 10], [5, 7], [2, 3, 0, 7]):
         for rank in range(count):
             got, done = {}, 0
@@ -31,7 +31,7 @@ def test_every_row_of_a_step_goes_to_one_rank(count):
 
 
 def test_batches():
-    """The prototxt's, or a part of it."""
+    """The batch size is that of the prototxt or, with divide, a share of it."""
     assert Share(1, 4).batch(6) == 6
     assert Share(1, 4, divide=True).batch(8) == 2
     with pytest.raises(ValueError, match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple of 4$"):
@@ -39,13 +39,13 @@ def test_batches():
 
 
 def test_a_batch_that_cannot_be_divided(write_rows):
-    """The line names the layer and the place of its batch_size."""
+    """The error names the layer and the position of its batch_size."""
     with pytest.raises(LayerError, match=r"^net:1:\d+: error: layer 'd': a batch of 6 cannot be divided among 4 ranks"):
         net(hdf5(None, write_rows, "false"), 6, Share(1, 4, divide=True))
 
 
 def test_alone():
-    """One rank changes nothing, and its errors stay as they are."""
+    """A single rank changes nothing, and its errors are raised unchanged."""
     y = np.ones(3)
     ALONE.average([y])
     ALONE.introduce({"data": 1})
@@ -62,13 +62,13 @@ def test_alone():
 
 
 def hdf5(folder, write_rows, shuffle):
-    """Three files of rows."""
+    """Write three HDF5 files of rows."""
     path = write_rows("list.txt", [4, 1, 5], x=(1,))
     return f'type: "HDF5Data" top: "x" hdf5_data_param {{ source: "{path}" batch_size: %d shuffle: {shuffle} }}'
 
 
 def database(folder, write_rows, shuffle):
-    """An LMDB."""
+    """Write an LMDB database."""
     path = folder / f"lmdb_{shuffle}"
     with lmdb.open(str(path), map_size=1 << 20) as env, env.begin(write=True) as change:
         for i in range(ROWS):
@@ -77,7 +77,7 @@ def database(folder, write_rows, shuffle):
 
 
 def pictures(folder, write_rows, shuffle):
-    """A list of pictures."""
+    """Write images and a list of them."""
     for i in range(ROWS):
         cv2.imwrite(str(folder / f"{i}.png"), np.full((1, 1, 3), i, np.uint8))
     (folder / "list").write_text("".join(f"{i}.png {i}\n" for i in range(ROWS)))
@@ -86,7 +86,7 @@ def pictures(folder, write_rows, shuffle):
 
 
 def net(text, batch, share):
-    """A net of that layer."""
+    """Return a net with that layer only."""
     return Net(prototxt.parse('layer { name: "d" ' + text % batch + " }", "net"), seed=1,
                layer_hook=RankOfLayers(share))  # fmt: skip
 
@@ -94,8 +94,9 @@ def net(text, batch, share):
 @pytest.mark.parametrize("shuffle", ["false", "true"])
 @pytest.mark.parametrize("layer", [hdf5, database, pictures])
 def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
-    """Row k of rank r is row k N + r of a batch N times as large, step after step, over the end of the data; after a
-    resume, too; a batch that is divided is one of these, as well."""
+    """Row k of rank r is row k N + r of a batch N times as large, for several steps, past the end of the data, after a
+    resume, and also if the batch is divided among the ranks.
+    """
     text = layer(tmp_path, write_rows, shuffle)
     whole = net(text, BATCH * COUNT, Share())
     ranks = [net(text, BATCH, Share(r, COUNT)) for r in range(COUNT)]
@@ -111,11 +112,11 @@ def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
                     of_rank = nets[r] = net(text, BATCH * (COUNT if nets is divided else 1), of_rank.layers[0].share)
                     of_rank.restore_layer_states(states)
                 assert np.array_equal(of_rank.forward()["x"], expected[r::COUNT])
-    assert len(np.unique(seen)) == ROWS  # all rows, and they differ
+    assert len(np.unique(seen)) == ROWS  # all rows occur and they differ
 
 
 def test_more_ranks_than_rows(write_rows):
-    """Rows are repeated, with the warning that one would get for such a batch."""
+    """Rows are repeated, with the warning for a batch larger than the data."""
     text = hdf5(None, write_rows, "false")
     nets = [net(text, 1, Share(r, 12)) for r in range(12)]
     rows = [float(n.forward()["x"][0, 0]) for n in nets]
@@ -125,12 +126,12 @@ def test_more_ranks_than_rows(write_rows):
 
 @pytest.mark.parametrize("layer", [hdf5, database, pictures])
 def test_what_a_layer_reads(tmp_path, write_rows, layer):
-    """Is the same for all ranks, and for other data it is not."""
+    """The description of the data is equal for all ranks and differs for other data."""
     text = layer(tmp_path, write_rows, "false")
     first, second = (net(text, 1, Share(r, 2)).layers[0].reads() for r in range(2))
     assert first == second
     if layer is hdf5:
-        write_rows("list.txt", [4, 1, 5], seed=1, x=(1,))  # as many rows
+        write_rows("list.txt", [4, 1, 5], seed=1, x=(1,))  # the same number of rows
     elif layer is database:
         with lmdb.open(str(tmp_path / "lmdb_false"), map_size=1 << 20) as env, env.begin(write=True) as change:
             change.put(f"{0:08}".encode(), datum(np.full((1, 1, 1), 99, np.uint8), 0))
@@ -140,7 +141,7 @@ def test_what_a_layer_reads(tmp_path, write_rows, layer):
 
 
 def test_random_numbers():
-    """Parameters are those of one; what is drawn later is not."""
+    """All ranks have the same initial parameters, but draw different random data."""
     text = """type: "DummyData" top: "x" dummy_data_param { shape { dim: %d dim: 4 }
               data_filler { type: "gaussian" } } }
               layer { name: "fc" type: "InnerProduct" bottom: "x" top: "y"
@@ -153,7 +154,7 @@ def test_random_numbers():
 
 
 def test_windows(tmp_path):
-    """Every rank draws its own."""
+    """Every rank draws its own windows."""
     cv2.imwrite(str(tmp_path / "p.png"), np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3))
     windows = "".join(f"{i % 3 + 1} {overlap} {i} {i} {i + 6} {i + 6}\n" for i in range(10) for overlap in (0.9, 0.1))
     (tmp_path / "windows").write_text(f"# 0\n{tmp_path}/p.png\n3 20 20\n20\n{windows}")

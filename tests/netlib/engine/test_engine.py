@@ -1,4 +1,4 @@
-"""Two engines, one switch: how one is chosen, and that both compute the same net."""
+"""The two engines: how one is chosen, and that both compute the same results."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NET = """
 
 
 def test_plain_is_always_there(net_of: MakeNet) -> None:
-    """By name, whatever the process has chosen."""
+    """The plain engine is selected by name, whatever the default of the process."""
     net = net_of(NET, engine="plain")
     assert net.engine.name == "plain"
     assert type(net.engine) is Engine
@@ -45,7 +45,7 @@ def test_plain_is_always_there(net_of: MakeNet) -> None:
 
 @needs_fast
 def test_one_net_or_the_whole_process(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """``engine=`` for one net, NETLIB_ENGINE for all others; fast by default."""
+    """``engine=`` applies to one net and NETLIB_ENGINE to all others; the default is fast."""
     monkeypatch.delenv("NETLIB_ENGINE", raising=False)
     assert net_of(NET).engine.name == "fast"
     monkeypatch.setenv("NETLIB_ENGINE", "plain")
@@ -54,7 +54,7 @@ def test_one_net_or_the_whole_process(net_of: MakeNet, monkeypatch: pytest.Monke
 
 
 def test_an_unknown_engine(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is named with those that are known, wherever it was chosen."""
+    """An unknown name raises an error that lists the known engines, whether it is an argument or NETLIB_ENGINE."""
     message = r"unknown engine 'plane' \(did you mean 'plain'\?\); known: fast, plain"
     with pytest.raises(netlib.NetlibError, match=message):
         net_of(NET, engine="plane")
@@ -64,7 +64,7 @@ def test_an_unknown_engine(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By default the plain engine takes its place; who asks for it is told what is missing."""
+    """Without the folder fast/ the default is the plain engine; asking for ``fast`` raises an error."""
     monkeypatch.setattr("netlib.engine.choice.has_fast", lambda: False)
     monkeypatch.delenv("NETLIB_ENGINE", raising=False)
     choice._engine.cache_clear()
@@ -80,7 +80,7 @@ def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkey
 @needs_fast
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 2e-5), (np.float64, 1e-11)])
 def test_both_engines_give_the_same(net_of: MakeNet, rng: np.random.Generator, dtype: type, tolerance: float) -> None:
-    """The same random numbers are drawn; outputs, gradients and every blob agree to rounding."""
+    """Both engines draw the same random numbers; all blobs and gradients agree to rounding."""
     x, dy = rng.normal(size=(3, 1, 20, 18)), rng.normal(size=(3, 93))
     plain, fast = (net_of(NET, engine=name, dtype=dtype, seed=7) for name in ("plain", "fast"))
     for net in (plain, fast):
@@ -96,7 +96,7 @@ def test_both_engines_give_the_same(net_of: MakeNet, rng: np.random.Generator, d
 
 @needs_fast
 def test_a_solver_takes_an_engine(tmp_path: Path, write_rows: Callable[..., Path]) -> None:
-    """For all of its nets; the two engines follow one another's losses."""
+    """A solver's engine applies to all of its nets, and the losses of both engines agree."""
     rows = write_rows("rows.txt", [12], x=(1, 8, 8), t=(3,))
     (tmp_path / "net.prototxt").write_text(f"""
         layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" hdf5_data_param {{ source: "{rows}" batch_size: 4 }} }}
@@ -118,7 +118,7 @@ def test_a_solver_takes_an_engine(tmp_path: Path, write_rows: Callable[..., Path
 
 @needs_fast
 def test_both_engines_learn_the_size_of_a_hand(tmp_path: Path, write_rows: Callable[..., Path]) -> None:
-    """It begins at 1 and is HandModel's second bottom; behind layers that run in slices, of which there are several."""
+    """The hand's size, HandModel's second bottom, starts at 1 and converges to the true 1.3 on both engines."""
     rows = write_rows("rows.txt", [70], x=(1, 8, 8), joint=(93,))
     with h5py.File(tmp_path / "rows0.h5", "r+") as file:
         poses = 0.02 * np.random.default_rng(2).normal(size=(70, 47))
@@ -157,7 +157,7 @@ def test_both_engines_learn_the_size_of_a_hand(tmp_path: Path, write_rows: Calla
 @pytest.mark.parametrize("value", ["", "fast"])
 @needs_fast
 def test_an_empty_choice_is_no_choice(value: str) -> None:
-    """NETLIB_ENGINE= is the default, BLAS set up included."""
+    """An empty NETLIB_ENGINE selects the default, and BLAS is configured as usual."""
     code = "import netlib; from netlib import engine; print(engine.get().name, netlib.BLAS_NOTE)"
     out = run_python("-c", code, NETLIB_ENGINE=value).out
     assert out.startswith("fast BLAS: ") and "as NumPy sets it up" not in out
@@ -175,7 +175,7 @@ def test_an_empty_choice_is_no_choice(value: str) -> None:
 )
 @needs_fast
 def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, before: str, expected: str) -> None:
-    """Ours are found all the same; one that was imported before netlib stays, and is named where ours is needed."""
+    """The project's packages are found despite user modules of the same name, except one imported before netlib."""
     (tmp_path / file).parent.mkdir(exist_ok=True)
     (tmp_path / file).write_text("")
     (tmp_path / "run.py").write_text(
@@ -187,7 +187,7 @@ def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, befor
 
 
 def test_plain_has_one_thread() -> None:
-    """Asking for more changes nothing, asking for none is a mistake."""
+    """The plain engine always has one thread; set_threads(0) raises an error."""
     plain = engine.get("plain")
     plain.set_threads(3)
     assert plain.threads() == 1
@@ -197,7 +197,7 @@ def test_plain_has_one_thread() -> None:
 
 @pytest.mark.parametrize("name", ["plain", pytest.param("fast", marks=needs_fast)])
 def test_for_each(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Every item once, on either engine; the error of a job is raised."""
+    """for_each calls the function once for each item on either engine and raises its errors."""
     monkeypatch.setenv("NETLIB_ENGINE", name)
     done: list[int] = []
     engine.for_each(range(100), done.append)
@@ -207,7 +207,7 @@ def test_for_each(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
 
 
 def test_a_process_of_the_plain_engine_loads_no_fast_classes() -> None:
-    """NETLIB_ENGINE=plain: what runs is what stands in netlib/ and layers/, with BLAS set up as for both engines."""
+    """With NETLIB_ENGINE=plain only fast.blas is imported from fast/, to configure BLAS."""
     code = (
         "import sys, netlib; net = netlib.Net('prototxt/nyu_deploy.prototxt', netlib.TEST); net.forward(); "
         "print(net.engine.name, netlib.threads(), [m for m in sys.modules if m.split('.')[0] == 'fast'])"

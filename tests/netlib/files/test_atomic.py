@@ -1,4 +1,4 @@
-"""netlib/files/atomic.py; snapshots, which replace two files together, have tests of their own"""
+"""netlib/files/atomic.py. Snapshots, which replace two files together, have separate tests."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from netlib.files import atomic, locks
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
-    """While it is written the old one is there; after it nothing else is."""
+    """The old file exists while the new one is written, and no temporary file remains."""
     path = tmp_path / "list.txt"
     atomic.replace_text(path, "old")
 
@@ -31,7 +31,7 @@ def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
 
 
 def test_a_failure_leaves_the_old_one(tmp_path: Path) -> None:
-    """And no temporary file."""
+    """A failed or interrupted write keeps the old file and leaves no temporary file."""
     path = tmp_path / "list.txt"
     path.write_text("old")
 
@@ -49,7 +49,7 @@ def test_a_failure_leaves_the_old_one(tmp_path: Path) -> None:
 
 
 def test_text_of(tmp_path: Path) -> None:
-    """A missing file is no mistake, an unreadable one is."""
+    """A missing file gives None; a file that is not text raises an error."""
     assert atomic.text_of(tmp_path / "none.txt") is None
     (tmp_path / "list.txt").write_text("ä")
     assert atomic.text_of(tmp_path / "list.txt") == "ä"
@@ -59,7 +59,7 @@ def test_text_of(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
-    """A file cannot take its place, and then neither of a pair is written."""
+    """A folder cannot be replaced by a file, and then neither file of a pair is written."""
     (tmp_path / "folder").mkdir()
     with pytest.raises(OSError, match=r"Is a directory.*folder'$"):
         atomic.replace_pair((tmp_path / "a", b"1"), (tmp_path / "folder", b"2"))
@@ -70,7 +70,7 @@ def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["", ".", "..", "/"])
 def test_what_is_no_name_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Is an error of the system like any other, which callers make a line of."""
+    """A name that is not a file name raises an OSError and writes nothing."""
     monkeypatch.chdir(tmp_path)
     pairs: list[Callable[[], object]] = [
         lambda: atomic.replace_bytes(Path(name), b"1"),
@@ -84,7 +84,7 @@ def test_what_is_no_name_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_a_link_that_somebody_planted_is_not_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Even one that has guessed the random name."""
+    """A symbolic link with the name of the temporary file is not followed, even if the random part matches."""
     (tmp_path / "precious").write_text("mine")
     monkeypatch.setattr(secrets, "token_hex", lambda count: "0123abcd")
     (tmp_path / ".w.0123abcd.netlib.tmp").symlink_to(tmp_path / "precious")
@@ -94,7 +94,7 @@ def test_a_link_that_somebody_planted_is_not_followed(tmp_path: Path, monkeypatc
 
 
 def test_what_a_killed_process_left_is_cleared_and_what_a_living_one_writes_is_not(tmp_path: Path) -> None:
-    """Files and folders; nothing of another name."""
+    """Temporary files and folders of ended processes are removed; other names and files in use are kept."""
     (tmp_path / ".w.h5.0123abcd.netlib.tmp").write_text("left")
     (tmp_path / ".database.89abcdef.netlib.tmp").mkdir()
     (tmp_path / ".database.89abcdef.netlib.tmp" / "data.mdb").write_text("left")
@@ -108,7 +108,7 @@ def test_what_a_killed_process_left_is_cleared_and_what_a_living_one_writes_is_n
 
 
 def test_a_name_taken_for_a_leftover_before_it_was_locked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another is made."""
+    """If another process removes the temporary file before it is locked, a new one is created."""
     held, calls = locks.held, []
 
     @contextlib.contextmanager
@@ -126,7 +126,7 @@ def test_a_name_taken_for_a_leftover_before_it_was_locked(tmp_path: Path, monkey
 
 
 def test_a_name_whose_lock_another_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who takes it for a leftover will remove it, so another is made."""
+    """If another process holds the lock of the temporary file, it may remove it, so a new one is created."""
     held, calls = locks.held, []
 
     @contextlib.contextmanager
@@ -145,7 +145,7 @@ def test_a_name_whose_lock_another_has(tmp_path: Path, monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize("write", [atomic.replace_bytes, lambda path, content: atomic.replace(path, Path.touch)])
 def test_a_pipe_is_not_taken_away(tmp_path: Path, write: Callable[[Path, bytes], None]) -> None:
-    """Nor is a device, of which a rename would make a file."""
+    """A pipe or a device is not replaced by a file."""
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match=r"it is a device or a pipe; expected a .*file: '.*pipe'"):
         write(tmp_path / "pipe", b"new")

@@ -1,4 +1,4 @@
-"""netlib/files/hdf5.py: files that lead out of themselves, crash the library or hang it; rows by plain reads."""
+"""netlib/files/hdf5.py: files that refer to other files, crash the library or hang it; rows by plain reads."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ for line in sys.stdin:
 
 
 def write(path: Path, **datasets: Any) -> Path:
-    """An HDF5 file."""
+    """Write an HDF5 file."""
     with h5py.File(path, "w") as file:
         for name, value in datasets.items():
             file[name] = value
@@ -42,7 +42,7 @@ def write(path: Path, **datasets: Any) -> Path:
 
 @pytest.fixture
 def pretender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Instead of the helper one that crashes, or never answers, as the name of a file says."""
+    """Replace the helper process by one that crashes or hangs, depending on the name of the file."""
     (tmp_path / "pretender.py").write_text(PRETENDER)
     state = hdf5_helper._State()
     monkeypatch.setattr(hdf5_helper, "CHECK", tmp_path / "pretender.py")
@@ -56,7 +56,7 @@ def pretender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 
 
 def test_what_is_wrong_says_what_was_wanted(tmp_path: Path) -> None:
-    """The kind of error is the caller's; what HDF5 raises in the block, too, becomes it."""
+    """Errors of the file and of the block have the caller's error class."""
     path = write(tmp_path / "a.h5", x=np.zeros(3))
     with hdf5.opened(path, "weights", WeightsError) as file:
         assert list(file) == ["x"]
@@ -70,29 +70,29 @@ def test_what_is_wrong_says_what_was_wanted(tmp_path: Path) -> None:
 
 
 def external_link(file: h5py.File) -> None:
-    """HDF5 would open /etc/passwd, or a pipe, for whoever follows it."""
+    """Following the link would open any file or pipe that it names."""
     file["deep/x"] = h5py.ExternalLink("other.h5", "x")
 
 
 def external_storage(file: h5py.File) -> None:
-    """Its values are any file's bytes."""
+    """The values are the bytes of another file."""
     file.create_dataset("x", (4,), "u1", external=[("/etc/hostname", 0, 4)])
 
 
 def virtual(file: h5py.File) -> None:
-    """Made of itself: reading it overflows the library's stack."""
+    """A virtual data set that refers to itself: reading it overflows the library's stack."""
     layout = h5py.VirtualLayout((4,), "f4")
     layout[:] = h5py.VirtualSource(file.filename, "x", (4,))
     file.create_virtual_dataset("x", layout)
 
 
 def never_written(file: h5py.File) -> None:
-    """HDF5 would make the values up."""
+    """HDF5 would fill in the values."""
     file.create_dataset("x", (10**12,), "f4", chunks=(1024,))
 
 
 def another_filter(file: h5py.File) -> None:
-    """A plug-in would be looked for and loaded."""
+    """HDF5 would search for a plug-in and load it."""
     file.create_dataset("x", data=np.zeros(100), compression="gzip", scaleoffset=2, chunks=(10,))
 
 
@@ -111,7 +111,7 @@ def another_filter(file: h5py.File) -> None:
     ids=lambda value: getattr(value, "__name__", ""),
 )
 def test_files_that_are_not_opened(tmp_path: Path, make: Any, fault: str) -> None:
-    """Each with what was found, and what was expected."""
+    """The error states the fault and what is expected."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         make(file)
     with pytest.raises(DataError) as error, hdf5.opened(tmp_path / "a.h5", "the data"):
@@ -120,7 +120,7 @@ def test_files_that_are_not_opened(tmp_path: Path, make: Any, fault: str) -> Non
 
 
 def test_links_within_a_file(tmp_path: Path) -> None:
-    """Links are followed; a broken or circular link matters only to those who read it."""
+    """Links are followed; a broken or circular link matters only if it is read."""
     with h5py.File(write(tmp_path / "a.h5", x=np.arange(3)), "r+") as file:
         file["y"], file["nowhere"] = h5py.SoftLink("/x"), h5py.SoftLink("/none")
         file["group/up"] = file["/"]
@@ -130,21 +130,21 @@ def test_links_within_a_file(tmp_path: Path) -> None:
 
 
 def test_the_library_crashes(tmp_path: Path, pretender: None) -> None:
-    """In the helper, not here; the next file is looked at by another."""
+    """The library crashes in the helper process; the next file is checked by a new helper."""
     with pytest.raises(DataError, match=r"damaged: the HDF5 library crashes on it \(status -11\)"):
         hdf5.File(write(tmp_path / "crash.h5", x=np.zeros(3)), ("x",))
     assert hdf5.File(write(tmp_path / "good.h5", x=np.zeros(3)), ("x",)).rows == 3
 
 
 def test_the_library_never_returns(tmp_path: Path, pretender: None) -> None:
-    """Neither there, and it is not waited for."""
+    """A helper that does not finish is ended after a time limit; the next file is checked by a new one."""
     with pytest.raises(DataError, match="damaged: the HDF5 library does not finish"):
         hdf5.File(write(tmp_path / "endless.h5", x=np.zeros(3)), ("x",))
     assert hdf5.File(write(tmp_path / "good.h5", x=np.zeros(3)), ("x",)).rows == 3
 
 
 def test_a_file_is_looked_at_once(tmp_path: Path, pretender: None) -> None:
-    """And again when it has changed."""
+    """A file is checked once; a changed file has another identity."""
     path = write(tmp_path / "endless.h5", x=np.zeros(3))
     with path.open("rb") as stream:
         before = files.identity(stream.fileno())
@@ -160,7 +160,7 @@ def test_a_file_is_looked_at_once(tmp_path: Path, pretender: None) -> None:
 def test_without_a_helper(
     tmp_path: Path, pretender: None, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Where no process can be started a file is opened all the same, and a note says so."""
+    """If the helper cannot be started, the file is opened without a check and a note is logged."""
     monkeypatch.setattr(hdf5_helper, "CHECK", tmp_path / "not there.py")
     path = write(tmp_path / "a.h5", x=np.zeros(3))
     assert hdf5.File(path, ("x",)).rows == 3
@@ -168,7 +168,7 @@ def test_without_a_helper(
 
 
 def test_a_file_that_is_exchanged_after_the_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is another, which nobody has looked at."""
+    """A file that is replaced between the check and the opening raises an error."""
     path, other = write(tmp_path / "a.h5", x=np.zeros(3)), write(tmp_path / "other.h5", x=np.zeros(3))
 
     def look(name: str, identity: object) -> str:
@@ -181,7 +181,7 @@ def test_a_file_that_is_exchanged_after_the_look(tmp_path: Path, monkeypatch: py
 
 
 def test_content_that_was_read_before(tmp_path: Path) -> None:
-    """Is opened from memory; a file that has changed since is rejected, because its check is of other content."""
+    """Content that was read before is opened from memory; a file that has changed since raises an error."""
     path = write(tmp_path / "x.h5", a=np.arange(3))
     content = files.read_content(path, "data")
     for _ in range(2):
@@ -194,7 +194,7 @@ def test_content_that_was_read_before(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 def test_a_forked_process_has_a_helper_of_its_own(tmp_path: Path) -> None:
-    """The parent's is not asked by two, nor ended by the child."""
+    """A forked process starts its own helper; the parent's helper keeps running."""
     one, two = write(tmp_path / "one.h5", x=np.zeros(1)), write(tmp_path / "two.h5", x=np.zeros(2))
     hdf5.File(one, ("x",))
     parents = hdf5_helper._state.helper
@@ -210,7 +210,7 @@ def test_a_forked_process_has_a_helper_of_its_own(tmp_path: Path) -> None:
 
 
 def test_a_helper_that_is_gone(tmp_path: Path) -> None:
-    """Who killed it was not the next file: another helper looks at that one."""
+    """If the helper was killed between two files, a new one checks the next file."""
     hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
     helper = hdf5_helper._state.helper
     assert helper is not None
@@ -221,14 +221,14 @@ def test_a_helper_that_is_gone(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "getsid"), reason="there are no sessions here")
 def test_a_terminals_signals_do_not_reach_the_helper(tmp_path: Path) -> None:
-    """Ctrl-C ends a training after its snapshot; a helper that it killed would make the next file a damaged one."""
+    """The helper runs in its own session, so Ctrl-C ends the training but does not kill the helper."""
     hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
     assert hdf5_helper._state.helper is not None
     assert os.getsid(hdf5_helper._state.helper._process.pid) != os.getsid(0)
 
 
 def test_an_answer_that_nobody_waited_for(tmp_path: Path, pretender: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is not the answer for the next file."""
+    """After an interrupted check the helper is ended, so that its late answer is not used for the next file."""
     hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
     helper = hdf5_helper._state.helper
     assert helper is not None
@@ -240,19 +240,19 @@ def test_an_answer_that_nobody_waited_for(tmp_path: Path, pretender: None, monke
 
 
 class Interrupted:
-    """A stream; Ctrl-C comes while somebody waits for a line of it."""
+    """A stream whose readline is interrupted by Ctrl-C."""
 
     def __init__(self, stream: Any) -> None:
         self.close = stream.close
 
     def readline(self) -> str:
-        """No line."""
+        """Raise KeyboardInterrupt."""
         raise KeyboardInterrupt
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 def test_the_end_of_a_process_whose_child_lives_on(tmp_path: Path) -> None:
-    """The child has the helper's pipe, too, so the helper would not see that its own process has closed it."""
+    """The helper ends with its process, although a forked child still holds the helper's pipe open."""
     write(tmp_path / "a.h5", x=np.zeros(1))
     done = subprocess.run(
         [sys.executable, "-c", PARENT, str(tmp_path / "a.h5")], env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -275,7 +275,7 @@ print(child)
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there are no timers here")
 def test_a_helper_whose_process_was_killed(tmp_path: Path) -> None:
-    """Ends by itself, although the library does not return."""
+    """The helper ends by itself after its time limit, even if the library does not return."""
     endless = CHECK_IN_CIRCLES.format(folder=str(hdf5_helper.CHECK.parent))
     done = subprocess.run(
         [sys.executable, "-c", endless], input='{"path": "a.h5", "seconds": 0.05}\n', text=True, timeout=30, check=False
@@ -296,7 +296,7 @@ hdf5_check.main()
 
 
 def test_numbers_that_no_array_has(tmp_path: Path) -> None:
-    """12 bits within 16: as they stand in the file they would be other numbers."""
+    """Values with 12 significant bits in 16 are converted by HDF5 instead of read as they are stored."""
     kind = h5py.h5t.STD_I16LE.copy()
     kind.set_precision(12)
     kind.set_offset(4)
@@ -311,7 +311,7 @@ def test_numbers_that_no_array_has(tmp_path: Path) -> None:
 @pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", "<i2", "u1"])
 @pytest.mark.parametrize("options", [{}, {"chunks": True}, {"compression": "gzip"}], ids=str)
 def test_rows_are_what_h5py_reads(tmp_path: Path, shape: tuple[int, ...], dtype: str, options: dict[str, Any]) -> None:
-    """One, several that follow each other or not, all; into arrays of other types."""
+    """A single row, a range, a list of rows and all rows equal h5py's; take converts to the type of ``out``."""
     values = np.random.default_rng(3).integers(0, 100, (20, *shape)).astype(dtype)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("x", data=values, **options)

@@ -1,4 +1,4 @@
-"""netlib/files/locks.py: whoever holds one is alive."""
+"""netlib/files/locks.py: a lock is held only by a running process."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ sys.stdin.read()
 
 
 def test_one_at_a_time(tmp_path: Path) -> None:
-    """In one process, too; the file tells who, and goes when it is released."""
+    """A second lock on the same path fails, also in one process, and names the holder; release removes the file."""
     path = tmp_path / ".prefix.lock"
     first = locks.Lock(path)
     second = locks.Lock(path)
@@ -41,7 +41,7 @@ def test_one_at_a_time(tmp_path: Path) -> None:
 
 
 def test_a_kill_releases(tmp_path: Path) -> None:
-    """Nothing has to be cleared away by hand."""
+    """A killed process releases its lock, so that another can take it."""
     path = tmp_path / ".prefix.lock"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
@@ -58,7 +58,7 @@ def test_a_kill_releases(tmp_path: Path) -> None:
 
 
 def test_a_lock_is_not_inherited(tmp_path: Path) -> None:
-    """A child that outlives its parent does not hold it."""
+    """A forked child does not hold its parent's lock."""
     lock = locks.Lock(tmp_path / ".lock")
     child = os.fork()
     if child == 0:
@@ -69,7 +69,7 @@ def test_a_lock_is_not_inherited(tmp_path: Path) -> None:
 
 
 def test_a_planted_link(tmp_path: Path) -> None:
-    """Is not followed, so that nothing is written elsewhere."""
+    """A symbolic link in place of the lock file is not followed."""
     (tmp_path / "precious").write_text("mine")
     (tmp_path / ".lock").symlink_to(tmp_path / "precious")
     with pytest.raises(OSError, match="symbolic links"):
@@ -78,7 +78,7 @@ def test_a_planted_link(tmp_path: Path) -> None:
 
 
 def test_a_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody is refused, or waited for; also where a file has another identity by its name than when it is open."""
+    """Without file locks every lock is granted, also if the identity of the file by name and by descriptor differ."""
     monkeypatch.setattr(locks, "fcntl", None)
     monkeypatch.setattr(locks, "is_still", lambda path, descriptor: False)
     both = [locks.Lock(tmp_path / ".lock") for _ in range(2)]
@@ -89,7 +89,7 @@ def test_a_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_file_held_within_a_block(tmp_path: Path) -> None:
-    """True, False if another has it, None for what is not there."""
+    """held yields True, False if another process holds the file, and None if the file does not exist."""
     path = tmp_path / "a"
     path.touch()
     with locks.held(path) as mine, locks.held(path) as other, locks.held(tmp_path / "none") as none:

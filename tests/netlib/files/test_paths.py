@@ -1,4 +1,4 @@
-"""netlib/files/paths.py: where the files are that a prototxt names."""
+"""netlib/files/paths.py: the location of files that a prototxt names."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from netlib.files.paths import ROOT, command, find
 
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with prototxt/solver.prototxt; the working directory is another one."""
+    """A project folder with prototxt/; the working directory is another folder."""
     (tmp_path / "project" / "prototxt" / "body").mkdir(parents=True)
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
@@ -26,7 +26,7 @@ def put(path: Path) -> Path:
 
 
 def test_the_working_directory_comes_first(tree: Path) -> None:
-    """Then the folder of the file that names it."""
+    """The working directory is searched first, then the folder of the prototxt."""
     source = str(put(tree / "prototxt" / "solver.prototxt"))
     beside = put(tree / "prototxt" / "net.prototxt")
     assert find("net.prototxt", source) == beside
@@ -36,13 +36,13 @@ def test_the_working_directory_comes_first(tree: Path) -> None:
 
 @pytest.mark.parametrize("solver", ["prototxt/solver.prototxt", "prototxt/body/solver.prototxt"])
 def test_the_tree_of_the_file_that_names_it(tree: Path, solver: str) -> None:
-    """From any working directory: the name begins with a folder in which the file is."""
+    """A name that begins with a parent folder of the prototxt is found there from any working directory."""
     net = put(tree / "prototxt" / "body" / "net.prototxt")
     assert find("prototxt/body/net.prototxt", str(put(tree / solver))) == net
 
 
 def test_the_projects_own_files(tree: Path) -> None:
-    """A user's solver may name a net of the project, also where that is installed."""
+    """A solver may name a net of the project, also of an installed package; the working directory comes first."""
     source = str(put(tree / "solver.prototxt"))
     assert find("prototxt/nyu_train_test.prototxt", source) == ROOT / "prototxt" / "nyu_train_test.prototxt"
     own = put(Path("prototxt/nyu_train_test.prototxt"))
@@ -50,7 +50,7 @@ def test_the_projects_own_files(tree: Path) -> None:
 
 
 def test_no_other_place(tree: Path) -> None:
-    """Data are not searched for in parent folders, which may belong to another project."""
+    """Parent folders are not searched for data, as they may belong to another project."""
     put(tree / "data" / "nyu" / "train.txt")
     source = str(put(tree / "prototxt" / "net.prototxt"))
     for name in ("data/nyu/train.txt", "prototxt/none.prototxt", "none.prototxt"):
@@ -58,7 +58,7 @@ def test_no_other_place(tree: Path) -> None:
 
 
 def test_the_command_line(tree: Path) -> None:
-    """Names a file of the project as a solver does, and nothing beside another file."""
+    """A name on the command line may be a file of the project, but is not searched in other folders."""
     packaged = Path("prototxt/nyu_train_test.prototxt")
     assert find(str(packaged), None) == ROOT / packaged
     assert find("nyu_train_test.prototxt", None) == Path("nyu_train_test.prototxt")
@@ -67,7 +67,7 @@ def test_the_command_line(tree: Path) -> None:
 
 
 def test_commands_as_they_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file of a clone, or a sub-command of handpose."""
+    """command returns the script of a clone or the sub-command of ``handpose``."""
     assert command("export_onnx") == "python tools/export_onnx.py"
     monkeypatch.setattr(sys, "argv", ["handpose train"])
     assert command("export_onnx") == "handpose export-onnx"

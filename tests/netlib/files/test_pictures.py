@@ -1,4 +1,4 @@
-"""netlib/files/pictures.py: what a file claims to hold is looked at before it is decoded."""
+"""netlib/files/pictures.py: the size in an image's header is checked before the image is decoded."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from netlib.errors import DataError
 from netlib.files import pictures
 from tests.support.running import run_python
 
-SIDE = 17_000  # of a square with more than MAX_PIXELS, and fewer than OpenCV's own limit
+SIDE = 17_000  # a square of this side exceeds MAX_PIXELS, but not OpenCV's own limit
 
 
 def bomb(suffix: str) -> bytes:
-    """A small file of a picture that claims to be SIDE x SIDE."""
+    """A small image file whose header claims SIDE x SIDE pixels."""
     raw = bytearray(cv2.imencode(suffix, np.zeros((40, 50, 3), np.uint8))[1].tobytes())
     if suffix == ".ppm":
         return raw.replace(b"50 40", b"%d %d" % (SIDE, SIDE))
@@ -36,7 +36,7 @@ def bomb(suffix: str) -> bytes:
 
 @pytest.mark.parametrize("suffix", [".bmp", ".jpg", ".tiff", ".ppm"])
 def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path: Path, suffix: str) -> None:
-    """OpenCV's own limit is larger; who imports netlib first has ours."""
+    """netlib sets a limit below OpenCV's own if it is imported before OpenCV."""
     (tmp_path / "bomb").write_bytes(bomb(suffix))
     code = "import netlib, sys, pathlib; from netlib import pictures; "
     code += "pictures.decode(pathlib.Path(sys.argv[1]).read_bytes(), -1, 'p')"
@@ -46,7 +46,7 @@ def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path: Path, suffix: str
 
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.9, 0.999])
 def test_a_truncated_jpeg(part: float) -> None:
-    """Is refused by every version of OpenCV; what other programs write after its end does no harm."""
+    """A truncated JPEG is rejected by every version of OpenCV; bytes after its end are ignored."""
     image = np.random.default_rng(0).integers(0, 255, (40, 50, 3), np.uint8)
     whole = cv2.imencode(".jpg", image)[1].tobytes()
     with pytest.raises(DataError, match=r"^p: truncated JPEG$" if part > 0.5 else "^p: "):
@@ -55,13 +55,13 @@ def test_a_truncated_jpeg(part: float) -> None:
 
 
 def test_a_picture_with_too_long_a_side() -> None:
-    """OpenCV takes a million."""
+    """An image wider than OpenCV's limit of about a million pixels is rejected."""
     with pytest.raises(DataError, match=r"^p: the image has too many pixels in a row; OPENCV_IO_MAX_IMAGE_WIDTH in"):
         pictures.decode(b"P5\n1048581 1\n255\n" + bytes(1048581), cv2.IMREAD_UNCHANGED, "p")
 
 
 def test_a_png_of_too_many_pixels() -> None:
-    """Is refused by its header, whoever imported OpenCV first."""
+    """A PNG that is too large is rejected by its header, even if OpenCV was imported before netlib."""
     raw = cv2.imencode(".png", np.zeros((SIDE, SIDE), np.uint8))[1].tobytes()
     with pytest.raises(DataError, match=f"^p: the image has {SIDE} x {SIDE} pixels; expected at most"):
         pictures.decode(raw, cv2.IMREAD_UNCHANGED, "p")

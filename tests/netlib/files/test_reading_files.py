@@ -1,4 +1,4 @@
-"""netlib/files/reading.py: what a user names is a file, read whole, or one line."""
+"""netlib/files/reading.py: a user's file is read whole, or a one-line error is raised."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from netlib.files import reading
 
 
 def test_bytes_and_text(tmp_path: Path) -> None:
-    """A byte order mark is no part of a text, and its lines end as ours do."""
+    """read_text removes a byte order mark and normalizes line ends; read_bytes returns the bytes unchanged."""
     path = tmp_path / "a.txt"
     path.write_bytes(b"\xef\xbb\xbfone\r\ntwo\r\xc3\xa4")
     assert files.read_text(path, "the list") == "one\ntwo\nä"
@@ -25,7 +25,7 @@ def test_bytes_and_text(tmp_path: Path) -> None:
 
 
 def test_folders_are_made(tmp_path: Path) -> None:
-    """What stands in the way is named."""
+    """make_folder creates parent folders; an error names a file or device in the way."""
     for _ in range(2):
         files.make_folder(tmp_path / "a" / "b")
     (tmp_path / "file").touch()
@@ -38,7 +38,7 @@ def test_folders_are_made(tmp_path: Path) -> None:
 
 
 def test_what_is_read_within_a_block_is_noted(tmp_path: Path) -> None:
-    """By name, in blocks within blocks, too; not what is read after it, nor what cannot be read."""
+    """noted collects the files read within the block, also in nested blocks, but not failed reads or later ones."""
     for name in "ab":
         (tmp_path / name).write_text(name)
     with files.noted() as outer:
@@ -51,7 +51,7 @@ def test_what_is_read_within_a_block_is_noted(tmp_path: Path) -> None:
 
 
 def kinds_in(folder: Path) -> dict[str, str]:
-    """Names of what is no file, and how each is called, as a pattern: Python 3.13 has other words for a null byte."""
+    """Map names of things that are not files to error patterns; Python 3.13 rewords the error for a null byte."""
     os.mkfifo(folder / "pipe")
     (folder / "folder").mkdir()
     with socket.socket(socket.AF_UNIX) as server:
@@ -69,8 +69,8 @@ def kinds_in(folder: Path) -> dict[str, str]:
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names here")
 def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A pipe without a writer is not waited for, and an endless device is not read."""
-    monkeypatch.chdir(tmp_path)  # a socket's name must be short
+    """Reading does not wait for the writer of a pipe and does not read an endless device."""
+    monkeypatch.chdir(tmp_path)  # the path of a socket must be short
     for name, reason in kinds_in(Path()).items():
         for read in (files.read_bytes, files.read_text, files.opened):
             with pytest.raises(WeightsError) as error:
@@ -79,7 +79,7 @@ def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_file_that_is_too_large(tmp_path: Path) -> None:
-    """Its size is asked for before its bytes; a hole of 10 GB takes no room on the disk."""
+    """The size is checked before the file is read; a sparse file of 10 GB takes no disk space."""
     with (tmp_path / "hole").open("wb") as file:
         file.truncate(10**10)
     with pytest.raises(DataError, match=r"hole: 10000000000 bytes, which is too large for the list; at most 2684"):
@@ -91,14 +91,14 @@ def test_a_file_that_is_too_large(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/pagemap").is_file(), reason="no file without an end here")
 def test_a_file_without_an_end() -> None:
-    """One that claims to be empty is: this one would give 8 bytes for every page of the memory that could be."""
+    """A file that reports size 0 is read as empty; /proc/self/pagemap would return data without end."""
     pagemap = "/proc/self/pagemap"
     assert files.read_bytes(pagemap, "weights") == files.read_bytes(pagemap, "weights", first=8) == b""
     assert list(files.read_pieces(pagemap, "weights")) == []
 
 
 def test_a_file_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What it has more than it had at first does not count."""
+    """read_pieces stops at the size that the file had when it was opened."""
     path = tmp_path / "a"
     path.write_bytes(b"abcdefg")
     monkeypatch.setattr(reading, "PIECE", 3)
@@ -112,7 +112,7 @@ def test_a_file_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_what_is_no_text(tmp_path: Path) -> None:
-    """Says where, unless it may be replaced."""
+    """Text that is not UTF-8 raises an error with the byte, unless ``errors`` replaces it."""
     (tmp_path / "a").write_bytes(b"abc\xff")
     with pytest.raises(DataError, match=r"a: cannot read the log: not a text file \(byte 3 is not UTF-8\)$"):
         files.read_text(tmp_path / "a", "the log")
@@ -124,7 +124,7 @@ def test_what_is_no_text(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("positioned", [True, False], ids=["with preadv", "without"])
 def test_a_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, positioned: bool) -> None:
-    """Whatever is there; what is not, cannot be had, or has changed since is one line."""
+    """A source reads any range of a file; ranges beyond its end or beyond memory raise an error."""
     if not positioned:
         monkeypatch.delattr(os, "preadv", raising=False)
     path = tmp_path / "a"
@@ -141,7 +141,7 @@ def test_a_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, positioned: b
 
 
 def test_a_source_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a file on another machine is that was removed there: a training must get what it can go on from."""
+    """A file that was removed on a network drive raises a DataError, so that a training run can write a snapshot."""
     (tmp_path / "a").write_bytes(bytes(100))
     source = files.Source(tmp_path / "a", "the data")
 
@@ -155,7 +155,7 @@ def test_a_source_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.skipif(not hasattr(os, "preadv"), reason="no reads that leave a file's position alone")
 def test_a_source_in_two_processes(tmp_path: Path) -> None:
-    """A forked process shares the file's position, so it is not relied on."""
+    """Reads do not move the file's position, which forked processes share."""
     (tmp_path / "a").write_bytes(bytes(100))
     source = files.Source(tmp_path / "a", "the data")
     source.read(20, 30)

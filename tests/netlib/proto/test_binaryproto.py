@@ -1,4 +1,4 @@
-"""Blobs in binary files: mean images, and the blobs of weights."""
+"""Blobs in binary files: mean images and the blobs of weights."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def proto(text: str) -> BlobProto:
 
 
 def test_an_array_comes_back(tmp_path: Path) -> None:
-    """In its shape and precision."""
+    """An array keeps its shape and type."""
     for array in (np.arange(6, dtype=np.float32).reshape(1, 2, 3), np.array(0.1), np.float32([[7]])):
         binaryproto.write_blob(array, tmp_path / "mean.binaryproto")
         found = binaryproto.read_blob(tmp_path / "mean.binaryproto")
@@ -29,13 +29,13 @@ def test_an_array_comes_back(tmp_path: Path) -> None:
 
 
 def test_a_blob_older_than_shapes_has_four_axes() -> None:
-    """num, channels, height, width."""
+    """A blob without a shape has the axes num, channels, height and width."""
     array = binaryproto.array_of(proto("num: 1 channels: 2 height: 1 width: 3 data: [1, 2, 3, 4, 5, 6]"))
     assert array.shape == (1, 2, 1, 3)
 
 
 def test_a_blob_with_four_axes_and_a_shape() -> None:
-    """The four axes count, as in Caffe and in pycaffe's io."""
+    """If both are given, the four axes take precedence over the shape, as in Caffe and in pycaffe's io."""
     text = "num: 1 channels: 1 height: 2 width: 3 shape { dim: 6 } data: [1, 2, 3, 4, 5, 6]"
     blob = text_format.Parse(text, caffe_pb2.BlobProto())
     assert binaryproto.array_of(proto(text)).shape == io.blobproto_to_array(blob).shape == (1, 1, 2, 3)
@@ -44,13 +44,13 @@ def test_a_blob_with_four_axes_and_a_shape() -> None:
 @pytest.mark.parametrize("text", ["shape { dim: 3 } data: [1, 2]", "shape { dim: -1 dim: -2 } data: [1, 2]",
                                   "shape { dim: 4611686018427387904 }", "data: [1, 2]"])  # fmt: skip
 def test_a_shape_that_does_not_fit_its_values(text: str) -> None:
-    """Memory is never taken for a shape that a file claims."""
+    """A shape that does not match the values raises an error, and no memory is allocated for it."""
     with pytest.raises(WireError, match=r"a blob of shape \(.*\) has [02] values$"):
         binaryproto.array_of(proto(text))
 
 
 def test_files_that_are_no_blobs(tmp_path: Path) -> None:
-    """One line."""
+    """A missing or malformed file raises a one-line error."""
     path = tmp_path / "mean.binaryproto"
     with pytest.raises(DataError, match="cannot read the blob: No such file"):
         binaryproto.read_blob(path)
@@ -67,7 +67,7 @@ def test_files_that_are_no_blobs(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
-    """One line."""
+    """An unwritable folder raises a one-line error."""
     tmp_path.chmod(0o500)
     with pytest.raises(DataError, match="cannot write the blob"):
         binaryproto.write_blob(np.zeros(1), tmp_path / "mean.binaryproto")

@@ -1,4 +1,4 @@
-"""The numbers of fields and enum values in binary files: the same as in Caffe's caffe.proto."""
+"""The numbers of fields and enum values in binary files are those of Caffe's caffe.proto."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from netlib.proto import messages, schema, upgrade
 from netlib.proto.options import option_blocks
 from netlib.proto.prototxt import Message
 
-Fields = dict[str, tuple[int, dict[str, int]]]  # field name -> its number, and the values of its enum
-CALLED = {"Filler": "FillerParameter", "AnyNetParameter": "NetParameter"}  # dataclasses under another name than Caffe's
+Fields = dict[str, tuple[int, dict[str, int]]]  # field name -> its number and its enum values
+CALLED = {"Filler": "FillerParameter", "AnyNetParameter": "NetParameter"}  # dataclasses with other names than in Caffe
 
 
 def caffe_fields() -> dict[str, Fields]:
-    """The table ``field_numbers.txt``, by message."""
+    """Read the table ``field_numbers.txt`` by message."""
     found: dict[str, Fields] = {}
     fields: Fields = {}
     for line in (Path(__file__).parent / "field_numbers.txt").read_text(encoding="utf-8").splitlines():
@@ -29,7 +29,7 @@ def caffe_fields() -> dict[str, Fields]:
 
 
 def own_messages() -> set[type]:
-    """Every message that a file can hold, nested ones included."""
+    """Return every message class that a file can contain, including nested ones."""
     left = [cls for cls in vars(messages).values() if getattr(cls, "__module__", "") == messages.__name__]
     left += [upgrade.V0LayerParameter, upgrade.V1LayerParameter, upgrade.AnyNetParameter]
     left += option_blocks().values()
@@ -43,7 +43,7 @@ def own_messages() -> set[type]:
 
 
 def own_fields() -> dict[str, Fields]:
-    """The same as the table, from the dataclasses."""
+    """Return the same table as caffe_fields, from the dataclasses."""
     found: dict[str, Fields] = {}
     for cls in own_messages():
         hints = schema.hints_of(cls)
@@ -58,7 +58,7 @@ def own_fields() -> dict[str, Fields]:
 
 
 def test_every_number_is_that_of_caffe() -> None:
-    """Both ways: no field has another number, and no field of these messages is missing."""
+    """The messages, fields and numbers of the dataclasses and of the table are equal."""
     table, own = caffe_fields(), own_fields()
     assert sum(len(fields) for fields in table.values()) > 440
     assert own.keys() == table.keys()
@@ -67,7 +67,7 @@ def test_every_number_is_that_of_caffe() -> None:
 
 
 def test_every_options_block_is_the_message_that_its_name_says() -> None:
-    """``lrn_param`` is an LRNParameter: the table has a message's numbers under its own name."""
+    """The class of each options block is named after it: ``lrn_param`` is an LRNParameter."""
     for block, cls in option_blocks().items():
         name = {"transform_param": "transformation"}.get(block, block.removesuffix("_param").replace("_", ""))
         assert cls.__name__.lower() == f"{name}parameter", block

@@ -1,4 +1,4 @@
-"""Which layers a net has, and what is a mistake in its text."""
+"""The layers of a net, and errors in its text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MakeNet = Callable[..., netlib.Net]
 
 
 def names(net: netlib.Net) -> list[str]:
-    """Names of the layers, without the inserted splits."""
+    """Return the names of the layers without the inserted splits."""
     return [layer.name for layer in net.layers if layer.type != "Split"]
 
 
@@ -36,7 +36,7 @@ def names(net: netlib.Net) -> list[str]:
     ],
 )
 def test_a_rule_is_met_when_all_its_conditions_are(rule: NetStateRule, state: NetState, expected: bool) -> None:
-    """Phase, levels, all stages, no excluded stage."""
+    """The conditions are phase, levels, all required stages and no excluded stage."""
     assert meets(state, rule) == expected
 
 
@@ -63,19 +63,19 @@ RULES = X + "".join(
     ],
 )
 def test_include_and_exclude(net_of: MakeNet, phase: int, options: dict, expected: list[str]) -> None:
-    """Any include suffices; any exclude excludes."""
+    """One matching include rule suffices; one matching exclude rule excludes."""
     assert names(net_of(RULES, phase, **options)) == expected
 
 
 def test_the_state_may_stand_in_the_net(net_of: MakeNet) -> None:
-    """Phase, level and stages of ``state { }`` hold where the caller gives none."""
+    """``state { }`` in the net sets phase, level and stages that the caller does not give."""
     net = netlib.Net(prototxt.parse('state { phase: TRAIN level: 1 stage: "a" } ' + RULES))
     assert net.phase == netlib.TRAIN
     assert names(net) == ["x", "train", "deep", "a_or_test"]
 
 
 def test_include_and_exclude_together_are_a_mistake(net_of: MakeNet) -> None:
-    """As in Caffe."""
+    """A layer with both include and exclude rules raises an error, as in Caffe."""
     with pytest.raises(netlib.PrototxtError, match="layer 'p' has both include and exclude rules"):
         net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { } exclude { } }')
 
@@ -94,7 +94,7 @@ def test_include_and_exclude_together_are_a_mistake(net_of: MakeNet) -> None:
     ],
 )
 def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[int, ...]]) -> None:
-    """``input_dim`` counts four an input, ``input_shape`` one per input, an Input layer one per top or one for all."""
+    """``input_dim`` has four values per input; ``input_shape`` and an Input layer have one shape per input or top."""
     net = net_of(text)
     assert net.inputs == list(shapes)
     assert {name: blob.shape for name, blob in net.blobs.items()} == shapes
@@ -104,13 +104,13 @@ def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[
     "text", ['input: "a" input_dim: 1', 'input: "a" input: "b" input: "c" input_shape { } input_shape { }']
 )
 def test_inputs_without_a_fitting_shape(net_of: MakeNet, text: str) -> None:
-    """The message counts."""
+    """The error states the numbers of inputs and shapes."""
     with pytest.raises(netlib.PrototxtError, match=r"inputs, but \d+ input_shape"):
         net_of(text)
 
 
 def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
-    """Parsed again from its own print."""
+    """A printed net parses to the same net."""
     text = str(prototxt.parse(RULES))
     assert load_parameter(prototxt.parse(text)) == load_parameter(prototxt.parse(RULES))
 
@@ -132,13 +132,13 @@ def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
     ],
 )  # fmt: skip
 def test_mistakes_in_the_text_of_a_net(net_of: MakeNet, text: str, message: str) -> None:
-    """Unknown types and fields come with the nearest known one."""
+    """An unknown type or field is reported with the nearest known one."""
     with pytest.raises(netlib.PrototxtError, match=message):
         net_of(text)
 
 
 def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
-    """As in Caffe; also if they make no sense."""
+    """The options of other layer types are ignored, as in Caffe, even if they are invalid."""
     net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { nothing: 1 } }')
     assert np.array_equal(net.forward(x=np.full((2, 3), 5))["p"], np.full((2, 3), 5))
 
@@ -153,7 +153,7 @@ def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
     ],
 )
 def test_a_layer_of_a_fork_of_caffe(net_of: MakeNet, text: str, found: str) -> None:
-    """By its type or by its options: what there is instead. A blob may have its name."""
+    """A layer of a fork is reported by its type or its options, with the replacement; a blob may have its name."""
     advice = (
         r" \(the layer BN and its bn_param belong to forks of Caffe.*; expected two layers, BatchNorm and Scale with"
     )

@@ -1,4 +1,4 @@
-"""The text format: what is read, what is refused and with which words, and that printing loses nothing."""
+"""The text format: valid and invalid texts, the error messages, and printing without loss."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ INVALID = sorted(path.stem for path in (HERE / "invalid").glob("*.prototxt"))
 
 
 def as_lists(message: Message) -> list[Any]:
-    """Fields as [name, [kind, text]] or [name, fields]."""
+    """Return fields as [name, [kind, text]] or [name, fields]."""
     return [
         [f.name, as_lists(f.value) if isinstance(f.value, Message) else [f.value.kind, f.value.text]]
         for f in message.fields
@@ -28,21 +28,21 @@ def as_lists(message: Message) -> list[Any]:
 
 
 def test_there_are_examples() -> None:
-    """The two folders are found."""
+    """The two folders of examples are not empty."""
     assert len(VALID) >= 13
     assert len(INVALID) >= 20
 
 
 @pytest.mark.parametrize("name", VALID)
 def test_valid(name: str) -> None:
-    """valid/NAME.prototxt is the tree in valid/NAME.json."""
+    """valid/NAME.prototxt parses to the tree in valid/NAME.json."""
     expected = json.loads((HERE / "valid" / f"{name}.json").read_text(encoding="utf-8"))
     assert as_lists(prototxt.parse_file(HERE / "valid" / f"{name}.prototxt")) == expected
 
 
 @pytest.mark.parametrize("name", VALID)
 def test_valid_files_print_as_text_that_is_the_same_tree(name: str) -> None:
-    """And printing that again changes nothing."""
+    """A printed tree parses to the same tree, and printing it again gives the same text."""
     tree = prototxt.parse_file(HERE / "valid" / f"{name}.prototxt")
     assert prototxt.parse(str(tree)) == tree
     assert str(prototxt.parse(str(tree))) == str(tree)
@@ -50,7 +50,7 @@ def test_valid_files_print_as_text_that_is_the_same_tree(name: str) -> None:
 
 @pytest.mark.parametrize("name", INVALID)
 def test_invalid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """invalid/NAME.prototxt is refused with the line in invalid/NAME.txt: place, what was expected, what was found."""
+    """invalid/NAME.prototxt raises the error in invalid/NAME.txt: position, expected and actual text."""
     monkeypatch.chdir(HERE / "invalid")
     with pytest.raises(netlib.PrototxtError) as error:
         prototxt.parse_file(f"{name}.prototxt")
@@ -58,7 +58,7 @@ def test_invalid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_node_keeps_its_place() -> None:
-    """Line and column, counted from 1, of fields, values and messages."""
+    """Fields, values and messages keep their line and column, counted from 1."""
     tree = prototxt.parse('a: 1\n  b {\n\tc:   "x"  }', "f")
     a, b = tree.fields
     assert isinstance(b.value, Message)
@@ -69,7 +69,7 @@ def test_every_node_keeps_its_place() -> None:
 
 
 def test_the_elements_of_a_list_have_places_of_their_own() -> None:
-    """So that a mistake in one of them can be shown."""
+    """Each element of a list has its own position for error messages."""
     tree = prototxt.parse("dim: [1,\n 2]", "f")
     assert [str(f.position) for f in tree.fields] == ["f:1:7", "f:2:2"]
 
@@ -82,7 +82,7 @@ def test_the_elements_of_a_list_have_places_of_their_own() -> None:
     ],
 )
 def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
-    """Missing, or not text."""
+    """A missing file and a file that is not text raise an error."""
     path = tmp_path / "n.prototxt"
     if content is not None:
         path.write_bytes(content)
@@ -106,7 +106,7 @@ SCALARS = st.one_of(
 
 
 def messages(children: st.SearchStrategy[Any]) -> st.SearchStrategy[Message]:
-    """Messages whose values are scalars or these."""
+    """Messages whose values are scalars or ``children``."""
     fields = st.builds(Field, NAMES, st.one_of(SCALARS, children), st.just(NOWHERE))
     return st.builds(Message, st.lists(fields, max_size=4), st.just(NOWHERE))
 
@@ -116,13 +116,13 @@ TREES = st.recursive(messages(st.nothing()), messages, max_leaves=8)
 
 @given(TREES)
 def test_parse_print_parse_is_stable(tree: Message) -> None:
-    """Any tree comes back from its print, any character in its strings."""
+    """Any tree, with any characters in its strings, parses back from its printed text."""
     assert prototxt.parse(str(tree)) == tree
 
 
 @given(st.text(max_size=40))
 def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
-    """Never another exception."""
+    """Any text is parsed or raises a one-line PrototxtError."""
     try:
         prototxt.parse(text, "f")
     except netlib.PrototxtError as error:
@@ -132,7 +132,7 @@ def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
 
 @given(st.text(alphabet="ab1.-e:{}<>[]\",;\\'# \n", max_size=30))
 def test_any_text_of_the_formats_own_characters(text: str) -> None:
-    """The same, nearer to the grammar; and what is read comes back from its print."""
+    """Any text of the format's own characters is parsed or raises an error; what is parsed survives printing."""
     try:
         tree = prototxt.parse(text, "f")
     except netlib.PrototxtError as error:
@@ -142,7 +142,7 @@ def test_any_text_of_the_formats_own_characters(text: str) -> None:
 
 
 def test_a_list_of_messages_needs_no_colon() -> None:
-    """As in protobuf; a list of scalars does."""
+    """A list of messages needs no colon, as in protobuf; a list of scalars does."""
     tree = prototxt.parse("m [{ x: 1 }, { x: 2 }]")
     assert [str(f.value) for f in tree.fields] == ["x: 1\n", "x: 2\n"]
     with pytest.raises(

@@ -1,4 +1,4 @@
-"""Tree to typed messages: values, defaults, merging, and the words for each mistake."""
+"""From a tree to typed messages: values, defaults, merging and error messages."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Outer:
 
 
 def read(text: str) -> Outer:
-    """``needed`` is given."""
+    """Read ``text`` with the required field ``needed`` added."""
     return schema.read(prototxt.parse("needed: 1 " + text, "f"), Outer)
 
 
@@ -85,12 +85,12 @@ def read(text: str) -> Outer:
     ],
 )
 def test_values(text: str, field: str, expected: Any) -> None:
-    """Each kind, as protobuf reads it; floats have 32 bits; a message written in parts is merged."""
+    """Values are read as in protobuf; floats have 32 bits, and a message written in parts is merged."""
     assert getattr(read(text), field) == expected
 
 
 def test_default_floats_have_32_bits_too() -> None:
-    """0.1 is float32's 0.1, unless the field is a Double."""
+    """The default 0.1 is rounded to float32, unless the field is a Double."""
     assert read("").ratio == pytest.approx(0.1, rel=1e-7)
     assert read("").ratio != 0.1
     assert read("").exact == 0.1
@@ -132,20 +132,20 @@ def test_default_floats_have_32_bits_too() -> None:
     ],
 )
 def test_mistakes(text: str, message: str) -> None:
-    """At the place of the field or value, with the nearest known name."""
+    """The error has the position of the field or value and the nearest known name."""
     with pytest.raises(netlib.PrototxtError) as error:
         read(text)
     assert message in str(error.value)
 
 
 def test_a_missing_required_field() -> None:
-    """At the message that lacks it."""
+    """A missing required field is reported at its message."""
     with pytest.raises(netlib.PrototxtError, match=r"^f:1:1: error: missing required field 'needed' in Outer$"):
         schema.read(prototxt.parse("", "f"), Outer)
 
 
 def test_the_options_of_a_layer_stay_trees() -> None:
-    """Every ``*_param`` block, merged if written twice; the layer reads it later, with its places."""
+    """Every ``*_param`` block is kept as a tree, merged if it occurs twice; the layer reads it later."""
     text = "layer { x_param { a: 1 } x_param { b: 2 } y_param { } }"
     [layer] = schema.read(prototxt.parse(text, "f"), NetParameter).layer
     assert {name: [f.name for f in block.fields] for name, block in layer.blocks.items()} == {
@@ -157,7 +157,7 @@ def test_the_options_of_a_layer_stay_trees() -> None:
 
 
 def test_places_of_fields() -> None:
-    """Of a field that is given; of the message for one that is not."""
+    """The position is that of the field, or that of the message if the field is not given."""
     layer = schema.read(prototxt.parse('\n name: "a" bottom: "x" bottom: "y"', "f"), LayerParameter)
     assert str(schema.position_of(layer, "name")) == "f:2:2"
     assert str(schema.position_of(layer, "bottom", 1)) == "f:2:24"
@@ -166,7 +166,7 @@ def test_places_of_fields() -> None:
 
 
 def test_the_defaults_of_a_solver_are_caffes() -> None:
-    """Those that decide how a training goes."""
+    """The solver's defaults that affect training are those of Caffe."""
     solver = schema.read(prototxt.parse(""), SolverParameter)
     assert (solver.type, solver.iter_size, solver.average_loss, solver.regularization_type) == ("SGD", 1, 1, "L2")
     assert (solver.clip_gradients, solver.snapshot_after_train, solver.test_initialization) == (-1, True, True)

@@ -1,4 +1,4 @@
-"""Nets of Caffe's older formats: the same net as one written today, from text and from bytes."""
+"""Nets in Caffe's older formats equal the same net in today's format, from text and from bytes."""
 
 from __future__ import annotations
 
@@ -63,20 +63,20 @@ def plain(text: str) -> NetParameter:
 
 
 def by_bytes(text: str) -> prototxt.Message:
-    """The net, after it was a binary file."""
+    """Return the net after a round trip through the binary format."""
     data = wire.encode(prototxt.parse(text), AnyNetParameter)
     return upgraded(wire.decode(data, AnyNetParameter))
 
 
 @pytest.mark.parametrize(("old", "today"), [(V1, TODAY), (V0, V0_TODAY), (TODAY, TODAY)], ids=["V1", "V0", "today"])
 def test_an_old_net_is_the_net_of_today(old: str, today: str) -> None:
-    """Types, rates, decays, shared names, rules, options; padding layers; what data layers say about pictures."""
+    """Types, rates, decays, sharing, rules, options, padding layers and data transformations are upgraded."""
     assert net(old) == plain(today)
     assert wire.encode(by_bytes(old), NetParameter) == wire.encode(prototxt.parse(today), NetParameter)
 
 
 def test_data_options_of_2014_go_to_transform_param() -> None:
-    """Of the three layers that read pictures."""
+    """Transformation options of the old Data layer move to transform_param."""
     old = 'layers { type: DATA top: "d" data_param { source: "s" batch_size: 1 scale: 2 mirror: true crop_size: 5 } }'
     today = """layer { type: "Data" top: "d" data_param { source: "s" batch_size: 1 }
                transform_param { scale: 2 mirror: true crop_size: 5 } }"""
@@ -84,7 +84,7 @@ def test_data_options_of_2014_go_to_transform_param() -> None:
 
 
 def test_batch_norm_with_three_parameters() -> None:
-    """Older nets declare them; they are statistics, which nothing trains."""
+    """Older nets declare BatchNorm's three statistics as parameters; their multipliers become 0."""
     old = 'layer { type: "BatchNorm" param { lr_mult: 1 name: "m" } param { } param { decay_mult: 3 } }'
     still = "lr_mult: 0 decay_mult: 0"
     fixed = f'layer {{ type: "BatchNorm" param {{ name: "m" {still} }} param {{ {still} }} param {{ {still} }} }}'
@@ -94,7 +94,7 @@ def test_batch_norm_with_three_parameters() -> None:
 
 
 def test_what_a_type_does_not_have_is_dropped_with_a_note(caplog: pytest.LogCaptureFixture) -> None:
-    """As Caffe does."""
+    """An option that its layer type lacks is dropped with a note, as in Caffe."""
     caplog.set_level(logging.WARNING, "netlib")
     assert net('layers { layer { name: "r" type: "relu" kernelsize: 3 } top: "r" }').layer[0].blocks == {}
     assert caplog.messages == ["<text>:1:41: 'kernelsize' does not apply to a layer of type 'relu'; dropped"]
@@ -105,7 +105,7 @@ def test_what_a_type_does_not_have_is_dropped_with_a_note(caplog: pytest.LogCapt
 def test_padding_layers_take_the_place_of_a_pad(
     kind: str, of_padding: str, of_layer: str, pad: tuple[int, ...]
 ) -> None:
-    """The layer's own does not count, as in Caffe."""
+    """The pad of a padding layer replaces the layer's own pad, as in Caffe."""
     found = net(
         f'layers {{ layer {{ name: "pad" type: "padding" {of_padding} }} bottom: "x" top: "p" }}'
         f'layers {{ layer {{ name: "c" type: "{kind}" kernelsize: 3 {of_layer} }} bottom: "p" top: "c" }}'
@@ -131,7 +131,7 @@ def test_padding_layers_take_the_place_of_a_pad(
     ],
 )
 def test_mistakes_point_at_the_old_text(text: str, message: str) -> None:
-    """Line and column of the file as it is."""
+    """Errors have the line and column of the original text."""
     with pytest.raises(PrototxtError, match=message):
         net(text)
 
@@ -140,7 +140,7 @@ def test_mistakes_point_at_the_old_text(text: str, message: str) -> None:
     "text", ['layer { name: "a" %s }', 'layers { name: "a" %s }', 'layers { layer { name: "a" type: "relu" %s } }']
 )
 def test_weights_of_every_format(text: str) -> None:
-    """A .caffemodel of 2013, 2014 and today."""
+    """Weights of V0, V1 and today's .caffemodel files are read."""
     blob = str(binaryproto.tree_of(np.float32([[1, 2, 3]])))
     data = wire.encode(prototxt.parse(text % f"blobs {{ {blob} }}"), AnyNetParameter)
     assert binary_format.read_weights(data, "x")["a"][0].tolist() == [[1, 2, 3]]

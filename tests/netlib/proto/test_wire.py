@@ -1,4 +1,4 @@
-"""The binary format, by hand and against protobuf itself; nonsense is one line."""
+"""The binary format, on examples worked by hand and against protobuf itself; invalid bytes raise a one-line error."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MESSAGES = [
 
 
 def tree_of(data: bytes, cls: Any = LayerParameter) -> str:
-    """What is read, as text."""
+    """Return the decoded message as text."""
     return str(wire.decode(data, cls, "x"))
 
 
@@ -35,41 +35,41 @@ def tree_of(data: bytes, cls: Any = LayerParameter) -> str:
 @pytest.mark.parametrize(
     ("text", "cls", "data"),
     [
-        ('name: "ip"', LayerParameter, b"\x0a\x02ip"),  # field 1, a length, the letters
+        ('name: "ip"', LayerParameter, b"\x0a\x02ip"),  # field 1, the length, the letters
         ("phase: TEST", LayerParameter, b"\x50\x01"),  # field 10, a varint
         ("loss_weight: 0.5", LayerParameter, b"\x2d" + struct.pack("<f", 0.5)),  # field 5, 4 bytes
-        ("level: -1", messages.NetState, b"\x10" + b"\xff" * 9 + b"\x01"),  # a negative number has ten bytes
+        ("level: -1", messages.NetState, b"\x10" + b"\xff" * 9 + b"\x01"),  # a negative number takes ten bytes
         ("dim: 2\ndim: 300", messages.BlobShape, b"\x0a\x03\x02\xac\x02"),  # packed
         ("include {\n  phase: TEST\n}", LayerParameter, b"\x42\x02\x08\x01"),
         ("relu_param {\n  negative_slope: 0.5\n}", LayerParameter, b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5)),
         ("propagate_down: true\npropagate_down: false", LayerParameter, b"\x58\x01\x58\x00"),
-        ('data: "\\000\\377"', Datum, b"\x22\x02\x00\xff"),  # bytes that are no text
+        ('data: "\\000\\377"', Datum, b"\x22\x02\x00\xff"),  # bytes that are not text
         ("data: 1.5\ndata: -2.0", BlobProto, b"\x2a\x08" + struct.pack("<2f", 1.5, -2)),
         ("double_data: 0.1", BlobProto, b"\x42\x08" + struct.pack("<d", 0.1)),
     ],
 )
 def test_text_and_bytes(text: str, cls: Any, data: bytes) -> None:
-    """Each kind of field, both ways."""
+    """Each kind of field is encoded to and decoded from the expected bytes."""
     assert wire.encode(prototxt.parse(text), cls) == data
-    read, told = wire.decode(data, cls), prototxt.parse(text)
+    read, parsed = wire.decode(data, cls), prototxt.parse(text)
     assert wire.encode(read, cls) == data
-    assert str(schema.to_tree(schema.read(read, cls))) == str(schema.to_tree(schema.read(told, cls)))
+    assert str(schema.to_tree(schema.read(read, cls))) == str(schema.to_tree(schema.read(parsed, cls)))
 
 
 def test_numbers_one_by_one_or_in_one_piece() -> None:
-    """Both are read, whatever is written; a long row of single ones too, and a row that something interrupts."""
+    """Numbers are read packed or one by one, also in long or interrupted rows, however the field is declared."""
     numbers = np.arange(1000, dtype="<f4")
     single = b"".join(b"\x2d" + number.tobytes() for number in numbers)
     for data in (single, b"\x2a" + b"\xa0\x1f" + numbers.tobytes(), single[:500] + b"\x08\x01" + single[500:]):
         blob = schema.read(wire.decode(data, BlobProto), BlobProto)
         assert blob.data is not None
         assert blob.data.tolist() == numbers.tolist()
-    packed_loss = b"\x2a\x08" + struct.pack("<2f", 1, 2)  # not declared packed
+    packed_loss = b"\x2a\x08" + struct.pack("<2f", 1, 2)  # the field is not declared packed
     assert schema.read(wire.decode(packed_loss, LayerParameter), LayerParameter).loss_weight == (1, 2)
 
 
 def test_an_array_is_a_view_of_the_bytes() -> None:
-    """A file of weights costs its own size, not more."""
+    """A decoded array is a view of the file's bytes, not a copy."""
     data = b"\x2a\x10" + np.arange(4, dtype="<f4").tobytes()
     blob = schema.read(wire.decode(data, BlobProto), BlobProto)
     assert blob.data is not None
@@ -78,7 +78,7 @@ def test_an_array_is_a_view_of_the_bytes() -> None:
 
 
 def test_bytes_are_a_text_where_one_looks() -> None:
-    """The same as in a text file."""
+    """Decoded bytes can be printed as text, which parses back to the same bytes."""
     content = bytes(range(256))
     tree = wire.decode(b"\x22\x80\x02" + content, messages.Datum)
     assert schema.read(tree, messages.Datum).data == content
@@ -87,15 +87,15 @@ def test_bytes_are_a_text_where_one_looks() -> None:
 
 
 def test_unknown_fields_are_skipped() -> None:
-    """Of every wire type, groups in groups too; and known fields of another type, as protobuf does."""
+    """Unknown fields of every wire type, including nested groups, and known fields of a wrong type are skipped."""
     unknown = b"\x98\x4e\x05" + b"\x99\x4e" + b"8 bytes." + b"\x9a\x4e\x03abc" + b"\x9d\x4e4 by"
     group = b"\x9b\x4e" + unknown + b"\x9b\x4e\x9c\x4e" + b"\x9c\x4e"
     assert tree_of(b"\x0a\x01a" + unknown + group + b"\x12\x01b") == 'name: "a"\ntype: "b"\n'
-    assert tree_of(b"\x08\x07") == ""  # field 1 as a number
+    assert tree_of(b"\x08\x07") == ""  # field 1 as a number instead of a string
 
 
 def test_later_values_count_and_parts_of_messages_are_merged() -> None:
-    """As in protobuf."""
+    """The last value of a field counts, and parts of a message are merged, as in protobuf."""
     assert tree_of(b"\x0a\x01a\x12\x01t\x0a\x01b") == 'name: "b"\ntype: "t"\n'
     data = b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5) + b"\xda\x07\x02\x10\x01"
     layer = schema.read(wire.decode(data, LayerParameter), LayerParameter)
@@ -103,7 +103,7 @@ def test_later_values_count_and_parts_of_messages_are_merged() -> None:
 
 
 def test_the_numbers_of_a_message_are_different() -> None:
-    """Within every message, options blocks included."""
+    """The field numbers of each message, including options blocks, are unique and positive."""
     assert len(MESSAGES) > 40
     for cls in MESSAGES:
         numbers = [f.metadata["number"] for f in dataclasses.fields(cls) if "number" in f.metadata]
@@ -113,7 +113,7 @@ def test_the_numbers_of_a_message_are_different() -> None:
 
 
 def test_every_options_block_has_a_number() -> None:
-    """So that every net can be written; and every number has a block."""
+    """Every options block has a field number, so that every net can be written."""
     assert set(option_blocks()) == set(messages.BLOCKS)
 
 
@@ -137,7 +137,7 @@ def test_every_options_block_has_a_number() -> None:
     ],
 )
 def test_nonsense_is_one_line_with_its_byte(data: bytes, message: str) -> None:
-    """Where, what."""
+    """The error states the byte and the fault."""
     with pytest.raises(WireError) as error:
         tree_of(data)
     assert str(error.value) == message
@@ -145,7 +145,7 @@ def test_nonsense_is_one_line_with_its_byte(data: bytes, message: str) -> None:
 
 @pytest.mark.parametrize("rest", [b"\xff" * 4 + b"\x0f", b"\xff" * 9 + b"\x01"], ids=["32 bits", "64 bits"])
 def test_a_negative_number_of_32_or_64_bits(rest: bytes) -> None:
-    """Protobuf writes 64; some write 32, and it reads both."""
+    """Protobuf writes negative numbers with 64 bits, some programs with 32; both are read."""
     assert [field.value.text for field in wire.decode(b"\x28" + rest, messages.Datum, "x").fields] == ["-1"]
 
 
@@ -157,13 +157,13 @@ def test_a_negative_number_of_32_or_64_bits(rest: bytes) -> None:
     ],
 )
 def test_a_number_that_does_not_fit_into_its_field(data: bytes, message: str) -> None:
-    """Protobuf would cut off its upper bits: another number than the one that was written."""
+    """A number out of range raises an error; protobuf would drop its upper bits."""
     with pytest.raises(WireError, match=f"x: byte 1: {message}"):
         wire.decode(data, messages.Datum, "x")
 
 
 def test_the_number_of_fields_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two bytes of a file could otherwise cost hundreds of memory; a packed row counts as well."""
+    """The number of fields and of packed values is limited, because a small file could take much memory."""
     monkeypatch.setattr(wire, "MAX_FIELDS", 100)
     with pytest.raises(WireError, match="x: byte 200: more than 100 fields and numbers; "):
         tree_of(b"\x1a\x00" * 101)
@@ -172,7 +172,7 @@ def test_the_number_of_fields_is_bounded(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_what_cannot_be_written() -> None:
-    """A tree that is no such message: the place in its text."""
+    """A tree that does not match the message raises an error with the position in its text."""
     for text, message in (
         ("nam: 1", r"<text>:1:1: error: unknown field 'nam' \(did you mean 'name'"),
         ("name: 1", "'name' expects a string in quotes, found 1"),
@@ -185,7 +185,7 @@ def test_what_cannot_be_written() -> None:
 
 @given(st.binary(max_size=60))
 def test_any_bytes_are_a_message_or_one_line(data: bytes) -> None:
-    """Never another exception."""
+    """Any bytes are decoded or raise a one-line NetlibError."""
     for cls in (LayerParameter, SolverState, BlobProto, upgrade.AnyNetParameter):
         try:
             schema.read(wire.decode(data, cls, "x"), cls)
@@ -198,7 +198,7 @@ def test_any_bytes_are_a_message_or_one_line(data: bytes) -> None:
 
 @functools.cache
 def protobuf_class(root: Any) -> Any:
-    """A message class that protobuf makes of a dataclass here."""
+    """Return a message class that protobuf creates from a dataclass."""
     descriptor_pb2 = pytest.importorskip("google.protobuf.descriptor_pb2")
     from google.protobuf import descriptor_pool, message_factory
 
@@ -250,7 +250,7 @@ TEXT = """
 
 
 def test_protobuf_reads_what_we_write() -> None:
-    """And writes the same bytes. The numbers of the fields are compared with Caffe's own files, in tests/caffe."""
+    """protobuf reads the bytes and writes the same ones; tests/caffe compares field numbers with Caffe's files."""
     message = protobuf_class(LayerParameter)()
     data = wire.encode(prototxt.parse(TEXT), LayerParameter)
     message.ParseFromString(data)
@@ -270,10 +270,10 @@ def test_protobuf_reads_what_we_write() -> None:
     )
 )  # fmt: skip
 def test_protobuf_and_we_agree_on_any_message(solver: SolverParameter) -> None:
-    """Its bytes of our message are ours, and we read the message back from them."""
+    """protobuf writes the same bytes for any message, and they decode to the message."""
     data = wire.encode(schema.to_tree(solver), SolverParameter)
     message = protobuf_class(SolverParameter)()
     message.ParseFromString(data)
     assert message.SerializeToString() == data
     again = schema.read(wire.decode(data, SolverParameter), SolverParameter)
-    assert again == schema.read(schema.to_tree(solver), SolverParameter)  # whose defaults have 32 bits
+    assert again == schema.read(schema.to_tree(solver), SolverParameter)  # its defaults have 32 bits

@@ -1,4 +1,4 @@
-"""Caffe's binary snapshots: what stands in them, and that no file, however damaged, is more than one line."""
+"""Caffe's binary snapshots: their content, and one-line errors for damaged files."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def layers_of(data: bytes) -> NetParameter:
 
 
 def test_a_file_of_weights_is_the_net_with_its_blobs(net: netlib.Net) -> None:
-    """Layers as they run, Split layers and all; a shared parameter with each of its layers, as Caffe writes it."""
+    """A file has all layers, including Split layers, and a shared parameter in each of its layers, as in Caffe."""
     found = layers_of(image(net, "w.caffemodel"))
     assert found.name == "n"
     assert [layer.name for layer in found.layer] == ["x", "x_x_0_split", "a", "b", "loss"]
@@ -55,7 +55,7 @@ def test_a_file_of_weights_is_the_net_with_its_blobs(net: netlib.Net) -> None:
 
 
 def test_gradients_if_asked_for(net: netlib.Net) -> None:
-    """The solver's ``snapshot_diff``."""
+    """Gradients are written only if requested, as by the solver's ``snapshot_diff``."""
     net.params["a"][1].diff[...] = 7
     without, with_diffs = (layers_of(image(net, "w", diffs)).layer[2].blobs[1] for diffs in (False, True))
     assert without.diff is None
@@ -64,7 +64,7 @@ def test_gradients_if_asked_for(net: netlib.Net) -> None:
 
 
 def test_double_precision_stays(net_of: Callable[..., netlib.Net]) -> None:
-    """In double_data."""
+    """float64 weights are written as double_data without loss."""
     net = net_of(NET, dtype=np.float64)
     net.params["a"][0].data[...] = 1 / 3
     found = binary_format.read_weights(image(net, "w"), "w")["a"][0]
@@ -73,7 +73,7 @@ def test_double_precision_stays(net_of: Callable[..., netlib.Net]) -> None:
 
 
 def test_what_caffe_could_not_read_back_is_refused(net: netlib.Net, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Protobuf reads 2 GB at most."""
+    """Weights above protobuf's limit of 2 GB are rejected."""
     monkeypatch.setattr(binary_format, "MAX_BYTES", 100)
     with pytest.raises(WeightsError, match=r"Caffe's binary format, 2 GB; .*HDF5.*\.h5"):
         image(net, "w.caffemodel")
@@ -83,7 +83,7 @@ def test_what_caffe_could_not_read_back_is_refused(net: netlib.Net, monkeypatch:
 
 
 def mutated(data: bytes, others: list[bytes], rng: random.Random) -> bytes:
-    """A file with some of its bytes flipped, cut, put in, taken out, or replaced by another file's."""
+    """Return the data with random bits flipped and bytes removed, inserted, or copied from another file."""
     found = bytearray(data)
     for _ in range(rng.choice([1, 1, 2, 5, 20])):
         at = rng.randrange(len(found) + 1)
@@ -106,7 +106,7 @@ def mutated(data: bytes, others: list[bytes], rng: random.Random) -> bytes:
 
 
 def test_damaged_files_are_read_or_refused_in_one_line(net: netlib.Net) -> None:
-    """Caffe's own and ours; no other exception, and no memory but in proportion to the file."""
+    """A damaged file is read or raises a one-line WeightsError, with memory in proportion to its size."""
     state = SolverState(3, 0, "w.caffemodel", [np.ones((3, 3), np.float32)], {"seed": 1})
     files = [path.read_bytes() for path in sorted(RECORDED.rglob("*.caffemodel"))]
     files += [path.read_bytes() for path in sorted(RECORDED.rglob("*.solverstate"))]
@@ -133,7 +133,7 @@ def test_damaged_files_are_read_or_refused_in_one_line(net: netlib.Net) -> None:
 
 
 def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_path: Path) -> None:
-    """Copied by name, in any of the three formats; older ones give types as numbers."""
+    """Weights of an unknown layer type are copied by name, in each of the three formats."""
     blobs = "blobs { num: 1 channels: 1 height: 3 width: 3 data: [1, 2, 3, 4, 5, 6, 7, 8, 9] }"
     blobs += "blobs { shape { dim: 3 } data: [1, 2, 3] }"
     for text in ('layer { name: "a" type: "Own" %s }', 'layers { name: "a" type: 5 %s }',
@@ -146,7 +146,7 @@ def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_pat
 
 
 def test_a_damaged_file_leaves_the_net_as_it_was(net: netlib.Net, tmp_path: Path) -> None:
-    """Also where the damage is behind layers that are whole."""
+    """A damaged file changes no weights, even if the damage is behind intact layers."""
     path = tmp_path / "w.caffemodel"
     net.save(path)
     before = net.params["a"][0].data.copy()
@@ -160,7 +160,7 @@ def test_a_damaged_file_leaves_the_net_as_it_was(net: netlib.Net, tmp_path: Path
 
 
 def test_a_state_that_lost_its_end_is_refused() -> None:
-    """Wherever it was cut: none looks like a state of Caffe's, which has no checksum."""
+    """A truncated state is rejected at every length; none is taken for a state of Caffe, which has no checksum."""
     state = SolverState(2, 1, "w.caffemodel", [np.ones((2, 3), np.float32)], {"checksum": 7})
     whole = binary_format.state_image(state)
     for length in range(1, len(whole)):

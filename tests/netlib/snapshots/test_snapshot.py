@@ -1,4 +1,4 @@
-"""Snapshots: Caffe's layout, written whole or not at all, and one clear line for every file that is not one."""
+"""Snapshots: Caffe's layout, written completely or not at all, and one-line errors for invalid files."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ NET = """
 
 @pytest.fixture(params=[".h5", ""], ids=["HDF5", "binary"])
 def names(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, Path]:
-    """Where weights and state go, in both formats."""
+    """The paths of weights and state, in both formats."""
     return tmp_path / f"w.caffemodel{request.param}", tmp_path / f"s.solverstate{request.param}"
 
 
 @pytest.fixture
 def net(net_of: Callable[..., netlib.Net]) -> netlib.Net:
-    """Two layers that share a weight, one without parameters, one with a slash in its name."""
+    """A net with two layers that share a weight, one without parameters, and one with a slash in its name."""
     return net_of(NET)
 
 
 def state_of(net: netlib.Net, iteration: int = 5) -> SolverState:
-    """A solver state with one history for each parameter."""
+    """Return a solver state with one history for each parameter."""
     histories = [np.full(p.blob.shape, iteration, np.float32) for p in net.learnable]
     return SolverState(iteration, 2, "dir/w_iter_5.caffemodel.h5", histories, {"smoothed": [3.0]})
 
 
 def write_pair(net: netlib.Net, state: SolverState, weights: Path, states: Path) -> None:
-    """As the solver does."""
+    """Write weights and state as the solver does."""
     snapshot.write_pair(image(net, weights), state, weights, states)
 
 
 def everything_in(folder: Path) -> dict[str, bytes]:
-    """Every file of a folder, hidden ones too."""
+    """Return the content of every file of a folder, including hidden ones."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -62,7 +62,7 @@ def everything_in(folder: Path) -> dict[str, bytes]:
 
 
 def test_weights_have_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
-    """/data/<layer>/<index>; an empty group without parameters; a shared parameter once, with its owner."""
+    """Weights are /data/<layer>/<index>; a layer without parameters has an empty group; a shared one is stored once."""
     net.save(tmp_path / "w.h5")
     with h5py.File(tmp_path / "w.h5") as file:
         groups = {name: sorted(file["data"][name]) for name in ("x", "a", "relu", "part/b")}
@@ -73,7 +73,7 @@ def test_weights_have_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
 
 
 def test_the_state_has_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
-    """/iter, /current_step, /learned_net, a C string, /history/<index>; what is ours stands in /netlib."""
+    """The state has Caffe's fields, with learned_net as a C string; additional fields are in /netlib."""
     write_pair(net, state_of(net), tmp_path / "w.h5", tmp_path / "s.h5")
     with h5py.File(tmp_path / "s.h5") as file:
         assert sorted(file) == ["current_step", "history", "iter", "learned_net", "netlib"]
@@ -83,7 +83,7 @@ def test_the_state_has_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
 
 
 def test_what_is_written_is_read(net: netlib.Net, names: tuple[Path, Path]) -> None:
-    """Weights by layer and index, and every field of the state."""
+    """Weights and every field of the state are read as they were written."""
     write_pair(net, state_of(net), *names)
     found = snapshot.read_weights(names[0])
     assert np.array_equal(found["a"][0], net.params["a"][0].data)
@@ -97,7 +97,7 @@ def test_what_is_written_is_read(net: netlib.Net, names: tuple[Path, Path]) -> N
 
 
 def test_what_a_file_holds_decides_whatever_its_name(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) -> None:
-    """As in Caffe, for weights."""
+    """The content of a file determines its format, not its name."""
     write_pair(net, state_of(net), *names)
     names[0].rename(tmp_path / "weights")
     names[1].rename(tmp_path / "state")
@@ -106,7 +106,7 @@ def test_what_a_file_holds_decides_whatever_its_name(net: netlib.Net, names: tup
 
 
 def test_a_slash_in_a_layer_name(net_of: Callable[..., netlib.Net], names: tuple[Path, Path]) -> None:
-    """HDF5 nests the group; weights still load, also where ``a`` and ``a/b`` both have parameters."""
+    """A slash nests HDF5 groups; the weights still load if ``a`` and ``a/b`` both have parameters."""
     text = NET.replace('param { name: "w" }', "").replace('"part/b"', '"a/b"')
     one, two = net_of(text), net_of(text, seed=2)
     one.params["a/b"][0].data[...] = 7
@@ -120,7 +120,7 @@ def test_a_slash_in_a_layer_name(net_of: Callable[..., netlib.Net], names: tuple
 
 
 def full_disk(*args: Any) -> None:
-    """What the operating system says when the disk is full."""
+    """Raise the operating system's error for a full disk."""
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
@@ -128,7 +128,7 @@ def full_disk(*args: Any) -> None:
 def test_a_failure_leaves_the_old_pair(
     net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
-    """A disk that is full at any moment: the old files in every byte, no temporary file, one line."""
+    """If the disk is full at any step, the old files stay unchanged and no temporary file remains."""
     write_pair(net, state_of(net, 5), *names)
     before = everything_in(tmp_path)
     net.params["a"][0].data[...] = 9
@@ -152,7 +152,7 @@ def test_a_failure_leaves_the_old_pair(
 
 @pytest.fixture
 def killed_between(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
-    """What a process leaves that was killed after the new weights had their name, and before the new state had its."""
+    """The files of a process that was killed between replacing the weights and replacing the state."""
     old, new = (path.with_name(f"w_iter_5.{path.name[2:]}") for path in names)
     state = state_of(net, 5)
     state.learned_net = str(old)
@@ -166,7 +166,7 @@ def killed_between(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) ->
 
 
 def test_the_state_of_a_pair_that_was_being_replaced_finds_its_weights(killed_between: tuple[Path, Path]) -> None:
-    """The old ones, which were kept, not the new ones under the name."""
+    """The old state finds the old weights that were kept, not the new ones with the old name."""
     weights, state = killed_between
     found = snapshot.pair_of(state, snapshot.read_state(state))
     assert found == weights.with_name(f".{weights.name}.0123abcd.netlib.old")
@@ -175,7 +175,7 @@ def test_the_state_of_a_pair_that_was_being_replaced_finds_its_weights(killed_be
 
 
 def test_the_next_training_puts_the_pair_right(killed_between: tuple[Path, Path], tmp_path: Path) -> None:
-    """The old pair stands under its names again, and nothing else is left."""
+    """The next training run restores the names of the old pair and removes all other files."""
     weights, state = killed_between
     with snapshot.prefix_in_use(tmp_path / "w"):
         assert snapshot.pair_of(state, snapshot.read_state(state)) == weights
@@ -183,7 +183,7 @@ def test_the_next_training_puts_the_pair_right(killed_between: tuple[Path, Path]
 
 
 def test_weights_of_which_only_the_kept_ones_are_left(killed_between: tuple[Path, Path], tmp_path: Path) -> None:
-    """Whatever took the others away: they get their name back."""
+    """If only the kept weights exist, they get their name back."""
     weights, state = killed_between
     weights.unlink()
     with snapshot.prefix_in_use(tmp_path / "w"):
@@ -192,7 +192,7 @@ def test_weights_of_which_only_the_kept_ones_are_left(killed_between: tuple[Path
 
 @pytest.mark.parametrize("which", ["nothing was renamed", "both were renamed"])
 def test_a_kill_before_or_after(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, which: str) -> None:
-    """The old or the new pair; what was kept of the old weights is not needed."""
+    """After a kill before or after both renames the pair is complete, and the kept weights are removed."""
     weights, state = tmp_path / "w_iter_5.caffemodel", tmp_path / "w_iter_5.solverstate"
     write_pair(net, state_of(net, 5), weights, state)
     kept = tmp_path / f".{weights.name}.0123abcd.netlib.old"
@@ -208,13 +208,13 @@ def test_a_kill_before_or_after(net: netlib.Net, names: tuple[Path, Path], tmp_p
 
 
 def test_what_another_training_is_writing_is_left_alone(tmp_path: Path) -> None:
-    """In the same folder, under another prefix or the same: it is locked."""
+    """Starting a training run keeps the temporary files of another one in the same folder, because they are locked."""
     with atomic.temporary(tmp_path / "other_iter_5.caffemodel") as fresh, snapshot.prefix_in_use(tmp_path / "w"):
         assert fresh.exists()
 
 
 def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
-    """The second says so; the first being gone, it may begin."""
+    """A second training run with the same prefix raises an error; it may start after the first has ended."""
     with snapshot.prefix_in_use(tmp_path / "w"):
         with pytest.raises(netlib.WeightsError, match=rf"/w: another training .* \(process {os.getpid()}\); wait"):
             snapshot.prefix_in_use(tmp_path / "w").__enter__()
@@ -226,19 +226,19 @@ def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
 
 
 def test_directories_are_made(net: netlib.Net, tmp_path: Path) -> None:
-    """A prefix may name folders that do not exist yet."""
+    """Missing folders of a prefix are created."""
     net.save(tmp_path / "new" / "deep" / "w.h5")
     assert [path.name for path in (tmp_path / "new" / "deep").iterdir()] == ["w.h5"]
 
 
 def test_a_name_that_no_file_can_have(net: netlib.Net) -> None:
-    """One line, too."""
+    """An empty file name raises a one-line error."""
     with pytest.raises(netlib.WeightsError, match="cannot write the snapshot"):
         net.save("")
 
 
 def test_no_string_of_a_state_is_in_a_heap(net: netlib.Net, names: tuple[Path, Path]) -> None:
-    """HDF5 itself hangs in some damaged heaps, where strings of any length are kept."""
+    """Strings are not stored in an HDF5 heap, because the library hangs in some damaged heaps."""
     write_pair(net, state_of(net), *names)
     if snapshot.is_hdf5(names[1]):
         with h5py.File(names[1]) as file:
@@ -248,7 +248,7 @@ def test_no_string_of_a_state_is_in_a_heap(net: netlib.Net, names: tuple[Path, P
 
 @pytest.mark.parametrize("options", [{}, {"chunks": (1024,)}, {"chunks": (1024,), "compression": "gzip"}], ids=str)
 def test_values_that_were_never_written(tmp_path: Path, options: dict[str, Any]) -> None:
-    """HDF5 would make them up, more than there is memory for."""
+    """Values that were never stored are rejected; HDF5 would fill in more than the memory can hold."""
     with h5py.File(tmp_path / "w.h5", "w") as file:
         file.create_dataset("data/ip/0", (10**12,), "f4", **options)
     with pytest.raises(netlib.WeightsError, match="data set '/data/ip/0' claims 4000000000000 bytes, but only 0 are"):
@@ -257,7 +257,7 @@ def test_values_that_were_never_written(tmp_path: Path, options: dict[str, Any])
 
 @pytest.mark.parametrize("begin", [b"", snapshot.hdf5_format.MAGIC], ids=["binary", "hdf5"])
 def test_weights_that_no_memory_holds(tmp_path: Path, begin: bytes) -> None:
-    """Are refused before their checksum is made, which would take an hour; this file is a hole of 10 TB."""
+    """A file of 10 TB is rejected before its checksum is computed, which would take an hour; the file is sparse."""
     path = tmp_path / "w"
     path.write_bytes(begin)
     try:
@@ -269,7 +269,7 @@ def test_weights_that_no_memory_holds(tmp_path: Path, begin: bytes) -> None:
 
 
 def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before training: can snapshots be written here at all?"""
+    """The check before training leaves no file, and its error names the folder."""
     snapshot.probe(tmp_path / "new" / "prefix")
     assert everything_in(tmp_path / "new") == {}
     with monkeypatch.context() as patch:
@@ -284,13 +284,13 @@ def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkey
 
 @pytest.fixture
 def pair(net: netlib.Net, names: tuple[Path, Path]) -> tuple[Path, Path]:
-    """Weights and state."""
+    """Write weights and state, and return their paths."""
     write_pair(net, state_of(net), *names)
     return names
 
 
 def test_a_state_where_weights_are_wanted(pair: tuple[Path, Path]) -> None:
-    """The message names the weights that belong to it, and how to resume."""
+    """The error names the weights that belong to the state and the option for resuming."""
     with pytest.raises(
         netlib.WeightsError, match=r"this is a solver state, not weights; .*w_iter_5\.caffemodel\.h5.*--snapshot"
     ):
@@ -298,7 +298,7 @@ def test_a_state_where_weights_are_wanted(pair: tuple[Path, Path]) -> None:
 
 
 def test_weights_where_a_state_is_wanted(pair: tuple[Path, Path]) -> None:
-    """The message says how to start from weights."""
+    """The error names the option for starting from weights."""
     with pytest.raises(netlib.WeightsError, match=r"this is a weights file; pass it as --weights"):
         snapshot.read_state(pair[0])
 
@@ -306,7 +306,7 @@ def test_weights_where_a_state_is_wanted(pair: tuple[Path, Path]) -> None:
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.parametrize("keep", [0, 4, 8, 100, 0.3, 0.5, 0.9, 0.99])
 def test_a_truncated_file_is_one_line(pair: tuple[Path, Path], which: int, keep: float) -> None:
-    """Wherever it ends; a binary file that ends between two layers is whole to who reads it, as in Caffe."""
+    """A truncated file raises a one-line error at every length tested."""
     content = pair[which].read_bytes()
     pair[which].write_bytes(content[: int(keep * len(content)) if 0 < keep < 1 else int(keep)])
     with pytest.raises(netlib.WeightsError) as error:
@@ -317,7 +317,7 @@ def test_a_truncated_file_is_one_line(pair: tuple[Path, Path], which: int, keep:
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_a_damaged_file_is_one_line_or_read(pair: tuple[Path, Path], which: int) -> None:
-    """Bytes overwritten at any place of the file's structure: never another exception."""
+    """With bytes overwritten anywhere, a file is read or raises a one-line WeightsError."""
     content = pair[which].read_bytes()
     failed = 0
     for start in range(0, len(content), 97 if snapshot.is_hdf5(pair[which]) else 5):
@@ -332,7 +332,7 @@ def test_a_damaged_file_is_one_line_or_read(pair: tuple[Path, Path], which: int)
 
 
 def test_a_flipped_bit_of_a_state_is_noticed(pair: tuple[Path, Path]) -> None:
-    """Wherever it is: refused, or nothing that is in the state has changed."""
+    """A state with a flipped bit is rejected, or its content is unaffected."""
     good, content = snapshot.read_state(pair[1]), pair[1].read_bytes()
     rng = np.random.default_rng(5)
     refused = 0
@@ -358,7 +358,7 @@ def test_a_flipped_bit_of_a_state_is_noticed(pair: tuple[Path, Path]) -> None:
     ],
 )
 def test_other_files_where_weights_are_wanted(tmp_path: Path, name: str, content: Any, message: str) -> None:
-    """What was found, what was expected."""
+    """The error states the actual and the expected kind of file."""
     path = tmp_path / name
     if content == "folder":
         path.mkdir()
@@ -371,7 +371,7 @@ def test_other_files_where_weights_are_wanted(tmp_path: Path, name: str, content
 
 
 def test_an_hdf5_file_of_another_kind(tmp_path: Path) -> None:
-    """Training data, for example."""
+    """An HDF5 file of training data is rejected as weights and as a state."""
     with h5py.File(tmp_path / "data.h5", "w") as file:
         file["depth"] = np.zeros(3)
     with pytest.raises(netlib.WeightsError, match="no group /data"):
@@ -396,7 +396,7 @@ def test_an_hdf5_file_of_another_kind(tmp_path: Path) -> None:
     ids=str,
 )
 def test_the_right_groups_with_nonsense_in_them(net: netlib.Net, tmp_path: Path, structure: dict[str, Any]) -> None:
-    """Never a traceback: one line, or read as far as it makes sense."""
+    """A file with valid groups and invalid content is read or raises a one-line error."""
     path = tmp_path / "x.h5"
     with h5py.File(path, "w") as file:
         for name, value in structure.items():

@@ -1,4 +1,4 @@
-"""Modules that have moved are found by their old names, for one release."""
+"""Modules that have moved can be imported by their old names, for one release."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import netlib
     [("messages", "proto.messages"), ("mpi", "distributed.mpi"), ("saved", "snapshots.solver_state")],
 )
 def test_a_module_by_its_old_name(old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is the same module, and a warning says what it is called now."""
+    """The old name imports the same module and warns with the new name."""
     name = f"netlib.{old}"
     assert name not in sys.modules
     monkeypatch.setattr(netlib, old, None, raising=False)
@@ -27,6 +27,6 @@ def test_a_module_by_its_old_name(old: str, new: str, monkeypatch: pytest.Monkey
 
 
 def test_no_module_by_another_name() -> None:
-    """An ImportError, as ever."""
+    """Other names raise an ImportError."""
     with pytest.raises(ImportError, match=r"netlib\.never"):
         importlib.import_module("netlib.never")

@@ -1,4 +1,4 @@
-"""What cannot fit is refused before it is taken, with its layer, its size and the number to lower."""
+"""Arrays that exceed the memory raise an error before allocation, with the layer, the size and the option to lower."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ INNER = """layer { name: "FC1" type: "InnerProduct" bottom: "x" top: "y"
 
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
-    """``machine(1e6)``: a machine with this number of bytes."""
+    """``machine(1e6)`` sets the available memory in bytes."""
 
     def make(size: float) -> None:
         monkeypatch.setattr(memory, "available", lambda: (size, "this machine has"))
@@ -36,7 +36,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
 
 
 def test_a_size_in_words() -> None:
-    """Two digits."""
+    """Sizes are printed with two digits."""
     sizes = [0, 999, 1000, 9_949, 9_960, 20e9, 8.64e12, 999.6e6, 5e30]
     assert [format_bytes(int(size)) for size in sizes] == [
         "0 bytes", "999 bytes", "1.0 kB", "9.9 kB", "10 kB", "20 GB", "8.6 TB", "1.0 GB", "5000000000000 EB"
@@ -47,7 +47,7 @@ def test_a_size_in_words() -> None:
 
 
 def test_parameters_of_one_layer(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """Nothing is allocated; the error is also a MemoryError."""
+    """The error occurs before allocation and is also a MemoryError."""
     machine(500_000)
     with pytest.raises(OutOfMemoryError) as raised:
         net_of(INPUT + INNER)
@@ -59,7 +59,7 @@ def test_parameters_of_one_layer(net_of: MakeNet, machine: Callable[[float], Non
 
 
 def test_what_fits_is_not_refused(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """To the byte: weights and biases, and the blobs of a pass."""
+    """The limit is exact to the byte: it counts weights, biases and the blobs of a pass."""
     everything = 4 * (2000 * 100 + 2000) + 4 * (10 * 100 + 10 * 2000)
     machine(everything)
     net_of(INPUT + INNER).forward()
@@ -69,7 +69,7 @@ def test_what_fits_is_not_refused(net_of: MakeNet, machine: Callable[[float], No
 
 
 def test_parameters_of_all_layers(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """The first that is too much."""
+    """The error names the first layer at which the sum of all parameters is too large."""
     machine(2_000_000)
     text = INPUT + "".join(INNER.replace("FC1", f"FC{i}").replace('"y"', f'"y{i}"') for i in range(4))
     with pytest.raises(OutOfMemoryError, match=r"layer 'FC2': 2\.4 MB of parameters in total, 800 kB of them here; "
@@ -78,7 +78,7 @@ def test_parameters_of_all_layers(net_of: MakeNet, machine: Callable[[float], No
 
 
 def test_parameters_of_one_name_count_once(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """Those of another layer are there only until they are found to be shared."""
+    """Shared parameters are counted once."""
     machine(1_700_000)
     shared = INNER.replace("inner_product_param", 'param { name: "w" } param { name: "b" } inner_product_param')
     text = INPUT + "".join(shared.replace("FC1", f"FC{i}").replace('"y"', f'"y{i}"') for i in range(4))
@@ -86,7 +86,7 @@ def test_parameters_of_one_name_count_once(net_of: MakeNet, machine: Callable[[f
 
 
 def test_blobs_of_a_pass(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """Asked for when the net runs: who gives it a smaller batch before may."""
+    """The size of the blobs is checked when the net runs, so a smaller batch can be set first."""
     machine(1000)
     net = net_of(INPUT + 'layer { name: "r" type: "ReLU" bottom: "x" top: "y" }')
     with pytest.raises(OutOfMemoryError, match=r"layer 'x': blob 'x': 4\.0 kB, of 8\.0 kB for parameters and blobs of "
@@ -110,7 +110,7 @@ def test_blobs_of_a_pass(net_of: MakeNet, machine: Callable[[float], None]) -> N
     ],
 )  # fmt: skip
 def test_layers_without_bottoms(net_of: MakeNet, machine: Callable[[float], None], text: str, message: str) -> None:
-    """They say so when they are built."""
+    """Layers without bottoms raise the error when they are built."""
     machine(10_000)
     with pytest.raises(OutOfMemoryError) as raised:
         net_of(f'layer {{ name: "d" {text} }}')
@@ -118,7 +118,7 @@ def test_layers_without_bottoms(net_of: MakeNet, machine: Callable[[float], None
 
 
 def test_a_huge_batch(net_of: MakeNet, machine: Callable[[float], None], write_rows: MakeList) -> None:
-    """Of a data layer."""
+    """A data layer's batch that is too large is reported with batch_size."""
     path = write_rows("list.txt", [4], d=(3,))
     text = f'hdf5_data_param {{ source: "{path}" batch_size: 5000 }}'
     net = net_of(f'layer {{ name: "data" type: "HDF5Data" top: "d" {text} }}')
@@ -128,7 +128,7 @@ def test_a_huge_batch(net_of: MakeNet, machine: Callable[[float], None], write_r
 
 
 def test_a_gradient(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """What is only taken backwards is asked for then."""
+    """Arrays that only backward needs are checked in backward."""
     net = net_of("force_backward: true " + INPUT + INNER)
     net.forward()
     machine(79_000)
@@ -137,7 +137,7 @@ def test_a_gradient(net_of: MakeNet, machine: Callable[[float], None]) -> None:
 
 
 def test_a_layers_own_arrays(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A MemoryError of NumPy's names the layer, and so does its error for an array that is too large for any."""
+    """A MemoryError, or NumPy's error for an array that is too big, is reported with the layer."""
     net = net_of(INPUT + INNER)
     for error, line in (
         (MemoryError("Unable to allocate 7 GiB"), "forward needs more memory than there is: Unable to allocate 7 GiB"),
@@ -156,14 +156,14 @@ def test_a_layers_own_arrays(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_blob_of_ones_own(machine: Callable[[float], None]) -> None:
-    """From Python, without a layer."""
+    """A blob without a layer raises the error without a layer name."""
     machine(1000)
     with pytest.raises(OutOfMemoryError, match=r"^4\.0 kB for an array \(1000,\); this machine has 1\.0 kB$"):
         netlib.Blob((1000,)).data  # noqa: B018
 
 
 def test_a_solver(tmp_path: Path, machine: Callable[[float], None]) -> None:
-    """Parameters, gradients and histories: Adam has two; what is not trained has none."""
+    """Parameters, gradients and histories count, two histories for Adam; frozen parameters have none."""
     (tmp_path / "net.prototxt").write_text(INPUT + INNER)
     solver = tmp_path / "solver.prototxt"
     solver.write_text('net: "net.prototxt" type: "Adam" base_lr: 0.1 lr_policy: "fixed"')
@@ -183,7 +183,7 @@ def test_a_solver(tmp_path: Path, machine: Callable[[float], None]) -> None:
 
 @pytest.fixture
 def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[float, str]]:
-    """``system({"proc/meminfo": "MemTotal: 5 kB"})``: what is available where these files are."""
+    """``system({"proc/meminfo": "MemTotal: 5 kB"})`` returns the available memory of a system with these files."""
     monkeypatch.setattr(memory, "PROC", tmp_path / "proc")
     monkeypatch.setattr(memory, "CGROUPS", tmp_path / "cgroup")
     monkeypatch.setattr(memory, "_address_space", lambda: iter(()))
@@ -219,12 +219,12 @@ MEMINFO = "MemTotal:       1000 kB\nMemFree:  7 kB\nSwapTotal:   24 kB\n"
 )  # fmt: skip
 def test_what_is_available(system: Callable[..., tuple[float, str]], files: dict[str, str],
                            expected: tuple[float, str]) -> None:  # fmt: skip
-    """The least of the machine's memory and the limits of all groups, with swap space."""
+    """The memory is the minimum of the machine's memory and the limits of all control groups, with swap space."""
     assert system(files) == expected
 
 
 def test_the_limit_of_the_address_space(monkeypatch: pytest.MonkeyPatch) -> None:
-    """``ulimit -v``, if it is set."""
+    """The limit set by ``ulimit -v`` counts, if there is one."""
     resource = pytest.importorskip("resource")
     for limit, found in ((12345, [12345]), (resource.RLIM_INFINITY, [])):
         monkeypatch.setattr(resource, "getrlimit", lambda kind, limit=limit: (limit, limit))
@@ -232,7 +232,7 @@ def test_the_limit_of_the_address_space(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_random_numbers_are_those_of_one_draw() -> None:
-    """They are drawn block by block."""
+    """Numbers drawn block by block equal those of a single draw."""
     from netlib import fillers
 
     whole = np.random.default_rng(0).normal(0, 1, (3, fillers.BLOCK))

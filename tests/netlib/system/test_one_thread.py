@@ -1,4 +1,4 @@
-"""Two threads with one net, two threads with two nets, and forked processes."""
+"""One net used by two threads, two nets in two threads, and forked processes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ NET = """
 
 
 def in_a_thread(work: Callable[[], object]) -> BaseException | None:
-    """Do it in another thread; what it raised."""
+    """Run ``work`` in another thread and return the exception that it raised."""
     raised: list[BaseException] = []
 
     def run() -> None:
@@ -61,7 +61,7 @@ def in_a_thread(work: Callable[[], object]) -> BaseException | None:
 
 @pytest.mark.parametrize("use", ["forward", "backward", "reshape", "run_forward", "run_backward"])
 def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
-    """While the first is inside a layer; afterwards it may."""
+    """A second thread gets an error while the first is inside a layer, but not afterwards."""
     net = net_of(NET)
     said: list[BaseException | None] = []
     compute = net.layers[0].forward
@@ -80,7 +80,7 @@ def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
 
 
 def test_inputs_of_a_thread_that_is_told_change_nothing(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """The first thread's batch stays its own."""
+    """The rejected call of another thread does not change the inputs."""
     net, (mine, other) = net_of(NET), rng.normal(size=(2, 40, 1, 30, 30))
     want = net.forward(x=mine)["f"].copy()
     compute = net.layers[0].forward
@@ -103,7 +103,7 @@ def test_slopes_of_a_thread_that_is_told_change_nothing(net_of: MakeNet) -> None
 
 
 def test_looking_at_a_hidden_blob_is_use(net_of: MakeNet) -> None:
-    """Where there are such blobs: to show one, the net computes it again."""
+    """Reading a hidden blob computes it again, so it counts as use of the net."""
     net = net_of(NET)
     net.forward()
     hidden = net.executor.hidden()
@@ -126,7 +126,7 @@ def test_a_part_of_a_second_thread_changes_nothing(net_of: MakeNet, use: str) ->
 
 
 def test_the_same_thread_may_enter_again() -> None:
-    """And has left only when it has left as often."""
+    """The lock is released after as many exits as entries."""
     one = OneThread("a")
     with one:
         with one:
@@ -136,7 +136,7 @@ def test_the_same_thread_may_enter_again() -> None:
 
 
 def test_a_copy_of_a_net_is_free() -> None:
-    """Whoever uses the original."""
+    """The copy of a lock that is held is free."""
     one = OneThread("a")
     with one:
         made = copy.deepcopy(one)
@@ -150,7 +150,7 @@ def test_a_copy_of_a_net_is_free() -> None:
 def test_two_threads_with_a_net_each(
     net_of: MakeNet, rng: np.random.Generator, shared: bool, keep_threads: None
 ) -> None:
-    """Each gets what it gets alone, bit for bit; with shared weights, outputs and gradients of the images."""
+    """Each thread gets the same results as alone, bit for bit; with shared weights only forward is compared."""
     if netlib.threads() > 1:
         netlib.set_threads(3)
     nets, images = [net_of(NET, seed=seed) for seed in (1, 2)], rng.normal(size=(2, 5, 40, 1, 30, 30))
@@ -185,7 +185,7 @@ def test_two_threads_with_a_net_each(
 
 
 def test_two_threads_make_the_first_nets() -> None:
-    """The packages with layers and engines are loaded then; neither thread meets half of one."""
+    """Two threads may build the first nets of a process at the same time, although this imports layers and engines."""
     program = """
 import threading
 import netlib
@@ -209,14 +209,14 @@ needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has
 
 @contextmanager
 def fork_is_meant() -> Iterator[None]:
-    """From Python 3.12 on a fork of a process with threads warns; here it is what is tested."""
+    """Suppress the warning of Python 3.12 and later for a fork of a process with threads."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         yield
 
 
 def in_a_child(work: Callable[[], bytes], seconds: float = 60) -> bytes:
-    """What it returns in a forked process; a process that hangs is killed, and has returned nothing."""
+    """Return the result of ``work`` in a forked process, or nothing if the process hangs and is killed."""
     read, write = os.pipe()
     with fork_is_meant():
         child = os.fork()
@@ -238,7 +238,7 @@ def in_a_child(work: Callable[[], bytes], seconds: float = 60) -> bytes:
 
 @pytest.fixture
 def solver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> netlib.Solver:
-    """Of a small net with shuffled HDF5Data and dropout, after one step."""
+    """A solver of a small net with shuffled HDF5Data and dropout, after one step."""
     shutil.copytree(OLDER, tmp_path, dirs_exist_ok=True)
     (tmp_path / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
     monkeypatch.chdir(tmp_path)
@@ -248,7 +248,7 @@ def solver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> netlib.Solver:
 
 
 def after(solver: netlib.Solver, steps: int) -> bytes:
-    """All weights after this number of further steps."""
+    """Return all weights after this number of further steps."""
     solver.step(steps)
     return b"".join(p.blob.data.tobytes() for p in solver.net.learnable)
 
@@ -256,7 +256,7 @@ def after(solver: netlib.Solver, steps: int) -> bytes:
 @needs_fork
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_forked_child_trains_on_as_its_parent_would(solver: netlib.Solver, threads: int, keep_threads: None) -> None:
-    """The same rows, the same bits, also when the parent has trained with another number of threads."""
+    """A forked child computes the same weights, also after the parent trained with another number of threads."""
     if netlib.threads() > 1:
         netlib.set_threads(threads)
     solver.step(1)
@@ -266,7 +266,7 @@ def test_a_forked_child_trains_on_as_its_parent_would(solver: netlib.Solver, thr
 
 @needs_fork
 def test_a_child_of_a_child_does_so_too(solver: netlib.Solver) -> None:
-    """Before the child has made a step, and after."""
+    """A child of a child trains on identically, whether or not the first child has made a step."""
     found = in_a_child(lambda: in_a_child(lambda: after(solver, 3)))
     later = in_a_child(lambda: after(solver, 1) and in_a_child(lambda: after(solver, 2)))
     assert found == later == after(solver, 3)
@@ -274,7 +274,7 @@ def test_a_child_of_a_child_does_so_too(solver: netlib.Solver) -> None:
 
 @needs_fork
 def test_the_number_of_threads_may_change_in_a_child(solver: netlib.Solver, keep_threads: None) -> None:
-    """The parent's old threads are not waited for."""
+    """set_threads in a child does not wait for the parent's threads."""
 
     def work() -> bytes:
         netlib.set_threads(2 if os.environ["NETLIB_ENGINE"] == "fast" else 1)
@@ -285,7 +285,7 @@ def test_the_number_of_threads_may_change_in_a_child(solver: netlib.Solver, keep
 
 @needs_fork
 def test_a_process_of_multiprocessing(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """Its default on Linux before Python 3.14 is to fork."""
+    """A process of multiprocessing with the fork method runs the parent's net."""
     net, x = net_of(NET), rng.normal(size=(40, 1, 30, 30))
     want = net.forward(x=x)["f"].copy()
     context = multiprocessing.get_context("fork")
@@ -306,7 +306,7 @@ def test_a_process_of_multiprocessing(net_of: MakeNet, rng: np.random.Generator)
 
 @needs_fork
 def test_a_net_that_another_thread_used_at_the_fork_is_free_in_the_child(net_of: MakeNet) -> None:
-    """That thread does not exist there."""
+    """A lock held by another thread at the fork is free in the child, where that thread does not exist."""
     net, inside, done = net_of(NET), threading.Event(), threading.Event()
 
     def hold() -> None:
@@ -325,7 +325,7 @@ def test_a_net_that_another_thread_used_at_the_fork_is_free_in_the_child(net_of:
 
 @needs_fork
 def test_who_forks_within_a_net_still_has_it(net_of: MakeNet) -> None:
-    """As a layer of one's own might."""
+    """A thread that forks while it holds the lock, as a Python layer may do, holds it in the child."""
     net = net_of(NET)
     with net.executor.one_thread:
         found = in_a_child(lambda: b"told" if in_a_thread(net.forward) else b"not told")

@@ -1,4 +1,4 @@
-"""netlib/system/memory.py: blocks"""
+"""netlib/system/memory.py: blocks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from netlib.system.memory import blocks
 
 @given(st.integers(0, 300), st.integers(1, 40))
 def test_blocks_cut_a_range(count: int, size: int) -> None:
-    """All of it, in order, in pieces of at most ``size``."""
+    """The blocks cover the range in order, in pieces of at most ``size``."""
     pieces = [list(range(count))[rows] for rows in blocks(count, size)]
     assert [i for piece in pieces for i in piece] == list(range(count))
     assert all(0 < len(piece) <= size for piece in pieces)

@@ -1,4 +1,4 @@
-"""netlib/training/glog.py: the log. A name in it, whatever it is, stays in its line."""
+"""netlib/training/glog.py: the log; names in messages cannot add lines."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
 
 @pytest.fixture(scope="module")
 def log() -> Iterator[io.StringIO]:
-    """What the log writes, in glog's format."""
+    """The output of the log in glog's format."""
     text = io.StringIO()
     handler = logging.StreamHandler(text)
     handler.setFormatter(glog.CaffeFormatter())
@@ -36,7 +36,7 @@ def log() -> Iterator[io.StringIO]:
 
 
 def written(log: io.StringIO) -> str:
-    """The text that is new."""
+    """Return and clear the new text."""
     text = log.getvalue()
     log.seek(0)
     log.truncate()
@@ -45,7 +45,7 @@ def written(log: io.StringIO) -> str:
 
 @given(ANY_TEXT)
 def test_a_name_stays_in_its_line(log: io.StringIO, name: str) -> None:
-    """As an argument, as a path, and in a text that is written as it is; only the last character ends a line."""
+    """A name as an argument, a path or part of the text stays on one line."""
     for text, *args in (
         ("Creating Layer %s", name),
         ("%s: %r", PurePosixPath(name), name),
@@ -58,7 +58,7 @@ def test_a_name_stays_in_its_line(log: io.StringIO, name: str) -> None:
 
 @given(ANY_TEXT)
 def test_a_prototxt_has_its_lines(log: io.StringIO, name: str) -> None:
-    """A name in it is in quotes, and begins none."""
+    """A prototxt is logged on its own lines; a quoted name in it cannot start a new one."""
     here = Place("")
     tree = Message([prototxt.Field("net", prototxt.Scalar("string", name, here), here)] * 2, here)
     glog.log.info("Initializing solver from parameters: \n%s", tree)
@@ -68,12 +68,12 @@ def test_a_prototxt_has_its_lines(log: io.StringIO, name: str) -> None:
 
 
 def test_numbers_are_formatted_as_ever(log: io.StringIO) -> None:
-    """Python's and NumPy's."""
+    """Numbers are formatted by Python and NumPy as usual."""
     glog.log.info("%d %.6g %.3g %s", 3, np.float32(0.1), np.array(2.0), None)
     assert written(log).endswith("] 3 0.1 2 None\n")
 
 
 def test_pycaffes_log_takes_lines(log: io.StringIO) -> None:
-    """Each gets its own stamp."""
+    """Each line of a message has its own stamp."""
     process.log("one\ntwo\x1b")
     assert [re.sub(STAMP, "", line) for line in written(log).splitlines()] == ["one", "two\\x1b"]

@@ -1,4 +1,4 @@
-"""Going on from a solver state: one of an earlier version, one of the other engine, one of the same."""
+"""Resuming from a solver state of an earlier version, of the other engine and of the same one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RECORDINGS = Path(__file__).resolve().parents[2] / "caffe" / "solvers"
 
 @pytest.fixture
 def older(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working directory: a small net with shuffled data and dropout, and a state that version 0.1.0 wrote of it."""
+    """Make a folder with a small net, shuffled data, dropout and a state of version 0.1.0 the working directory."""
     shutil.copytree(OLDER, tmp_path, dirs_exist_ok=True)
     (tmp_path / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
     monkeypatch.chdir(tmp_path)
@@ -35,17 +35,17 @@ def older(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def weights(solver: netlib.Solver) -> dict[str, np.ndarray]:
-    """Copies of all parameters."""
+    """Return copies of all parameters."""
     return {p.label.replace("/", "_"): p.blob.data.copy() for p in solver.net.learnable}
 
 
 def distance(got: dict[str, np.ndarray], want: dict[str, np.ndarray]) -> float:
-    """The largest difference."""
+    """Return the largest absolute difference."""
     return max(float(np.abs(got[name] - want[name]).max()) for name in got)
 
 
 def test_a_state_of_an_earlier_version_goes_on(older: Path) -> None:
-    """With the rows, dropout masks, momentum and averaged loss that it had: as that version went on, to rounding."""
+    """A state of version 0.1.0 resumes with its rows, masks, momentum and losses, to rounding."""
     solver = netlib.get_solver("solver.prototxt", seed=99)
     assert solver.solve("older_iter_5.solverstate.h5")
     recorded = dict(np.load("after_12.npz"))
@@ -57,7 +57,7 @@ def test_a_state_of_an_earlier_version_goes_on(older: Path) -> None:
 
 @pytest.mark.parametrize(("format", "suffix"), [("HDF5", ".h5"), ("BINARYPROTO", "")])
 def test_a_resume_is_exact(older: Path, format: str, suffix: str) -> None:
-    """Seven iterations after a resume are the last seven of twelve, bit for bit, in both formats."""
+    """Seven iterations after a resume equal the last seven of twelve, bit for bit, in both formats."""
     whole = netlib.get_solver("solver.prototxt", snapshot_format=format)
     assert whole.solve()
     resumed = netlib.get_solver("solver.prototxt", seed=99)
@@ -68,7 +68,7 @@ def test_a_resume_is_exact(older: Path, format: str, suffix: str) -> None:
 @pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
 @pytest.mark.parametrize("names", [("plain", "fast"), ("fast", "plain")], ids="-".join)
 def test_a_state_of_the_other_engine_goes_on(older: Path, names: tuple[str, str]) -> None:
-    """The same rows and masks; only the rounding is another."""
+    """A state of one engine resumes on the other with the same rows and masks; results differ by rounding only."""
     writer, reader = names
     first = netlib.get_solver("solver.prototxt", engine=writer)
     assert first.solve()
@@ -79,7 +79,7 @@ def test_a_state_of_the_other_engine_goes_on(older: Path, names: tuple[str, str]
 
 @pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
 def test_both_engines_read_the_same_rows_and_draw_the_same_masks(older: Path) -> None:
-    """Batch after batch; and after a step both leave the same gradient."""
+    """Both engines read the same rows, draw the same masks, and compute the same gradients after several steps."""
     solvers = [netlib.get_solver("solver.prototxt", engine=name, seed=4) for name in ("plain", "fast")]
     for _ in range(4):
         for solver in solvers:
@@ -95,14 +95,14 @@ def test_both_engines_read_the_same_rows_and_draw_the_same_masks(older: Path) ->
 
 
 def everything(solver: netlib.Solver) -> str:
-    """All that a training goes on from, as text."""
+    """Return all training state as text."""
     arrays = [*(p.blob.data for p in solver.net.learnable), *(a for h in solver.history for a in h)]
     states = [net.layer_states() for net in [solver.net, *solver.test_nets]]
     return f"{solver.iter} {list(solver.smoothed)} {states} {[array.tobytes() for array in arrays]}"
 
 
 def changed(path: Path, **fields: Any) -> None:
-    """A state with other fields and a correct checksum, which no editor would produce."""
+    """Rewrite a state with other fields and a correct checksum."""
     state = snapshot.read_state(path)
     extra = {**state.extra, **fields.pop("extra", {})}
     extra.pop(fields.pop("drop", ""), None)
@@ -112,7 +112,7 @@ def changed(path: Path, **fields: Any) -> None:
 
 
 def of_layers(number: int, name: str, **fields: Any) -> Callable[[SolverState], dict[str, Any]]:
-    """A change of the state of one layer of one net."""
+    """Return a change to the state of one layer of one net."""
 
     def change(state: SolverState) -> dict[str, Any]:
         layers = copy.deepcopy(state.extra["layers"])
@@ -157,7 +157,7 @@ DAMAGE: dict[str, tuple[Callable[[SolverState], dict[str, Any]], str]] = {
 
 @pytest.mark.parametrize("name", DAMAGE)
 def test_a_state_is_taken_whole_or_not_at_all(older: Path, name: str) -> None:
-    """Whatever field makes no sense: one line, and the solver is in every bit what it was."""
+    """An invalid field raises a one-line error and leaves the solver unchanged bit for bit."""
     assert netlib.get_solver("solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5").solve()
     path = Path("older_iter_3.solverstate.h5")
     change, message = DAMAGE[name]
@@ -172,7 +172,7 @@ def test_a_state_is_taken_whole_or_not_at_all(older: Path, name: str) -> None:
 
 
 def test_layers_without_a_state_are_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """They begin anew, so the training does not go on exactly."""
+    """Layers without a state start from their initial state, which the log reports."""
     assert netlib.get_solver("solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5").solve()
     path = Path("older_iter_3.solverstate.h5")
     layers = copy.deepcopy(snapshot.read_state(path).extra["layers"])
@@ -185,14 +185,14 @@ def test_layers_without_a_state_are_told(older: Path, caplog: pytest.LogCaptureF
 
 
 def test_a_state_without_a_checksum_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """One of an earlier version goes on, but its damage would not be noticed."""
+    """A state of an earlier version, without a checksum, is restored with a note."""
     caplog.set_level("INFO", "netlib")
     netlib.get_solver("solver.prototxt").restore("older_iter_5.solverstate.h5")
     assert "without a checksum" in caplog.text
 
 
 def test_nothing_left_to_train_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A state beyond max_iter, for whatever reason."""
+    """A state at max_iter or beyond logs that nothing is left to train."""
     assert netlib.get_solver("solver.prototxt", max_iter=5).solve("older_iter_5.solverstate.h5")
     assert "Nothing is left to train: max_iter is 5" in caplog.text
 
@@ -208,7 +208,7 @@ WITH_TESTS: dict[str, Any] = {
 
 
 def test_a_stop_within_a_test_resumes_exactly(older: Path) -> None:
-    """The test is made again from the same row, so that all tests and the weights are those of an unbroken run."""
+    """A test that was stopped is repeated from the same row, so the results equal those of an uninterrupted run."""
     whole = netlib.get_solver("solver.prototxt", **WITH_TESTS)
     assert whole.solve()
     broken = netlib.get_solver("solver.prototxt", **WITH_TESTS)
@@ -230,8 +230,8 @@ def test_a_stop_within_a_test_resumes_exactly(older: Path) -> None:
 
 @pytest.mark.parametrize("within", ["training", "a test"])
 def test_data_that_are_cut_on_the_way(older: Path, within: str) -> None:
-    """The training ends with one line and a snapshot; with the data whole again it goes on as if nothing had been."""
-    norm = 'layer { name: "norm" type: "BatchNorm" bottom: "pool" top: "pool" }\n'  # moves with every batch
+    """If a data file is truncated, training ends with an error and a snapshot, from which the resume is exact."""
+    norm = 'layer { name: "norm" type: "BatchNorm" bottom: "pool" top: "pool" }\n'  # changes with every batch
     net_file, relu = Path("net.prototxt"), 'layer { name: "relu"'
     net_file.write_text(net_file.read_text().replace(relu, norm + relu))
     for name in ("train0", "train1"):
