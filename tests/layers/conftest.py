@@ -1,4 +1,4 @@
-"""How the tests of the layers run one layer alone, in float64 unless a test says otherwise."""
+"""Fixtures that run a single layer, in float64 by default."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Run:
 
 @pytest.fixture
 def run() -> Callable[..., Run]:
-    """``run(text, x, ..., tops=1)``: a layer after one forward pass."""
+    """``run(text, x, ..., tops=1)`` returns a layer after one forward pass."""
 
     def make(text: str, *bottoms: ArrayLike, **options: Any) -> Run:
         return Run(text, bottoms, **options)
@@ -72,7 +72,7 @@ def run() -> Callable[..., Run]:
 
 @pytest.fixture
 def check() -> Callable[..., None]:
-    """``check(text, x, ...)``: the gradient check."""
+    """``check(text, x, ...)`` runs the gradient check."""
 
     def make(text: str, *bottoms: ArrayLike, tops: int = 1, phase: Phase = "TRAIN", **options: Any) -> None:
         gradcheck.check(gradcheck.make_layer(text, bottoms, tops, phase), bottoms, tops, **options)
@@ -81,5 +81,5 @@ def check() -> Callable[..., None]:
 
 
 def pytest_make_parametrize_id(val: object) -> str | None:
-    """Short names for cases that are texts of a prototxt."""
+    """Shorten the ids of cases that are prototxt texts."""
     return val.replace("\n", " ")[:60] if isinstance(val, str) else None

@@ -1,4 +1,4 @@
-"""What holds for every layer type: its gradient, another batch size, running in place, no hook that is misspelt."""
+"""Requirements of every layer type: its gradient, other batch sizes, running in place, and no misspelt hook."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ WINDOWS = {
     "images",
     "padded",
     "window_slices",
-}  # Convolution and subclasses
-READER = {"batch_of", "reads"}  # of layers/data/reader.py
+}  # Convolution and its subclasses
+READER = {"batch_of", "reads"}  # from layers/data/reader.py
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
 EXTRAS = {
     "Convolution": WINDOWS,
@@ -45,28 +45,28 @@ EXTRAS = {
     "Pooling": {"area", "padded", "window_slices", "windows"},
     "SPP": {"padded"},
     "WindowData": READER,
-}  # documented: the parts of a longer computation, or for tools
+}  # documented: parts of a longer computation, or methods for tools
 
-FORCED = {"ROIPooling": [True, True]}  # the gradient of its regions is 0, and their differences are not
+FORCED = {"ROIPooling": [True, True]}  # the gradient of the regions is 0, but differences are not
 
 every_type = pytest.mark.parametrize("name", list(CASES))
 
 
 def test_every_type_has_a_case() -> None:
-    """A new layer type must be entered above."""
+    """Every layer type has a case in support/layer_cases.py or is a data source."""
     assert set(CASES) | SOURCES == set(LAYER_TYPES)
 
 
 @every_type
 def test_the_gradient_agrees_with_differences(name: str) -> None:
-    """In TRAIN, with bottoms off kinks."""
+    """In TRAIN the gradient agrees with differences, away from kinks."""
     layer, bottoms = made(name)
     gradcheck.check(layer, bottoms, **CASES[name][2])
 
 
 @every_type
 def test_another_batch_size_works(name: str) -> None:
-    """More items, then fewer, on the same layer: shapes of tops and gradients follow."""
+    """After a larger and a smaller batch, the shapes and gradients of the same layer are correct."""
     layer, _ = made(name)
     for N in (4, 1):
         gradcheck.check(layer, CASES[name][1](N), **CASES[name][2])
@@ -74,7 +74,7 @@ def test_another_batch_size_works(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in CASES if LAYER_TYPES[name].in_place])
 def test_in_place_if_it_says_so(name: str) -> None:
-    """The first top may be the first bottom: the same values, the same gradients."""
+    """A layer that supports it gives the same values and gradients in place."""
     layer, bottoms = made(name)
     options = CASES[name][2]
     if options.get("tops", 1) == 1:
@@ -85,7 +85,7 @@ def test_in_place_if_it_says_so(name: str) -> None:
 
 @every_type
 def test_only_wanted_gradients_are_written(name: str) -> None:
-    """Where propagate_down is false the diff stays as it was."""
+    """Where propagate_down is false the diff is unchanged."""
     layer, arrays = made(name)
     bottom = Blobs([Blob(np.shape(x), np.float64) for x in arrays])
     top = Blobs([Blob((), np.float64) for _ in range(CASES[name][2].get("tops", 1))])
@@ -99,7 +99,7 @@ def test_only_wanted_gradients_are_written(name: str) -> None:
 
 @every_type
 def test_forced_backward_asks_for_the_gradients_that_there_are(net_of: Callable[..., Net], name: str) -> None:
-    """``force_backward`` reaches every bottom that has a gradient, and no label, index or image that has none."""
+    """``force_backward`` computes the gradient of every bottom that has one, and of no label, index or image."""
     options, bottoms, more = CASES[name]
     arrays = {f"x{i}": np.asarray(x, np.float64) for i, x in enumerate(bottoms(2))}
     text = "force_backward: true "
@@ -118,14 +118,14 @@ def test_forced_backward_asks_for_the_gradients_that_there_are(net_of: Callable[
 
 @pytest.mark.parametrize("name", list(LAYER_TYPES))
 def test_no_public_method_outside_the_contract(name: str) -> None:
-    """A misspelt hook would never be called."""
+    """Every public method belongs to the contract or is listed, because a misspelt hook would never be called."""
     cls = LAYER_TYPES[name]
     public = {n for n, value in inspect.getmembers(cls) if callable(value) and not n.startswith("_")}
     assert public - CONTRACT - {"param_type"} == EXTRAS.get(name, set())
 
 
 def test_types_that_share_a_block_read_the_same_in_it() -> None:
-    """Each declares it in its own file, as Softmax and SoftmaxWithLoss do; binary files have one number for a field."""
+    """Layer types that share an options block declare equal fields with equal numbers."""
     blocks: dict[str, list[Any]] = {}
     for name, cls in LAYER_TYPES.items():
         fields = [(f.name, f.type, f.metadata.get("number")) for f in dataclasses.fields(cls.param_type)]
@@ -136,9 +136,9 @@ def test_types_that_share_a_block_read_the_same_in_it() -> None:
 
 @pytest.mark.parametrize("name", list(LAYER_TYPES))
 def test_options_are_frozen_dataclasses_with_a_docstring(name: str) -> None:
-    """They do not change after the prototxt was read."""
+    """Options cannot change after the prototxt is read, and their docstring is not the generated one."""
     cls = LAYER_TYPES[name]
     assert cls.param_type.__dataclass_params__.frozen  # type: ignore[attr-defined]
-    generated = f"{cls.param_type.__name__}("  # so begins the docstring of a dataclass that was given none
+    generated = f"{cls.param_type.__name__}("  # the start of a dataclass's generated docstring
     assert not str(cls.param_type.__doc__).startswith(generated)
     assert cls.__doc__

@@ -1,9 +1,9 @@
-"""A layer file is about what the layer computes, in every file of the paper's network.
+"""Most of a layer file computes, in every layer file of the paper's network.
 
-The rule. A code line is a line of a function or method that is no comment or docstring; declarations of options, class
-attributes and constants are not counted. It computes if it stands in ``forward`` or ``backward``, or in a function or
-method of the same file that these use, directly or through others. ``setup``, ``reshape`` and what only they use do not
-compute.
+A code line is a line of a function or method that is not a comment or docstring; declarations of options, class
+attributes and constants do not count. A code line computes if it is in ``forward`` or ``backward``, or in a function or
+method of the same file that these use, directly or indirectly. ``setup``, ``reshape`` and functions used only by them
+do not compute.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def code_lines(function: Function) -> set[int]:
-    """The lines of a function, without its docstring."""
+    """Return the lines of a function without its docstring."""
     statements = [node for node in ast.walk(function) if isinstance(node, ast.stmt) and not is_text(node)]
     return set().union(*map(lines_of, statements))
 
 
 def functions_of(tree: ast.Module) -> list[Function]:
-    """All functions and methods of a file."""
+    """Return all functions and methods of a file."""
     return [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
 
 
@@ -42,14 +42,14 @@ def is_text(node: ast.stmt) -> bool:
 
 
 def lines_of(node: ast.stmt) -> set[int]:
-    """Of a simple statement all its lines, of one with a body those before the body."""
+    """Return all lines of a simple statement, or the lines before the body of a compound one."""
     body = getattr(node, "body", None)
     end = body[0].lineno - 1 if body and body[0].lineno > node.lineno else node.end_lineno
     return set(range(node.lineno, (end or node.lineno) + 1))
 
 
 def computing(tree: ast.Module) -> set[int]:
-    """The lines that compute, by the rule."""
+    """Return the lines that compute, as defined above."""
     functions: dict[str, list[Function]] = {}
     for function in functions_of(tree):
         functions.setdefault(function.name, []).append(function)
@@ -69,7 +69,7 @@ def computing(tree: ast.Module) -> set[int]:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_most_of_a_layer_computes(path: Path) -> None:
-    """At least two code lines in five."""
+    """At least two of five code lines compute."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     share = len(computing(tree)) / len(set().union(*map(code_lines, functions_of(tree))))
     assert share >= LEAST, f"{path.relative_to(ROOT)}: {share:.0%} of its code lines compute, expected {LEAST:.0%}"

@@ -9,12 +9,12 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):
-    """The layer with a random bias."""
+    """Return a layer with a random bias."""
     return f'type: "Bias" bias_param {{ filler {{ type: "gaussian" }} {options} }}'
 
 
 def test_by_hand(run):
-    """One bias a channel."""
+    """Each channel has one bias."""
     done = run(text(), [[1, 2], [3, 4]], params=[[10, 20]])
     assert done.y.tolist() == [[11, 22], [13, 24]]
     assert done.backward([[1, 2], [3, 5]])[0].tolist() == [[1, 2], [3, 5]]
@@ -22,7 +22,7 @@ def test_by_hand(run):
 
 
 def test_it_starts_as_the_identity(run, rng):
-    """Bias 0."""
+    """The initial bias is 0."""
     x = rng.normal(size=(2, 3))
     assert np.array_equal(run('type: "Bias"', x).y, x)
 
@@ -34,7 +34,7 @@ def test_it_starts_as_the_identity(run, rng):
 )  # fmt: skip
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient_for_every_shape_of_the_bias(run, check, rng, options, shape, in_place):
-    """Of x and of the bias."""
+    """The gradients of x and of the bias agree with differences."""
     x = rng.normal(size=(2, 3, 4))
     assert run(text(options), x).layer.blobs[0].shape == shape
     check(text(options), x, in_place=in_place)
@@ -42,7 +42,7 @@ def test_gradient_for_every_shape_of_the_bias(run, check, rng, options, shape, i
 
 @pytest.mark.parametrize("in_place", [False, True])
 def test_a_second_bottom_as_bias(run, check, rng, in_place):
-    """No parameter then, whatever num_axes says; gradients of both bottoms, and of each alone."""
+    """The second bottom replaces the parameter and num_axes; the gradients of both, and of each alone, agree."""
     x, b = rng.normal(size=(2, 3, 4)), rng.normal(size=(3, 4))
     done = run(text("num_axes: 7"), x, b)
     assert np.allclose(done.y, x + b)
@@ -64,6 +64,6 @@ def test_a_second_bottom_as_bias(run, check, rng, in_place):
     ],
 )
 def test_mistakes(run, options, bottoms, message):
-    """The bias's shape and the bottom's."""
+    """The error states the shapes of the bias and of the bottom."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(options), *map(np.zeros, bottoms))

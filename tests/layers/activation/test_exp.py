@@ -21,26 +21,26 @@ pytestmark = pytest.mark.both_engines
 )
 @pytest.mark.parametrize("in_place", [False, True])
 def test_by_hand(run, options, y, dx, in_place):
-    """base^(shift + scale x) at 0, 1 and 2."""
+    """The values are base^(shift + scale x) at 0, 1 and 2."""
     done = run(f'type: "Exp" exp_param {{ {options} }}', [0, 1, 2], in_place=in_place)
     assert np.allclose(done.y, y)
     assert np.allclose(done.backward([1, 1, 1])[0], dx)
 
 
 def test_too_large_is_infinite(run):
-    """Without a warning; the solver finds it."""
+    """Overflow gives infinity without a warning; the solver detects it."""
     assert run('type: "Exp"', [1000.0]).y.tolist() == [np.inf]
 
 
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient(check, rng, in_place):
-    """With all three options."""
+    """The gradient agrees with differences with all three options set."""
     text = 'type: "Exp" exp_param { base: 1.7 scale: 2 shift: 0.5 }'
     check(text, rng.normal(size=(3, 4)), in_place=in_place)
 
 
 @pytest.mark.parametrize("base", ["0", "-2", "inf", "nan"])
 def test_mistakes(run, base):
-    """No such power is a number everywhere; the message stands at the base."""
+    """An invalid base raises an error with its position."""
     with pytest.raises(netlib.LayerError, match=r":1:36: .* must be positive and finite, or -1 for e"):
         run(f'type: "Exp" exp_param {{ base: {base} }}', [1.0])

@@ -20,26 +20,26 @@ pytestmark = pytest.mark.both_engines
 )
 @pytest.mark.parametrize("in_place", [False, True])
 def test_by_hand(run, options, y, dx, in_place):
-    """log of shift + scale x at 1, 2 and 4."""
+    """The values are the logarithm of shift + scale x at 1, 2 and 4."""
     done = run(f'type: "Log" log_param {{ {options} }}', [1, 2, 4], in_place=in_place)
     assert np.allclose(done.y, y)
     assert np.allclose(done.backward([1, 1, 1])[0], dx)
 
 
 def test_what_has_no_logarithm(run):
-    """-infinity and NaN as in Caffe, without a warning; the solver finds them."""
+    """Zero gives -infinity and a negative number NaN, as in Caffe, without a warning; the solver detects them."""
     assert np.array_equal(run('type: "Log"', [0.0, -1]).y, [-np.inf, np.nan], equal_nan=True)
 
 
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient(check, rng, in_place):
-    """With all three options."""
+    """The gradient agrees with differences with all three options set."""
     text = 'type: "Log" log_param { base: 1.7 scale: 2 shift: 0.5 }'
     check(text, rng.uniform(0.1, 1, (3, 4)), in_place=in_place)
 
 
 @pytest.mark.parametrize("base", ["0", "-2", "inf", "nan", "1"])
 def test_mistakes(run, base):
-    """Bases without a logarithm; the message stands at the base."""
+    """An invalid base raises an error with its position."""
     with pytest.raises(netlib.LayerError, match=r":1:36: .* must be positive, finite and not 1, or -1 for e"):
         run(f'type: "Log" log_param {{ base: {base} }}', [1.0])

@@ -21,14 +21,14 @@ pytestmark = pytest.mark.both_engines
 )
 @pytest.mark.parametrize("in_place", [False, True])
 def test_by_hand(run, options, y, dx, in_place):
-    """(shift + scale x)^power at 1, 2 and 4."""
+    """The values are (shift + scale x)^power at 1, 2 and 4."""
     done = run(f'type: "Power" power_param {{ {options} }}', [1, 2, 4], in_place=in_place)
     assert np.allclose(done.y, y)
     assert np.allclose(done.backward([1, 1, 1])[0], dx)
 
 
 def test_a_constant_has_no_gradient_at_0(run):
-    """power 0 gives 1 everywhere, and 0 back, not 0 times infinity."""
+    """Power 0 gives 1 everywhere with gradient 0, also at x = 0."""
     done = run('type: "Power" power_param { power: 0 }', [0.0, 1])
     assert done.y.tolist() == [1, 1]
     assert done.backward([1, 1])[0].tolist() == [0, 0]
@@ -36,6 +36,6 @@ def test_a_constant_has_no_gradient_at_0(run):
 
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient(check, rng, in_place):
-    """Away from a negative base."""
+    """The gradient agrees with differences for a positive base."""
     text = 'type: "Power" power_param { power: 1.7 scale: 2 shift: 0.5 }'
     check(text, rng.uniform(0.1, 1, (3, 4)), in_place=in_place)

@@ -12,7 +12,7 @@ SHARED = 'type: "PReLU" prelu_param { channel_shared: true }'
 
 @pytest.mark.parametrize("in_place", [False, True])
 def test_by_hand(run, in_place):
-    """One slope a channel; at 0 the gradient is that of the negative side."""
+    """Each channel has one slope; at 0 the gradient is that of the negative side."""
     done = run('type: "PReLU"', [[-2, -2, 3], [0, 1, -1]], params=[[0.5, -1, 2]], in_place=in_place)
     assert done.y.tolist() == [[-1, 2, 3], [0, 1, -2]]
     assert done.backward([[1, 1, 1], [1, 1, 1]])[0].tolist() == [[0.5, -1, 1], [0.5, 1, 2]]
@@ -20,7 +20,7 @@ def test_by_hand(run, in_place):
 
 
 def test_one_slope_for_all(run):
-    """A scalar."""
+    """With channel_shared the slope is a single number for all channels."""
     done = run(SHARED, [[-2, -2, 3], [0, 1, -1]], params=[0.5])
     assert done.layer.blobs[0].shape == ()
     assert done.y.tolist() == [[-1, -1, 3], [0, 1, -0.5]]
@@ -29,7 +29,7 @@ def test_one_slope_for_all(run):
 
 
 def test_initial_slopes(run):
-    """A quarter; a filler that is given but says no value means 0, as in Caffe."""
+    """The initial slope is 0.25; a filler without a value gives 0, as in Caffe."""
     x = np.ones((2, 3))
     assert run('type: "PReLU"', x).layer.blobs[0].data.tolist() == [0.25] * 3
     assert run(SHARED, x).layer.blobs[0].data == 0.25
@@ -41,12 +41,12 @@ def test_initial_slopes(run):
 @pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4), (2, 3, 2, 2)])
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient(check, rng, text, shape, in_place):
-    """Of x and of the slopes, off the kink."""
+    """The gradients of x and of the slopes agree with differences away from the kink."""
     check(text, rng.choice([-1, 1], shape) * rng.uniform(0.1, 1, shape), in_place=in_place)
 
 
 def test_mistakes(run):
-    """Too few axes; other channels than at first."""
+    """Too few axes and a changed number of channels raise an error."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3,\), expected \(N, C, ...\)"):
         run('type: "PReLU"', np.zeros(3))
     done = run('type: "PReLU"', np.zeros((2, 3)))

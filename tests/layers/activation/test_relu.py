@@ -17,7 +17,7 @@ LEAKY = 'type: "ReLU" relu_param { negative_slope: 0.25 }'
 )
 @pytest.mark.parametrize("in_place", [False, True])
 def test_by_hand(run, text, y, dx, in_place):
-    """At -2, 0 and 3; at 0 the gradient is that of the negative side."""
+    """The values agree at -2, 0 and 3; at 0 the gradient is that of the negative side."""
     done = run(text, [-2, 0, 3], in_place=in_place)
     assert done.y.tolist() == y
     assert done.backward([5, 5, 5])[0].tolist() == dx
@@ -25,7 +25,7 @@ def test_by_hand(run, text, y, dx, in_place):
 
 @pytest.mark.parametrize("shape", [(), (1,), (0, 20_000), (3, 5), (2, 1 << 14), (3, (1 << 14) + 5), (5, 7, 1000)])
 def test_any_size_and_order(run, rng, shape):
-    """Long rows, odd ends and scalars take different ways to the same numbers."""
+    """Long rows, odd sizes and scalars give the same values, although they are computed in different ways."""
     x, dy = rng.normal(size=shape), rng.normal(size=shape)
     done = run('type: "ReLU"', x)
     assert np.array_equal(done.y, np.maximum(x, 0))
@@ -34,7 +34,7 @@ def test_any_size_and_order(run, rng, shape):
 
 @pytest.mark.parametrize("slope", [0, 0.25, -0.5])
 def test_gradient(check, rng, slope):
-    """Off the kink."""
+    """The gradient agrees with differences away from the kink."""
     x = rng.choice([-1, 1], (3, 4)) * rng.uniform(0.1, 1, (3, 4))
     text = f'type: "ReLU" relu_param {{ negative_slope: {slope} }}'
     check(text, x)
@@ -43,7 +43,7 @@ def test_gradient(check, rng, slope):
 
 
 def test_a_negative_slope_below_zero_cannot_run_in_place(net_of):
-    """The sign of y no longer tells that of x."""
+    """A negative slope below zero is rejected in place, because y would not determine the sign of x."""
     with pytest.raises(netlib.LayerError, match="a negative negative_slope cannot run in place"):
         net_of(
             inputs(x=(2,)) + 'layer { name: "r" type: "ReLU" bottom: "x" top: "x" relu_param { negative_slope: -1 } }'

@@ -9,12 +9,12 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):
-    """The layer with a random gain and bias."""
+    """Return a layer with a random gain and bias."""
     return f'type: "Scale" scale_param {{ filler {{ type: "gaussian" }} bias_filler {{ type: "gaussian" }} {options} }}'
 
 
 def test_by_hand(run):
-    """One gain and one bias a channel."""
+    """Each channel has one gain and one bias."""
     done = run(text("bias_term: true"), [[1, 2], [3, 4]], params=[[2, 10], [1, 0]])
     assert done.y.tolist() == [[3, 20], [7, 40]]
     [dx] = done.backward([[1, 1], [1, 0]])
@@ -24,7 +24,7 @@ def test_by_hand(run):
 
 
 def test_it_starts_as_the_identity(run, rng):
-    """Gain 1, bias 0."""
+    """The initial gain is 1 and the initial bias is 0."""
     x = rng.normal(size=(2, 3))
     assert np.array_equal(run('type: "Scale" scale_param { bias_term: true }', x).y, x)
 
@@ -36,7 +36,7 @@ def test_it_starts_as_the_identity(run, rng):
 )  # fmt: skip
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient_for_every_shape_of_the_gain(run, check, rng, options, shape, in_place):
-    """Of x, gain and bias; in place x is kept."""
+    """The gradients of x, gain and bias agree with differences, also in place."""
     x = rng.normal(size=(2, 3, 4))
     assert run(text(options), x).layer.blobs[0].shape == shape
     check(text(options + " bias_term: true"), x, in_place=in_place)
@@ -44,7 +44,7 @@ def test_gradient_for_every_shape_of_the_gain(run, check, rng, options, shape, i
 
 @pytest.mark.parametrize("in_place", [False, True])
 def test_a_second_bottom_as_gain(run, check, rng, in_place):
-    """No gain of its own, but a bias if wanted; gradients of both bottoms."""
+    """The second bottom replaces the gain parameter; the bias is optional, and both bottoms have gradients."""
     x, gain = rng.normal(size=(2, 3, 4)), rng.normal(size=3)
     assert np.allclose(run('type: "Scale"', x, gain).y, x * gain[:, None])
     check(text("bias_term: true"), x, gain, in_place=in_place)
@@ -60,13 +60,13 @@ def test_a_second_bottom_as_gain(run, check, rng, in_place):
     ],
 )
 def test_mistakes(run, options, bottoms, message):
-    """The gain's shape and the bottom's."""
+    """The error states the shapes of the gain and of the bottom."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(options), *map(np.zeros, bottoms))
 
 
 def test_another_gain_does_not_fit_the_bias(run):
-    """The bias has the shape of the gain at first; one value would silently be added to all channels."""
+    """A gain that no longer has the shape of the bias raises an error instead of being broadcast."""
     done = run(text("bias_term: true"), np.zeros((2, 1)), np.zeros(1))
     done.bottom[0].reshape(2, 4)
     done.bottom[1].reshape(4)
@@ -75,12 +75,12 @@ def test_another_gain_does_not_fit_the_bias(run):
 
 
 def test_a_gain_of_no_axes_fits_anywhere(run):
-    """num_axes 0, or a scalar bottom: the axis is not looked at."""
+    """With num_axes 0 or a scalar bottom the axis is ignored."""
     assert run(text("num_axes: 0 axis: 5"), [2.0, 3], params=[2]).y.tolist() == [4, 6]
     assert run(text("axis: 5"), [2.0, 3], 2.0).y.tolist() == [4, 6]
 
 
 def test_num_axes_counts_only_for_a_gain_of_its_own(run, rng):
-    """A second bottom says itself how many axes it has, as in Caffe."""
+    """num_axes is ignored if a second bottom is the gain, as in Caffe."""
     x, gain = rng.normal(size=(2, 3, 4)), rng.normal(size=(3, 4))
     assert np.array_equal(run(text("num_axes: 9"), x, gain).y, x * gain)

@@ -10,7 +10,7 @@ BETA_2 = 'type: "Swish" swish_param { beta: 2 }'
 
 @pytest.mark.parametrize("in_place", [False, True])
 def test_by_hand(run, in_place):
-    """Where the sigmoid is a half, and 4/5."""
+    """The values agree where the sigmoid is 1/2 and 4/5."""
     one, two = np.log(4), np.log(4) / 2
     done = run('type: "Swish"', [0, one], in_place=in_place)
     assert np.allclose(done.y, [0, 0.8 * one])
@@ -21,7 +21,7 @@ def test_by_hand(run, in_place):
 
 
 def test_far_out(run):
-    """A ReLU, without overflow."""
+    """Far from 0 the layer equals a ReLU, without overflow."""
     done = run('type: "Swish"', [1000.0, -1000.0])
     assert done.y.tolist() == [1000, 0]
     assert done.backward([1, 1])[0].tolist() == [1, 0]
@@ -30,5 +30,5 @@ def test_far_out(run):
 @pytest.mark.parametrize("text", ['type: "Swish"', BETA_2])
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient(check, rng, text, in_place):
-    """Anywhere."""
+    """The gradient agrees with differences."""
     check(text, rng.normal(size=(3, 4)), in_place=in_place)

@@ -11,12 +11,12 @@ pytestmark = pytest.mark.both_engines
 @pytest.mark.parametrize(("options", "y"), [("", [0, 0, 1, 1]), ("threshold: 0.5", [0, 0, 0, 1])])
 @pytest.mark.parametrize("in_place", [False, True])
 def test_by_hand(run, options, y, in_place):
-    """The threshold itself is not above it."""
+    """A value equal to the threshold gives 0."""
     assert run(f'type: "Threshold" threshold_param {{ {options} }}', [-1, 0, 0.5, 2], in_place=in_place).y.tolist() == y
 
 
 def test_it_has_no_gradient(run, net_of):
-    """And says so when it is asked for one; force_backward does not ask."""
+    """backward raises an error; with force_backward it is not called."""
     with pytest.raises(netlib.LayerError, match="has no gradient"):
         run('type: "Threshold"', [1.0]).backward([1])
     net = net_of(

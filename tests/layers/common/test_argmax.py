@@ -7,29 +7,29 @@ import netlib
 
 pytestmark = pytest.mark.both_engines
 
-X = [[[3.0, 1], [4, 2]], [[0, -1], [-2, 0]]]  # two items; in the second, two equal ones
+X = [[[3.0, 1], [4, 2]], [[0, -1], [-2, 0]]]  # two items; the second has equal values
 
 
 def text(options=""):
-    """The layer with these options."""
+    """Return a layer with these options."""
     return f'type: "ArgMax" argmax_param {{ {options} }}'
 
 
 @pytest.mark.parametrize(
     ("options", "y"),
     [
-        ("", [[[2]], [[3]]]),  # of the equal values of item 1, at 0 and 3, the last
+        ("", [[[2]], [[3]]]),  # of the equal values of item 1, at 0 and 3, the last one
         ("top_k: 3", [[[2, 0, 3]], [[3, 0, 1]]]),
         ("top_k: 2 out_max_val: true", [[[2, 0], [4, 3]], [[3, 0], [0, 0]]]),
         ("axis: 1", [[[1, 1]], [[0, 1]]]),
         ("axis: -1", [[[0], [0]], [[0], [1]]]),
-        ("axis: 1 out_max_val: true", [[[4, 2]], [[0, 0]]]),  # the values in place of the places
+        ("axis: 1 out_max_val: true", [[[4, 2]], [[0, 0]]]),  # values instead of indices
         ("axis: 2 top_k: 2", [[[0, 1], [0, 1]], [[0, 1], [1, 0]]]),
         ("axis: 0", [[[0, 0], [0, 0]]]),
     ],
 )
 def test_by_hand(run, options, y):
-    """Places in the whole item, or along an axis."""
+    """Indices or values are found within the whole item or along an axis."""
     assert run(text(options), X).y.tolist() == y
 
 
@@ -39,12 +39,12 @@ def test_by_hand(run, options, y):
      ((4, 3, 2, 5), "top_k: 7", (4, 1, 7, 1)), ((4, 3, 2, 5), "axis: 1 top_k: 2", (4, 2, 2, 5))],
 )  # fmt: skip
 def test_shapes(run, rng, shape, options, top):
-    """At least three axes without ``axis``, and those of the bottom with it."""
+    """Without ``axis`` the top has at least three axes, with it those of the bottom."""
     assert run(text(options), rng.normal(size=shape)).y.shape == top
 
 
 def test_all_along_an_axis_are_a_sort(run, rng):
-    """From the largest to the smallest."""
+    """With top_k equal to the size of the axis, the values are sorted in descending order."""
     x = rng.normal(size=(3, 5, 2))
     values = run(text("axis: 1 top_k: 5 out_max_val: true"), x).y
     places = run(text("axis: 1 top_k: 5"), x).y.astype(int)
@@ -53,7 +53,7 @@ def test_all_along_an_axis_are_a_sort(run, rng):
 
 
 def test_there_is_no_gradient(run):
-    """Whoever asks for it is told, and force_backward does not ask."""
+    """backward raises an error, and force_backward does not request a gradient."""
     done = run(text(), X)
     assert not done.layer.allow_force_backward(0)
     with pytest.raises(netlib.LayerError, match="layer 'it': has no gradient"):
@@ -70,6 +70,6 @@ def test_there_is_no_gradient(run):
     ],
 )
 def test_mistakes(run, options, message):
-    """More places than there are values, or an axis that is not there."""
+    """An invalid top_k or axis raises an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(options), X)

@@ -12,7 +12,7 @@ TEXT = 'type: "Axpy"'
 
 @pytest.mark.parametrize("shape", [(1, 2), (1, 2, 1, 1)], ids=str)
 def test_by_hand(run, shape):
-    """Channel 0 times 2, channel 1 times 10."""
+    """Channel 0 is scaled by 2 and channel 1 by 10."""
     x, y = [[[[1, 2]], [[3, 4]]]], [[[[5, 5]], [[6, 6]]]]
     done = run(TEXT, np.array([2, 10]).reshape(shape), x, y)
     assert done.y.tolist() == [[[[7, 9]], [[36, 46]]]]
@@ -24,7 +24,7 @@ def test_by_hand(run, shape):
 
 @pytest.mark.parametrize("shape", [(3, 2), (3, 2, 1, 1)], ids=str)
 def test_gradient(check, rng, shape):
-    """Of all three."""
+    """The gradients of all three bottoms agree with differences."""
     check(TEXT, rng.normal(size=shape), *rng.normal(size=(2, 3, 2, 4, 3)))
 
 
@@ -39,6 +39,6 @@ def test_gradient(check, rng, shape):
     ids=str,
 )
 def test_mistakes(run, shapes, message):
-    """Names the blobs and their shapes."""
+    """The error names the blobs and their shapes."""
     with pytest.raises(netlib.LayerError, match=message):
         run(TEXT, *map(np.zeros, shapes))

@@ -11,7 +11,7 @@ X = [[1.0, 2], [3, 4], [5, 6]]
 
 
 def test_by_hand(run):
-    """Any order, some twice, some not at all; the gradients of an item taken twice are added."""
+    """Items may be selected in any order and repeatedly; the gradients of repeated items are added."""
     done = run('type: "BatchReindex"', X, [2, 0, 2, 0])
     assert done.y.tolist() == [[5, 6], [1, 2], [5, 6], [1, 2]]
     dx, _ = done.backward([[1, 2], [3, 4], [10, 20], [30, 40]], wanted=[True, False])
@@ -19,19 +19,19 @@ def test_by_hand(run):
 
 
 def test_more_axes_and_no_items(run, rng):
-    """The list decides how many items there are; a fraction is cut off, as Caffe does."""
+    """The list determines the number of items, which may be 0; fractions are truncated, as in Caffe."""
     x = rng.normal(size=(3, 2, 4))
     assert np.array_equal(run('type: "BatchReindex"', x, [1.75]).y, x[1:2])
     assert run('type: "BatchReindex"', x, []).y.shape == (0, 2, 4)
 
 
 def test_gradient(check, rng):
-    """Of the items; the list has none."""
+    """The gradient of the items agrees with differences; the list has none."""
     check('type: "BatchReindex"', rng.normal(size=(4, 3)), [3, 1, 1, 0, 3], wanted=[True, False])
 
 
 def test_force_backward_does_not_ask_for_the_lists_gradient(net_of):
-    """Only the items get one."""
+    """With force_backward only the items have a gradient."""
     net = net_of(
         'force_backward: true layer { name: "in" type: "Input" top: "x" top: "i" '
         "input_param { shape { dim: 3 dim: 2 } shape { dim: 2 } } } "
@@ -51,12 +51,12 @@ def test_force_backward_does_not_ask_for_the_lists_gradient(net_of):
     ],
 )
 def test_mistakes(run, index, message):
-    """Items that are not there, and a list that is none."""
+    """An invalid index or list raises an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run('type: "BatchReindex"', X, index)
 
 
 def test_the_list_has_no_gradient(run):
-    """Whoever asks for it is told."""
+    """Requesting a gradient of the list raises an error."""
     with pytest.raises(netlib.LayerError, match="'bottom1' have no gradient"):
         run('type: "BatchReindex"', X, [0]).backward([[1, 1]])

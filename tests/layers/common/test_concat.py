@@ -10,7 +10,7 @@ pytestmark = pytest.mark.both_engines
 
 @pytest.mark.parametrize("axis", [0, 1, 2, -1])
 def test_one_after_the_other(run, rng, axis):
-    """Along any axis; the gradient is cut the same way."""
+    """Bottoms are concatenated along any axis; the gradient is split the same way."""
     a, b, c = (rng.normal(size=(2, 3, 4)) for _ in range(3))
     done = run(f'type: "Concat" concat_param {{ axis: {axis} }}', a, b, c)
     assert np.array_equal(done.y, np.concatenate([a, b, c], axis))
@@ -20,32 +20,32 @@ def test_one_after_the_other(run, rng, axis):
 
 
 def test_sizes_may_differ_along_the_axis(run):
-    """The older name concat_dim means the same."""
+    """Sizes may differ along the axis, which may be set by its older name concat_dim."""
     done = run('type: "Concat" concat_param { concat_dim: 1 }', [[1], [2]], [[3, 4], [5, 6]])
     assert done.y.tolist() == [[1, 3, 4], [2, 5, 6]]
 
 
 def test_one_bottom(run, check, rng):
-    """Is its own top."""
+    """A single bottom is copied to the top."""
     x = rng.normal(size=(2, 3))
     assert np.array_equal(run('type: "Concat"', x).y, x)
     check('type: "Concat"', x)
 
 
 def test_an_empty_bottom(run):
-    """Adds nothing."""
+    """An empty bottom does not change the result."""
     assert run('type: "Concat"', np.ones((2, 3)), np.ones((2, 0))).y.shape == (2, 3)
 
 
 def test_gradient(check, rng):
-    """Of both bottoms, and of one alone."""
+    """The gradients of both bottoms, and of one alone, agree with differences."""
     check('type: "Concat"', rng.normal(size=(2, 2)), rng.normal(size=(2, 3)))
     check('type: "Concat"', rng.normal(size=(2, 2)), rng.normal(size=(2, 3)), wanted=[False, True])
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (2, 3, 1)])
 def test_mistakes(run, shape):
-    """Other axes must agree."""
+    """All axes except the concatenated one must agree, and the axis must be valid and set once."""
     with pytest.raises(
         netlib.LayerError, match=r"layer 'it': bottom 'bottom1' .* and 'bottom0' \(2, 3\) may differ only along axis 1"
     ):

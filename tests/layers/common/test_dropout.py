@@ -11,7 +11,7 @@ HALF = 'type: "Dropout" dropout_param { dropout_ratio: 0.5 }'
 
 
 def test_values_are_zero_or_scaled(run):
-    """By 1 / (1 - p), so that the mean stays; the gradient has the same mask."""
+    """Kept values are scaled by 1 / (1 - p), which preserves the mean; the gradient uses the same mask."""
     done = run('type: "Dropout" dropout_param { dropout_ratio: 0.2 }', np.ones((4, 500)))
     assert sorted(set(done.y.ravel().tolist())) == [0, pytest.approx(1.25)]
     assert done.y.mean() == pytest.approx(1, abs=0.05)
@@ -21,13 +21,13 @@ def test_values_are_zero_or_scaled(run):
 
 @pytest.mark.parametrize("ratio", [0.1, 0.3, 0.5, 0.9])
 def test_the_part_that_is_dropped(run, ratio):
-    """Of 100,000 values, within five standard errors."""
+    """The fraction of dropped values agrees within five standard errors for 100,000 values."""
     done = run(f'type: "Dropout" dropout_param {{ dropout_ratio: {ratio} }}', np.ones(100_000))
     assert abs((done.y == 0).mean() - ratio) < 5 * np.sqrt(ratio * (1 - ratio) / 100_000)
 
 
 def test_every_batch_has_another_mask(run):
-    """From the layer's own stream."""
+    """Every batch draws a new mask from the layer's own random stream."""
     done = run(HALF, np.ones(100))
     first = done.y.copy()
     done.layer.forward(done.bottom, done.top)
@@ -38,7 +38,7 @@ def test_every_batch_has_another_mask(run):
     ("text", "phase"), [(HALF, "TEST"), ('type: "Dropout" dropout_param { dropout_ratio: 0 }', "TRAIN")]
 )
 def test_identity_when_testing_or_with_ratio_0(run, rng, text, phase):
-    """Forward and backward."""
+    """In TEST or with ratio 0, forward and backward are the identity."""
     x = rng.normal(size=(3, 4))
     done = run(text, x, phase=phase)
     assert np.array_equal(done.y, x)
@@ -48,12 +48,12 @@ def test_identity_when_testing_or_with_ratio_0(run, rng, text, phase):
 @pytest.mark.parametrize("phase", ["TRAIN", "TEST"])
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient(check, rng, phase, in_place):
-    """The mask is the same in every forward of the check."""
+    """The gradient agrees with differences; every forward pass of the check uses the same mask."""
     check(HALF, rng.normal(size=(3, 5)), phase=phase, in_place=in_place)
 
 
 def test_fast_rcnns_dropout_scales_in_test(run):
-    """``scale_train: false``: kept values stay as they are in TRAIN, and TEST makes up for the dropped ones."""
+    """With ``scale_train: false`` kept values are not scaled in TRAIN; TEST scales all values instead."""
     text = 'type: "Dropout" dropout_param { dropout_ratio: 0.25 scale_train: false }'
     train, test = (run(text, np.full(1000, 8.0), phase=phase) for phase in ("TRAIN", "TEST"))
     assert set(train.y) == {0, 8}
@@ -63,7 +63,7 @@ def test_fast_rcnns_dropout_scales_in_test(run):
 
 @pytest.mark.parametrize("ratio", [1, -0.1, 2])
 def test_mistakes(run, ratio):
-    """A part is at least 0 and less than 1."""
+    """A ratio below 0, or of 1 or more, raises an error."""
     with pytest.raises(
         netlib.LayerError, match=f"layer 'it': dropout_ratio {ratio:g} must be at least 0 and less than 1"
     ):

@@ -11,7 +11,7 @@ A, B, C = [1.0, 2, -3], [4.0, 2, 0], [0.5, 2, 5]
 
 
 def text(options=""):
-    """The layer with these options."""
+    """Return a layer with these options."""
     return f'type: "Eltwise" eltwise_param {{ {options} }}'
 
 
@@ -21,31 +21,31 @@ def text(options=""):
         ("", [5.5, 6, 2], [[1, 1, 1]] * 3),
         ("coeff: 1 coeff: -2 coeff: 0.5", [-6.75, -1, -0.5], [[1] * 3, [-2] * 3, [0.5] * 3]),
         ("operation: PROD", [2, 8, 0], [[2, 4, 0], [0.5, 4, -15], [4, 4, 0]]),
-        ("operation: MAX", [4, 2, 5], [[0, 0, 0], [1, 1, 0], [0, 0, 1]]),  # of equal ones the second wins
+        ("operation: MAX", [4, 2, 5], [[0, 0, 0], [1, 1, 0], [0, 0, 1]]),  # of equal values the second one is taken
     ],
 )
 def test_by_hand(run, options, y, grads):
-    """Value by value, and the gradient of each bottom for dy = 1."""
+    """The values and the gradients of each bottom for dy = 1 agree."""
     done = run(text(options), A, B, C)
     assert done.y.tolist() == y
     assert [dx.tolist() for dx in done.backward([1, 1, 1])] == grads
 
 
 def test_an_unstable_product_divides(run):
-    """The same numbers where no bottom is 0."""
+    """Without zeros the unstable gradient of a product equals the stable one."""
     stable = run(text("operation: PROD"), A, C).backward([1, 1, 1])
     unstable = run(text("operation: PROD stable_prod_grad: false"), A, C).backward([1, 1, 1])
     assert np.allclose(stable, unstable)
 
 
 def test_an_unstable_product_of_0_has_no_gradient(run):
-    """NaN, in silence, as in Caffe: 0 / 0."""
+    """At 0 the unstable gradient of a product is NaN without a warning, as in Caffe."""
     unstable = run(text("operation: PROD stable_prod_grad: false"), A, B).backward([1, 1, 1])
     assert np.isnan(unstable[1]).tolist() == [False, False, True]
 
 
 def test_a_maximum_ignores_coefficients(run):
-    """As in Caffe."""
+    """MAX ignores coeff, as in Caffe."""
     assert run(text("operation: MAX coeff: -1 coeff: 5"), A, B).y.tolist() == [4, 2, 0]
 
 
@@ -54,7 +54,7 @@ def test_a_maximum_ignores_coefficients(run):
     ["", "coeff: 2 coeff: -1 coeff: 0", "operation: PROD", "operation: PROD stable_prod_grad: false", "operation: MAX"],
 )
 def test_gradient(check, rng, options):
-    """Of three bottoms, and of one."""
+    """The gradients of three bottoms, and of one alone, agree with differences."""
     xs = rng.normal(size=(3, 2, 4))
     check(text(options), *xs)
     check(text(options), *xs, wanted=[False, True, False])
@@ -69,6 +69,6 @@ def test_gradient(check, rng, options):
     ],
 )
 def test_mistakes(run, options, b, message):
-    """Shapes and coefficients."""
+    """Different shapes and invalid coefficients raise an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(options), A, b)

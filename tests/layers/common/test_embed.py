@@ -11,12 +11,12 @@ TABLE = [[1.0, 2], [3, 4], [5, 6]]
 
 
 def text(options=""):
-    """Three vectors of two numbers."""
+    """Return a layer with three vectors of two numbers."""
     return f'type: "Embed" embed_param {{ num_output: 2 input_dim: 3 weight_filler {{ type: "gaussian" }} {options} }}'
 
 
 def test_by_hand(run):
-    """Each number picks a vector; the gradients of a vector picked twice are added."""
+    """Each index selects a vector; the gradients of a repeated vector are added."""
     done = run(text(), [2, 0, 2], params=[TABLE, [10, 20]])
     assert done.y.tolist() == [[15, 26], [11, 22], [15, 26]]
     done.backward([[1, 2], [3, 4], [10, 20]], wanted=[False])
@@ -25,7 +25,7 @@ def test_by_hand(run):
 
 
 def test_it_is_inner_product_on_one_hot_vectors(run, rng):
-    """With the weights the other way round."""
+    """The result equals that of InnerProduct on one-hot vectors with transposed weights."""
     index, w, b = rng.integers(0, 3, (4, 5)), rng.normal(size=(3, 2)), rng.normal(size=2)
     one_hot = np.eye(3)[index]
     mine = run(text(), index, params=[w, b])
@@ -41,7 +41,7 @@ def test_it_is_inner_product_on_one_hot_vectors(run, rng):
 
 @pytest.mark.parametrize("options", ["", "bias_term: false"])
 def test_gradient(check, options):
-    """Of the table and the bias; the numbers have none."""
+    """The gradients of the table and of the bias agree with differences; the indices have none."""
     check(text(options), [[0, 2], [2, 2]], wanted=[False])
 
 
@@ -49,7 +49,7 @@ def test_gradient(check, options):
     ("index", "found"), [([0, 3], "3"), ([-1], "-1"), ([0.5], "0.5"), ([np.nan], "nan"), ([np.inf], "inf")]
 )
 def test_numbers_without_a_vector(run, index, found):
-    """Said with what was expected."""
+    """An invalid index raises an error with the valid range."""
     with pytest.raises(
         netlib.LayerError, match=rf"bottom 'bottom0' holds {found}, expected whole numbers from 0 to 2 \(input_dim 3\)"
     ):
@@ -57,7 +57,7 @@ def test_numbers_without_a_vector(run, index, found):
 
 
 def test_sizes_of_0_and_the_gradient_of_the_numbers(run):
-    """Are mistakes."""
+    """A size of 0 and a gradient of the indices raise an error."""
     for name, options in (("num_output", "num_output: 0 input_dim: 3"), ("input_dim", "num_output: 3 input_dim: 0")):
         with pytest.raises(netlib.LayerError, match=f"layer 'it': {name} must be at least 1"):
             run(f'type: "Embed" embed_param {{ {options} }}', [0])

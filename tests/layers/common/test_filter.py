@@ -9,7 +9,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def test_by_hand(run):
-    """What is not 0 passes; items that were dropped have no gradient."""
+    """Items with a nonzero selector pass; dropped items have gradient 0."""
     done = run('type: "Filter"', [[1, 2], [3, 4], [5, 6], [7, 8]], [10, 20, 30, 40], [0, 1, 0, -0.5], tops=2)
     assert [y.tolist() for y in done.ys] == [[[3, 4], [7, 8]], [20, 40]]
     dx, dlabel, _ = done.backward([[1, 2], [3, 4]], [5, 6], wanted=[True, True, False])
@@ -19,19 +19,19 @@ def test_by_hand(run):
 
 @pytest.mark.parametrize(("selector", "passed"), [([[1], [1], [1]], 3), ([[[0]], [[0]], [[2]]], 1), ([0, 0, 0], 0)])
 def test_all_some_or_none(run, rng, selector, passed):
-    """Axes of size 1 behind the first do no harm; of no items the gradient is 0."""
+    """The selector may have further axes of size 1; if no item passes, the gradient is 0."""
     done = run('type: "Filter"', rng.normal(size=(3, 2, 2)), selector)
     assert done.y.shape == (passed, 2, 2)
     assert (done.backward(np.ones((passed, 2, 2)), wanted=[True, False])[0] != 0).sum() == 4 * passed
 
 
 def test_gradient(check, rng):
-    """Of what is filtered."""
+    """The gradient of the filtered items agrees with differences."""
     check('type: "Filter"', rng.normal(size=(4, 3)), [1, 0, 0, 1], wanted=[True, False])
 
 
 def test_in_a_net_the_number_of_items_follows_the_selector(net_of, rng):
-    """The net is built for all items; every forward has as many as pass, also behind the filter."""
+    """Blobs after the filter have as many items as pass in each forward pass."""
     net = net_of(
         'force_backward: true layer { name: "in" type: "Input" top: "x" top: "s" '
         "input_param { shape { dim: 4 dim: 3 } shape { dim: 4 } } } "
@@ -61,12 +61,12 @@ def test_in_a_net_the_number_of_items_follows_the_selector(net_of, rng):
     ],
 )
 def test_mistakes(run, bottoms, tops, message):
-    """Counts and shapes."""
+    """An invalid number of blobs or an invalid shape raises an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run('type: "Filter"', *bottoms, tops=tops)
 
 
 def test_the_selector_has_no_gradient(run):
-    """Whoever asks for it is told."""
+    """Requesting a gradient of the selector raises an error."""
     with pytest.raises(netlib.LayerError, match="the selector 'bottom1' has no gradient"):
         run('type: "Filter"', [1, 2], [1, 1]).backward([1, 1])

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.both_engines
      ("axis: 2 end_axis: 1", (2, 3, 1, 4, 5))],
 )  # fmt: skip
 def test_axes_are_joined(run, rng, options, shape):
-    """The values stay in order; the gradient goes back in the old shape."""
+    """The values keep their order, and the gradient has the shape of the bottom."""
     x = rng.normal(size=(2, 3, 4, 5))
     done = run(f'type: "Flatten" flatten_param {{ {options} }}', x)
     assert np.array_equal(done.y, x.reshape(shape))
@@ -24,7 +24,7 @@ def test_axes_are_joined(run, rng, options, shape):
 
 
 def test_gradient(check, rng):
-    """A change of shape."""
+    """The gradient agrees with differences."""
     check('type: "Flatten"', rng.normal(size=(2, 3, 2)))
 
 
@@ -34,6 +34,6 @@ def test_gradient(check, rng):
      ("end_axis: 4", "end_axis 4 is out of range")],
 )  # fmt: skip
 def test_mistakes(run, options, message):
-    """Axes that are not there, or in the wrong order."""
+    """Invalid axes, or axes in the wrong order, raise an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run(f'type: "Flatten" flatten_param {{ {options} }}', np.zeros((2, 3, 4, 5)))

@@ -9,13 +9,13 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):
-    """The layer with three outputs, random weights and a random bias."""
+    """Return a layer with three outputs, random weights and a random bias."""
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "InnerProduct" inner_product_param {{ num_output: 3 {fillers} {options} }}'
 
 
 def test_by_hand(run):
-    """y = x wᵀ + b and its three gradients."""
+    """y = x wᵀ + b and its three gradients agree."""
     done = run(text(), [[1, 2]], params=[[[1, 0], [0, 1], [3, -1]], [10, 20, 30]])
     assert done.y.tolist() == [[11, 22, 31]]
     [dx] = done.backward([[1, 0, 2]])
@@ -25,7 +25,7 @@ def test_by_hand(run):
 
 
 def test_a_transposed_weight(run, rng):
-    """Stored as (I, O); the same product."""
+    """A weight stored as (I, O) gives the same products."""
     x, w = rng.normal(size=(2, 4)), rng.normal(size=(3, 4))
     plain = run(text("bias_term: false"), x, params=[w])
     turned = run(text("bias_term: false transpose: true"), x, params=[w.T])
@@ -40,7 +40,7 @@ def test_a_transposed_weight(run, rng):
     [(1, (2, 3), (3, 20)), (2, (2, 4, 3), (3, 5)), (0, (3,), (3, 40)), (-1, (2, 4, 3), (3, 5))],
 )
 def test_axes_before_axis_count_items(run, rng, axis, shape, weight):
-    """The others are flattened."""
+    """Axes before ``axis`` count items; the other axes are flattened."""
     x = rng.normal(size=(2, 4, 5))
     done = run(text(f"axis: {axis}"), x)
     assert done.layer.blobs[0].shape == weight
@@ -51,12 +51,12 @@ def test_axes_before_axis_count_items(run, rng, axis, shape, weight):
 
 @pytest.mark.parametrize("options", ["", "transpose: true", "bias_term: false", "axis: 2", "axis: 0"])
 def test_gradient(check, rng, options):
-    """Of x, w and b."""
+    """The gradients of x, w and b agree with differences."""
     check(text(options), rng.normal(size=(2, 3, 2)))
 
 
 def test_more_rows_than_a_block(run, rng, keep_threads):
-    """Products are cut into blocks, one a thread: the same numbers for any number of threads."""
+    """Products are split into blocks between threads; the result is the same for any number of threads."""
     x, w, dy = rng.normal(size=(300, 7)), rng.normal(size=(300, 7)), rng.normal(size=(300, 300))
     found = []
     for threads in (1, 3):
@@ -72,7 +72,7 @@ def test_more_rows_than_a_block(run, rng, keep_threads):
 
 @pytest.mark.parametrize("options", ["", "transpose: true", "bias_term: false"])
 def test_few_items_and_many_agree(run, rng, keep_threads, options):
-    """Few go one by one, many in one product; on any number of threads."""
+    """Small batches are computed item by item; the results agree with a large batch for any number of threads."""
     x = rng.normal(size=(20, 30))
     many = run(text(options), x)
     params = [p.data.copy() for p in many.layer.blobs]
@@ -83,7 +83,7 @@ def test_few_items_and_many_agree(run, rng, keep_threads, options):
 
 
 def test_mistakes(run):
-    """No outputs, or another number of inputs than the weights expect."""
+    """An invalid num_output or axis, and a changed number of features, raise an error."""
     with pytest.raises(netlib.LayerError, match="num_output must be at least 1"):
         run('type: "InnerProduct" inner_product_param { num_output: 0 }', np.zeros((2, 3)))
     with pytest.raises(netlib.LayerError, match="axis 2 is out of range"):
@@ -95,7 +95,7 @@ def test_mistakes(run):
 
 
 def test_the_gradient_of_a_bias_over_many_items_in_float32(run):
-    """As exact as the result can be; adding 200,000 rows one by one in float32 would be wrong by 2e-3."""
+    """The bias gradient has float32 precision; adding 200,000 rows one by one would have an error of 2e-3."""
     done = run(text(), np.zeros((200_000, 1)), dtype=np.float32)
     dy = np.full((200_000, 3), 0.1, np.float32)
     done.backward(dy)

@@ -14,7 +14,7 @@ layer { name: "sum" type: "Reduction" bottom: "w" top: "loss" loss_weight: 1 red
 
 
 def test_the_top_is_the_parameter(net_of):
-    """0 at first; its gradient is what the layers behind it want."""
+    """The top holds the parameter, initially 0; the gradient of the top is added to the parameter's."""
     net = net_of(NET)
     assert net.forward()["loss"] == 0
     net.params["w"][0].data[...] = [[1, 2, 3], [4, 5, 6]]
@@ -27,7 +27,7 @@ def test_the_top_is_the_parameter(net_of):
 
 
 def test_in_place_behind_it_leaves_the_parameter_alone(net_of):
-    """The top is a copy."""
+    """The top is a copy, so a layer in place after it does not change the parameter."""
     net = net_of(NET.replace('layer { name: "sum"', 'layer { name: "r" type: "ReLU" bottom: "w" top: "w" }\n'
                                                     'layer { name: "sum"'))  # fmt: skip
     net.params["w"][0].data[...] = -1
@@ -36,12 +36,12 @@ def test_in_place_behind_it_leaves_the_parameter_alone(net_of):
 
 
 def test_without_a_shape_it_is_one_number(net_of):
-    """As in Caffe."""
+    """Without a shape the parameter is a scalar, as in Caffe."""
     assert net_of('layer { name: "w" type: "Parameter" top: "w" }').params["w"][0].shape == ()
 
 
 def test_shared_by_name(net_of):
-    """Two of them are one parameter."""
+    """Two Parameter layers with the same param name share one parameter."""
     net = net_of(NET.replace("lr_mult: 2", 'name: "one"')
                  + 'layer { name: "v" type: "Parameter" top: "v" parameter_param { shape { dim: 2 dim: 3 } } '
                    'param { name: "one" } }')  # fmt: skip
@@ -52,7 +52,7 @@ def test_shared_by_name(net_of):
 
 
 def test_a_negative_size(net_of):
-    """Is a mistake with a place."""
+    """A negative size raises an error with its position."""
     with pytest.raises(
         netlib.LayerError, match=r"net.prototxt:2:\d+: error: layer 'w': shape \(-2, 3\) has a negative"
     ):

@@ -11,7 +11,7 @@ X = [[1.0, -2, 3], [0, 4, -5]]
 
 
 def text(options=""):
-    """The layer with these options."""
+    """Return a layer with these options."""
     return f'type: "Reduction" reduction_param {{ {options} }}'
 
 
@@ -19,14 +19,14 @@ def text(options=""):
     ("options", "y", "dx"),
     [
         ("", 1, [[10, 10, 10], [10, 10, 10]]),
-        ("operation: ASUM", 15, [[10, -10, 10], [0, 10, -10]]),  # at 0 there is no slope
+        ("operation: ASUM", 15, [[10, -10, 10], [0, 10, -10]]),  # the gradient at 0 is 0
         ("operation: SUMSQ coeff: 0.5", 27.5, [[10, -20, 30], [0, 40, -50]]),
         ("operation: MEAN coeff: 3", 0.5, [[5, 5, 5], [5, 5, 5]]),
-        ("operation: 4 coeff: 3", 0.5, [[5, 5, 5], [5, 5, 5]]),  # MEAN; in caffe.proto its numbers begin at 1
+        ("operation: 4 coeff: 3", 0.5, [[5, 5, 5], [5, 5, 5]]),  # MEAN; the enum starts at 1 in caffe.proto
     ],
 )
 def test_by_hand(run, options, y, dx):
-    """Everything, to one number without axes; the gradient for dy = 10."""
+    """The whole bottom is reduced to a scalar; the gradients agree for dy = 10."""
     done = run(text(options), X)
     assert done.y.shape == ()
     assert done.y == pytest.approx(y)
@@ -39,7 +39,7 @@ def test_by_hand(run, options, y, dx):
      ("operation: ASUM axis: 1 coeff: -1", [-6, -9])],
 )  # fmt: skip
 def test_from_an_axis_on(run, options, y):
-    """The axes before it stay."""
+    """The axes before ``axis`` are kept."""
     assert np.allclose(run(text(options), X).y, y)
     assert run(text(options.replace("1", "2", 1)), np.ones((2, 3, 4, 5))).y.shape in [(2, 3), (2, 3, 4)]
 
@@ -47,12 +47,12 @@ def test_from_an_axis_on(run, options, y):
 @pytest.mark.parametrize("operation", ["SUM", "ASUM", "SUMSQ", "MEAN"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_gradient(check, rng, operation, axis):
-    """Of every operation, from every axis."""
+    """The gradient of every operation agrees with differences for every axis."""
     check(text(f"operation: {operation} axis: {axis} coeff: 1.5"), rng.normal(size=(2, 3, 2)))
 
 
 def test_mistakes(run):
-    """An axis that is not there, an unknown operation, a mean of nothing."""
+    """An invalid axis, an unknown operation and a mean of no values raise an error."""
     with pytest.raises(netlib.LayerError, match="layer 'it': axis 2 is out of range"):
         run(text("axis: 2"), X)
     with pytest.raises(netlib.PrototxtError, match=r"unknown value MAX of 'operation'"):

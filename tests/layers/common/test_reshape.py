@@ -24,7 +24,7 @@ pytestmark = pytest.mark.both_engines
     ],
 )
 def test_shapes(run, rng, options, shape):
-    """0 copies, -1 is what is left, axis and num_axes choose what is replaced."""
+    """0 copies a size, -1 is inferred, and axis and num_axes select the replaced axes."""
     x = rng.normal(size=(2, 3, 4))
     done = run(f'type: "Reshape" reshape_param {{ {options} }}', x)
     assert np.array_equal(done.y, x.reshape(shape))
@@ -33,7 +33,7 @@ def test_shapes(run, rng, options, shape):
 
 
 def test_gradient(check, rng):
-    """A change of shape."""
+    """The gradient agrees with differences."""
     check('type: "Reshape" reshape_param { shape { dim: -1 dim: 2 } }', rng.normal(size=(2, 3, 2)))
 
 
@@ -51,6 +51,6 @@ def test_gradient(check, rng):
     ],
 )
 def test_mistakes(run, options, message):
-    """What the shape was, and what was asked."""
+    """The error states the old shape and the invalid option."""
     with pytest.raises(netlib.LayerError, match=message):
         run(f'type: "Reshape" reshape_param {{ {options} }}', np.zeros((2, 3, 4)))

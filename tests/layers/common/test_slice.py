@@ -15,7 +15,7 @@ pytestmark = pytest.mark.both_engines
      ("slice_point: 2 slice_point: 6", 3, [2, 4, 0], 1)],
 )  # fmt: skip
 def test_parts(run, rng, options, tops, sizes, axis):
-    """Equal parts, or between the given points; the gradient is put together again."""
+    """The bottom is split into equal parts or at the slice points; the gradient is concatenated."""
     x = rng.normal(size=(4, 6, 5))
     done = run(f'type: "Slice" slice_param {{ {options} }}', x, tops=tops)
     assert [y.shape[axis] for y in done.ys] == sizes
@@ -25,7 +25,7 @@ def test_parts(run, rng, options, tops, sizes, axis):
 
 
 def test_gradient(check, rng):
-    """Into two parts."""
+    """The gradient agrees with differences for two parts."""
     check('type: "Slice" slice_param { slice_point: 1 }', rng.normal(size=(2, 3)), tops=2)
 
 
@@ -43,6 +43,6 @@ def test_gradient(check, rng):
     ],
 )
 def test_mistakes(run, options, tops, message):
-    """Parts that do not come out."""
+    """Invalid slice points, axes and numbers of tops raise an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run(f'type: "Slice" slice_param {{ {options} }}', np.zeros((4, 6)), tops=tops)

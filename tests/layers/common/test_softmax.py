@@ -9,7 +9,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def test_by_hand(run):
-    """exp(0), exp(log 2), exp(log 5) of 8."""
+    """The values are exp(0), exp(log 2) and exp(log 5), divided by their sum 8."""
     x = [[0, np.log(2), np.log(5)]]
     done = run('type: "Softmax"', x)
     assert np.allclose(done.y, [[1 / 8, 2 / 8, 5 / 8]])
@@ -18,20 +18,20 @@ def test_by_hand(run):
 
 
 def test_large_scores(run):
-    """The largest is taken off first: no overflow."""
+    """The maximum is subtracted first, so large scores do not overflow."""
     assert run('type: "Softmax"', [[1e4, 0, -1e4]]).y.tolist() == [[1, 0, 0]]
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2, -1])
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient(run, check, rng, axis, in_place):
-    """Along any axis the probabilities sum to one."""
+    """Along any axis the probabilities sum to one and the gradient agrees with differences."""
     x, text = rng.normal(size=(2, 3, 4)), f'type: "Softmax" softmax_param {{ axis: {axis} }}'
     assert np.allclose(run(text, x).y.sum(axis=axis), 1)
     check(text, x, in_place=in_place)
 
 
 def test_mistakes(run):
-    """An axis that is not there."""
+    """An invalid axis raises an error."""
     with pytest.raises(netlib.LayerError, match="axis 1 is out of range"):
         run('type: "Softmax"', np.zeros(3))

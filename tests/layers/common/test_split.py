@@ -7,7 +7,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def test_copies_and_sums(run, rng):
-    """Every top is the bottom; the bottom's gradient is the sum of theirs."""
+    """Every top is a copy of the bottom; the bottom's gradient is the sum of the tops' gradients."""
     x, dy = rng.normal(size=(2, 3)), rng.normal(size=(3, 2, 3))
     done = run('type: "Split"', x, tops=3)
     assert all(np.array_equal(y, x) for y in done.ys)
@@ -15,5 +15,5 @@ def test_copies_and_sums(run, rng):
 
 
 def test_gradient(check, rng):
-    """Into two."""
+    """The gradient agrees with differences for two tops."""
     check('type: "Split"', rng.normal(size=(2, 3)), tops=2)

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def test_by_hand(run):
-    """The whole row again and again, not each value; the gradients of the copies are added."""
+    """The row is repeated as a whole; the gradients of the copies are added."""
     done = run('type: "Tile" tile_param { tiles: 2 }', [[1.0, 2], [3, 4]])
     assert done.y.tolist() == [[1, 2, 1, 2], [3, 4, 3, 4]]
     assert done.backward([[1, 2, 10, 20], [3, 4, 30, 40]])[0].tolist() == [[11, 22], [33, 44]]
@@ -17,7 +17,7 @@ def test_by_hand(run):
 
 @pytest.mark.parametrize(("axis", "shape"), [(0, (6, 3, 4)), (1, (2, 9, 4)), (2, (2, 3, 12)), (-3, (6, 3, 4))])
 def test_any_axis(run, check, rng, axis, shape):
-    """As NumPy's."""
+    """Tiling along any axis equals numpy.tile."""
     x = rng.normal(size=(2, 3, 4))
     text = f'type: "Tile" tile_param {{ axis: {axis} tiles: 3 }}'
     done = run(text, x)
@@ -29,7 +29,7 @@ def test_any_axis(run, check, rng, axis, shape):
 
 
 def test_tiles_of_nothing(run):
-    """Take neither time nor memory."""
+    """Tiling an empty blob takes no time or memory."""
     assert run('type: "Tile" tile_param { tiles: 2147483647 }', np.zeros((0, 1))).y.shape == (0, 2147483647)
 
 
@@ -39,6 +39,6 @@ def test_tiles_of_nothing(run):
      ("tiles: 2 axis: 2", "axis 2 is out of range"), ("axis: 1", "missing required field 'tiles' in tile_param")],
 )  # fmt: skip
 def test_mistakes(run, options, message):
-    """How often must be said."""
+    """``tiles`` is required and must be positive, and the axis must be valid."""
     with pytest.raises(netlib.NetlibError, match=message):
         run(f'type: "Tile" tile_param {{ {options} }}', np.zeros((2, 3)))

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def write(folder, entries, subdir=True):
-    """A database of entries ``00000000 -> bytes``."""
+    """Write a database of entries ``00000000 -> bytes``."""
     with lmdb.open(str(folder), map_size=1 << 20, subdir=subdir) as database, database.begin(write=True) as change:
         for i, entry in enumerate(entries):
             change.put(f"{i:08}".encode(), entry)
@@ -27,28 +27,28 @@ def write(folder, entries, subdir=True):
 
 @pytest.fixture
 def images(rng):
-    """Five of them, bytes (2, 4, 6)."""
+    """Five images of bytes with shape (2, 4, 6)."""
     return rng.integers(0, 256, (5, 2, 4, 6)).astype(np.uint8)
 
 
 @pytest.fixture
 def database(tmp_path, images):
-    """Of the five images, with labels 10 to 14."""
+    """A database of the five images with labels 10 to 14."""
     return write(tmp_path / "lmdb", [datum(image, 10 + i) for i, image in enumerate(images)])
 
 
 def text(path, options="batch_size: 2", more="", top='top: "x" top: "t"'):
-    """The layer on that database."""
+    """Return a layer that reads the database."""
     return f'layer {{ name: "d" type: "Data" {top} data_param {{ source: "{path}" backend: LMDB {options} }} {more} }}'
 
 
 def labels(net, count=1):
-    """Of the next batches."""
+    """Return the labels of the next batches."""
     return [int(t) for _ in range(count) for t in net.forward()["t"]]
 
 
 def test_entries_come_in_order_and_go_round(database, images, net_of):
-    """Sorted by their keys; a batch runs on across the end."""
+    """Entries are read in the order of their keys; a batch continues from the last entry to the first."""
     net = net_of(text(database))
     for batch in ([0, 1], [2, 3], [4, 0], [1, 2]):
         tops = net.forward()
@@ -57,12 +57,12 @@ def test_entries_come_in_order_and_go_round(database, images, net_of):
 
 
 def test_without_labels(database, images, net_of):
-    """The second top may be left out."""
+    """The second top is optional."""
     assert np.array_equal(net_of(text(database, top='top: "x"')).forward()["x"], images[:2])
 
 
 def test_floats_and_pictures(tmp_path, rng, net_of):
-    """What an entry may hold."""
+    """An entry may hold floats or an encoded image."""
     floats = rng.normal(size=(3, 4, 5)).astype(np.float32)
     picture = rng.integers(0, 256, (4, 5, 3)).astype(np.uint8)
     entries = [datum(floats, 1), datum(cv2.imencode(".png", picture)[1].tobytes(), 2)]
@@ -73,7 +73,7 @@ def test_floats_and_pictures(tmp_path, rng, net_of):
 
 @pytest.mark.parametrize(("force", "channels"), [("force_color", 3), ("force_gray", 1)])
 def test_pictures_in_colour_or_in_grey(tmp_path, rng, net_of, force, channels):
-    """Where they are mixed."""
+    """force_color or force_gray allows a batch of colour and gray images."""
     pictures = [rng.integers(0, 256, size).astype(np.uint8) for size in ((4, 5, 3), (4, 5))]
     entries = [datum(cv2.imencode(".png", picture)[1].tobytes(), 0) for picture in pictures]
     path = write(tmp_path / "lmdb", entries)
@@ -83,7 +83,7 @@ def test_pictures_in_colour_or_in_grey(tmp_path, rng, net_of, force, channels):
 
 
 def test_transformed(database, images, net_of, tmp_path, rng):
-    """Cut to the middle in TEST, less the mean of the place."""
+    """In TEST the centre is cropped, and each pixel's own mean is subtracted."""
     mean = rng.normal(size=(1, 2, 4, 6)).astype(np.float32)
     write_blob(tmp_path / "mean.binaryproto", mean)
     more = f'transform_param {{ crop_size: 2 scale: 0.5 mean_file: "{tmp_path}/mean.binaryproto" }}'
@@ -92,7 +92,7 @@ def test_transformed(database, images, net_of, tmp_path, rng):
 
 
 def test_a_batch_has_the_size_of_its_first_image(tmp_path, net_of):
-    """With batches of one, sizes may vary."""
+    """With a batch size of 1 the size of the images may vary."""
     sizes = [(1, 2, 3), (2, 5, 4)]
     path = write(tmp_path / "lmdb", [datum(np.ones(size, np.uint8), 0) for size in sizes])
     net = net_of(text(path, "batch_size: 1"))
@@ -100,7 +100,7 @@ def test_a_batch_has_the_size_of_its_first_image(tmp_path, net_of):
 
 
 def test_several_nets_read_one_database(database, net_of):
-    """Each from its own place."""
+    """Each net keeps its own position in the database."""
     first, second = net_of(text(database)), net_of(text(database), netlib.TEST)
     assert labels(first, 2) == [10, 11, 12, 13]
     assert labels(second) == [10, 11]
@@ -110,7 +110,7 @@ def test_several_nets_read_one_database(database, net_of):
 
 
 def test_a_database_that_is_made_anew(database, images, net_of, tmp_path):
-    """When no net uses it any more, it is closed; one that still does reads on from the old file."""
+    """A replaced database is read by new nets; existing nets continue to read the old file."""
     old = net_of(text(database))
     database.rename(tmp_path / "old")
     write(database, [datum(images[0], 77)])
@@ -120,7 +120,7 @@ def test_a_database_that_is_made_anew(database, images, net_of, tmp_path):
 
 @pytest.mark.parametrize("done", range(6))
 def test_a_resume_goes_on_with_the_next_entry(database, net_of, done):
-    """Also with crops and mirrors."""
+    """Resuming continues with the next entry and the same crops and mirrors."""
     layer = text(database, "batch_size: 3", "transform_param { crop_size: 2 mirror: true }")
     net = net_of(layer, seed=1)
     labels(net, done)
@@ -135,7 +135,7 @@ def test_a_resume_goes_on_with_the_next_entry(database, net_of, done):
 
 
 def test_a_resume_with_another_database_starts_over(database, images, tmp_path, net_of):
-    """There is no such place to go on."""
+    """If the database has changed, a resumed net starts at the first entry."""
     net = net_of(text(database))
     labels(net)
     other = net_of(text(write(tmp_path / "other", [datum(images[0], 7), datum(images[0], 8)])))
@@ -144,14 +144,14 @@ def test_a_resume_with_another_database_starts_over(database, images, tmp_path, 
 
 
 def test_a_database_in_one_file_and_beside_the_prototxt(tmp_path, images, monkeypatch):
-    """``subdir=False`` of lmdb; names are looked for in the working directory, then beside the prototxt."""
+    """A database may be a single file; it is searched in the working directory, then next to the prototxt."""
     write(tmp_path / "file.mdb", [datum(images[0], 5)], subdir=False)
     (tmp_path / "net.prototxt").write_text(text("file.mdb", "batch_size: 1"))
     assert labels(netlib.Net(tmp_path / "net.prototxt", netlib.TRAIN)) == [5]
 
 
 def test_what_is_accepted_and_ignored(database, net_of):
-    """As in Caffe; what stands in the wrong place is noted."""
+    """Some options are ignored, as in Caffe; a transformation option in the wrong block is reported."""
     layer = text(database, "batch_size: 2 prefetch: 9 cache: true rand_skip: 3 force_encoded_color: true crop_size: 2")
     net = net_of(layer)
     assert labels(net) == [10, 11]
@@ -162,14 +162,14 @@ def test_what_is_accepted_and_ignored(database, net_of):
 
 
 def test_the_package_is_not_needed(database, net_of, monkeypatch):
-    """To read."""
+    """Reading works without the package lmdb."""
     monkeypatch.setitem(sys.modules, "lmdb", None)
     assert labels(net_of(text(database))) == [10, 11]
 
 
 @pytest.mark.parametrize("options", ["", "backend: LEVELDB"])
 def test_leveldb(database, net_of, options):
-    """Caffe's default backend: how to convert it."""
+    """The error for LevelDB, Caffe's default backend, says how to convert the database."""
     with pytest.raises(
         netlib.LayerError, match=r"backend LEVELDB.*convert the database to LMDB \(with convert_imageset,"
     ):
@@ -186,7 +186,7 @@ def test_leveldb(database, net_of, options):
     ],
 )
 def test_what_is_no_database(tmp_path, net_of, name, message):
-    """Missing, empty, or something else."""
+    """A missing, empty or invalid database raises a one-line error."""
     (tmp_path / "folder").mkdir()
     (tmp_path / "text").write_text("text" * 5000)
     write(tmp_path / "no entries", [])
@@ -196,7 +196,7 @@ def test_what_is_no_database(tmp_path, net_of, name, message):
 
 
 def test_a_truncated_database(tmp_path, net_of):
-    """Is found before a training begins."""
+    """A truncated database is rejected when the net is built."""
     database = write(tmp_path / "lmdb", [datum(np.ones((1, 100, 100), np.uint8), 0)] * 20)
     whole = (database / "data.mdb").stat().st_size
     for size in (whole - 4096, whole // 2, 2 * 4096):
@@ -206,7 +206,7 @@ def test_a_truncated_database(tmp_path, net_of):
 
 
 def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
-    """Nothing moves until it is whole again; a net on the whole one goes on with the same batch."""
+    """If the file is truncated, the position is kept, and a net on the restored file continues with the same batch."""
     database = write(tmp_path / "lmdb", [datum(np.ones((1, 100, 100), np.uint8), i) for i in range(20)])
     content = (database / "data.mdb").read_bytes()
     layer = text(database, "batch_size: 4")
@@ -219,7 +219,7 @@ def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
             netlib.DataError, match=r"data\.mdb: was cut to 24576 of \d+ bytes while in use; restore the"
         ):
             net.forward()
-        net.restore_layer_states(states)  # as a solver does before it writes a snapshot
+        net.restore_layer_states(states)  # as a solver does before writing a snapshot
         assert netlib.snapshots.snapshot.as_plain(net.layer_states()) == states
     (database / "data.mdb").write_bytes(content)
     again = net_of(layer)
@@ -228,7 +228,7 @@ def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
 
 
 def test_a_page_that_is_damaged(tmp_path, monkeypatch, rng):
-    """The training ends with one line and a snapshot; with the database whole again it goes on bit for bit."""
+    """A damaged page ends training with an error and a snapshot, from which the resume is exact."""
     monkeypatch.chdir(tmp_path)
     write("db", [datum(image, i) for i, image in enumerate(rng.integers(0, 256, (20, 1, 50, 100)).astype(np.uint8))])
     content = Path("db/data.mdb").read_bytes()
@@ -245,7 +245,7 @@ def test_a_page_that_is_damaged(tmp_path, monkeypatch, rng):
     assert whole.solve()
     pages = [n for n in range(len(content) // 4096) if struct.unpack_from("<QHH", content, 4096 * n)[::2] == (n, 4)]
     damaged = bytearray(content)
-    damaged[4096 * pages[7]] ^= 1  # the number of the page where the eighth value begins
+    damaged[4096 * pages[7]] ^= 1  # the number of the page where the eighth value starts
     Path("db/data.mdb").write_bytes(damaged)
     broken = netlib.get_solver("solver.prototxt")
     with pytest.raises(netlib.DataError, match=r"^db/data\.mdb: page \d+: expected a value of \d+ bytes, found page"):
@@ -266,6 +266,6 @@ def test_a_page_that_is_damaged(tmp_path, monkeypatch, rng):
     ],
 )
 def test_mistakes(tmp_path, net_of, entries, options, message):
-    """The entry is named."""
+    """The error names the entry, or the option that is invalid or missing."""
     with pytest.raises(netlib.NetlibError, match=message):
         net_of(text(write(tmp_path / "lmdb", entries), options))

@@ -1,4 +1,4 @@
-"""Datum and BlobProto, read from bytes."""
+"""Datum and BlobProto messages read from bytes."""
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.both_engines
 
 @pytest.mark.parametrize("label", [0, 7, 300, 2**31 - 1, -1])
 def test_bytes_and_a_label(rng, label):
-    """Channel by channel."""
+    """Bytes are read channel by channel, with the label."""
     image = rng.integers(0, 256, (2, 3, 4)).astype(np.uint8)
     values, found = decode_datum(datum(image, label), None, "d")
     assert found == label
@@ -23,7 +23,7 @@ def test_bytes_and_a_label(rng, label):
 
 
 def test_floats(rng):
-    """One by one, as Caffe writes them, or in one piece."""
+    """Floats are read one by one, as Caffe writes them, or packed."""
     image = rng.normal(size=(2, 3, 4)).astype(np.float32)
     packed = number(1, 2) + number(2, 3) + number(3, 4) + content(6, image.tobytes())
     for data in (datum(image, 1), packed):
@@ -32,7 +32,7 @@ def test_floats(rng):
 
 @pytest.mark.parametrize(("color", "channels"), [(None, 3), (True, 3), (False, 1)])
 def test_an_encoded_picture(rng, color, channels):
-    """Decoded by OpenCV: blue, green, red, or grey."""
+    """An encoded image is decoded by OpenCV, with channels in the order blue, green, red, or to gray."""
     image = rng.integers(0, 256, (4, 5, 3)).astype(np.uint8)
     png = cv2.imencode(".png", image)[1].tobytes()
     values, label = decode_datum(datum(png, 3), color, "d")
@@ -42,21 +42,21 @@ def test_an_encoded_picture(rng, color, channels):
 
 
 def test_a_grey_picture_stays_grey_or_becomes_colour(rng):
-    """As it is asked for."""
+    """A gray image keeps one channel unless colour is requested."""
     png = cv2.imencode(".png", rng.integers(0, 256, (4, 5)).astype(np.uint8))[1].tobytes()
     assert decode_datum(datum(png, 0), None, "d")[0].shape == (1, 4, 5)
     assert decode_datum(datum(png, 0), True, "d")[0].shape == (3, 4, 5)
 
 
 def test_unknown_fields_are_skipped():
-    """Of every wire type, as protobuf does."""
+    """Unknown fields of every wire type are skipped, as in protobuf."""
     more = number(99, 5) + content(98, b"abc") + one_by_one(97, np.ones(2)) + b"\x81\x01" + bytes(8)  # 16: a double
     image = np.array([[[1, 2]]], np.uint8)
     assert decode_datum(more + datum(image, 4) + more, None, "d")[1] == 4
 
 
 def test_a_picture_is_no_text(rng, monkeypatch):
-    """Its bytes are taken as they are: as a text they would cost more than the decoding."""
+    """The bytes of an image are not decoded as text, which would take longer than decoding the image."""
     monkeypatch.setattr(Bytes, "text", property(lambda self: pytest.fail("decoded")))
     image = rng.integers(0, 256, (1, 4, 5)).astype(np.uint8)
     png = cv2.imencode(".png", image[0])[1].tobytes()
@@ -84,7 +84,7 @@ WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
     ],
 )
 def test_mistakes(data, message):
-    """One line that says what it is."""
+    """A damaged or unsupported Datum raises a one-line error."""
     with pytest.raises(netlib.DataError, match=message) as error:
         decode_datum(data, None, "d")
     assert "\n" not in str(error.value)
@@ -92,7 +92,7 @@ def test_mistakes(data, message):
 
 @pytest.mark.parametrize("count", range(len(WHOLE)))
 def test_no_part_of_a_datum_is_taken_for_one(count):
-    """Wherever it was cut: an error, or all values are there."""
+    """A truncated Datum raises an error unless all values are present."""
     try:
         values, _ = decode_datum(WHOLE[:count], None, "d")
     except netlib.DataError:
@@ -106,13 +106,13 @@ def test_no_part_of_a_datum_is_taken_for_one(count):
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("shape", [(1, 3, 4, 5), (7,), ()])
 def test_a_blob(tmp_path, rng, dtype, shape):
-    """Floats or doubles, in any shape."""
+    """Blobs of float32 and float64 of any shape are read."""
     values = rng.normal(size=shape).astype(dtype)
     assert np.array_equal(read_blob(write_blob(tmp_path / "mean.binaryproto", values)), values)
 
 
 def test_a_blob_with_the_older_four_sizes(tmp_path, rng):
-    """And numbers that are not packed."""
+    """A blob with four sizes instead of a shape and unpacked values is read."""
     values = rng.normal(size=(1, 2, 3, 4)).astype(np.float32)
     data = b"".join(number(field, size) for field, size in zip((1, 2, 3, 4), values.shape)) + one_by_one(5, values)
     (tmp_path / "mean.binaryproto").write_bytes(data)
@@ -130,7 +130,7 @@ def test_a_blob_with_the_older_four_sizes(tmp_path, rng):
     ],
 )
 def test_mistakes_of_a_blob(tmp_path, data, message):
-    """The file, and what is wrong with it."""
+    """The error names the file and the fault."""
     if data is not None:
         (tmp_path / "mean").write_bytes(data)
     with pytest.raises(netlib.DataError, match=message):

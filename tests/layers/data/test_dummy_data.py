@@ -9,7 +9,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def data(options, tops=1):
-    """A layer with these options."""
+    """Return a layer with these options."""
     names = " ".join(f'top: "{"ab"[i]}"' for i in range(tops))
     return f'layer {{ name: "d" type: "DummyData" {names} dummy_data_param {{ {options} }} }}'
 
@@ -25,14 +25,14 @@ def data(options, tops=1):
     ],
 )
 def test_shapes_and_values_for_each_top_or_for_all(net_of, options, values):
-    """Constant 0 by default; the older four numbers too."""
+    """Shapes and fillers apply to one top each or to all; the default is 0, and four sizes may replace a shape."""
     net = net_of(data(options, tops=2))
     net.forward()
     assert [net.blobs[name].data.tolist() for name in "ab"] == values
 
 
 def test_random_values_are_new_in_every_batch(net_of):
-    """Constants are not."""
+    """Random fillers draw new values in every batch; constants stay."""
     net = net_of(data('shape { dim: 50 } data_filler { type: "gaussian" } data_filler { value: 3 }', tops=2))
     first = net.forward()["a"].copy()
     assert not np.array_equal(net.forward()["a"], first)
@@ -48,13 +48,13 @@ def test_random_values_are_new_in_every_batch(net_of):
      ("shape { } num: 1 channels: 1 height: 1 width: 1", "has both shape and the older num, channels, height")],
 )  # fmt: skip
 def test_mistakes(net_of, options, message):
-    """One for each top, or one for all."""
+    """The number of shapes or fillers must be one or that of the tops."""
     text = f'layer {{ name: "d" type: "DummyData" top: "a" top: "b" top: "c" dummy_data_param {{ {options} }} }}'
     with pytest.raises(netlib.LayerError, match=message):
         net_of(text)
 
 
 def test_an_unknown_filler_is_shown_at_its_place(net_of):
-    """With the nearest known type."""
+    """The error has the position of the filler."""
     with pytest.raises(netlib.PrototxtError, match=r"net.prototxt:1:\d+: error: unknown filler type 'gausian'"):
         net_of(data('shape { dim: 1 } data_filler { type: "gausian" }'))

@@ -1,4 +1,4 @@
-"""HDF5Data: the order of rows, what is restored, and files that are not what they should be."""
+"""HDF5Data: the order of rows, resuming, and invalid files."""
 
 import itertools
 import os
@@ -14,12 +14,12 @@ pytestmark = pytest.mark.both_engines
 
 @pytest.fixture
 def data(tmp_path, net_of):
-    """``data([3, 4], batch, shuffle)``: a net on files whose rows are numbered 0, 1, 2 ... over all of them."""
+    """``data([3, 4], batch, shuffle)``: a net that reads files of 3 and 4 rows, numbered consecutively."""
 
     def make(counts, batch, shuffle=False, chunks=None, dtype=np.float32, **options):
         number = 0
         for i, count in enumerate(counts):
-            (tmp_path / f"{i}.h5").unlink(missing_ok=True)  # a net made before goes on with its own files
+            (tmp_path / f"{i}.h5").unlink(missing_ok=True)  # keeps the files of an earlier net
             with h5py.File(tmp_path / f"{i}.h5", "w") as file:
                 rows = np.arange(number, number + count)
                 file.create_dataset("x", data=np.repeat(rows[:, None], 2, 1).astype(dtype), chunks=chunks)
@@ -32,7 +32,7 @@ def data(tmp_path, net_of):
 
 
 def layer(source, batch, shuffle=False):
-    """The layer with two tops."""
+    """Return a layer with two tops."""
     return (
         f'layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" '
         f'hdf5_data_param {{ source: "{source}" batch_size: {batch} shuffle: {str(shuffle).lower()} }} }}'
@@ -40,7 +40,7 @@ def layer(source, batch, shuffle=False):
 
 
 def numbers(net, batches):
-    """The row numbers of this number of batches; all tops must agree."""
+    """Return the row numbers of this number of batches, after checking that all tops agree."""
     found = []
     for _ in range(batches):
         net.forward()
@@ -53,7 +53,7 @@ def numbers(net, batches):
 @pytest.mark.parametrize("counts", [[7], [3, 4], [1, 1, 5], [7] * 2])
 @pytest.mark.parametrize("batch", [1, 2, 5, 7, 20])
 def test_rows_come_in_order_over_file_ends_and_start_again(data, counts, batch):
-    """Whatever the batch size, one larger than the data included."""
+    """Rows are in order across files and repeat, for any batch size, also larger than the data."""
     total = sum(counts)
     batches = 3 * total // batch + 1
     assert numbers(data(counts, batch), batches) == [i % total for i in range(batches * batch)]
@@ -61,7 +61,7 @@ def test_rows_come_in_order_over_file_ends_and_start_again(data, counts, batch):
 
 @pytest.mark.parametrize("batch", [1, 4, 30])
 def test_shuffled_rows_are_a_new_permutation_every_pass(data, batch):
-    """Of the files, and of the rows within each file."""
+    """The files, and the rows within each file, are shuffled anew in every pass."""
     found = numbers(data([5, 6, 4], batch, shuffle=True), 60 // batch)
     passes = [found[i : i + 15] for i in range(0, 60, 15)]
     owner = np.repeat([0, 1, 2], [5, 6, 4])
@@ -72,14 +72,14 @@ def test_shuffled_rows_are_a_new_permutation_every_pass(data, batch):
 
 
 def test_files_of_one_size_are_shuffled_differently(data):
-    """Not all by the same permutation."""
+    """Files of equal size are shuffled by different permutations."""
     found = numbers(data([8, 8, 8], 24, shuffle=True), 1)
     orders = {tuple(n % 8 for n in found[i : i + 8]) for i in (0, 8, 16)}
     assert len(orders) == 3
 
 
 def test_the_order_depends_on_the_seed_only(data):
-    """Not on the batch size, nor on reading ahead."""
+    """The order does not depend on the batch size or on reading ahead."""
     one, two = data([5, 6], 2, shuffle=True, seed=4), data([5, 6], 11, shuffle=True, seed=4)
     assert numbers(one, 11) == numbers(two, 2)
     assert numbers(data([5, 6], 11, shuffle=True, seed=5), 2) != numbers(data([5, 6], 11, shuffle=True, seed=4), 2)
@@ -88,7 +88,7 @@ def test_the_order_depends_on_the_seed_only(data):
 @pytest.mark.parametrize("shuffle", [False, True])
 @pytest.mark.parametrize("done", [0, 1, 3, 10])
 def test_state_and_restore_go_on_with_the_next_row(data, shuffle, done):
-    """In another net with another seed, and in one that has run on."""
+    """Restoring continues with the next row, in another net and in the same one."""
     net = data([5, 6], 4, shuffle)
     numbers(net, done)
     states = net.layer_states()
@@ -100,7 +100,7 @@ def test_state_and_restore_go_on_with_the_next_row(data, shuffle, done):
 
 
 def test_other_data_start_from_their_first_row(data):
-    """A place in 11 rows means nothing in 9."""
+    """If the data have changed, reading starts at the first row."""
     net = data([5, 6], 4)
     numbers(net, 2)
     other = data([5, 4], 4)
@@ -121,14 +121,14 @@ def test_other_data_start_from_their_first_row(data):
 )
 @pytest.mark.parametrize("shuffle", [False, True])
 def test_any_storage_is_read(data, options, kind, shuffle):
-    """Held in memory or read, converted to the net's type."""
+    """Any layout and type of data is read and converted to the net's type."""
     net = data([5, 6], 4, shuffle, **options)
     assert sorted(numbers(net, 11)) == sorted([*range(11)] * 4)
     assert net.blobs["x"].data.dtype == np.float32
 
 
 def test_rows_that_were_never_written(tmp_path, net_of):
-    """HDF5 would make them up, more than there is memory for."""
+    """Rows that were never stored are rejected; HDF5 would fill in more than the memory can hold."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("x", (10**12, 1), "f4", chunks=(1024, 1))
     (tmp_path / "list").write_text("a.h5")
@@ -137,7 +137,7 @@ def test_rows_that_were_never_written(tmp_path, net_of):
 
 
 def test_compressed_data(tmp_path, net_of):
-    """Are read whole."""
+    """Compressed data sets are read."""
     with h5py.File(tmp_path / "c.h5", "w") as file:
         for name in ("x", "t"):
             file.create_dataset(name, data=np.arange(6.0), compression="gzip")
@@ -147,7 +147,7 @@ def test_compressed_data(tmp_path, net_of):
 
 @pytest.mark.parametrize("chunks", [None, (2, 2)], ids=["in one piece", "in chunks"])
 def test_the_rest_of_a_file_in_another(data, tmp_path, net_of, monkeypatch, chunks):
-    """Named by an attribute, from the folder of the first, which itself may be named in any way."""
+    """The attribute rest_in names a file with further data sets, relative to the folder of the first file."""
     want = numbers(data([5], 5, chunks=chunks), 1)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "companions").mkdir()
@@ -165,7 +165,7 @@ def test_the_rest_of_a_file_in_another(data, tmp_path, net_of, monkeypatch, chun
 
 
 def test_a_row_by_its_number(data):
-    """Counted over all files; for tools that show examples."""
+    """Rows are numbered across all files, for tools that show examples."""
     made = data([3, 4], 2).layer_dict["d"]
     assert [float(made.row(i)[1]) for i in (0, 2, 3, 6)] == [0, 2, 3, 6]
     with pytest.raises(IndexError, match="there are 7 rows"):
@@ -173,23 +173,23 @@ def test_a_row_by_its_number(data):
 
 
 def test_an_array_taken_from_a_top_is_good_until_the_next_forward(data):
-    """Reading ahead never writes into it."""
+    """Reading ahead does not change an array that forward returned."""
     net = data([50], 10)
     for _ in range(20):
         x = net.forward()["t"]
         before = x.copy()
-        net.layer_dict["d"].state()  # time for the reader
+        net.layer_dict["d"].state()  # gives the reading thread time
         assert np.array_equal(x, before)
 
 
 def test_it_says_what_the_data_are_made_from(data, tmp_path):
-    """The attribute ``made_from`` of the files."""
+    """The notes state the attribute ``made_from`` of the files."""
     made = data([3], 2).layer_dict["d"]
     assert made.notes == [f"3 rows in 1 files of {tmp_path}/list.txt, made from an unknown source"]
 
 
 def test_a_batch_of_more_rows_than_there_are_is_the_first_note(data):
-    """The warning stands before what the data are made from."""
+    """The warning about a large batch precedes the note about the data."""
     warning, said = data([3], 4).layer_dict["d"].notes
     assert warning.startswith("warning: batch_size 4 is more than the 3 rows of ")
     assert said.startswith("3 rows in 1 files")
@@ -199,7 +199,7 @@ def test_a_batch_of_more_rows_than_there_are_is_the_first_note(data):
 
 
 def write(path, **datasets):
-    """An HDF5 file."""
+    """Write an HDF5 file."""
     with h5py.File(path, "w") as file:
         for name, value in datasets.items():
             file[name] = value
@@ -218,7 +218,7 @@ def write(path, **datasets):
     ids=lambda value: "" if isinstance(value, str) else str(list(value)),
 )
 def test_files_with_something_wrong_in_them(tmp_path, net_of, datasets, message):
-    """The file, what was found, what was expected."""
+    """The error names the file, the fault and the expected content."""
     write(tmp_path / "a.h5", **datasets)
     (tmp_path / "list.txt").write_text("a.h5")
     with pytest.raises(netlib.DataError, match=message) as error:
@@ -238,7 +238,7 @@ def test_files_with_something_wrong_in_them(tmp_path, net_of, datasets, message)
     ],
 )
 def test_a_rest_that_is_not_there(tmp_path, net_of, other, message):
-    """Say where the data were kept."""
+    """If the file in rest_in is missing, invalid or lacks the data set, an error names the file."""
     if other == "lacks it":
         write(tmp_path / "other.h5", y=np.zeros(3))
     if other == "is not HDF5":
@@ -263,7 +263,7 @@ def test_a_rest_that_is_not_there(tmp_path, net_of, other, message):
     ],
 )
 def test_a_rest_elsewhere(tmp_path, net_of, rest, link):
-    """A data file from elsewhere reads only data next to it."""
+    """rest_in may not refer to a file outside the folder of the data file and its neighbouring folders."""
     for folder in ("set/a", "set/near/below"):
         (tmp_path / folder).mkdir(parents=True)
     for place in ("private.h5", "set/near/below/private.h5"):
@@ -280,7 +280,7 @@ def test_a_rest_elsewhere(tmp_path, net_of, rest, link):
 
 @pytest.mark.parametrize("rest", ["rest.h5", "below/rest.h5", "../rest.h5", "../near/rest.h5", "link.h5"])
 def test_a_rest_nearby(tmp_path, net_of, rest):
-    """Below the folder, beside it, in one beside it; also by a link that stays there."""
+    """rest_in may name a file in the same folder, below it or in a neighbouring folder, also by a link."""
     for folder in ("set/a/below", "set/near"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "set" / "a" / "link.h5").symlink_to("../near/rest.h5")
@@ -293,7 +293,7 @@ def test_a_rest_nearby(tmp_path, net_of, rest):
 
 
 def test_files_whose_rows_differ(tmp_path, net_of):
-    """Both are named, with their shapes."""
+    """The error names both files and their shapes."""
     write(tmp_path / "a.h5", x=np.zeros((3, 2)), t=np.zeros(3))
     write(tmp_path / "b.h5", x=np.zeros((3, 4)), t=np.zeros(3))
     (tmp_path / "list.txt").write_text("a.h5\nb.h5")
@@ -311,7 +311,7 @@ def test_files_whose_rows_differ(tmp_path, net_of):
     ],
 )
 def test_lists_with_something_wrong_in_them(tmp_path, net_of, listed, message):
-    """Missing, empty, naming a missing file, or one that is not HDF5."""
+    """A missing or empty list, a missing file and a file that is not HDF5 raise an error."""
     if listed is not None:
         (tmp_path / "list.txt").write_text(listed)
     with pytest.raises(netlib.DataError, match=message) as error:
@@ -321,7 +321,7 @@ def test_lists_with_something_wrong_in_them(tmp_path, net_of, listed, message):
 
 @pytest.mark.parametrize("keep", [0.3, 0.6, 0.95])
 def test_a_truncated_file(tmp_path, net_of, keep):
-    """Is found before training."""
+    """A truncated file is rejected when the net is built."""
     write(tmp_path / "a.h5", x=np.zeros((100, 5)), t=np.zeros(100))
     content = (tmp_path / "a.h5").read_bytes()
     (tmp_path / "a.h5").write_bytes(content[: int(keep * len(content))])
@@ -332,12 +332,12 @@ def test_a_truncated_file(tmp_path, net_of, keep):
 
 
 def cut(path):
-    """Halve a file that is in use."""
+    """Truncate a file to half of its size."""
     os.truncate(path, path.stat().st_size // 2)
 
 
 def read_ahead(net):
-    """Wait for what the fast engine reads ahead; does it?"""
+    """Wait for the batch that the fast engine reads ahead; return whether there is one."""
     ahead = getattr(net.layer_dict["d"], "_ahead", None)
     return ahead is not None and ahead.result() is not None
 
@@ -345,10 +345,10 @@ def read_ahead(net):
 @pytest.mark.parametrize("shuffle", [False, True])
 @pytest.mark.parametrize("done", [0, 2], ids=["before the first batch", "while it is read ahead"])
 def test_a_file_that_is_cut_under_a_running_net(data, tmp_path, shuffle, done):
-    """One line, also out of the thread that reads ahead; a new net on the whole files goes on with the next row."""
+    """A truncated file raises a one-line error, also from the reading thread; on whole files a new net continues."""
     other, net = data([6, 5], 2, shuffle), data([6, 5], 2, shuffle)
     found = numbers(net, done)
-    ahead = read_ahead(net)  # so that no row is read while the files are cut
+    ahead = read_ahead(net)  # no row is read while the files are truncated
     for path in (tmp_path / "0.h5", tmp_path / "1.h5"):
         cut(path)
     if ahead:
@@ -365,7 +365,7 @@ def test_a_file_that_is_cut_under_a_running_net(data, tmp_path, shuffle, done):
 
 @pytest.mark.parametrize("row", [(2,), (2000,)], ids=["held in memory", "read"])
 def test_data_that_are_overwritten_in_place(tmp_path, net_of, row):
-    """Of the same size: rows from two files in one training are no data at all."""
+    """A file that is overwritten during training, with the same size, raises an error."""
     write(tmp_path / "a.h5", x=np.ones((6, *row), np.float32))
     (tmp_path / "list.txt").write_text("a.h5")
     net = net_of(layer(tmp_path / "list.txt", 2).replace('top: "t"', ""))
@@ -375,14 +375,14 @@ def test_data_that_are_overwritten_in_place(tmp_path, net_of, row):
     with (tmp_path / "a.h5").open("r+b") as file:
         file.seek(size // 2)
         file.write(bytes(100))
-    os.utime(tmp_path / "a.h5", ns=(0, 1))  # also on a file system whose clock has not moved on
+    os.utime(tmp_path / "a.h5", ns=(0, 1))  # also for file systems with a coarse clock
     with pytest.raises(netlib.DataError, match=r"a\.h5: was changed while in use; restore the file and run again"):
         for _ in range(2):
             net.forward()
 
 
 def test_a_batch_that_nobody_wants(data, tmp_path):
-    """That it could not be read ahead is no error of who goes on elsewhere; reading a row of the file is."""
+    """A failure to read ahead is not an error if reading continues elsewhere; reading that row is."""
     net = data([4, 4, 4], 4)
     numbers(net, 1)
     read_ahead(net)
@@ -395,7 +395,7 @@ def test_a_batch_that_nobody_wants(data, tmp_path):
 
 
 def test_a_file_that_takes_the_place_of_another(data, tmp_path):
-    """The net reads on from the one that it opened."""
+    """The net continues to read the file that it opened."""
     net = data([5], 5)
     write(tmp_path / "short.h5", x=np.zeros((1, 2)))
     (tmp_path / "short.h5").replace(tmp_path / "0.h5")
@@ -403,6 +403,6 @@ def test_a_file_that_takes_the_place_of_another(data, tmp_path):
 
 
 def test_batch_size_0(data):
-    """Is a mistake of the prototxt."""
+    """A batch size of 0 raises an error."""
     with pytest.raises(netlib.LayerError, match="layer 'd': batch_size must be at least 1"):
         data([3], 0)

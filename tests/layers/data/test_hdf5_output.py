@@ -10,7 +10,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(path, x="dim: 2 dim: 3", t="dim: 2"):
-    """A net of two inputs that are written."""
+    """Return a net of two inputs that are written to ``path``."""
     return (f'force_backward: true layer {{ name: "in" type: "Input" top: "x" top: "t" input_param {{ shape {{ {x} }} '
             f'shape {{ {t} }} }} }} layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" '
             f'hdf5_output_param {{ file_name: "{path}" }} }}')  # fmt: skip
@@ -18,7 +18,7 @@ def text(path, x="dim: 2 dim: 3", t="dim: 2"):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_the_first_batch_is_written_with_four_axes(tmp_path, net_of, rng, dtype):
-    """In the net's own type; an older file is replaced."""
+    """The batch has the net's type and four axes, and replaces an older file."""
     path = tmp_path / "out.h5"
     path.write_text("old")
     net = net_of(text(path), dtype=dtype)
@@ -34,7 +34,7 @@ def test_the_first_batch_is_written_with_four_axes(tmp_path, net_of, rng, dtype)
 
 
 def test_a_second_batch_is_a_mistake(tmp_path, net_of):
-    """As in Caffe; the file keeps the first."""
+    """A second batch raises an error, as in Caffe, and the file keeps the first."""
     net = net_of(text(tmp_path / "out.h5"))
     net.forward(x=np.ones((2, 3)))
     with pytest.raises(netlib.LayerError, match=r"layer 'out': .*out.h5 holds the batch of the first forward"):
@@ -44,7 +44,7 @@ def test_a_second_batch_is_a_mistake(tmp_path, net_of):
 
 
 def test_its_bottoms_have_no_gradient(tmp_path, net_of):
-    """It is 0 where somebody asks for it."""
+    """The gradient of the bottoms is 0."""
     net = net_of(text(tmp_path / "out.h5"))
     net.forward()
     net.blobs["x"].diff[...] = 3
@@ -53,7 +53,7 @@ def test_its_bottoms_have_no_gradient(tmp_path, net_of):
 
 @pytest.mark.parametrize("name", ["in.h5", "link.h5"])
 def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
-    """By whatever name."""
+    """A file that the net reads is not replaced, whether named directly or by a link."""
     with h5py.File(tmp_path / "in.h5", "w") as file:
         file["x"], file["t"] = np.ones((4, 3)), np.ones((4, 1))
     (tmp_path / "link.h5").symlink_to("in.h5")
@@ -69,7 +69,7 @@ def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
 
 
 def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
-    """Which needs the same names."""
+    """HDF5Data reads the file if its tops are named data and label."""
     x = rng.normal(size=(2, 3)).astype(np.float32)
     net_of(text(tmp_path / "out.h5")).forward(x=x)
     (tmp_path / "list.txt").write_text("out.h5")
@@ -88,13 +88,13 @@ def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
     ],
 )
 def test_mistakes(tmp_path, net_of, name, shapes, message):
-    """Found when the net is built."""
+    """Invalid names and shapes raise an error when the net is built."""
     with pytest.raises(netlib.LayerError, match=message):
         net_of(text(f"{tmp_path}/{name}", **shapes))
 
 
 def test_a_file_that_cannot_be_written(tmp_path, net_of):
-    """Says why."""
+    """The error states the reason."""
     (tmp_path / "folder").mkdir()
     net = net_of(text(tmp_path / "folder/o"))
     (tmp_path / "folder").rmdir()

@@ -13,7 +13,7 @@ SIZES = [(4, 6), (4, 6), (4, 6), (5, 8), (3, 3)]
 
 @pytest.fixture
 def pictures(tmp_path, rng):
-    """Five pictures, the last two of other sizes, and a list of the first three with labels 10, 11, 12."""
+    """Five images, the last two of other sizes, and a list of the first three with labels 10, 11, 12."""
     found = []
     for i, size in enumerate(SIZES):
         found.append(rng.integers(0, 256, (*size, 3)).astype(np.uint8))
@@ -23,23 +23,23 @@ def pictures(tmp_path, rng):
 
 
 def write_list(folder, numbers):
-    """The list of these pictures."""
+    """Write a list of the images with these numbers."""
     (folder / "list.txt").write_text("".join(f"picture {i}.png {10 + i}\n" for i in numbers))
 
 
 def text(folder, options="", more=""):
-    """The layer on that list."""
+    """Return a layer that reads the list."""
     return (f'layer {{ name: "d" type: "ImageData" top: "x" top: "t" image_data_param '
             f'{{ source: "{folder}/list.txt" {options} }} {more} }}')  # fmt: skip
 
 
 def labels(net, count=1):
-    """Of the next batches."""
+    """Return the labels of the next batches."""
     return [int(t) for _ in range(count) for t in net.forward()["t"]]
 
 
 def test_pictures_come_in_order_and_go_round(tmp_path, pictures, net_of):
-    """(C, H, W), blue first, as OpenCV has them; paths may have blanks, and lie beside the list."""
+    """Images are (C, H, W) with blue first; paths may contain spaces and are relative to the list's folder."""
     net = net_of(text(tmp_path, "batch_size: 2"))
     for first, second in ((0, 1), (2, 0), (1, 2)):
         tops = net.forward()
@@ -49,14 +49,14 @@ def test_pictures_come_in_order_and_go_round(tmp_path, pictures, net_of):
 
 
 def test_grey(tmp_path, pictures, net_of):
-    """One channel."""
+    """With is_color false there is one channel."""
     x = net_of(text(tmp_path, "is_color: false")).forward()["x"]
     assert np.array_equal(x[0, 0], cv2.imread(str(tmp_path / "picture 0.png"), cv2.IMREAD_GRAYSCALE))
 
 
 @pytest.mark.parametrize("color", [True, False])
 def test_resized(tmp_path, pictures, net_of, color):
-    """By linear interpolation; then all sizes go into one batch."""
+    """Images are resized by linear interpolation, so that a batch may contain different sizes."""
     write_list(tmp_path, range(5))
     net = net_of(text(tmp_path, f"batch_size: 5 new_height: 7 new_width: 9 is_color: {str(color).lower()}"))
     x = net.forward()["x"]
@@ -68,7 +68,7 @@ def test_resized(tmp_path, pictures, net_of, color):
 
 
 def test_a_batch_has_the_size_of_its_first_picture(tmp_path, pictures, net_of):
-    """Layers behind it follow."""
+    """The batch and the following layers have the size of its first image."""
     write_list(tmp_path, [0, 3, 4])
     net = net_of(text(tmp_path) + 'layer { name: "r" type: "ReLU" bottom: "x" top: "y" }')
     for i in (0, 3, 4, 0):
@@ -76,7 +76,7 @@ def test_a_batch_has_the_size_of_its_first_picture(tmp_path, pictures, net_of):
 
 
 def test_cropped(tmp_path, pictures, net_of):
-    """Then sizes may differ in a batch."""
+    """With crop_size a batch may contain images of different sizes."""
     write_list(tmp_path, range(5))
     net = net_of(text(tmp_path, "batch_size: 5", "transform_param { crop_size: 3 mean_value: 4 }"), netlib.TEST)
     x = net.forward()["x"]
@@ -85,7 +85,7 @@ def test_cropped(tmp_path, pictures, net_of):
 
 
 def test_shuffle(tmp_path, pictures, net_of):
-    """Every pass has every picture, in orders that differ; the seed decides."""
+    """Every pass has all images in a new order, which depends on the seed."""
     net = net_of(text(tmp_path, "shuffle: true"), seed=4)
     found = labels(net, 60)
     passes = {tuple(found[i : i + 3]) for i in range(0, 60, 3)}
@@ -95,7 +95,7 @@ def test_shuffle(tmp_path, pictures, net_of):
 
 
 def test_rand_skip(tmp_path, pictures, net_of):
-    """Begins somewhere before rand_skip, and goes on from there in order."""
+    """Reading starts at a random image below rand_skip and continues in order."""
     starts = set()
     for seed in range(20):
         found = labels(net_of(text(tmp_path, "rand_skip: 2"), seed=seed), 3)
@@ -106,7 +106,7 @@ def test_rand_skip(tmp_path, pictures, net_of):
 
 @pytest.mark.parametrize("done", [0, 1, 2, 5])
 def test_a_resume_goes_on_with_the_next_picture(tmp_path, pictures, net_of, done):
-    """The same pictures, cut and mirrored the same."""
+    """Resuming continues with the same images, crops and mirrors."""
     options = text(
         tmp_path, "batch_size: 2 shuffle: true rand_skip: 3", "transform_param { crop_size: 2 mirror: true }"
     )
@@ -121,7 +121,7 @@ def test_a_resume_goes_on_with_the_next_picture(tmp_path, pictures, net_of, done
 
 
 def test_a_resume_with_another_list_starts_over(tmp_path, pictures, net_of):
-    """There is no such place to go on."""
+    """If the list has changed, a resumed net starts at its first image."""
     net = net_of(text(tmp_path))
     labels(net, 2)
     states = net.layer_states()
@@ -132,7 +132,7 @@ def test_a_resume_with_another_list_starts_over(tmp_path, pictures, net_of):
 
 
 def test_where_pictures_are_looked_for(tmp_path, pictures, net_of, monkeypatch):
-    """root_folder stands before the path as it is; without it, in the working directory or beside the list."""
+    """root_folder is prepended as text; without it, paths are relative to the working directory or the list."""
     (tmp_path / "a_list").mkdir()
     (tmp_path / "a_list" / "list.txt").write_text("ture 1.png 1")
     with pytest.raises(netlib.DataError, match="cannot read the image"):
@@ -149,20 +149,20 @@ def test_where_pictures_are_looked_for(tmp_path, pictures, net_of, monkeypatch):
     [("picture 0.png 5\n\npicture 1.png -3\r\n", [5, -3]), ("picture 0.png +7", [7]), ("picture 0.png ", [0])],
 )
 def test_lines(tmp_path, pictures, net_of, content, found):
-    """Empty ones are skipped; a missing label is 0, as in Caffe."""
+    """Empty lines are skipped; a missing label is 0, as in Caffe."""
     (tmp_path / "list.txt").write_bytes(content.encode())
     assert labels(net_of(text(tmp_path, f"batch_size: {len(found)}"))) == found
 
 
 def test_a_line_without_a_blank(tmp_path, pictures, net_of):
-    """Is all path."""
+    """A line without a space is a path, with label 0."""
     (tmp_path / "picture 0.png").rename(tmp_path / "a.png")
     (tmp_path / "list.txt").write_text("a.png")
     assert labels(net_of(text(tmp_path))) == [0]
 
 
 def test_notes(tmp_path, pictures, net_of):
-    """What it reads, and what it ignores."""
+    """The notes state the number of images and the ignored options."""
     assert net_of(text(tmp_path, "mirror: true")).layer_dict["d"].notes == [
         f"3 images in {tmp_path}/list.txt",
         "warning: mirror is ignored here, as in Caffe; write it in transform_param",
@@ -188,7 +188,7 @@ def test_notes(tmp_path, pictures, net_of):
     ],
 )
 def test_mistakes(tmp_path, pictures, net_of, content, options, message):
-    """The list, the picture, the options: found when the net is built."""
+    """Errors in the list, the images or the options are raised when the net is built."""
     (tmp_path / "list.txt").unlink()
     (tmp_path / "empty").touch()
     if content is not None:
@@ -199,7 +199,7 @@ def test_mistakes(tmp_path, pictures, net_of, content, options, message):
 
 
 def test_a_picture_that_does_not_fit_its_batch(tmp_path, pictures, net_of):
-    """Is named."""
+    """The error names the image."""
     write_list(tmp_path, [0, 3])
     with pytest.raises(netlib.LayerError, match=r"layer 'd': picture 3.png: the image \(C, H, W\) \(3, 5, 8\) gives"):
         net_of(text(tmp_path, "batch_size: 2")).forward()

@@ -1,4 +1,4 @@
-"""layers/data/lmdb_file.py: what the package lmdb reads, and one line for what is damaged."""
+"""layers/data/lmdb_file.py: entries are read as by the package lmdb; damage raises a one-line error."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Entries = dict[bytes, bytes]
 
 
 def write(path: Path, *transactions: Entries, **options: Any) -> Path:
-    """A database, by the package; a value of None deletes an entry."""
+    """Write a database with the package lmdb; a value of None deletes an entry."""
     with lmdb.open(str(path), map_size=1 << 28, sync=False, **options) as database:
         for entries in transactions:
             with database.begin(write=True) as change:
@@ -32,7 +32,7 @@ def write(path: Path, *transactions: Entries, **options: Any) -> Path:
 
 
 def walked(path: Path) -> Iterator[tuple[bytes, bytes]]:
-    """All entries, in order, as they are read."""
+    """Yield all entries in order."""
     cursor = Cursor(Database(path))
     there = cursor.first()
     while there:
@@ -41,12 +41,12 @@ def walked(path: Path) -> Iterator[tuple[bytes, bytes]]:
 
 
 def numbered(count: int, size: int = 20, key: int = 8) -> Entries:
-    """This number of entries, with keys of this length."""
+    """Return this number of entries, with keys of this length."""
     return {f"{i:0{key}}".encode(): bytes([i % 251]) * size for i in range(count)}
 
 
 def only_file(path: Path) -> Path:
-    """Of a database in a folder."""
+    """Return the data file of a database in a folder."""
     return path / "data.mdb"
 
 
@@ -69,7 +69,7 @@ def only_file(path: Path) -> Path:
 )
 @pytest.mark.parametrize("subdir", [True, False], ids=["folder", "file"])
 def test_entries_in_the_order_of_their_keys(tmp_path: Path, entries: Entries, depth: int, subdir: bool) -> None:
-    """In a tree of any depth, with values in a leaf or in pages of their own; in a folder, or in a file alone."""
+    """Entries are read in order for any depth, with values in leaves or in separate pages, from a folder or a file."""
     path = write(tmp_path / "a", entries, subdir=subdir)
     database = Database(path)
     assert (database.entries, database.meta.depth) == (len(entries), depth)
@@ -78,7 +78,7 @@ def test_entries_in_the_order_of_their_keys(tmp_path: Path, entries: Entries, de
 
 @pytest.mark.parametrize("seed", range(12))
 def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> None:
-    """Pages that were used before, values that grew and shrank, trees that grew and shrank; and a compact copy."""
+    """Databases with reused pages and changed values and trees are read correctly, and so are compact copies."""
     rng = random.Random(seed)
     path, kept = tmp_path / "a", Entries()
     few = rng.choice((20, 300, 3000))
@@ -104,7 +104,7 @@ def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> Non
 
 
 def test_going_on_from_a_key(tmp_path: Path) -> None:
-    """To the end, where nothing moves any more, and round again."""
+    """From a key the cursor moves to the last entry, stays there, and can return to the first."""
     cursor = Cursor(Database(write(tmp_path / "a", numbered(500))))
     assert cursor.set_key(b"00000497")
     assert [cursor.next() for _ in range(4)] == [True, True, False, False]
@@ -113,7 +113,7 @@ def test_going_on_from_a_key(tmp_path: Path) -> None:
 
 
 def test_several_cursors(tmp_path: Path) -> None:
-    """Of one database, or of several that are open on one file."""
+    """Several cursors of the same or of separate databases on one file move independently."""
     path = write(tmp_path / "a", numbered(500))
     database = Database(path)
     cursors = [Cursor(database), Cursor(database), Cursor(Database(path))]
@@ -125,7 +125,7 @@ def test_several_cursors(tmp_path: Path) -> None:
 
 
 def page(kind: int, number: int, nodes: list[bytes], size: int) -> bytes:
-    """A page of nodes."""
+    """Return a page with these nodes."""
     nodes = [node + bytes(len(node) % 2) for node in nodes]
     places, at = [], size
     for node in nodes:
@@ -136,24 +136,24 @@ def page(kind: int, number: int, nodes: list[bytes], size: int) -> bytes:
 
 
 def node(key: bytes, value: bytes | tuple[int, int]) -> bytes:
-    """Of a leaf; a value in pages of its own is (number of the first, size)."""
+    """Return a node of a leaf; a value in separate pages is given as (first page, size)."""
     if isinstance(value, tuple):
         return struct.pack("<IHH", value[1], 1, len(key)) + key + struct.pack("<Q", value[0])
     return struct.pack("<IHH", len(value), 0, len(key)) + key + value
 
 
 def pointer(key: bytes, number: int) -> bytes:
-    """Of a branch."""
+    """Return a node of a branch."""
     return struct.pack("<IHH", number & 0xFFFFFFFF, number >> 32, len(key)) + key
 
 
 def overflow(number: int, count: int, value: bytes, size: int) -> bytes:
-    """A value that occupies this number of pages."""
+    """Return a value that occupies this number of pages."""
     return (struct.pack("<QHHI", number, 0, OVERFLOW, count) + value).ljust(count * size, b"\0")
 
 
 def database_of(path: Path, *pages: bytes, depth: int, entries: int, size: int = 512, **changes: int) -> Path:
-    """A database of these pages, from number 2 on; the first is the root."""
+    """Write a database of these pages, numbered from 2; the first one is the root."""
     content = b""
     for number in (0, 1):
         meta = {"version": 1, "flags": 0, "counted": 0, "root": 2, "last": 1 << 40, "transaction": number, **changes}
@@ -168,7 +168,7 @@ def database_of(path: Path, *pages: bytes, depth: int, entries: int, size: int =
 
 @pytest.mark.parametrize("size", [512, 1024, 4096, 16384, 32768])
 def test_pages_of_any_size(tmp_path: Path, size: int) -> None:
-    """LMDB takes those of the machine that writes; here with a branch, two leaves and a value of three pages."""
+    """Every page size that LMDB supports is read, here with a branch, two leaves and a value of three pages."""
     value = bytes(range(251)) * (3 * size // 251)
     path = database_of(
         tmp_path / "a",
@@ -219,7 +219,7 @@ WHOLE = page(LEAF, 2, [node(b"a", b"1"), node(b"b", b"2")], 512)
     ],
 )
 def test_nothing_is_believed(tmp_path: Path, pages: list[bytes], header: dict[str, int], message: str) -> None:
-    """Numbers, lengths, depths, trees that lead back to themselves."""
+    """Inconsistent numbers, lengths, depths and circular trees raise an error with the page."""
     options = {"depth": 1, "entries": 2, **header}
     path = database_of(tmp_path / "a", *pages, **options)
     with pytest.raises(DataError) as error:
@@ -229,7 +229,7 @@ def test_nothing_is_believed(tmp_path: Path, pages: list[bytes], header: dict[st
 
 
 def test_pages_do_not_come_up_twice(tmp_path: Path) -> None:
-    """A tree in which every branch leads twice to the one below it would have 2^31 leaves."""
+    """A page that is referenced twice raises an error; a tree of such branches would have 2^31 leaves."""
     branches = [page(BRANCH, i, [pointer(b"", i + 1), pointer(b"%02d" % i, i + 1)], 512) for i in range(2, 33)]
     path = database_of(tmp_path / "a", *branches, page(LEAF, 33, [node(b"0", b"")], 512), depth=32, entries=1 << 31)
     with pytest.raises(DataError, match="its keys are out of order, or belong to another page"):
@@ -247,14 +247,14 @@ def test_pages_do_not_come_up_twice(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_such_database(tmp_path: Path, content: bytes, message: str) -> None:
-    """Something else, or of another machine."""
+    """A file that is not a database, or is from another kind of machine, raises an error."""
     (tmp_path / "a").write_bytes(content)
     with pytest.raises(DataError, match=f"^{tmp_path}/a: {message}"):
         Database(tmp_path / "a")
 
 
 def test_named_databases(tmp_path: Path) -> None:
-    """What LMDB can do besides, and Caffe does not."""
+    """Named databases, which Caffe does not use, raise an error."""
     with lmdb.open(str(tmp_path / "a"), max_dbs=1) as database:
         database.open_db(b"x")
     with pytest.raises(DataError, match=r"page \d: b'x' is not an entry but a database within this one \(flags 0x2\)"):
@@ -267,53 +267,53 @@ Damage = Callable[[bytearray, random.Random], int]
 
 
 def flipped_bit(content: bytearray, rng: random.Random) -> int:
-    """Anywhere; at most one entry can be another."""
+    """Flip any bit; at most one entry may change."""
     content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
     return 1
 
 
 def flipped_in_a_head(content: bytearray, rng: random.Random) -> int:
-    """Where pages have their numbers and offsets."""
+    """Flip a bit in the numbers and offsets at the start of a page."""
     content[4096 * rng.randrange(len(content) // 4096) + rng.randrange(160)] ^= 1 << rng.randrange(8)
     return 1
 
 
 def zeros(content: bytearray, rng: random.Random) -> int:
-    """A run of them: no more than two entries lie in so few bytes."""
+    """Set a few bytes to zero, which may affect two entries."""
     at, count = rng.randrange(len(content)), rng.randrange(1, 30)
     content[at : at + count] = bytes(len(content[at : at + count]))
     return 2
 
 
 def another_number(content: bytearray, rng: random.Random) -> int:
-    """In place of any eight bytes, the number of a page."""
+    """Replace any eight bytes by the number of a page."""
     struct.pack_into("<Q", content, 2 * rng.randrange(len(content) // 2 - 4), rng.randrange(len(content) // 4096 + 2))
     return 2
 
 
 def swapped_pages(content: bytearray, rng: random.Random) -> int:
-    """Each in the other's place; no value may be another."""
+    """Swap two pages."""
     a, b = (4096 * rng.randrange(len(content) // 4096) for _ in range(2))
     content[a : a + 4096], content[b : b + 4096] = content[b : b + 4096], content[a : a + 4096]
-    return 2  # the later pages of a value have no number
+    return 2  # the later pages of a value are not numbered
 
 
 def repeated_page(content: bytearray, rng: random.Random) -> int:
-    """In place of another."""
+    """Replace a page by a copy of another."""
     a, b = (4096 * rng.randrange(len(content) // 4096) for _ in range(2))
     content[a : a + 4096] = content[b : b + 4096]
     return 1
 
 
 def cut(content: bytearray, rng: random.Random) -> int:
-    """Anywhere; what is read is right."""
+    """Truncate the file anywhere; entries that are read must be correct."""
     del content[rng.randrange(len(content)) :]
     return 0
 
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
-    """A tree of three levels, with values of all kinds and pages that are free again; its content and its entries."""
+    """A tree of three levels, with values of all sizes and free pages: its content and its entries."""
     entries = {b"%0200d" % i: b"%04d" % i * (20 if i % 5 else 400 * (1 + i % 4)) for i in range(400)}
     gone = dict.fromkeys([*entries][100:200])
     path = write(tmp_path_factory.mktemp("good") / "a", entries, gone, {})  # type: ignore[arg-type]
@@ -324,7 +324,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
     "damage", [flipped_bit, flipped_in_a_head, zeros, another_number, swapped_pages, repeated_page, cut]
 )
 def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> None:
-    """One line, or the entries: as many, in order, and only those that lie in the damaged place are others."""
+    """A damaged file raises a one-line error, or gives all entries with changes only at the damaged position."""
     content, entries = good
     rng, path, refused = random.Random(damage.__name__), tmp_path / "a", 0
     assert len(entries) == 300
@@ -345,7 +345,7 @@ def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> 
 
 
 def test_a_database_that_is_cut_under_way(tmp_path: Path) -> None:
-    """Or written to: found at the next entry, also where the page is in memory."""
+    """A file that is truncated or changed in use raises an error on the next access, even for pages in memory."""
     path = only_file(write(tmp_path / "a", numbered(300, 5000)))
     for change, message in ((lambda: os.truncate(path, 20_000), "was cut to 20000 of"),
                             (lambda: os.utime(path, ns=(0, 1)), "was changed")):  # fmt: skip

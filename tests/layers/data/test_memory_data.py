@@ -13,13 +13,13 @@ NET = """layer { name: "d" type: "MemoryData" top: "x" top: "t"
 
 @pytest.fixture
 def data(rng):
-    """Six items, and their labels 0 to 5."""
+    """Six items with labels 0 to 5."""
     return rng.normal(size=(6, 3, 1, 2)).astype(np.float32), np.arange(6, dtype=np.float32)
 
 
 @pytest.mark.parametrize("shape", [(6,), (6, 1, 1, 1)])
 def test_batches_come_in_order_and_go_round(net_of, data, shape):
-    """Labels may have one axis or four; the top has four, as in Caffe."""
+    """Batches are in order and repeat; labels may have one axis or four, and the top has four, as in Caffe."""
     net = net_of(NET)
     net.layer_dict["d"].set_input_arrays(data[0], data[1].reshape(shape))
     for first in (0, 2, 4, 0, 2):
@@ -30,7 +30,7 @@ def test_batches_come_in_order_and_go_round(net_of, data, shape):
 
 
 def test_new_arrays_and_reset_begin_at_the_first_item(net_of, data):
-    """The arrays are not copied, and may be of any type of number."""
+    """The arrays are not copied and may have any numeric type."""
     net = net_of(NET)
     layer = net.layer_dict["d"]
     layer.set_input_arrays(*data)
@@ -44,7 +44,7 @@ def test_new_arrays_and_reset_begin_at_the_first_item(net_of, data):
 
 
 def test_a_resume_goes_on_at_the_same_place(net_of, data):
-    """With the same arrays; with others it begins with the first."""
+    """With the same arrays a resumed net continues; with others it starts at the first item."""
     net, same, other = net_of(NET), net_of(NET), net_of(NET)
     for made, count in ((net, 6), (same, 6), (other, 4)):
         made.layer_dict["d"].set_input_arrays(data[0][:count], data[1][:count])
@@ -55,7 +55,7 @@ def test_a_resume_goes_on_at_the_same_place(net_of, data):
 
 
 def test_transform_param_is_ignored_and_noted(net_of, data):
-    """As in Caffe."""
+    """transform_param is ignored with a note, as in Caffe."""
     net = net_of(NET[:-1] + "transform_param { scale: 2 } }")
     net.layer_dict["d"].set_input_arrays(*data)
     assert np.array_equal(net.forward()["x"], data[0][:2])
@@ -76,13 +76,13 @@ def test_transform_param_is_ignored_and_noted(net_of, data):
     ],
 )
 def test_arrays_that_do_not_fit(net_of, shape, labels, message):
-    """What was given, and what was expected."""
+    """The error states the given and the expected shape or number."""
     with pytest.raises(netlib.LayerError, match=f"layer 'd': {message}"):
         net_of(NET).layer_dict["d"].set_input_arrays(np.zeros(shape), np.zeros(labels))
 
 
 def test_mistakes(net_of):
-    """No data yet, words for numbers, sizes of 0."""
+    """Missing data, labels that are not numbers and a size of 0 raise an error."""
     with pytest.raises(netlib.LayerError, match="layer 'd': has no data; call set_input_arrays"):
         net_of(NET).forward()
     with pytest.raises(netlib.LayerError, match="layer 'd': the labels must be numbers, found an array of <U1"):

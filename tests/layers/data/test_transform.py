@@ -15,21 +15,21 @@ pytestmark = pytest.mark.both_engines
 
 
 def transformer(options, phase="TRAIN", source="<test>", dtype=np.float64):
-    """Of a layer that does nothing else."""
+    """Return a transformer with these options."""
     text = f'name: "it" type: "ImageData" transform_param {{ {options} }}'
     spec = schema.read(prototxt.parse(text, str(source)), LayerParameter)
     return Transformer(Layer(spec, phase, np.random.default_rng(0), dtype))
 
 
 def transformed(made, image):
-    """One image."""
+    """Transform one image."""
     y = np.full(made.shape(image, "x"), np.nan, made.layer.dtype)
     made.transform(image, y, "x")
     return y
 
 
 def by_loops(image, mean, scale, top, left, size, mirror):
-    """What Caffe's three loops compute."""
+    """Compute the transformation with loops, as Caffe does."""
     channels = len(image)
     y = np.empty((channels, size, size))
     for c in range(channels):
@@ -42,17 +42,17 @@ def by_loops(image, mean, scale, top, left, size, mirror):
 
 @pytest.fixture
 def image(rng):
-    """Three channels, all bytes different from their neighbours."""
+    """An image with three channels of random bytes."""
     return rng.integers(0, 256, (3, 5, 7)).astype(np.uint8)
 
 
 def test_without_options_only_the_type_changes(image):
-    """Bytes become floats from 0 to 255."""
+    """Without options bytes become floats from 0 to 255."""
     assert np.array_equal(transformed(transformer(""), image), image)
 
 
 def test_scale_comes_after_the_mean(image):
-    """One mean for all channels, or one for each."""
+    """The mean is subtracted before scaling, with one mean for all channels or one per channel."""
     y = transformed(transformer("scale: 0.5 mean_value: 10"), image)
     assert np.array_equal(y, (image - 10.0) * 0.5)
     y = transformed(transformer("scale: 2 mean_value: 1 mean_value: 2 mean_value: 3"), image)
@@ -62,11 +62,11 @@ def test_scale_comes_after_the_mean(image):
 @pytest.mark.parametrize("phase", ["TRAIN", "TEST"])
 @pytest.mark.parametrize("mirror", [False, True])
 def test_crop_mirror_and_mean_image_together(tmp_path, image, rng, phase, mirror):
-    """Of each pixel the mean of its own place in the image is subtracted, before it is moved."""
+    """The mean of a pixel is that of its position before cropping and mirroring."""
     mean = rng.normal(size=image.shape).astype(np.float32)
     write_blob(tmp_path / "mean.binaryproto", mean[None])
     options = f'crop_size: 3 scale: 0.25 mean_file: "mean.binaryproto" mirror: {str(mirror).lower()}'
-    made = transformer(options, phase, source=tmp_path / "net.prototxt")  # the mean lies beside it
+    made = transformer(options, phase, source=tmp_path / "net.prototxt")  # the mean file is in the same folder
     possible = {
         (top, left, flip): by_loops(image, mean, 0.25, top, left, 3, flip)
         for top in range(3)
@@ -86,20 +86,20 @@ def test_crop_mirror_and_mean_image_together(tmp_path, image, rng, phase, mirror
 
 @pytest.mark.parametrize(("size", "top", "left"), [(2, 1, 2), (4, 0, 1), (5, 0, 1)])
 def test_the_middle_is_rounded_to_the_top_and_left(image, size, top, left):
-    """In TEST."""
+    """In TEST the centre crop is rounded towards the top left."""
     y = transformed(transformer(f"crop_size: {size}", "TEST"), image)
     assert np.array_equal(y, image[:, top : top + size, left : left + size])
 
 
 def test_float32_is_computed_in_float32(image):
-    """In the net's own type, as in Caffe."""
+    """The computation uses the net's own type, as in Caffe."""
     y = transformed(transformer("scale: 0.1 mean_value: 104.3", dtype=np.float32), image)
     assert y.dtype == np.float32
     assert np.array_equal(y, (image.astype(np.float32) - np.float32(104.3)) * np.float32(0.1))
 
 
 def test_the_same_state_gives_the_same_crops(image):
-    """The random stream is the layer's."""
+    """Crops and mirrors are drawn from the layer's random stream."""
     made = transformer("crop_size: 2 mirror: true")
     state = made.layer.state()
     first = [transformed(made, image) for _ in range(5)]
@@ -124,7 +124,7 @@ def test_the_same_state_gives_the_same_crops(image):
     ],
 )
 def test_mistakes(tmp_path, image, options, message):
-    """The place, the image, what was expected."""
+    """The error states the position or the image, and the expected value."""
     write_blob(tmp_path / "m", np.zeros((1, 3, 5, 6)))
     write_blob(tmp_path / "flat", np.zeros(3))
     with pytest.raises(netlib.NetlibError, match=message) as error:
@@ -133,7 +133,7 @@ def test_mistakes(tmp_path, image, options, message):
 
 
 def test_an_image_that_does_not_fit_its_batch(image):
-    """Without crop_size all must have one size; channels must always agree."""
+    """Without crop_size all images of a batch must have the same size; the number of channels must always agree."""
     with pytest.raises(netlib.LayerError, match=r"x: the image .* \(3, 5, 7\) gives \(3, 5, 7\), the first of its"):
         transformer("").transform(image, np.zeros((3, 5, 8)), "x")
     with pytest.raises(netlib.LayerError, match=r"gives \(3, 2, 2\), the first of its batch \(1, 2, 2\)"):
@@ -141,7 +141,7 @@ def test_an_image_that_does_not_fit_its_batch(image):
 
 
 def test_options_in_their_old_place_are_pointed_out():
-    """Caffe ignores them without a word."""
+    """Transformation options in the layer's own block are reported; Caffe ignores them silently."""
     made = transformer("")
     made.layer.param = schema.read(prototxt.parse('source: "s" scale: 2 mirror: false', "net"), ImageDataParameter)
     assert misplaced(made.layer, "scale", "mean_file", "mirror") == [

@@ -16,7 +16,7 @@ H, W = 12, 16
 
 @pytest.fixture
 def images(tmp_path, rng):
-    """Two pictures."""
+    """Two images."""
     found = [rng.integers(0, 256, (H, W, 3)).astype(np.uint8) for _ in range(2)]
     for i, image in enumerate(found):
         cv2.imwrite(str(tmp_path / f"{i}.png"), image)
@@ -24,7 +24,7 @@ def images(tmp_path, rng):
 
 
 def write_list(folder, *windows):
-    """``(class, overlap, x1, y1, x2, y2)`` of each picture."""
+    """Write a list with windows ``(class, overlap, x1, y1, x2, y2)`` for each image."""
     lines = []
     for i, some in enumerate(windows):
         lines += [f"# {i}", f"{folder}/{i}.png", "3", str(H), str(W), str(len(some))]
@@ -33,19 +33,19 @@ def write_list(folder, *windows):
 
 
 def text(folder, options="batch_size: 2 fg_fraction: 0.5", transform="crop_size: 4"):
-    """The layer on that list."""
+    """Return a layer that reads the list."""
     return (f'layer {{ name: "d" type: "WindowData" top: "x" top: "t" window_data_param '
             f'{{ source: "{folder}/windows.txt" {options} }} transform_param {{ {transform} }} }}')  # fmt: skip
 
 
 def part(image, x1, y1, x2, y2, width=4, height=4):
-    """What lies between two corners, stretched."""
+    """Return the resized part of an image between two corners, both included."""
     cut = image[y1 : y2 + 1, x1 : x2 + 1]
     return cv2.resize(cut, (width, height), interpolation=cv2.INTER_LINEAR).transpose(2, 0, 1).astype(np.float32)
 
 
 def test_by_hand(tmp_path, images, net_of):
-    """First the background, then the foreground; both corners count; a window of the right size stays as it is."""
+    """Background windows come first; both corners are included, and a window of the right size is not resized."""
     write_list(tmp_path, [(5, 0.75, 2, 3, 5, 6), (5, 0.25, 1, 2, 8, 4)])
     tops = net_of(text(tmp_path)).forward()
     assert tops["t"].tolist() == [0, 5]
@@ -54,23 +54,23 @@ def test_by_hand(tmp_path, images, net_of):
 
 
 def test_a_border_that_leaves_the_image_is_0(tmp_path, images, net_of):
-    """A 2 x 2 window in the corner: with a border of 1 of 4 pixels it would be pixels -1 to 3, five of them.
+    """A 2 x 2 window in the corner: with a border of 1 of 4 pixels it covers pixels -1 to 3, five of them.
 
-    Of each four pixels of the result, one is for the pixel outside, 4/5 rounded, and three for the four inside.
+    Of four pixels of the result, one is for the pixel outside (4/5 rounded) and three are for the four inside.
     """
     write_list(tmp_path, [(1, 1, 0, 0, 1, 1), (1, 0, W - 2, H - 2, W - 1, H - 1)])
     first, second = net_of(text(tmp_path, "batch_size: 2 fg_fraction: 0.5 context_pad: 1")).forward()["x"][::-1]
     assert (first[:, 0] == 0).all()
     assert (first[:, :, 0] == 0).all()
     assert np.array_equal(first[:, 1:, 1:], part(images[0], 0, 0, 3, 3, 3, 3))
-    # in the other corner: pixels W - 3 to W + 1, two of them outside: 4/5 * 2 is 2 as well, and 4/5 * 3 is 2
+    # the other corner covers pixels W - 3 to W + 1, two of them outside: 4/5 * 2 rounds to 2, and so does 4/5 * 3
     assert np.array_equal(second[:, :2, :2], part(images[0], W - 3, H - 3, W - 1, H - 1, 2, 2))
     assert (second[:, 2:] == 0).all()
     assert (second[:, :, 2:] == 0).all()
 
 
 def as_caffe(image, window, size, pad, square, mirror, real, mean=0.0, scale=1.0):
-    """One window, statement by statement as Caffe computes it, in numbers of the type ``real``."""
+    """Compute one window statement by statement as Caffe does, in the type ``real``."""
 
     def rounded(v):
         return int(math.copysign(math.floor(abs(float(v)) + 0.5), v))
@@ -111,7 +111,7 @@ def as_caffe(image, window, size, pad, square, mirror, real, mean=0.0, scale=1.0
 @pytest.mark.parametrize("square", [False, True])
 @pytest.mark.parametrize("pad", [0, 1, 2])
 def test_any_window_is_cut_as_caffe_cuts_it(tmp_path, images, net_of, rng, real, square, pad):
-    """Borders, squares, mirrors, the middle of a mean image, and the scale of the layer's own block."""
+    """Borders, squares, mirrors, the centre of a mean image and the layer's own scale agree with Caffe."""
     mean = rng.normal(size=(1, 3, 9, 11)).astype(np.float32)
     write_blob(tmp_path / "mean", mean)
     options = f'context_pad: {pad} crop_mode: "{"square" if square else "warp"}" scale: 0.5 batch_size: 24'
@@ -134,7 +134,7 @@ def test_any_window_is_cut_as_caffe_cuts_it(tmp_path, images, net_of, rng, real,
 
 
 def test_mean_values(tmp_path, images, net_of):
-    """One for each channel; outside the image stays 0."""
+    """One mean per channel is subtracted; pixels outside the image stay 0."""
     write_list(tmp_path, [(1, 1, 0, 0, 1, 1), (0, 0, 2, 2, 5, 5)])
     transform = "crop_size: 4 mean_value: 1 mean_value: 2 mean_value: 3"
     x = net_of(text(tmp_path, "batch_size: 2 fg_fraction: 0.5 context_pad: 1", transform)).forward()["x"][1]
@@ -144,7 +144,7 @@ def test_mean_values(tmp_path, images, net_of):
 
 
 def test_which_windows_are_foreground(tmp_path, images, net_of):
-    """By two thresholds; what lies between them is left out, and the class of the background is 0."""
+    """Two thresholds select foreground and background; windows between them are unused, and background is class 0."""
     write_list(tmp_path, [(1, 0.6, 0, 0, 3, 3), (2, 0.5, 1, 1, 4, 4)], [(3, 0.4, 0, 0, 3, 3), (4, 0.1, 2, 2, 5, 5)])
     layer = net_of(text(tmp_path, "batch_size: 1 fg_threshold: 0.5 bg_threshold: 0.4")).layer_dict["d"]
     assert [(w.path, w.label, w.x1) for w in layer.foreground] == [(f"{tmp_path}/0.png", n, n - 1) for n in (1, 2)]
@@ -154,14 +154,14 @@ def test_which_windows_are_foreground(tmp_path, images, net_of):
 
 @pytest.mark.parametrize(("size", "fraction", "count"), [(8, 0.25, 2), (7, 0.5, 3), (10, 0.7, 7), (3, 0, 0), (3, 1, 3)])
 def test_how_many_are_foreground(tmp_path, images, net_of, size, fraction, count):
-    """Rounded down, computed with 32 bits."""
+    """The number of foreground windows is rounded down, computed in float32."""
     write_list(tmp_path, [(1, 1, 0, 0, 3, 3), (0, 0, 1, 1, 4, 4)])
     t = net_of(text(tmp_path, f"batch_size: {size} fg_fraction: {fraction}")).forward()["t"]
     assert t.tolist() == [0] * (size - count) + [1] * count
 
 
 def test_every_window_is_chosen_equally_often(tmp_path, images, net_of):
-    """From both pictures; a resume goes on with the same choice."""
+    """Windows of both images are drawn equally often; restoring the state repeats the choice."""
     write_list(tmp_path, *([(1 + 3 * k + i, 1, i, i, i + 3, i + 3) for i in range(3)] for k in range(2)))
     with (tmp_path / "windows.txt").open("a") as file:
         file.write(f" # 2 {tmp_path}/0.png 3 1 1 1 0 0 0 0 1 1")
@@ -176,11 +176,11 @@ def test_every_window_is_chosen_equally_often(tmp_path, images, net_of):
 
 
 def test_root_folder(tmp_path, images, net_of):
-    """Stands before the paths as it is."""
+    """root_folder is prepended to the paths as text."""
     write_list(tmp_path, [(1, 1, 0, 0, 3, 3), (0, 0, 1, 1, 4, 4)])
     (tmp_path / "windows.txt").write_text((tmp_path / "windows.txt").read_text().replace(f"{tmp_path}/0.png", "0.png"))
     options = "batch_size: 2 cache_images: true"
-    net_of(text(tmp_path, options)).forward()  # beside the list
+    net_of(text(tmp_path, options)).forward()  # relative to the list's folder
     net_of(text(tmp_path, f'{options} root_folder: "{tmp_path}/"')).forward()
     with pytest.raises(netlib.DataError, match=r"x0.png: cannot read the image"):
         net_of(text(tmp_path, f'{options} root_folder: "{tmp_path}/x"')).forward()
@@ -213,7 +213,7 @@ BOTH = "1 1 0 0 3 3 0 0 0 0 3 3"
     ],
 )
 def test_lists_with_something_wrong_in_them(tmp_path, images, net_of, content, message):
-    """Where, what was found, what was expected."""
+    """The error states the position, the invalid and the expected content."""
     if content is not None:
         (tmp_path / "windows.txt").write_text(content)
     with pytest.raises(netlib.DataError, match=message) as error:
@@ -238,7 +238,7 @@ def test_lists_with_something_wrong_in_them(tmp_path, images, net_of, content, m
     ],
 )
 def test_options_that_do_not_go_together(tmp_path, images, options, transform, message):
-    """Found when the net is built."""
+    """Invalid combinations of options raise an error when the net is built."""
     write_list(tmp_path, [(1, 1, 0, 0, 3, 3), (0, 0, 1, 1, 4, 4)])
     write_blob(tmp_path / "m", np.zeros((1, 3, 8, 8)))
     (tmp_path / "net.prototxt").write_text(text(tmp_path, options, transform))

@@ -1,4 +1,4 @@
-"""A planar arm, whose kinematics has a closed form."""
+"""A planar arm with closed-form kinematics, and random bodies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from layers.hand.skeleton import Skeleton, load
 
-# Base at (x, y), upper arm of length 2, fore arm of length 1 along the local x axes, both turning about z.
+# The base moves to (x, y); upper arm (length 2) and forearm (length 1) lie along local x axes and turn about z.
 ARM = """
     name: "arm"
     dof { name: "x" } dof { name: "y" initial: 0.5 }
@@ -22,7 +22,7 @@ ARM = """
 
 
 def arm_joints(inputs: np.ndarray) -> np.ndarray:
-    """The closed form, (N, 4) to (N, 3, 3): hand, elbow, base."""
+    """The closed form, from inputs (N, 4) to joints (N, 3, 3): hand, elbow, base."""
     x, y, shoulder, elbow = inputs.T
     y, shoulder = y + 0.5, shoulder + 0.25
     base = np.stack([x, y, 0 * x], axis=1)
@@ -33,7 +33,7 @@ def arm_joints(inputs: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def arm_text() -> str:
-    """The skeleton file of the arm."""
+    """The text of the arm's skeleton file."""
     return ARM
 
 
@@ -44,8 +44,8 @@ def arm() -> Callable[[np.ndarray], np.ndarray]:
 
 
 def random_body(rng: np.random.Generator) -> str:
-    """A skeleton file of 6 joints and 6 DoFs: two roots, children before parents, joints with and without a bone, DoFs
-    that are fixed, that move several joints, that slide and turn.
+    """A skeleton file of 6 joints and 6 DoFs with two roots, children before parents, joints with and without a bone,
+    and DoFs that are fixed, drive several joints, translate or rotate.
     """
     axes = ["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
     lines = [
@@ -64,13 +64,13 @@ def random_body(rng: np.random.Generator) -> str:
 
 @pytest.fixture(params=range(6))
 def any_body(request: pytest.FixtureRequest) -> str:
-    """The text of a skeleton file."""
+    """The text of a random skeleton file."""
     return random_body(np.random.default_rng(request.param))
 
 
 @pytest.fixture
 def skeleton(tmp_path: Path) -> Callable[[str], Skeleton]:
-    """``skeleton(text)``: the table of a file with this text."""
+    """``skeleton(text)`` returns the skeleton of a file with this text."""
 
     def make(text: str) -> Skeleton:
         path = tmp_path / f"skeleton{len(list(tmp_path.iterdir()))}.prototxt"

@@ -1,4 +1,4 @@
-"""layers/augment.py"""
+"""HandAugment: layers/hand/augment.py."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ layer { name: "in" type: "Input" top: "depth" top: "joint"
 layer { name: "augment" type: "HandAugment" bottom: "depth" bottom: "joint" top: "%s" top: "%s"
         hand_augment_param { %s } }
 """
-MIDDLE = 64.75  # px of a crop where its centre is
+MIDDLE = 64.75  # px, the centre of a crop
 ALL = "rotation: 170 scale: 0.3 shift: 12 depth: 0.3"
 NetOf = Callable[..., netlib.Net]
 
 
 def dots() -> tuple[np.ndarray, np.ndarray]:
-    """Crops with two small plates each, and joints in their middles."""
+    """Crops with two small plates each, and joints at their centres."""
     rng = np.random.default_rng(0)
     depth = np.ones((40, 1, 128, 128), np.float32)
     joint = np.zeros((40, 2, 3), np.float32)
@@ -40,7 +40,7 @@ def dots() -> tuple[np.ndarray, np.ndarray]:
 
 
 def augmented(net: netlib.Net, depth: np.ndarray, joint: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the layer makes of them."""
+    """Return the tops of the layer for these bottoms."""
     net.blobs["depth"].data[...], net.blobs["joint"].data[...] = depth, joint
     net.forward()
     tops = net.layers[1].spec.top
@@ -49,7 +49,7 @@ def augmented(net: netlib.Net, depth: np.ndarray, joint: np.ndarray) -> tuple[np
 
 @pytest.mark.parametrize("options", ["rotation: 170", "scale: 0.3", "shift: 12", "depth: 0.3", ALL])
 def test_joints_stay_on_the_picture(net_of: NetOf, options: str) -> None:
-    """After any change each joint is where its plate is: in the middle of it, and at its depth."""
+    """After any change each joint is at the centre of its plate and at its depth."""
     depth, joint = dots()
     y, moved = augmented(net_of(LAYER % ("y", "moved", options)), depth, joint)
     assert np.abs(moved - joint).max() > 0.1
@@ -61,7 +61,7 @@ def test_joints_stay_on_the_picture(net_of: NetOf, options: str) -> None:
 
 
 def test_same_as_the_turned_hand(net_of: NetOf) -> None:
-    """A turned picture of a hand is the picture of the turned hand, but for pixels at its outline."""
+    """A rotated image of a hand equals the image of the rotated hand, except for pixels at its outline."""
     rng = np.random.default_rng(3)
     ends = rng.uniform(-70, 70, (2, 40, 5, 3))
     joint = ends[0, :, :2] / 150
@@ -89,7 +89,7 @@ def test_same_as_the_turned_hand(net_of: NetOf) -> None:
 
 
 def test_sizes_of_the_changes(net_of: NetOf) -> None:
-    """Each change is spread evenly up to its option, and the same for both joints of an item."""
+    """Each change is uniformly distributed up to its option and equal for both joints of an item."""
     depth, joint = dots()
     net = net_of(LAYER % ("y", "moved", "shift: 6.4 depth: 0.06"))
     _, moved = augmented(net, depth, joint)
@@ -101,16 +101,16 @@ def test_sizes_of_the_changes(net_of: NetOf) -> None:
 
 
 def test_pixels_are_picked_and_borders_go_on(net_of: NetOf) -> None:
-    """Turning invents no depth, and what leaves the crop at its border goes on there."""
+    """Rotation does not interpolate depth, and pixels at the border of the crop are extended."""
     depth = np.ones((40, 1, 128, 128), np.float32)
     depth[:, :, 100:, 50:80] = 0.25
     y, _ = augmented(net_of(LAYER % ("y", "moved", "rotation: 20 scale: 0.06 shift: 3")), depth, np.zeros((40, 6)))
-    assert len(np.unique(y[y < 1])) == 40  # one depth an item, that of the plate
+    assert len(np.unique(y[y < 1])) == 40  # one depth per item, that of the plate
     assert (y[:, 0, 127] < 1).any(axis=1).all()
 
 
 def test_background_stays_and_depth_is_cut(net_of: NetOf) -> None:
-    """Background is 1 whatever the step, and nothing leaves [-1, 1]."""
+    """Background pixels stay 1 for any depth step, and all values stay within [-1, 1]."""
     depth, joint = dots()
     depth[:, :, 60:64, 60:64] = -1
     joint[:, 0] = -1
@@ -131,7 +131,7 @@ def test_identity(net_of: NetOf, options: str, phase: int) -> None:
 
 
 def test_threads_and_places_change_no_bit(net_of: NetOf, keep_threads: None) -> None:
-    """One thread or four, into new blobs or in place: the same bits."""
+    """The result is bit-identical for any number of threads, with new tops and in place."""
     results, theirs = [], cv2.getNumThreads()
     for threads, tops in ((1, ("y", "moved")), (4, ("y", "moved")), (2, ("depth", "joint"))):
         netlib.set_threads(threads)
@@ -143,7 +143,7 @@ def test_threads_and_places_change_no_bit(net_of: NetOf, keep_threads: None) -> 
 
 
 def test_every_batch_is_different_and_a_resume_is_exact(net_of: NetOf) -> None:
-    """The random numbers go on from batch to batch, and are part of the layer's state."""
+    """Every batch draws new random numbers, and restoring the layer's state repeats them."""
     net = net_of(LAYER % ("y", "moved", ALL))
     first, _ = augmented(net, *dots())
     state = net.layers[1].state()
@@ -154,16 +154,16 @@ def test_every_batch_is_different_and_a_resume_is_exact(net_of: NetOf) -> None:
 
 
 def test_double_precision(net_of: NetOf) -> None:
-    """A net in float64 gets the same changes."""
+    """A net in float64 makes the same changes."""
     a = augmented(net_of(LAYER % ("y", "moved", ALL)), *dots())
     b = augmented(net_of(LAYER % ("y", "moved", ALL), dtype=np.float64), *dots())
     assert b[0].dtype == np.float64
-    assert (np.abs(a[0] - b[0]) > 1e-6).mean() < 1e-4  # but for a pixel that lies just between two
+    assert (np.abs(a[0] - b[0]) > 1e-6).mean() < 1e-4  # except for pixels on the boundary between two pixels
     np.testing.assert_allclose(a[1], b[1], atol=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         (LAYER % ("y", "moved", "rotation: -5"), "rotation -5 must be from 0 to 180"),
         (LAYER % ("y", "moved", "scale: 1"), "scale 1 must be from 0 to 0.9"),
@@ -171,14 +171,14 @@ def test_double_precision(net_of: NetOf) -> None:
         (LAYER.replace("dim: 6", "dim: 7") % ("y", "moved", ""), r"\(40, 7\), expected joints \(40, 3 K\)"),
     ],
 )
-def test_mistakes(net_of: NetOf, text: str, told: str) -> None:
-    """Impossible options and shapes are named."""
-    with pytest.raises(LayerError, match=told):
+def test_mistakes(net_of: NetOf, text: str, reported: str) -> None:
+    """The error states the invalid option or shape."""
+    with pytest.raises(LayerError, match=reported):
         net_of(text)
 
 
 def test_no_gradient(net_of: NetOf) -> None:
-    """A layer with weights before it is told to move."""
+    """backward raises an error, because the layer must directly follow the data."""
     layer = net_of(LAYER % ("y", "moved", ALL)).layers[1]
     with pytest.raises(LayerError, match="directly after the data"):
         layer.backward([], [True, False], [])

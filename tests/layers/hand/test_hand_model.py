@@ -14,19 +14,19 @@ pytestmark = pytest.mark.both_engines
 
 @pytest.fixture
 def text(tmp_path, arm_text):
-    """The layer on the planar arm."""
+    """The layer with the skeleton of the planar arm."""
     (tmp_path / "arm.prototxt").write_text(arm_text)
     return f'type: "HandModel" hand_model_param {{ skeleton: "{tmp_path}/arm.prototxt" }}'
 
 
 def test_another_body_is_another_file(run, text, arm, rng):
-    """Nothing about hands is in the code: inputs (N, 4), joints (N, 9)."""
+    """A skeleton file defines another body: inputs (N, 4), joints (N, 9)."""
     x = rng.normal(size=(5, 4))
     assert np.allclose(run(text, x).y, arm(x).reshape(5, 9))
 
 
 def test_the_default_is_the_hand(run, rng):
-    """x y z of joint 0, then of joint 1, and so on."""
+    """The default skeleton is the hand; the outputs are x, y, z of each joint in turn."""
     x = rng.normal(size=(3, 47))
     y = run('type: "HandModel"', x).y
     assert y.shape == (3, 93)
@@ -35,7 +35,7 @@ def test_the_default_is_the_hand(run, rng):
 
 @pytest.mark.parametrize("force", ["true", "false"])
 def test_a_batch_of_nothing(net_of, force):
-    """No hands, no joints, no gradient; for a net that predicts and for one that learns."""
+    """An empty batch gives empty joints and gradients, for nets that predict and nets that learn."""
     net = net_of(f"""
         force_backward: {force}
         layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ dim: 2 dim: 47 }} }} }}
@@ -47,18 +47,18 @@ def test_a_batch_of_nothing(net_of, force):
 
 
 def test_gradient_of_the_arm(check, text, rng):
-    """Every input."""
+    """The gradient of every input agrees with differences."""
     check(text, rng.normal(size=(3, 4)))
 
 
 @pytest.mark.parametrize("name", ["HandModel", "DeepHandModel"])
 def test_gradient_of_the_hand(check, rng, name):
-    """0 for fixed DoFs; the inputs may have more axes."""
+    """The gradient agrees with differences, is 0 for fixed DoFs, and allows inputs with further axes."""
     check(f'type: "{name}"', rng.normal(0, 0.5, (2, 47, 1)))
 
 
 def test_a_net_that_only_predicts_gives_the_same(net_of, rng):
-    """Without backward less is computed."""
+    """A net without backward, which computes less, gives the same joints."""
     text = (
         '%s layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 9 dim: 47 } } } '
         'layer { name: "h" type: "HandModel" bottom: "x" top: "y" }'
@@ -73,7 +73,7 @@ def test_a_net_that_only_predicts_gives_the_same(net_of, rng):
 
 @pytest.fixture
 def of_any(tmp_path, any_body):
-    """The layer on a random body, and its skeleton."""
+    """The layer with a random body, and its skeleton."""
     (tmp_path / "any.prototxt").write_text(any_body)
     path = tmp_path / "any.prototxt"
     return f'type: "HandModel" hand_model_param {{ skeleton: "{path}" }}', load(path)
@@ -81,7 +81,7 @@ def of_any(tmp_path, any_body):
 
 @pytest.mark.parametrize("N", [2, 20])
 def test_a_factor_is_a_scaled_body(run, of_any, rng, N):
-    """Each item's own: bones and initial values of translations, also of fixed ones; whatever fixed inputs are."""
+    """A factor per item scales bones and initial translations, including those of fixed DoFs."""
     text, skeleton = of_any
     x, b = rng.normal(size=(N, 6)), rng.normal(size=(N, 1, 1))
     expected = [Kinematics(skeleton.scaled(float(s))).joints(row[None]) for row, s in zip(x, b.ravel())]
@@ -89,7 +89,7 @@ def test_a_factor_is_a_scaled_body(run, of_any, rng, N):
 
 
 def test_lengths_are_a_body_with_such_bones(run, of_any, rng):
-    """Signed; what stands at a joint without a bone is ignored."""
+    """A length per joint replaces its bone, with its sign; lengths of joints without a bone are ignored."""
     text, skeleton = of_any
     x, b = rng.normal(size=(3, 6)), rng.normal(size=(3, 6))
     assert (skeleton.bone_axes < 0).any()
@@ -101,19 +101,19 @@ def test_lengths_are_a_body_with_such_bones(run, of_any, rng):
 @pytest.mark.parametrize("size", [(1,), (6,), (1, 1), (3, 2)])
 @pytest.mark.parametrize("N", [2, 18])
 def test_gradient_of_the_size(check, of_any, rng, size, N):
-    """Of a factor and of lengths, for bodies of all kinds; for few poses and for many."""
+    """The gradients of a factor and of lengths agree with differences for random bodies and for few and many poses."""
     check(of_any[0], rng.normal(size=(N, 6)), rng.normal(size=(N, *size)))
 
 
 @pytest.mark.parametrize("sizes", [1, 31])
 def test_gradient_of_the_size_of_the_hand(check, rng, sizes):
-    """The palm has no bone: a length there gets 0."""
+    """The gradients of a factor and of lengths agree with differences for the hand; the palm has no bone."""
     check('type: "HandModel"', rng.normal(0, 0.5, (2, 47)), rng.uniform(0.5, 1.5, (2, sizes)))
 
 
 @pytest.mark.parametrize("sizes", [1, 31])
 def test_each_gradient_is_that_of_both(run, rng, sizes):
-    """Asked for alone it is the same, and the other diff stays as it was."""
+    """Each gradient is the same if it is requested alone, and the other diff is unchanged."""
     made = run('type: "HandModel"', rng.normal(size=(4, 47)), rng.uniform(0.5, 1.5, (4, sizes)))
     dy = rng.normal(size=(4, 93))
     both = [diff.copy() for diff in made.backward(dy)]
@@ -126,7 +126,7 @@ def test_each_gradient_is_that_of_both(run, rng, sizes):
 
 
 def test_the_factor_one_is_the_skeleton(run, rng):
-    """And the bones of the skeleton are, too: the same joints, the same gradient at the inputs."""
+    """A factor of 1, and the skeleton's own bones as lengths, give the same joints and gradients as no sizes."""
     x, dy = rng.normal(size=(20, 47)), rng.normal(size=(20, 93))
     alone = run('type: "HandModel"', x)
     [dx] = alone.backward(dy)
@@ -137,7 +137,7 @@ def test_the_factor_one_is_the_skeleton(run, rng):
 
 
 def test_a_body_of_one_joint_has_a_factor(run, tmp_path):
-    """One number is never a length."""
+    """For a body of one joint a single number is a factor, not a length."""
     (tmp_path / "stick.prototxt").write_text('dof { name: "a" } joint { name: "tip" bone { axis: X length: 3 } }')
     text = f'type: "HandModel" hand_model_param {{ skeleton: "{tmp_path}/stick.prototxt" }}'
     assert run(text, np.zeros((1, 1)), [[2.0]]).y.tolist() == [[6, 0, 0]]
@@ -147,7 +147,7 @@ def test_a_body_of_one_joint_has_a_factor(run, tmp_path):
 @pytest.mark.parametrize("sizes", [1, 31])
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 1e-4), (np.float64, 1e-12)])
 def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
-    """Of any batch, no hands included; one that only predicts gives the same, and so does the plain engine."""
+    """A net that predicts, a net that learns and the plain engine agree for any batch size, including 0."""
     layers = f"""
         layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ dim: {N} dim: 47 }} }} }}
         layer {{ name: "b" type: "Input" top: "b" input_param {{ shape {{ dim: {N} dim: {sizes} }} }} }}
@@ -166,7 +166,7 @@ def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
 
 
 def test_mistakes_in_sizes(run, text):
-    """Neither one number nor one for each joint, or of another batch."""
+    """Sizes that are neither a factor nor one length per joint, or of another batch size, raise an error."""
     for b, shape in ((np.zeros((2, 2)), r"\(2, 2\)"), (np.zeros((3, 1)), r"\(3, 1\)"), (np.zeros(()), r"\(\)")):
         message = rf"bottom 'bottom1' has shape {shape}, expected \(2, 1\), a factor, or \(2, 3\), the bone lengths of"
         with pytest.raises(netlib.LayerError, match=message):
@@ -174,7 +174,7 @@ def test_mistakes_in_sizes(run, text):
 
 
 def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):
-    """Or from the working directory, Caffe's way."""
+    """The skeleton is found next to the net or from the working directory, as in Caffe."""
     (tmp_path / "arm.prototxt").write_text(arm_text)
     (tmp_path / "net.prototxt").write_text(
         inputs(x=(1, 4))
@@ -186,7 +186,7 @@ def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):
 
 
 def test_mistakes(run, text):
-    """Another number of inputs; a skeleton that is not there."""
+    """A wrong number of inputs and a missing skeleton file raise an error."""
     with pytest.raises(
         netlib.LayerError, match=r"bottom 'bottom0' has shape \(2, 5\), skeleton 'arm' expects \(2, 4\)"
     ):

@@ -1,4 +1,4 @@
-"""Forward kinematics and its gradient: a planar arm in closed form, the hand, any pose."""
+"""Forward kinematics and its gradient for a planar arm in closed form, for the hand and for any pose."""
 
 import numpy as np
 import pytest
@@ -16,13 +16,13 @@ HAND = load()
 
 @pytest.fixture
 def body(skeleton):
-    """``body(text)``: the kinematics of a skeleton file with this text, in the engine in use."""
+    """``body(text)`` returns the kinematics of a skeleton file with this text, in the engine in use."""
     return lambda text: kinematics_of(skeleton(text))
 
 
 @pytest.fixture(scope="module")
 def hand(engine_in_use):
-    """The packaged hand."""
+    """The kinematics of the packaged hand."""
     return kinematics_of(HAND)
 
 
@@ -31,13 +31,13 @@ def hand(engine_in_use):
 
 @pytest.mark.parametrize("N", [1, 3, 8, 9, 40])
 def test_a_planar_arm_is_its_closed_form(body, arm_text, arm, rng, N):
-    """Joints in file order, though children stand before their parents; for few poses and for many."""
+    """Joints are in file order, even if children precede their parents, for few poses and for many."""
     inputs = rng.normal(size=(N, 4))
     assert np.allclose(body(arm_text).joints(inputs), arm(inputs))
 
 
 def test_the_gradient_of_the_arm_is_that_of_its_closed_form(body, arm_text, arm, rng):
-    """By complex steps, which have no rounding error."""
+    """The gradient agrees with complex-step differences, which have no rounding error."""
     inputs, dX = rng.normal(size=(5, 4)), rng.normal(size=(5, 3, 3))
     made = body(arm_text)
     got = made.backward(made.forward(inputs), dX)
@@ -48,17 +48,17 @@ def test_the_gradient_of_the_arm_is_that_of_its_closed_form(body, arm_text, arm,
 
 
 def test_force_and_torque_on_numbers_worked_by_hand(body, arm_text):
-    """The stretched arm along x: a force f up at the hand turns the shoulder by 3 f, the elbow by 1 f."""
+    """For the arm stretched along x, an upward force f at the hand exerts 3 f on the shoulder and f on the elbow."""
     made = body(arm_text)
     pose = made.forward(np.array([[0.0, -0.5, -0.25, 0.0]]))
     assert np.allclose(pose.joints[0], [[3, 0, 0], [2, 0, 0], [0, 0, 0]])
     dX = np.zeros((1, 3, 3))
-    dX[0, 0] = (7, 5, 0)  # pulls the base by 7 along x and 5 along y; along the arm it turns nothing
+    dX[0, 0] = (7, 5, 0)  # the base translates by the force (7, 5); the component along the arm has no torque
     assert np.allclose(made.backward(pose, dX), [[7, 5, 15, 5]])
 
 
 def test_a_fixed_dof_ignores_its_input_and_gets_no_gradient(body, arm_text, arm, rng):
-    """A fixed turn and a fixed shift: the initial value holds."""
+    """A fixed rotation and a fixed translation keep their initial value and get gradient 0."""
     text = arm_text.replace("initial: 0.25", "initial: 0.25 fixed: true")
     text = text.replace("initial: 0.5", "initial: 0.5 fixed: true")
     made, inputs = body(text), rng.normal(size=(20, 4))
@@ -71,7 +71,7 @@ def test_a_fixed_dof_ignores_its_input_and_gets_no_gradient(body, arm_text, arm,
 
 
 def test_a_negative_axis_turns_and_moves_the_other_way(body, arm_text, arm, rng):
-    """About and along -z, -x."""
+    """DoFs about or along a negative axis act in the opposite direction."""
     inputs = rng.normal(size=(12, 4))
     turned = body(arm_text.replace("axis: Z", "axis: NEG_Z").replace("initial: 0.25", "initial: -0.25"))
     assert np.allclose(turned.joints(inputs * [1, 1, -1, -1]), arm(inputs))
@@ -80,7 +80,7 @@ def test_a_negative_axis_turns_and_moves_the_other_way(body, arm_text, arm, rng)
 
 
 def test_one_dof_may_drive_several_joints(body, arm_text, arm, rng):
-    """A coupled finger: elbow and shoulder bend together, the gradient is the sum."""
+    """If one DoF drives elbow and shoulder, its gradient is the sum of both gradients."""
     coupled, free = body(arm_text.replace('dof: "elbow"', 'dof: "shoulder"')), body(arm_text)
     inputs, dX = rng.normal(size=(10, 4)), rng.normal(size=(10, 3, 3))
     both = inputs.copy()
@@ -94,7 +94,7 @@ def test_one_dof_may_drive_several_joints(body, arm_text, arm, rng):
 @pytest.mark.parametrize("fixed", ["", "fixed: true"])
 @pytest.mark.parametrize("joints", [None, [2, 0]])
 def test_jacobian_against_differences(body, arm_text, rng, joints, fixed):
-    """Of turns and translations, of all joints and of some; a fixed motion has no row."""
+    """The Jacobian of all joints or of some agrees with differences; a fixed motion has no row."""
     made, inputs = body(arm_text.replace("initial: 0.5", f"initial: 0.5 {fixed}")), rng.normal(size=(3, 4))
     chosen = joints or [0, 1, 2]
     J = made.jacobian(made.forward(inputs), joints)
@@ -107,7 +107,7 @@ def test_jacobian_against_differences(body, arm_text, rng, joints, fixed):
 
 
 def test_bones_of_every_row(body, arm_text, arm, rng):
-    """Each pose with its own lengths."""
+    """Each pose may have its own bone lengths."""
     inputs, made = rng.normal(size=(4, 4)), body(arm_text)
     doubled = made.joints(inputs, np.tile(2 * made.skeleton.bones, (4, 1)))
     base = doubled[:, 2:]
@@ -116,7 +116,7 @@ def test_bones_of_every_row(body, arm_text, arm, rng):
 
 @pytest.mark.parametrize("name", ["arm", "hand"])
 def test_bone_directions_against_differences(body, arm_text, hand, rng, name):
-    """A longer bone moves its joint and all below it that way; a joint without a bone has none."""
+    """A longer bone moves its joint and all descendants along the bone direction; joints without a bone have none."""
     made = body(arm_text) if name == "arm" else hand
     table = made.skeleton
     inputs = rng.normal(size=(3, len(table.initial)))
@@ -135,7 +135,7 @@ def test_bone_directions_against_differences(body, arm_text, hand, rng, name):
 
 @pytest.mark.parametrize("N", [1, 40])
 def test_the_gradient_of_bones(body, any_body, rng, N):
-    """Against differences, at lengths of each pose's own; a number for a joint without a bone has none."""
+    """The gradient of each pose's bone lengths agrees with differences; it is 0 for joints without a bone."""
     made = body(any_body)
     table = made.skeleton
     inputs, dX = rng.normal(size=(N, 6)), rng.normal(size=(N, 6, 3))
@@ -148,7 +148,7 @@ def test_the_gradient_of_bones(body, any_body, rng, N):
 
 
 def test_the_force_along_a_bone_worked_by_hand(body, arm_text):
-    """The stretched arm along x: the upper arm carries elbow and hand, the fore arm the hand; up there is no bone."""
+    """For the arm stretched along x, the upper arm's gradient sums elbow and hand, the forearm's only the hand."""
     made = body(arm_text)
     pose = made.forward(np.array([[0.0, -0.5, -0.25, 0.0]]))
     dX = np.array([[[2.0, 9, 0], [3, 9, 0], [100, 9, 0]]])  # at hand, elbow, base
@@ -156,7 +156,7 @@ def test_the_force_along_a_bone_worked_by_hand(body, arm_text):
 
 
 def test_bones_in_float32(hand, rng):
-    """As the gradient of the inputs: digits of float32, and nothing else, is lost."""
+    """In float32 the gradient of bone lengths has float32 precision."""
     inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(20, 31, 3)).astype(np.float32)
     single = kinematics_of(HAND, np.float32)
     got = single.backward_bones(single.forward(inputs), dX)
@@ -168,7 +168,7 @@ def test_bones_in_float32(hand, rng):
 
 
 def test_one_pose_by_hand(hand):
-    """With the palm unturned and every angle 0, the ring finger is a straight line along its metacarpal."""
+    """With the palm unrotated and all angles 0, the ring finger is a straight line along its metacarpal."""
     [joints] = hand.joints(-HAND.initial[None] * ~HAND.fixed)
     names = HAND.joint_names
     chain = [joints[names.index(f"ring_{part}")] for part in ("mcp", "base", "pip_a", "pip_b", "dip", "tip")]
@@ -183,8 +183,8 @@ poses = st.lists(st.floats(-3, 3), min_size=47, max_size=47).map(np.array)
 
 @given(poses)
 def test_any_pose_keeps_the_bone_lengths(hand, pose):
-    """The reason for the layer: every prediction is a possible hand."""
-    for count in (1, 20):  # the ways for few and for many poses
+    """Any pose keeps the bone lengths, so every prediction is a possible hand."""
+    for count in (1, 20):  # few and many poses are computed differently
         [joints, *_] = hand.joints(np.tile(pose, (count, 1)))
         inner = HAND.parents >= 0
         lengths = np.linalg.norm(joints[inner] - joints[HAND.parents[inner]], axis=1)
@@ -193,7 +193,7 @@ def test_any_pose_keeps_the_bone_lengths(hand, pose):
 
 @given(poses, st.tuples(*[st.floats(-2, 2)] * 3))
 def test_moving_the_root_moves_all_joints_alike(hand, pose, shift):
-    """The first three DoFs are a translation."""
+    """The first three DoFs translate all joints."""
     moved = pose.copy()
     moved[:3] += shift
     assert np.allclose(hand.joints(moved[None]) - hand.joints(pose[None]), shift)
@@ -201,7 +201,7 @@ def test_moving_the_root_moves_all_joints_alike(hand, pose, shift):
 
 @given(poses, st.floats(-3, 3))
 def test_turning_the_root_keeps_all_distances(hand, pose, angle):
-    """Between any two joints."""
+    """Rotating the root keeps the distances between all joints."""
     turned = pose.copy()
     turned[3:6] += angle
     before, after = hand.joints(np.stack([pose, turned]))
@@ -210,7 +210,7 @@ def test_turning_the_root_keeps_all_distances(hand, pose, angle):
 
 
 def test_few_poses_and_many_agree(hand, rng):
-    """One by one or together, with or without what a gradient needs."""
+    """A few poses at a time, all together, and with the data for backward give the same joints."""
     inputs = rng.normal(size=(20, 47))
     together = hand.joints(inputs)
     assert np.allclose(np.concatenate([hand.joints(inputs[i : i + 3]) for i in range(0, 20, 3)]), together, atol=1e-14)
@@ -218,7 +218,7 @@ def test_few_poses_and_many_agree(hand, rng):
 
 
 def test_float32_costs_digits_of_float32_only(hand, rng):
-    """Also far away: moments are taken about joints, or about where the root is, not about the origin."""
+    """float32 loses only float32 precision, even far from the origin, as torques are computed about local points."""
     inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(20, 31, 3)).astype(np.float32)
     inputs[10:, :3] += 500
     single = kinematics_of(HAND, np.float32)
@@ -232,7 +232,7 @@ def test_float32_costs_digits_of_float32_only(hand, rng):
 
 
 def test_bodies_of_several_roots(body, rng):
-    """Each is built around its own root: two arms in one file move as two files of one arm do."""
+    """Two arms in one file move as two files of one arm do."""
     one_arm = """
         dof {{ name: "x{0}" }} dof {{ name: "y{0}" }} dof {{ name: "turn{0}" }} dof {{ name: "elbow{0}" }}
         joint {{ name: "base{0}" translate {{ axis: X dof: "x{0}" }} translate {{ axis: Y dof: "y{0}" }}
@@ -249,7 +249,7 @@ def test_bodies_of_several_roots(body, rng):
 
 @pytest.mark.parametrize("N", [3, 20])
 def test_a_body_of_which_one_root_has_a_child(body, rng, N):
-    """Roots that are made alike, and one that does not turn at all."""
+    """Bodies with equal roots and with a root that does not rotate agree with their closed form."""
     of = """
         dof { name: "u" } dof { name: "v" } dof { name: "w" }
         joint { name: "left" rotate { axis: Z dof: "u" } bone { axis: X length: 0.5 } }
@@ -269,7 +269,7 @@ def test_a_body_of_which_one_root_has_a_child(body, rng, N):
 
 
 def test_a_body_without_free_motions(body):
-    """Has an empty Jacobian."""
+    """A body without free DoFs has an empty Jacobian."""
     made = body(
         'dof { name: "u" fixed: true } joint { name: "a" rotate { axis: Z dof: "u" } bone { axis: X length: 1 } }'
     )
@@ -277,7 +277,7 @@ def test_a_body_without_free_motions(body):
 
 
 def test_rotation_of_a_joint(hand, rng):
-    """A rotation that carries the bone's axis along the bone."""
+    """The result is a rotation matrix that maps the bone's axis onto the bone."""
     inputs = rng.normal(size=(9, 47))
     pose, joint = hand.forward(inputs), HAND.joint_names.index("index_dip")
     R = hand.rotation_of(pose, joint)
@@ -288,7 +288,7 @@ def test_rotation_of_a_joint(hand, rng):
 
 
 def test_rotations():
-    """x to y about z, y to z about x, z to x about y; one or many at once."""
+    """Rotation about z maps x to y, about x maps y to z and about y maps z to x, for one angle or many."""
     for axis in range(3):
         R = rotation(axis, np.pi / 2)
         assert np.allclose(R @ np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3])
@@ -303,7 +303,7 @@ def test_rotations():
 @pytest.mark.parametrize("N", [1, 4, 40])
 @pytest.mark.parametrize("own", [False, True], ids=["packaged bones", "own bones"])
 def test_forward_pose_is_a_pose(rng, N, own):
-    """Joints, axes, points on them, rotations: as of the plain pose, with and without bones of each pose's own."""
+    """Joints, axes, pivots and rotations equal those of the plain engine, with the skeleton's or each pose's bones."""
     skeleton = HAND.with_surface()
     made, plain = kinematics_of(skeleton), Kinematics(skeleton)
     inputs = rng.normal(0, 0.5, (N, len(skeleton.initial)))
@@ -312,7 +312,7 @@ def test_forward_pose_is_a_pose(rng, N, own):
     assert np.allclose(found.joints, expected.joints)
     axis, pivot = made.axes(found)
     assert np.allclose(axis, expected.axis)
-    apart = np.cross(pivot - expected.pivot, expected.axis)[:, skeleton.turns]  # any point of the axis will do
+    apart = np.cross(pivot - expected.pivot, expected.axis)[:, skeleton.turns]  # any point on the axis may be the pivot
     assert np.allclose(apart, 0, atol=1e-12)
     for joint in (0, skeleton.joint_names.index("palm"), len(skeleton.joint_names) - 1):
         assert np.allclose(made.rotation_of(found, joint), plain.rotation_of(expected, joint))
@@ -322,7 +322,7 @@ def test_forward_pose_is_a_pose(rng, N, own):
 
 
 def test_forward_pose_of_an_arm_that_slides(body, arm_text, rng):
-    """Children before their parents, translations of the root, a turn in between."""
+    """forward_pose agrees for a root that translates and for children before their parents."""
     made = body(arm_text)
     inputs = rng.normal(size=(3, 4))
     plain = Kinematics(made.skeleton)

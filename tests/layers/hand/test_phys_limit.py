@@ -13,12 +13,12 @@ SKELETON = """
     dof { name: "fixed" lower: -1 upper: 1 fixed: true }
     joint { name: "j" rotate { axis: Z dof: "bent" } rotate { axis: X dof: "free" } rotate { axis: Y dof: "fixed" } }
 """
-X = [[4.0, 100, 9], [-1.5, -100, -9], [0, 0, 0], [2, 1, 5]]  # beyond by 2, by -0.5, within, exactly at the limit
+X = [[4.0, 100, 9], [-1.5, -100, -9], [0, 0, 0], [2, 1, 5]]  # beyond by 2 and -0.5, within, exactly at the limit
 
 
 @pytest.fixture
 def text(tmp_path):
-    """The layer on a skeleton with one limited DoF."""
+    """The layer with a skeleton that has one limited DoF."""
     (tmp_path / "s.prototxt").write_text(SKELETON)
     return f'type: "PhysLimit" phys_limit_param {{ skeleton: "{tmp_path}/s.prototxt" %s }}'
 
@@ -28,7 +28,7 @@ def text(tmp_path):
     [("", 2.5 / 4, [1, -1, 0, 0]), ("norm: L1", 2.5 / 4, [1, -1, 0, 0]), ("norm: L2", 4.25 / 4, [4, -1, 0, 0])],
 )
 def test_by_hand(run, text, norm, loss, gradient):
-    """The mean over the items; fixed and unlimited DoFs cost nothing and get the gradient 0."""
+    """The loss is the mean over the items; fixed and unlimited DoFs add nothing and have gradient 0."""
     done = run(text % norm, X)
     assert done.y == loss
     [dx] = done.backward(2)
@@ -37,7 +37,7 @@ def test_by_hand(run, text, norm, loss, gradient):
 
 
 def test_the_released_layer_takes_the_nyu_hand_and_squares(run):
-    """Under its own name and without options."""
+    """DeepHandModelDofConstraintLoss is squared by default, without options; PhysLimit is not."""
     x = np.zeros((2, 47))
     x[0, 15] = 0.968701 + 3  # thumb
     assert run('type: "DeepHandModelDofConstraintLoss"', x).y == pytest.approx(9 / 2, rel=1e-6)
@@ -46,12 +46,12 @@ def test_the_released_layer_takes_the_nyu_hand_and_squares(run):
 
 @pytest.mark.parametrize("norm", ["L1", "L2"])
 def test_gradient(check, rng, norm):
-    """Of the hand's 47 inputs, off the limits."""
+    """The gradient of the hand's 47 inputs agrees with differences away from the limits."""
     check(f'type: "PhysLimit" phys_limit_param {{ norm: {norm} }}', rng.normal(0, 2, (3, 47)))
 
 
 def test_mistakes(run, text):
-    """Another number of inputs, an unknown norm."""
+    """A wrong number of inputs and an unknown norm raise an error."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(2, 4\), the skeleton has 3 DoFs"):
         run(text % "", np.zeros((2, 4)))
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(\), the skeleton has 3 DoFs"):

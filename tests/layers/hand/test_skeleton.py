@@ -1,4 +1,4 @@
-"""The table of a body: what a skeleton file says, what is written, and broken files."""
+"""Skeleton: reading, writing and changing skeleton files, and invalid files."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ HAND = load()
 
 
 def test_what_a_skeleton_knows(skeleton, arm_text):
-    """Names in file order, limits, offsets, parents, bones."""
+    """A skeleton has names in file order, limits, initial values, parents and bones."""
     body = skeleton(arm_text)
     assert body.name == "arm"
     assert body.dof_names == ["x", "y", "shoulder", "elbow"]
@@ -28,7 +28,7 @@ def test_what_a_skeleton_knows(skeleton, arm_text):
 
 
 def test_parents_come_first_and_motions_know_their_rows(skeleton, arm_text):
-    """Whatever the order in the file; fixed motions have no row in a Jacobian."""
+    """Parents come first, whatever the order in the file; fixed motions have no row in a Jacobian."""
     body = skeleton(arm_text.replace("initial: 0.25", "initial: 0.25 fixed: true"))
     assert body.order == [2, 1, 0]
     assert [[(m.kind, m.axis, m.dof, m.row) for m in own] for own in body.motions] == [
@@ -42,14 +42,14 @@ def test_parents_come_first_and_motions_know_their_rows(skeleton, arm_text):
 
 
 def test_the_hand_has_26_free_dofs_of_47_and_31_joints():
-    """As in the paper."""
+    """The numbers of DoFs and joints are those of the paper."""
     assert (len(HAND.dof_names), int((~HAND.fixed).sum()), len(HAND.joint_names)) == (47, 26, 31)
     assert HAND.fixed.nonzero()[0].tolist() == [*range(6, 15), *range(19, 31)]
     assert np.count_nonzero(HAND.parents < 0) == 1
 
 
 def test_a_written_skeleton_reads_back_the_same(tmp_path):
-    """Names, axes, parents, limits and all numbers, to their decimals; then text and table agree exactly."""
+    """A written skeleton reads back with the same joints and DoFs, and writes the same text again."""
     path = tmp_path / "again.prototxt"
     path.write_text(text_of(HAND.param, "again", "A comment\nof two lines."))
     back = load(path)
@@ -60,7 +60,7 @@ def test_a_written_skeleton_reads_back_the_same(tmp_path):
 
 
 def test_a_scaled_hand():
-    """Bones and the initial place are longer, angles and limits are not."""
+    """Bones and initial translations are scaled; angles and limits are not."""
     larger = HAND.scaled(2)
     assert np.allclose(larger.bones, 2 * HAND.bones)
     assert np.allclose(larger.initial[:3], 2 * HAND.initial[:3])
@@ -69,7 +69,7 @@ def test_a_scaled_hand():
 
 
 def test_slides_can_be_freed(skeleton, arm_text):
-    """DoFs that translate are no longer fixed, others are; nothing else changes."""
+    """with_free_slides frees only fixed translations and changes nothing else."""
     text = arm_text.replace("initial: 0.5", "initial: 0.5 fixed: true").replace(
         "initial: 0.25", "initial: 0.25 fixed: true"
     )
@@ -109,7 +109,7 @@ def test_slides_can_be_freed(skeleton, arm_text):
     ],
 )  # fmt: skip
 def test_mistakes_in_a_skeleton_file(skeleton, arm_text, old, new, message):
-    """At their place, with the nearest known name."""
+    """Errors have their position and the nearest known name."""
     assert old in arm_text
     with pytest.raises(netlib.PrototxtError, match=message):
         skeleton(arm_text.replace(old, new))
@@ -117,19 +117,19 @@ def test_mistakes_in_a_skeleton_file(skeleton, arm_text, old, new, message):
 
 @pytest.mark.parametrize("text", ["", 'name: "nobody"', 'dof { name: "x" }'])
 def test_a_skeleton_without_joints(skeleton, text):
-    """Is a mistake, in one line."""
+    """A skeleton without joints raises an error."""
     with pytest.raises(netlib.NetlibError, match=r"skeleton0.prototxt"):
         skeleton(text)
 
 
 def test_a_missing_skeleton_file(tmp_path):
-    """Is named."""
+    """The error names the missing file."""
     with pytest.raises(netlib.NetlibError, match=r"gone\.prototxt: cannot read the prototxt: No such file"):
         load(tmp_path / "gone.prototxt")
 
 
 def test_the_same_relative_name_in_another_folder(tmp_path, monkeypatch, arm_text):
-    """Is another file."""
+    """A relative name is resolved again after the working directory has changed."""
     for folder, length in (("a", 1), ("b", 3)):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "arm.prototxt").write_text(arm_text.replace("length: 1 ", f"length: {length} "))
@@ -138,7 +138,7 @@ def test_the_same_relative_name_in_another_folder(tmp_path, monkeypatch, arm_tex
 
 
 def test_numbers_that_are_none(tmp_path: Path) -> None:
-    """A length or an initial value must be finite."""
+    """A length that is not finite raises an error."""
     path = tmp_path / "s.prototxt"
     path.write_text('joint { name: "a" bone { axis: X length: nan } }')
     with pytest.raises(

@@ -8,16 +8,16 @@ import netlib
 pytestmark = pytest.mark.both_engines
 
 A = np.array([[3, 4], [3, 4], [0, 1], [1, 1]], np.float64)
-SIMILAR = [1, 0, 0, 0]  # at distances 5, 5, 1 and sqrt 2 from the origin
+SIMILAR = [1, 0, 0, 0]  # distances to the origin are 5, 5, 1 and sqrt 2
 
 
 def text(margin=2.0, legacy="false"):
-    """The layer."""
+    """Return a layer with these options."""
     return f'type: "ContrastiveLoss" contrastive_loss_param {{ margin: {margin} legacy_version: {legacy} }}'
 
 
 def test_by_hand(run):
-    """A similar pair, one that is far enough, and two that are not: (25 + 0 + 1 + (2 - sqrt 2)²) / (2 * 4)."""
+    """A similar pair, a distant pair and two close pairs give (25 + 0 + 1 + (2 - sqrt 2)²) / (2 * 4)."""
     done = run(text(), A, np.zeros((4, 2)), SIMILAR)
     root = np.sqrt(2)
     assert done.y == pytest.approx((26 + (2 - root) ** 2) / 8)
@@ -28,7 +28,7 @@ def test_by_hand(run):
 
 
 def test_legacy_by_hand(run):
-    """The squared distance against the margin: (25 + 0 + 1 + 0) / (2 * 4)."""
+    """The legacy version compares the squared distance with the margin: (25 + 0 + 1 + 0) / (2 * 4)."""
     done = run(text(legacy="true"), A, np.zeros((4, 2)), SIMILAR)
     assert done.y == 26 / 8
     da, db, _ = done.backward(4, wanted=[True, True, False])
@@ -37,20 +37,20 @@ def test_legacy_by_hand(run):
 
 
 def test_equal_points_do_not_divide_by_zero(run):
-    """They cost the whole margin, and nothing says which way to push."""
+    """Equal points that are not similar have the loss of the full margin and gradient 0."""
     done = run(text(), [[1.0, 1]], [[1.0, 1]], [0])
     assert done.y == 2
     assert done.backward(1, wanted=[True, True, False])[0].tolist() == [[0, 0]]
 
 
 def test_the_fraction_of_similar_is_cut(run):
-    """0.9 and -0.9 are 0; -1 is not."""
+    """Similar values are truncated to integers: 0.9 and -0.9 are 0, while -1 is nonzero."""
     for value, expected in ((0.9, 0), (-0.9, 0), (-1, 12.5), (2, 12.5)):
         assert run(text(), A[:1], np.zeros((1, 2)), [value]).y == expected
 
 
 def test_axes_of_size_1_do_not_matter(run):
-    """(N, C, 1, 1) against (N, C), and (N, 1, 1, 1) for similar."""
+    """Axes of size 1 are allowed in the vectors and in the similar values."""
     done = run(text(), A.reshape(4, 2, 1, 1), np.zeros((4, 2)), np.reshape(SIMILAR, (4, 1, 1, 1)))
     assert done.y == run(text(), A, np.zeros((4, 2)), SIMILAR).y
     assert done.backward(1, wanted=[True, True, False])[0].shape == (4, 2, 1, 1)
@@ -58,7 +58,7 @@ def test_axes_of_size_1_do_not_matter(run):
 
 @pytest.mark.parametrize("legacy", ["true", "false"])
 def test_gradient(check, rng, legacy):
-    """Of both bottoms, and of one; Caffe's 1e-4 in the divisor makes the newer version a little wrong."""
+    """The gradients agree with differences; Caffe's 1e-4 in the divisor makes those of the newer version less exact."""
     a, b = rng.normal(size=(2, 6, 3))
     wrong = 1e-6 if legacy == "true" else 1e-3
     check(text(3, legacy), a, b, [0, 1, 0, 1, 0, 0], wanted=[True, True, False], tolerance=wrong)
@@ -78,12 +78,12 @@ def test_gradient(check, rng, legacy):
     ],
 )
 def test_mistakes(run, shapes, message):
-    """Shapes."""
+    """Shapes that do not match raise an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(), *map(np.zeros, shapes))
 
 
 def test_similar_has_no_gradient(run):
-    """And says so when it is asked for one."""
+    """backward raises an error if the gradient of the similar values is requested."""
     with pytest.raises(netlib.LayerError, match="has no gradient for its labels"):
         run(text(), A, np.zeros((4, 2)), SIMILAR).backward(1)

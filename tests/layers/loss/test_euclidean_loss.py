@@ -9,7 +9,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def test_by_hand(run):
-    """(1 + 4 + 9 + 0) / (2 * 2); the gradient difference / N times the loss weight in the top's diff."""
+    """The loss is (1 + 4 + 9 + 0) / (2 * 2); the gradient is the difference / N times the loss weight."""
     done = run('type: "EuclideanLoss"', [[1, 2], [3, 4]], [[0, 0], [0, 4]])
     assert done.y == 14 / 4
     da, db = done.backward(3)
@@ -18,12 +18,12 @@ def test_by_hand(run):
 
 
 def test_only_items_and_values_an_item_must_agree(run):
-    """(2, 3, 2) and (2, 6), as in Caffe."""
+    """Only the number of items and of values per item must match, such as (2, 3, 2) and (2, 6), as in Caffe."""
     assert run('type: "EuclideanLoss"', np.ones((2, 3, 2)), np.zeros((2, 6))).y == 3
 
 
 def test_gradient(check, rng):
-    """Of both bottoms, and of one."""
+    """The gradients of both bottoms, and of one alone, agree with differences."""
     a, b = rng.normal(size=(2, 3, 4))
     check('type: "EuclideanLoss"', a, b)
     check('type: "EuclideanLoss"', a, b, wanted=[True, False])
@@ -31,7 +31,7 @@ def test_gradient(check, rng):
 
 @pytest.mark.parametrize("shape", [(2, 4), (3, 2), (6,), (6, 1), ()])
 def test_mistakes(run, shape):
-    """Both names and both shapes."""
+    """The error names both bottoms and their shapes."""
     with pytest.raises(
         netlib.LayerError, match=r"'bottom0' \(2, 3\) and 'bottom1' \(.*\) must have the same number of items"
     ):

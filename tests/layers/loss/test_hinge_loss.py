@@ -8,12 +8,12 @@ import netlib
 pytestmark = pytest.mark.both_engines
 
 X = [[2, -3, 0.5], [0.5, 1, -1]]
-LABELS = [0, 1]  # margins 0 0 1.5 and 1.5 0 0: a margin of exactly 0 has no gradient
+LABELS = [0, 1]  # margins 0 0 1.5 and 1.5 0 0; a margin of exactly 0 has gradient 0
 L2 = 'type: "HingeLoss" hinge_loss_param { norm: L2 }'
 
 
 def test_by_hand(run):
-    """The sum of the margins over N."""
+    """The loss is the sum of the margins divided by N."""
     done = run('type: "HingeLoss"', X, LABELS)
     assert done.y == 1.5
     [dx, _] = done.backward(4, wanted=[True, False])
@@ -21,7 +21,7 @@ def test_by_hand(run):
 
 
 def test_squares_by_hand(run):
-    """The sum of their squares over N."""
+    """With L2 the loss is the sum of the squared margins divided by N."""
     done = run(L2, X, LABELS)
     assert done.y == 2.25
     [dx, _] = done.backward(4, wanted=[True, False])
@@ -29,14 +29,14 @@ def test_squares_by_hand(run):
 
 
 def test_the_label_pushes_the_other_way(run):
-    """A score that is right but small, alone."""
+    """A positive score of the label below 1 has a negative gradient."""
     done = run('type: "HingeLoss"', [[0.25]], [0])
     assert done.y == 0.75
     assert done.backward(1, wanted=[True, False])[0].tolist() == [[-1]]
 
 
 def test_the_norm_is_an_enum_from_1(run):
-    """L1 is 1 and L2 is 2, as in caffe.proto."""
+    """In numbers L1 is 1 and L2 is 2, as in caffe.proto."""
     assert run('type: "HingeLoss" hinge_loss_param { norm: 2 }', X, LABELS).y == 2.25
     with pytest.raises(netlib.PrototxtError, match="unknown value 0 of 'norm'"):
         run('type: "HingeLoss" hinge_loss_param { norm: 0 }', X, LABELS)
@@ -44,7 +44,7 @@ def test_the_norm_is_an_enum_from_1(run):
 
 @pytest.mark.parametrize("text", ['type: "HingeLoss"', L2])
 def test_gradient(check, rng, text):
-    """Of the scores; the classes may take several axes."""
+    """The gradient of the scores agrees with differences; the classes may take several axes."""
     check(text, rng.normal(size=(4, 3)), [0, 2, 1, 1], wanted=[True, False])
     check(text, rng.normal(size=(2, 3, 2)), [[5], [0]], wanted=[True, False])
 
@@ -57,6 +57,6 @@ def test_gradient(check, rng, text):
      ((0, 3), (0,), r"scores 'bottom0' have shape \(0, 3\), expected \(N, classes\)")],
 )  # fmt: skip
 def test_mistakes(run, x, labels, message):
-    """Shapes."""
+    """Shapes that do not match raise an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run('type: "HingeLoss"', np.zeros(x), np.zeros(labels))

@@ -13,12 +13,12 @@ H = [[1, 0, 0], [0, 1, 0], [0.5, 0, 2]]
 
 
 def text(options="", axis=1):
-    """The layer with these options of loss_param."""
+    """Return a layer with these options of loss_param."""
     return f'type: "InfogainLoss" infogain_loss_param {{ axis: {axis} }} loss_param {{ {options} }}'
 
 
 def by_loops(x, labels, H, ignore=None):
-    """The sum over labels and classes, and its gradient, for x (N, K, places)."""
+    """Return the loss summed over labels and classes, and its gradient, for x of shape (N, K, places)."""
     total, dx = 0.0, np.zeros_like(x)
     for n, place in np.ndindex(labels.shape):
         p = np.exp(x[n, :, place]) / np.exp(x[n, :, place]).sum()
@@ -30,7 +30,7 @@ def by_loops(x, labels, H, ignore=None):
 
 
 def test_by_hand(run):
-    """Label 2 pays for classes 0 and 2, label 0 only for its own; the gradient p sum(row) - row over 2."""
+    """The loss weights the classes with the label's row of H; the gradient is (p sum(row) - row) / 2."""
     done = run(text(), X, [2, 0], H)
     assert done.y == pytest.approx(-(0.5 * np.log(1 / 8) + 2 * np.log(5 / 8) + np.log(1 / 2)) / 2)
     [dx, _, _] = done.backward(4, wanted=[True, False, False])
@@ -41,7 +41,7 @@ def test_by_hand(run):
     "options", ["", "ignore_label: 1", "normalization: NONE", "normalization: FULL ignore_label: 0"]
 )
 def test_the_identity_is_softmax_with_loss(run, rng, options):
-    """Loss, gradient and probabilities."""
+    """With the identity as H, loss, gradient and probabilities equal those of SoftmaxWithLoss."""
     x, labels = rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4))
     ours = run(text(options), x, labels, np.eye(3), tops=2)
     other = run(f'type: "SoftmaxWithLoss" loss_param {{ {options} }}', x, labels, tops=2)
@@ -57,7 +57,7 @@ def test_the_identity_is_softmax_with_loss(run, rng, options):
      ("normalization: NONE", 1)],
 )  # fmt: skip
 def test_against_loops(run, rng, options, divisor):
-    """2 items of 2 places, one of them ignored; H as Caffe writes it, (1, 1, K, K)."""
+    """Loss and gradient agree with loops for each normalization, with an ignored label and H as (1, 1, K, K)."""
     x, labels, H = rng.normal(size=(2, 3, 2)), np.array([[0, 1], [9, 2]]), rng.normal(size=(3, 3))
     total, gradient = by_loops(x, labels, H, ignore=9)
     done = run(text(f"ignore_label: 9 {options}"), x, labels, H.reshape(1, 1, 3, 3))
@@ -66,7 +66,7 @@ def test_against_loops(run, rng, options, divisor):
 
 
 def test_classes_on_another_axis(run, rng):
-    """The last one: the same numbers."""
+    """With the classes on the last axis the values are the same."""
     x, labels, H = rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4)), rng.normal(size=(3, 3))
     first = run(text(), x, labels, H, tops=2)
     last = run(text(axis=-1), np.moveaxis(x, 1, 2), labels, H, tops=2)
@@ -77,13 +77,13 @@ def test_classes_on_another_axis(run, rng):
 
 
 def test_an_impossible_label_costs_a_lot_but_not_infinity(run):
-    """The logarithm of 1e-20."""
+    """Probabilities are at least 1e-20, so the loss is finite."""
     assert run(text(), [[1000.0, 0]], [1], np.eye(2)).y == pytest.approx(-np.log(1e-20))
 
 
 @pytest.mark.parametrize("options", ["", "ignore_label: 1"])
 def test_gradient(check, rng, options):
-    """Of the scores."""
+    """The gradient of the scores agrees with differences."""
     bottoms = rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4)), rng.normal(size=(3, 3))
     check(text(options), *bottoms, wanted=[True, False, False])
 
@@ -105,13 +105,13 @@ def test_gradient(check, rng, options):
     ],
 )
 def test_mistakes(run, options, bottoms, message):
-    """Shapes, labels, and where H comes from."""
+    """Invalid shapes, labels and options, and a missing H, raise an error."""
     with pytest.raises(netlib.NetlibError, match=message):
         run(f'type: "InfogainLoss" {options}', *bottoms)
 
 
 def test_h_from_a_file(run, tmp_path, monkeypatch):
-    """A .binaryproto of any shape with this number of values acts like a third bottom."""
+    """A .binaryproto with K * K values in any shape is equivalent to a third bottom."""
     monkeypatch.chdir(tmp_path)
     binaryproto.write_blob(np.float32(H).reshape(1, 1, 3, 3), "H.binaryproto")
     from_file = run('type: "InfogainLoss" infogain_loss_param { source: "H.binaryproto" }', X, [2, 0])
@@ -119,13 +119,13 @@ def test_h_from_a_file(run, tmp_path, monkeypatch):
 
 
 def test_a_source_is_not_looked_at_where_h_is_a_bottom(run):
-    """As in Caffe."""
+    """``source`` is ignored if H is a bottom, as in Caffe."""
     done = run('type: "InfogainLoss" infogain_loss_param { source: "none" }', X, [2, 0], H)
     assert done.y == run(text(), X, [2, 0], H).y
 
 
 @pytest.mark.parametrize("wanted", [[True, True, False], [True, False, True]])
 def test_labels_and_h_have_no_gradient(run, wanted):
-    """And the layer says so when it is asked for one."""
+    """backward raises an error if the gradient of the labels or of H is requested."""
     with pytest.raises(netlib.LayerError, match="has no gradient for its labels and for H"):
         run(text(), X, [2, 0], H).backward(1, wanted=wanted)

@@ -1,4 +1,4 @@
-"""What losses over labels share: layers/loss/labels.py."""
+"""Code shared by losses over labels: layers/loss/labels.py."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def loss_param(text):
-    """As it stands in a layer."""
+    """Return the message of a layer's loss_param."""
     return schema.read(prototxt.parse(text, "<test>"), LossParameter)
 
 
@@ -23,19 +23,19 @@ def loss_param(text):
      ("normalization: VALID normalize: false", "BATCH_SIZE", "VALID")],
 )  # fmt: skip
 def test_normalization(text, default, expected):
-    """The newer field, else the older one, else the default of the layer type."""
+    """``normalization`` takes precedence over ``normalize``, then the default of the layer type."""
     assert labels.normalization(loss_param(text), default) == expected
 
 
 @pytest.mark.parametrize(("name", "expected"), [("VALID", 3), ("FULL", 4), ("BATCH_SIZE", 2), ("NONE", 1)])
 def test_divisor(name, expected):
-    """3 of 4 labels count, in 2 items; never less than 1."""
+    """The divisor for 3 counted labels of 4 in 2 items agrees, and is at least 1."""
     assert labels.divisor(name, np.array([True, False, True, True]), 2) == expected
     assert labels.divisor(name, np.zeros(0, bool), 0) == 1
 
 
 def test_which_labels_count():
-    """Cut to a whole number first; NaN is not ignored, so that it is found."""
+    """Labels are truncated before they are compared with ignore_label; NaN is never ignored, so that it is detected."""
     values = np.array([0, 0.9, -0.9, 1, -1, np.nan])
     assert labels.counted(values, None).all()
     assert labels.counted(values, 0)[:5].tolist() == [False, False, False, True, True]
@@ -45,7 +45,7 @@ def test_which_labels_count():
 @pytest.mark.parametrize("label", [3, -1, 1e9, float("nan"), float("inf"), float("-inf")])
 @pytest.mark.parametrize("type_name", ["SoftmaxWithLoss", "HingeLoss", "MultinomialLogisticLoss", "Accuracy"])
 def test_what_is_no_class(run, type_name, label):
-    """Not even NaN passes for a label."""
+    """A label that is not a class, including NaN, raises an error."""
     with pytest.raises(
         netlib.LayerError, match=rf"label {label:.9g} in 'bottom1'; expected 0 to 2".replace("+", r"\+")
     ):
@@ -58,6 +58,6 @@ def test_what_is_no_class(run, type_name, label):
      ("SigmoidCrossEntropyLoss", np.zeros((2, 3)))],
 )  # fmt: skip
 def test_labels_have_no_gradient(run, type_name, target):
-    """And the layer says so when it is asked for one."""
+    """backward raises an error if the gradient of the labels is requested."""
     with pytest.raises(netlib.LayerError, match=r"has no gradient for its .*; set propagate_down: false for them"):
         run(f'type: "{type_name}"', np.ones((2, 3)), target).backward(1)

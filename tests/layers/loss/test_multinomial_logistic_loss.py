@@ -11,7 +11,7 @@ TEXT = 'type: "MultinomialLogisticLoss"'
 
 
 def test_by_hand(run):
-    """-(log 1/2 + log 1/8) / 2; the gradient -1 / (2 p) times the weight, at the labels only."""
+    """The loss is -(log 1/2 + log 1/8) / 2; the gradient is -1 / (2 p) times the weight, at the labels only."""
     done = run(TEXT, [[0.25, 0.5, 0.25], [0.125, 0.5, 0.375]], [1, 0])
     assert done.y == pytest.approx(4 * np.log(2) / 2)
     [dp, _] = done.backward(3, wanted=[True, False])
@@ -19,26 +19,26 @@ def test_by_hand(run):
 
 
 def test_no_logarithm_of_less_than_a_least_probability(run):
-    """1e-20 instead of 0, forward and backward."""
+    """Probabilities are at least 1e-20, forward and backward."""
     done = run(TEXT, [[0.0, 1]], [0])
     assert done.y == pytest.approx(-np.log(1e-20))
     assert done.backward(1, wanted=[True, False])[0] == pytest.approx(np.array([[-1e20, 0]]))
 
 
 def test_gradient(check, rng):
-    """Of the probabilities; the classes may take several axes."""
+    """The gradient of the probabilities agrees with differences; the classes may take several axes."""
     check(TEXT, rng.uniform(0.2, 1, (4, 3)), [0, 2, 1, 1], wanted=[True, False])
     check(TEXT, rng.uniform(0.2, 1, (2, 3, 2)), np.reshape([5, 0], (2, 1, 1, 1)), wanted=[True, False])
 
 
 @pytest.mark.parametrize("labels", [(3,), (2, 3), (1, 2), ()])
 def test_mistakes(run, labels):
-    """One label per item."""
+    """There must be one label per item."""
     with pytest.raises(netlib.LayerError, match=r"labels 'bottom1' \(.*\) do not fit scores .*; expected \(2,\)"):
         run(TEXT, np.ones((2, 3)), np.zeros(labels))
 
 
 def test_an_empty_batch(run):
-    """Has no mean."""
+    """An empty batch raises an error, because it has no mean."""
     with pytest.raises(netlib.LayerError, match=r"scores 'bottom0' have shape \(0, 3\)"):
         run(TEXT, np.ones((0, 3)), np.zeros(0))

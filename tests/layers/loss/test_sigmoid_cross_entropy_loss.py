@@ -12,12 +12,12 @@ TARGET = [[1, 0.5], [0, 1]]
 
 
 def text(options=""):
-    """The layer with these options of loss_param."""
+    """Return a layer with these options of loss_param."""
     return f'type: "SigmoidCrossEntropyLoss" loss_param {{ {options} }}'
 
 
 def test_by_hand(run):
-    """Over the number of items, not of values; a target may be a probability."""
+    """The loss is divided by the number of items, not of values; a target may be a probability."""
     done = run(text(), X, TARGET)
     costs = -np.log([1 / 2, 3 / 4, 4 / 5]).sum() - (np.log(3 / 4) + np.log(1 / 4)) / 2
     assert done.y == pytest.approx(costs / 2)
@@ -32,7 +32,7 @@ def test_by_hand(run):
      ("normalize: false normalization: FULL", 6)],
 )  # fmt: skip
 def test_normalization(run, rng, options, divisor):
-    """2 items of 3 values, one of them ignored. BATCH_SIZE is the default here, and here only."""
+    """The divisors agree for 2 items of 3 values with one ignored; BATCH_SIZE is the default of this layer only."""
     x, target = rng.normal(size=(2, 3)), np.array([[0, 1, -1], [0.25, 1, 0]])
     total, gradient = 0.0, np.zeros((2, 3))
     for at in np.ndindex(2, 3):
@@ -46,7 +46,7 @@ def test_normalization(run, rng, options, divisor):
 
 
 def test_the_fraction_of_a_target_is_cut_before_it_is_compared(run):
-    """So ignore_label: 0 ignores a half too, as in Caffe; what is left is the target 1."""
+    """A target of 0.5 is truncated to 0 and ignored with ignore_label: 0, as in Caffe."""
     done = run(text("ignore_label: 0"), X, TARGET)
     assert done.y == pytest.approx(-(np.log(1 / 2) + np.log(4 / 5)) / 2)
     [dx, _] = done.backward(1, wanted=[True, False])
@@ -54,28 +54,28 @@ def test_the_fraction_of_a_target_is_cut_before_it_is_compared(run):
 
 
 def test_all_ignored(run):
-    """Costs nothing, and divides by nothing."""
+    """If all targets are ignored, the loss and the gradient are 0."""
     done = run(text("ignore_label: 1 normalization: VALID"), X, np.ones((2, 2)))
     assert done.y == 0
     assert not done.backward(1, wanted=[True, False])[0].any()
 
 
 def test_far_out(run):
-    """The right answer costs nothing, the wrong one its distance; no overflow."""
+    """For large scores a correct target has loss 0 and a wrong one the score's magnitude, without overflow."""
     done = run(text(), [[1000.0, -1000, 1000, -1000]], [[1.0, 0, 0, 1]])
     assert done.y == 2000
     assert done.backward(1, wanted=[True, False])[0].tolist() == [[0, 0, 1, -1]]
 
 
 def test_gradient(check, rng):
-    """Of the scores; the targets may have other axes after the first."""
+    """The gradient of the scores agrees with differences; the targets may have other axes after the first."""
     check(text(), rng.normal(size=(2, 3, 4)), rng.uniform(size=(2, 12)), wanted=[True, False])
     check(text("ignore_label: 1"), rng.normal(size=(3, 4)), rng.integers(0, 2, (3, 4)), wanted=[True, False])
 
 
 @pytest.mark.parametrize("shape", [(2, 4), (3, 2), (6,), ()])
 def test_mistakes(run, shape):
-    """Both names and both shapes."""
+    """The error names both bottoms and their shapes."""
     with pytest.raises(
         netlib.LayerError, match=r"'bottom0' \(2, 3\) and 'bottom1' \(.*\) must have the same number of items"
     ):

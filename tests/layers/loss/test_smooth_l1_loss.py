@@ -9,12 +9,12 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(sigma=2.0):
-    """The layer: with a sigma of 2 the square reaches up to 1/4."""
+    """Return the layer; with sigma 2 the loss is quadratic up to 1/4."""
     return f'type: "SmoothL1Loss" smooth_l1_loss_param {{ sigma: {sigma} }}'
 
 
 def test_by_hand(run):
-    """4 d² / 2 of 0.125, and |d| - 1/8 of 1 and of -3, over two items."""
+    """The loss is 4 d² / 2 for 0.125 and abs(d) - 1/8 for 1 and -3, over two items."""
     done = run(text(), [[0.125, 1], [0, 0]], [[0, 0], [3, 0]])
     assert done.y == pytest.approx((0.03125 + 0.875 + 2.875) / 2)
     da, db = done.backward(3)
@@ -23,7 +23,7 @@ def test_by_hand(run):
 
 
 def test_inside_weights_scale_the_difference_and_outside_ones_the_loss(run):
-    """As in Faster R-CNN; the inside ones decide also where the square ends."""
+    """Inside weights scale the difference, and so where the loss is quadratic; outside weights scale the loss."""
     done = run(text(), [[1.0, 1.0]], [[0.0, 0.0]], [[0.125, 2.0]], [[1.0, 10.0]])
     assert done.y == pytest.approx(0.03125 + 10 * 1.875)
     with pytest.raises(netlib.LayerError, match="no gradient for its weights; set propagate_down: false"):
@@ -31,26 +31,26 @@ def test_inside_weights_scale_the_difference_and_outside_ones_the_loss(run):
 
 
 def test_a_small_sigma_is_half_the_squares(run, rng):
-    """EuclideanLoss times sigma squared."""
+    """With a small sigma the loss is that of EuclideanLoss times sigma squared."""
     a, b = rng.normal(size=(2, 5, 4))
     assert run(text(0.1), a, b).y == pytest.approx(0.01 * run('type: "EuclideanLoss"', a, b).y)
 
 
 def test_a_large_sigma_is_the_sum_of_absolute_values(run, rng):
-    """But for what is cut off at zero."""
+    """With a large sigma the loss is the sum of absolute differences divided by the number of items."""
     a, b = rng.normal(size=(2, 5, 4))
     assert run(text(1000.0), a, b).y == pytest.approx(np.abs(a - b).sum() / 5, abs=1e-5)
 
 
 def test_gradient(check, rng):
-    """Of both bottoms, and with weights."""
+    """The gradients of both bottoms agree with differences, with and without weights."""
     a, b, inside, outside = rng.normal(size=(4, 3, 4))
     check(text(), a, b)
     check(text(), a, b, inside, outside, wanted=[True, True, False, False])
 
 
 def test_a_reshape_to_the_same_shape_keeps_the_gradient(net_of, rng):
-    """Whoever reshapes a net between forward and backward."""
+    """Reshaping the net to the same shape between forward and backward keeps the gradient."""
     a = 'layer { name: "a" type: "Input" top: "a" top: "b" input_param { shape { dim: 4 dim: 3 } } } '
     net = net_of(
         "force_backward: true " + a + 'layer { name: "l" type: "SmoothL1Loss" bottom: "a" bottom: "b" top: "l" }'
@@ -63,7 +63,7 @@ def test_a_reshape_to_the_same_shape_keeps_the_gradient(net_of, rng):
 
 @pytest.mark.parametrize("shape", [(2, 4), (3, 2), (6,), (6, 1), ()])
 def test_shapes_must_agree(run, shape):
-    """Both names and both shapes."""
+    """The error names both bottoms and their shapes."""
     with pytest.raises(
         netlib.LayerError, match=r"'bottom0' \(2, 3\) and 'bottom1' \(.*\) must have the same number of items"
     ):
@@ -71,7 +71,7 @@ def test_shapes_must_agree(run, shape):
 
 
 def test_mistakes(run):
-    """One kind of weights alone, and a sigma of nothing."""
+    """Inside weights without outside weights, and an invalid sigma, raise an error."""
     with pytest.raises(netlib.LayerError, match="has 3 bottoms, expected 2, or 4 with the inside and the outside"):
         run(text(), *np.zeros((3, 2, 3)))
     for sigma in ("0", "-1", "1e200", "1e-200"):

@@ -11,12 +11,12 @@ X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/
 
 
 def text(options=""):
-    """The layer with these options of loss_param."""
+    """Return a layer with these options of loss_param."""
     return f'type: "SoftmaxWithLoss" loss_param {{ {options} }}'
 
 
 def test_by_hand(run):
-    """Labels 2 and 0: -(log 5/8 + log 1/2) / 2, the gradient (p - label) / 2 times the weight."""
+    """Labels 2 and 0 give -(log 5/8 + log 1/2) / 2 and the gradient (p - label) / 2 times the weight."""
     done = run(text(), X, [2, 0])
     assert done.y == pytest.approx(-(np.log(5 / 8) + np.log(1 / 2)) / 2)
     [dx, _] = done.backward(4, wanted=[True, False])
@@ -24,7 +24,7 @@ def test_by_hand(run):
 
 
 def test_the_second_top_has_the_probabilities(run):
-    """For those who want both."""
+    """The second top contains the probabilities."""
     done = run('type: "SoftmaxWithLoss"', X, [2, 0], tops=2)
     assert np.allclose(done.ys[1], np.exp(X) / 8)
 
@@ -36,7 +36,7 @@ def test_the_second_top_has_the_probabilities(run):
      ("normalize: false normalization: FULL", 4)],
 )  # fmt: skip
 def test_normalization(run, rng, options, divisor):
-    """2 items of 2 pixels, one of them ignored; the older ``normalize`` counts only where the newer is not given."""
+    """The divisors agree for 2 items of 2 pixels with one ignored; ``normalization`` overrides ``normalize``."""
     x, labels = rng.normal(size=(2, 3, 2)), np.array([[0, 1], [9, 2]])
     logs = x - np.log(np.exp(x).sum(axis=1, keepdims=True))
     total = -(logs[0, 0, 0] + logs[0, 1, 1] + logs[1, 2, 1])
@@ -48,7 +48,7 @@ def test_normalization(run, rng, options, divisor):
 
 @pytest.mark.parametrize("shape", [(2, 4), (2, 1, 2, 2), (2, 2, 2), (2, 4, 1)])
 def test_labels_may_have_other_axes_after_the_first(run, rng, shape):
-    """(2, 3, 2, 2) scores take (2, 1, 2, 2) labels as well as (2, 4); only items and number must agree, as in Caffe."""
+    """Labels need only match in the number of items and values: scores (2, 3, 2, 2) take labels (2, 4), as in Caffe."""
     x, labels = rng.normal(size=(2, 3, 2, 2)), rng.integers(0, 3, (2, 2, 2))
     done, other = run(text(), x, labels.reshape(shape)), run(text(), x, labels)
     assert done.y == other.y
@@ -57,14 +57,14 @@ def test_labels_may_have_other_axes_after_the_first(run, rng, shape):
 
 @pytest.mark.parametrize("options", ["", "ignore_label: 1", "normalization: NONE"])
 def test_gradient(check, rng, options):
-    """Of the scores, for one label a pixel."""
+    """The gradient of the scores agrees with differences, for one label per pixel."""
     check(text(options), rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4)), wanted=[True, False])
     classes_last = 'type: "SoftmaxWithLoss" softmax_param { axis: 2 }'
     check(classes_last, rng.normal(size=(2, 3, 4)), rng.integers(0, 4, (2, 3)), wanted=[True, False])
 
 
 def test_an_impossible_label_costs_a_lot_but_not_infinity(run):
-    """The logarithm never sees less than 2^-126, the least normal float."""
+    """Probabilities are at least 2^-126, the smallest normal float, so the loss is finite."""
     assert run(text(), [[1000.0, 0]], [1]).y == pytest.approx(126 * np.log(2))
 
 
@@ -75,6 +75,6 @@ def test_an_impossible_label_costs_a_lot_but_not_infinity(run):
      ([0, 3], "label 3 in 'bottom1'; expected 0 to 2"), ([0, -1], "label -1 in 'bottom1'")],
 )  # fmt: skip
 def test_mistakes(run, labels, message):
-    """Shapes and labels."""
+    """Shapes that do not match and invalid labels raise an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(), X, labels)

@@ -1,4 +1,4 @@
-"""BatchNorm: the batch's statistics, the sums of many batches, and who may not change them."""
+"""BatchNorm: the statistics of a batch, and the sums over many batches."""
 
 import numpy as np
 import pytest
@@ -20,12 +20,12 @@ def test_by_hand(run):
 
 
 def test_eps_is_added_to_the_variance(run):
-    """(1 - 2) / sqrt(1 + 3)."""
+    """eps is added to the variance: (1 - 2) / sqrt(1 + 3)."""
     assert np.allclose(run(TEXT + " batch_norm_param { eps: 3 }", [[1], [3]]).y, [[-0.5], [0.5]])
 
 
 def test_the_sums_take_up_every_batch(run):
-    """Older batches fade; the variance counts M / (M - 1) times, here twice."""
+    """Earlier batches are scaled by the moving average fraction; the variance is multiplied by M / (M - 1), here 2."""
     done = run(KEPT, [[1, 3], [3, 7]])
     mean, variance, weight = (blob.data for blob in done.layer.blobs)
     assert (mean.tolist(), variance.tolist(), weight.tolist()) == ([2, 5], [2, 8], [1])
@@ -35,7 +35,7 @@ def test_the_sums_take_up_every_batch(run):
 
 @pytest.mark.parametrize(("text", "phase"), [(STORED, "TRAIN"), (TEXT + " batch_norm_param { eps: 0 }", "TEST")])
 def test_the_sums_normalise(run, text, phase):
-    """Mean 6 / 2 and variance 8 / 2; the gradient is divided by the standard deviation, and the sums stay."""
+    """With stored statistics of mean 6 / 2 and variance 8 / 2, the gradient is scaled and the sums do not change."""
     done = run(text, [[1], [7]], phase=phase, params=[[6], [8], [2]])
     assert done.y.tolist() == [[-1], [2]]
     assert done.backward([[4], [6]])[0].tolist() == [[2], [3]]
@@ -43,25 +43,25 @@ def test_the_sums_normalise(run, text, phase):
 
 
 def test_sums_of_no_batch_are_zero(run):
-    """Not 0 / 0."""
+    """Before the first batch mean and variance are 0, not NaN."""
     assert np.allclose(run(TEXT, [[1], [7]], phase="TEST").y, np.array([[1], [7]]) / np.sqrt(1e-5))
 
 
 @pytest.mark.parametrize("shape", [(4, 3), (3, 2, 4), (2, 3, 2, 3)])
 def test_gradient(check, rng, shape):
-    """With any number of axes."""
+    """The gradient agrees with differences for several numbers of axes."""
     check(TEXT, rng.normal(size=shape))
 
 
 def test_one_value_per_channel(run):
-    """Its variance is 0, and M / (M - 1) is taken as 1."""
+    """With one value per channel the variance is 0, and the factor M / (M - 1) is 1."""
     done = run(TEXT, [[5, 6]])
     assert done.y.tolist() == [[0, 0]]
     assert [blob.data.tolist() for blob in done.layer.blobs] == [[5, 6], [0, 0], [1]]
 
 
 def net_text(options):
-    """A net with a BatchNorm."""
+    """Return a net with a BatchNorm layer."""
     return f"""
         layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ dim: 4 dim: 3 }} }} }}
         layer {{ name: "b" bottom: "x" top: "y" {TEXT} {options} }}
@@ -70,33 +70,33 @@ def net_text(options):
 
 @pytest.mark.parametrize("options", ["", "param { lr_mult: 0 }", "param { lr_mult: 0 decay_mult: 0 }" * 3], ids=str)
 def test_a_solver_leaves_the_sums_alone(net_of, options):
-    """Their lr_mult is 0, whether the net says so or not."""
+    """lr_mult of the sums is 0, with or without param blocks."""
     assert [param.spec.lr_mult for param in net_of(net_text(options)).learnable] == [0, 0, 0]
 
 
 @pytest.mark.parametrize(("options", "found"), [("param { lr_mult: 2 }", 2), ('param { name: "m" }', 1)])
 def test_statistics_cannot_be_learned(net_of, options, found):
-    """A ``param`` must say so."""
+    """A ``param`` with a nonzero lr_mult raises an error."""
     message = f"layer 'b': param 0 has lr_mult {found}, but statistics are not learned: expected 0"
     with pytest.raises(netlib.LayerError, match=message):
         net_of(net_text(options))
 
 
 def test_a_bottom_without_channels(run):
-    """Names the blob and its shape."""
+    """The error names the blob and its shape."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3,\), expected \(N, C, ...\)"):
         run(TEXT, [1, 2, 3])
 
 
 def test_another_number_of_channels(run):
-    """After the sums were made."""
+    """A changed number of channels raises an error."""
     layer = gradcheck.make_layer(TEXT, [np.zeros((2, 3))])
     with pytest.raises(netlib.LayerError, match=r"shape \(2, 4\), its statistics are of 3 channels"):
         gradcheck.check(layer, [np.zeros((2, 4))])
 
 
 def test_a_batch_without_items(run):
-    """It has no mean, and NaN must not get into the sums; to apply the sums is no problem."""
+    """An empty batch raises an error in training, which keeps NaN out of the sums, but not with stored statistics."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' \(0, 2\) has no values"):
         run('type: "BatchNorm"', np.zeros((0, 2)))
     assert run('type: "BatchNorm" batch_norm_param { use_global_stats: true }', np.zeros((0, 2))).y.shape == (0, 2)
@@ -105,7 +105,7 @@ def test_a_batch_without_items(run):
 @pytest.mark.parametrize("shape", [(4096, 2, 16, 16), (8192, 3)])
 @pytest.mark.parametrize("mean", [0, 1000])
 def test_float32_keeps_its_digits(run, rng, mean, shape):
-    """For many items, and a mean far larger than the deviation: y and dx as in float64, rounded."""
+    """float32 results agree with float64 for many items, even if the mean is far larger than the deviation."""
     x, dy = rng.normal(mean, 1, shape).astype(np.float32), rng.normal(size=shape).astype(np.float32)
     single, double = (run(TEXT, x, dtype=dtype) for dtype in (np.float32, np.float64))
     assert np.allclose(single.y, double.y, rtol=0, atol=2e-6)

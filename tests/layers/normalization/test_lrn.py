@@ -9,7 +9,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(**options):
-    """The layer with these options."""
+    """Return a layer with these options."""
     return f'type: "LRN" lrn_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
 
 
@@ -17,26 +17,26 @@ WITHIN = {"norm_region": "WITHIN_CHANNEL", "local_size": 3}
 
 
 def test_across_channels_by_hand(run):
-    """Three channels 1, 2, 3 at one place; s = 1 + 3 / 3 * (sum of squares of a channel and its two neighbours)."""
+    """For channels 1, 2, 3 the scale is 1 + 3 / 3 * (sum of the squares of a channel and its two neighbours)."""
     done = run(text(local_size=3, alpha=3, beta=1), np.array([1.0, 2, 3]).reshape(1, 3, 1, 1))
     assert np.allclose(done.y.ravel(), [1 / (1 + 1 + 4), 2 / (1 + 1 + 4 + 9), 3 / (1 + 4 + 9)])
 
 
 def test_within_a_channel_by_hand(run):
-    """A row 1, 2, 3; the square of 3 x 3 has 9 places, those outside count as zeros. k is not looked at."""
+    """For a row 1, 2, 3 the sum is over 3 x 3 pixels, with zeros outside the image; k is ignored."""
     done = run(text(**WITHIN, alpha=9, beta=1, k=100), np.array([1.0, 2, 3]).reshape(1, 1, 1, 3))
     assert np.allclose(done.y.ravel(), [1 / (1 + 1 + 4), 2 / (1 + 1 + 4 + 9), 3 / (1 + 4 + 9)])
 
 
 def test_the_constant_and_the_power(run):
-    """x / sqrt(k + alpha x²)."""
+    """The result is x / sqrt(k + alpha x²) for beta 0.5."""
     assert np.allclose(run(text(local_size=1, alpha=2, beta=0.5, k=7), np.full((1, 1, 1, 1), 3.0)).y, 3 / 5)
 
 
 @pytest.mark.parametrize("size", [1, 3, 5, 15, 10**9 + 1])
 @pytest.mark.parametrize("region", ["ACROSS_CHANNELS", "WITHIN_CHANNEL"])
 def test_any_size_gives_what_plain_loops_give(run, rng, size, region):
-    """The definition, also where the region is larger than the blob."""
+    """Any size agrees with loops, also if the region is larger than the blob."""
     x = rng.normal(size=(2, 6, 4, 5))
     s, half = np.ones(x.shape), size // 2
     for n, c, h, w in np.ndindex(x.shape):
@@ -52,17 +52,17 @@ def test_any_size_gives_what_plain_loops_give(run, rng, size, region):
 
 @pytest.mark.parametrize("options", [{"local_size": 3, "k": 2}, {"local_size": 7}, WITHIN], ids=str)
 def test_gradient(check, rng, options):
-    """Of both kinds."""
+    """The gradients of both kinds of region agree with differences."""
     check(text(**options), rng.normal(size=(2, 4, 3, 4)))
 
 
 def test_an_even_size(run):
-    """Has no middle."""
+    """An even size raises an error, because it has no centre."""
     with pytest.raises(netlib.LayerError, match="layer 'it': local_size 4 is even; expected an odd number"):
         run(text(local_size=4), np.zeros((1, 2, 3, 4)))
 
 
 def test_a_bottom_that_is_no_image(run):
-    """Names the blob and its shape."""
+    """The error names the blob and its shape."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3, 5\), expected \(N, C, H, W\)"):
         run(text(), np.zeros((3, 5)))

@@ -1,4 +1,4 @@
-"""MVN: of each map or of each item, with or without the variance."""
+"""MVN: normalization of each channel or of each item, with or without the variance."""
 
 import numpy as np
 import pytest
@@ -11,24 +11,24 @@ X = np.array([[1.0, 3], [10, 30]]).reshape(1, 2, 1, 2)
 
 
 def text(options=""):
-    """The layer with these options."""
+    """Return a layer with these options."""
     return f'type: "MVN" mvn_param {{ {options} }}'
 
 
 def test_by_hand(run):
-    """Means 2 and 20, standard deviations 1 and 10."""
+    """The channels have means 2 and 20 and standard deviations 1 and 10."""
     assert np.allclose(run(text(), X).y.ravel(), [-1, 1, -1, 1])
     assert run(text("normalize_variance: false"), X).y.ravel().tolist() == [-1, 1, -10, 10]
 
 
 def test_across_channels(run):
-    """One mean of all four."""
+    """With across_channels there is one mean of all four values."""
     assert run(text("across_channels: true normalize_variance: false"), X).y.ravel().tolist() == [-10, -8, -1, 19]
     assert np.isclose(run(text("across_channels: true"), X).y.std(), 1)
 
 
 def test_eps_is_added_to_the_standard_deviation(run):
-    """(1 - 2) / (1 + 3); a flat map gives zeros."""
+    """eps is added to the standard deviation: (1 - 2) / (1 + 3); a constant channel gives zeros."""
     assert np.allclose(run(text("eps: 3"), X[:, :1]).y.ravel(), [-0.25, 0.25])
     assert not run(text(), np.full((1, 1, 3, 3), 7.0)).y.any()
 
@@ -36,12 +36,12 @@ def test_eps_is_added_to_the_standard_deviation(run):
 @pytest.mark.parametrize("variance", ["true", "false"])
 @pytest.mark.parametrize("across", ["true", "false"])
 def test_gradient(check, rng, variance, across):
-    """Of each kind."""
+    """The gradient agrees with differences for all combinations of options."""
     check(text(f"normalize_variance: {variance} across_channels: {across}"), rng.normal(size=(2, 3, 2, 3)))
 
 
 def test_the_gradient_is_that_without_eps(run):
-    """As Caffe has it: exact where eps is tiny, as it is meant to be."""
+    """The gradient ignores eps, as in Caffe, and is exact only for a small eps."""
     done = run(text("eps: 3"), [[[[1.0, 2, 6]]]])
     [dx] = done.backward([[[[1, 0, 0]]]])
     y, s = done.y.ravel(), np.std([1, 2, 6]) + 3
@@ -49,12 +49,12 @@ def test_the_gradient_is_that_without_eps(run):
 
 
 def test_a_top_has_four_axes(run):
-    """As Caffe's: (N, C) becomes (N, C, 1, 1)."""
+    """The top has four axes, as in Caffe: (N, C) becomes (N, C, 1, 1)."""
     assert run(text("across_channels: true"), np.zeros((2, 3))).y.shape == (2, 3, 1, 1)
 
 
 @pytest.mark.parametrize(("shape", "in_place"), [((1, 2, 3, 4, 5), False), ((2, 3), True)])
 def test_a_bottom_with_other_axes(run, shape, in_place):
-    """Names the blob and its shape."""
+    """The error names the blob and its shape."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape .*, expected at most 4 axes, in place 4"):
         run(text(), np.zeros(shape), in_place=in_place)

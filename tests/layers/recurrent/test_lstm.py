@@ -1,4 +1,4 @@
-"""LSTM: its gates, its cell, its gradient through time."""
+"""LSTM: its gates, its cell and its gradient through time."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(outputs=3, options=""):
-    """The layer with random weights and biases."""
+    """Return a layer with random weights and biases."""
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "LSTM" recurrent_param {{ num_output: {outputs} {fillers} {options} }}'
 
@@ -19,7 +19,7 @@ CONT = np.array([[0, 1], [1, 1], [1, 0], [1, 1]])
 
 
 def test_by_hand(run):
-    """One output. All gates are half open, the proposal is tanh(x): c = (c before + tanh(x)) / 2, h = tanh(c) / 2."""
+    """With all gates at 1/2 and the proposal tanh(x), c = (c before + tanh(x)) / 2 and h = tanh(c) / 2."""
     w_x = [[0], [0], [0], [1]]
     done = run(text(1), [[[1]], [[2]]], [[1], [1]], params=[w_x, [0] * 4, np.zeros((4, 1))])
     c1 = np.tanh(1) / 2
@@ -28,7 +28,7 @@ def test_by_hand(run):
 
 
 def test_the_gates_in_their_order(run):
-    """Rows of the weights: input, forget, output, proposal. Each gate in turn is shut by its bias."""
+    """The rows of the weights are input, forget, output gate and proposal; a large negative bias closes a gate."""
     w_x, w_h = [[0], [0], [0], [1]], np.zeros((4, 1))
 
     def outputs(shut):
@@ -37,13 +37,13 @@ def test_the_gates_in_their_order(run):
         return run(text(1), [[[1]], [[1]]], [[1], [1]], params=[w_x, bias, w_h]).y.ravel()
 
     c = np.tanh(1) / 2
-    assert np.allclose(outputs(0), [0, 0])  # nothing comes in
-    assert np.allclose(outputs(1), [np.tanh(c) / 2] * 2)  # nothing is remembered
-    assert np.allclose(outputs(2), [0, 0])  # nothing comes out
+    assert np.allclose(outputs(0), [0, 0])  # a closed input gate
+    assert np.allclose(outputs(1), [np.tanh(c) / 2] * 2)  # a closed forget gate
+    assert np.allclose(outputs(2), [0, 0])  # a closed output gate
 
 
 def loops(x, cont, params, static=None, h=None, c=None):
-    """The definition: stream by stream, step by step."""
+    """Compute the definition stream by stream and step by step."""
     w_x, b, *w_s, w_h = params
     D = w_h.shape[1]
     y = np.zeros((*x.shape[:2], D))
@@ -65,7 +65,7 @@ def loops(x, cont, params, static=None, h=None, c=None):
 @pytest.mark.parametrize("item", [(5,), (2, 3)], ids=str)
 @pytest.mark.parametrize("with_static", [False, True])
 def test_it_gives_what_plain_loops_give(run, rng, item, with_static):
-    """Features may have several axes; the static ones count at all steps. The next batch goes on."""
+    """The outputs agree with loops for features of several axes and static features, and the state carries over."""
     x, static = rng.normal(size=(4, 2, *item)), rng.normal(size=(2, 2, 2))
     bottoms = [x, CONT] + [static] * with_static
     done = run(text(), *bottoms)
@@ -78,17 +78,17 @@ def test_it_gives_what_plain_loops_give(run, rng, item, with_static):
 
 
 def test_gradient(check, rng):
-    """Of x and all weights, over sequences that begin in the middle."""
+    """The gradients of x and all weights agree with differences, for sequences that start within the batch."""
     check(text(), rng.normal(size=(4, 2, 5)), CONT, wanted=[True, False])
 
 
 def test_gradient_with_static_features(check, rng):
-    """Also of them."""
+    """The gradient of static features agrees with differences."""
     check(text(), rng.normal(size=(4, 2, 2, 2)), CONT, rng.normal(size=(2, 3)), wanted=[True, False, True])
 
 
 def test_exposed_states(run, rng):
-    """h, then c, come from bottoms and go to tops; so two halves make a whole."""
+    """The exposed states are h and c; two halves with passed states equal the whole sequence."""
     x, h, c = rng.normal(size=(4, 2, 5)), rng.normal(size=(1, 2, 3)), rng.normal(size=(1, 2, 3))
     whole = run(text(options="expose_hidden: true"), x, np.ones((4, 2)), h, c, tops=3)
     params = [blob.data for blob in whole.layer.blobs]
@@ -103,7 +103,7 @@ def test_exposed_states(run, rng):
 
 
 def test_no_gradient_passes_exposed_states(run, rng):
-    """As Caffe: those at the bottom get zeros, what the tops want is not looked at."""
+    """Exposed states have gradient 0, and the gradients of their tops are ignored, as in Caffe."""
     bottoms = rng.normal(size=(3, 2, 5)), np.ones((3, 2)), *rng.normal(size=(2, 1, 2, 3))
     done = run(text(options="expose_hidden: true"), *bottoms, tops=3)
     wanted = [True, False, True, True]
@@ -128,6 +128,6 @@ def test_no_gradient_passes_exposed_states(run, rng):
     ids=str,
 )
 def test_mistakes_with_exposed_states(run, shapes, tops, message):
-    """Numbers and shapes of blobs."""
+    """Invalid numbers and shapes of blobs raise an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(options="expose_hidden: true"), *map(np.zeros, shapes), tops=tops)

@@ -1,4 +1,4 @@
-"""LSTMUnit: its gates and its cell on paper, its gradient, and that LSTM is a row of such units."""
+"""LSTMUnit: its gates, its cell and its gradient, worked by hand and compared with LSTM."""
 
 import math
 
@@ -14,7 +14,7 @@ LN3 = math.log(3)  # sigmoid(ln 3) = 3/4, tanh(ln 3) = 4/5
 
 
 def test_by_hand(run):
-    """One stream, one number: i = f = 3/4, o = 1/2, g = 4/5, so c = 3/4 * 2 + 3/4 * 4/5 and h = tanh(c) / 2."""
+    """For i = f = 3/4, o = 1/2 and g = 4/5, c = 3/4 * 2 + 3/4 * 4/5 and h = tanh(c) / 2."""
     done = run(TEXT, [[[2]]], [[[LN3, LN3, 0, LN3]]], [[1]], tops=2)
     c, h = done.ys
     assert c.shape == h.shape == (1, 1, 1)
@@ -23,7 +23,7 @@ def test_by_hand(run):
 
 
 def test_gradient_by_hand(run):
-    """With the numbers above, dc = 1 and dh = 0: what c owes to each of its parts."""
+    """For the same numbers, dc = 1 and dh = 0 give the gradients of the cell and of each gate."""
     done = run(TEXT, [[[2]]], [[[LN3, LN3, 0, LN3]]], [[1]], tops=2)
     dc_before, dx, _ = done.backward([[[1]]], [[[0]]], wanted=[True, True, False])
     assert dc_before.item() == pytest.approx(3 / 4)
@@ -32,7 +32,7 @@ def test_gradient_by_hand(run):
 
 
 def test_a_gradient_of_h_reaches_the_output_gate_and_the_cell(run):
-    """dc = 0 and dh = 1: tanh(c) / 4 for the gate, (1 - tanh²(c)) / 2 for the cell."""
+    """For dc = 0 and dh = 1 the output gate gets tanh(c) / 4, and the cell (1 - tanh²(c)) / 2 times the forget gate."""
     done = run(TEXT, [[[2]]], [[[LN3, LN3, 0, LN3]]], [[1]], tops=2)
     dc_before, dx, _ = done.backward([[[0]]], [[[1]]], wanted=[True, True, False])
     assert dx[0, 0, 2] == pytest.approx(math.tanh(2.1) / 4)
@@ -40,7 +40,7 @@ def test_a_gradient_of_h_reaches_the_output_gate_and_the_cell(run):
 
 
 def test_a_new_sequence_forgets(run):
-    """Where cont is 0 the cell before counts for nothing, and gets no gradient."""
+    """Where cont is 0 the previous cell is ignored and gets gradient 0."""
     x = [[[LN3, LN3, 0, LN3]] * 2]
     done = run(TEXT, [[[2], [2]]], x, [[0, 1]], tops=2)
     assert done.y.ravel() == pytest.approx([0.6, 2.1])
@@ -52,12 +52,12 @@ def test_a_new_sequence_forgets(run):
 
 
 def test_gradient(check, rng):
-    """Of the cell and of what goes into the gates; one of three streams begins."""
+    """The gradients of the cell and of the gates agree with differences, with one of three streams restarting."""
     check(TEXT, rng.normal(size=(1, 3, 2)), rng.normal(size=(1, 3, 8)), [[1, 0, 1]], tops=2, wanted=[True, True, False])
 
 
 def test_lstm_is_a_row_of_units(run, rng):
-    """One step of an LSTM, given its states and the product of its weights."""
+    """One step of an LSTM equals a unit that is given its states and the product of its weights."""
     x, h, c, cont = rng.normal(size=(1, 2, 5)), *rng.normal(size=(2, 1, 2, 3)), np.array([[1, 0]])
     options = 'num_output: 3 expose_hidden: true weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     whole = run(f'type: "LSTM" recurrent_param {{ {options} }}', x, cont, h, c, tops=3)
@@ -83,13 +83,13 @@ def test_lstm_is_a_row_of_units(run, rng):
     ids=str,
 )
 def test_mistakes(run, shapes, message):
-    """Names the blob, its shape and the one that fits."""
+    """The error names the blob, its shape and the expected one."""
     with pytest.raises(netlib.LayerError, match=f"layer 'it': bottom {message}"):
         run(TEXT, *map(np.zeros, shapes), tops=2)
 
 
 def test_a_gradient_of_the_sequence_marks(run):
-    """Cannot be, not even where every gradient is asked for."""
+    """Requesting a gradient of cont raises an error, and force_backward does not request it."""
     done = run(TEXT, np.zeros((1, 2, 3)), np.zeros((1, 2, 12)), np.ones((1, 2)), tops=2)
     with pytest.raises(netlib.LayerError, match="bottom 'bottom2' \\(cont\\) has no gradient"):
         done.backward(np.ones((1, 2, 3)), np.ones((1, 2, 3)))

@@ -1,4 +1,4 @@
-"""RNN: its numbers and gradient, and what it shares with LSTM: sequences, the state between batches, mistakes."""
+"""RNN: its values and gradient, and behaviour shared with LSTM: sequences, the state between batches, errors."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(kind="RNN", outputs=3, options=""):
-    """The layer with random weights and biases."""
+    """Return a layer with random weights and biases."""
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "{kind}" recurrent_param {{ num_output: {outputs} {fillers} {options} }}'
 
@@ -21,7 +21,7 @@ both = pytest.mark.parametrize("kind", ["RNN", "LSTM"])
 
 
 def test_by_hand(run):
-    """One output: h = tanh(x + 2 h before + 0.5), o = tanh(3 h - 1)."""
+    """With one output, h = tanh(x + 2 h before + 0.5) and o = tanh(3 h - 1)."""
     done = run(text(outputs=1), [[[0.1]], [[-0.2]]], [[1], [1]], params=[[[1]], [0.5], [[2]], [[3]], [-1]])
     h1 = np.tanh(0.1 + 0.5)
     h2 = np.tanh(-0.2 + 2 * h1 + 0.5)
@@ -29,7 +29,7 @@ def test_by_hand(run):
 
 
 def loops(x, cont, params, static=None, h=None):
-    """The definition: stream by stream, step by step."""
+    """Compute the definition stream by stream and step by step."""
     w_x, b, *w_s, w_h, w_o, b_o = params
     D = len(b)
     y, last = np.zeros((*x.shape[:2], D)), np.zeros((x.shape[1], D))
@@ -48,7 +48,7 @@ def loops(x, cont, params, static=None, h=None):
 @pytest.mark.parametrize("item", [(5,), (2, 3)], ids=str)
 @pytest.mark.parametrize("with_static", [False, True])
 def test_it_gives_what_plain_loops_give(run, rng, item, with_static):
-    """Features may have several axes; the static ones count at all steps. The next batch goes on."""
+    """The outputs agree with loops for features of several axes and static features, and the state carries over."""
     x, static = rng.normal(size=(4, 2, *item)), rng.normal(size=(2, 2, 2))
     done = run(text(), *[x, CONT], *[static] * with_static)
     params = [blob.data for blob in done.layer.blobs]
@@ -61,17 +61,17 @@ def test_it_gives_what_plain_loops_give(run, rng, item, with_static):
 
 
 def test_gradient(check, rng):
-    """Of x and all weights, over sequences that begin in the middle."""
+    """The gradients of x and all weights agree with differences, for sequences that start within the batch."""
     check(text(), rng.normal(size=(4, 2, 5)), CONT, wanted=[True, False])
 
 
 def test_gradient_with_static_features(check, rng):
-    """Also of them."""
+    """The gradient of static features agrees with differences."""
     check(text(), rng.normal(size=(4, 2, 2, 2)), CONT, rng.normal(size=(2, 3)), wanted=[True, False, True])
 
 
 def test_the_exposed_state(run, rng):
-    """h comes from a bottom, after the static features, and goes to a top; no gradient passes."""
+    """The exposed state h is the bottom after the static features, and the second top; its gradient is 0."""
     x, static, h = rng.normal(size=(4, 2, 5)), rng.normal(size=(2, 4)), rng.normal(size=(1, 2, 3))
     done = run(text(options="expose_hidden: true"), x, np.ones((4, 2)), static, h, tops=2)
     params = [blob.data for blob in done.layer.blobs]
@@ -86,7 +86,7 @@ def test_the_exposed_state(run, rng):
 
 @both
 def test_a_new_sequence_forgets_the_old_one(run, rng, kind):
-    """Where cont is 0, for its own stream only."""
+    """Where cont is 0 the state of that stream, and only of that stream, is reset."""
     x = rng.normal(size=(4, 2, 5))
     done = run(text(kind), x, CONT)
     params = [blob.data for blob in done.layer.blobs]
@@ -98,7 +98,7 @@ def test_a_new_sequence_forgets_the_old_one(run, rng, kind):
 
 @both
 def test_a_resume_goes_on_exactly(net_of, rng, kind):
-    """Through the numbers of a snapshot; in the net's own float32."""
+    """The state survives a snapshot exactly, in the net's float32."""
     shapes = "shape { dim: 3 dim: 2 dim: 4 } shape { dim: 3 dim: 2 }"
     prototxt = (
         f'layer {{ name: "in" type: "Input" top: "x" top: "cont" input_param {{ {shapes} }} }}'
@@ -115,7 +115,7 @@ def test_a_resume_goes_on_exactly(net_of, rng, kind):
 
 @both
 def test_another_number_of_streams(run, rng, kind):
-    """Of fewer the first go on; more begin at zero."""
+    """With fewer streams the first ones continue; with more, all start at zero."""
     x, ones = rng.normal(size=(3, 2, 5)), np.ones((3, 3))
     whole = run(text(kind), x, ones[:, :2])
     params = [blob.data.copy() for blob in whole.layer.blobs]
@@ -129,7 +129,7 @@ def test_another_number_of_streams(run, rng, kind):
 
 
 def follow(done, x, cont):
-    """The next batch of a layer, of another size."""
+    """Run the next batch of a layer with another number of streams."""
     for blob, array in zip(done.bottom, (x, cont)):
         blob.reshape(array.shape)
         blob.data[...] = array
@@ -150,14 +150,14 @@ def follow(done, x, cont):
     ids=str,
 )
 def test_mistakes(run, kind, shapes, message):
-    """Numbers and shapes of bottoms."""
+    """Invalid numbers and shapes of bottoms raise an error."""
     with pytest.raises(netlib.LayerError, match=f"layer 'it': .*{message}"):
         run(text(kind), *map(np.zeros, shapes))
 
 
 @both
 def test_num_output_is_required(run, kind):
-    """0 unless it is given."""
+    """The default of num_output is 0, which raises an error."""
     with pytest.raises(netlib.LayerError, match="num_output must be at least 1"):
         run(text(kind, outputs=0), np.zeros((4, 2, 5)), CONT)
 
@@ -172,7 +172,7 @@ def test_num_output_is_required(run, kind):
     ids=str,
 )
 def test_shapes_that_must_stay(kind, shapes, message):
-    """The number of steps and of features."""
+    """The number of steps and of features may not change."""
     layer = gradcheck.make_layer(text(kind), [np.zeros((4, 2, 5)), CONT])
     with pytest.raises(netlib.LayerError, match=message):
         gradcheck.check(layer, list(map(np.zeros, shapes)))
@@ -180,7 +180,7 @@ def test_shapes_that_must_stay(kind, shapes, message):
 
 @both
 def test_a_gradient_of_the_sequence_marks(run, kind):
-    """Cannot be."""
+    """Requesting a gradient of cont raises an error."""
     done = run(text(kind), np.zeros((4, 2, 5)), CONT)
     with pytest.raises(netlib.LayerError, match="bottom 'bottom1' \\(cont\\) has no gradient"):
         done.backward(np.ones((4, 2, 3)))

@@ -1,4 +1,4 @@
-"""Convolution: its shapes, its numbers against plain loops, its mistakes."""
+"""Convolution: shapes, values compared with loops, and errors."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(**options):
-    """The layer with these options, and weights and bias that are not zero."""
+    """Return a layer with these options and random weights and biases."""
     options = {"num_output": 2, **options}
     fields = " ".join(f"{name}: {value}" for name, value in options.items())
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
@@ -23,7 +23,7 @@ def text(**options):
 
 
 def test_by_hand(run):
-    """A 2 x 2 kernel on a 3 x 3 image, no kernel flipped."""
+    """A 2 x 2 kernel is applied to a 3 x 3 image without flipping."""
     x = np.arange(9.0).reshape(1, 1, 3, 3)
     done = run(text(num_output=1, kernel_size=2), x, params=[[[[[1, 2], [0, -1]]]], [10]])
     # y = 10 + x[h, w] + 2 x[h, w + 1] - x[h + 1, w + 1]
@@ -42,7 +42,7 @@ PAIRS = st.tuples(st.integers(1, 3), st.integers(1, 3))
     kernel=PAIRS, stride=PAIRS, pad=st.tuples(*[st.integers(0, 2)] * 2), dilation=PAIRS,
 )  # fmt: skip
 def test_any_options_give_what_plain_loops_give(N, per, group, size, kernel, stride, pad, dilation):
-    """Forward by the definition; backward as its transpose: sums of products agree both ways."""
+    """The values agree with loops, and backward is the transpose of forward, for any options."""
     C = O = per * group
     if any(s + 2 * p < d * (k - 1) + 1 for s, p, d, k in zip(size, pad, dilation, kernel)):
         return
@@ -57,7 +57,7 @@ def test_any_options_give_what_plain_loops_give(N, per, group, size, kernel, str
 
 
 def forward_backward(text, x, w, b):
-    """y, dx, dw, db, and the random dy they are for."""
+    """Return y, dx, dw and db, and the random dy used for them."""
     layer = gradcheck.make_layer(text, [x])
     bottom, top = Blobs([Blob(x.shape, np.float64)]), Blobs([Blob((), np.float64)])
     bottom[0].data[...], layer.blobs[0].data[...] = x, w
@@ -81,12 +81,12 @@ def forward_backward(text, x, w, b):
     ids=str,
 )  # fmt: skip
 def test_gradient(check, rng, options):
-    """Of x, w and b."""
+    """The gradients of x, w and b agree with differences."""
     check(text(**options), rng.normal(size=(2, 2, 5, 6)))
 
 
 def test_several_bottoms_share_the_kernel(run, rng):
-    """One top each; the kernel's gradients add up."""
+    """Each bottom has one top; the gradients of the shared kernel are added."""
     a, b = rng.normal(size=(2, 2, 1, 4, 4))
     both = run(text(num_output=1, kernel_size=2), a, b, tops=2)
     one = run(text(num_output=1, kernel_size=2), a, params=[p.data for p in both.layer.blobs])
@@ -97,12 +97,12 @@ def test_several_bottoms_share_the_kernel(run, rng):
 
 
 def test_the_output_size_is_rounded_down(run):
-    """(10 - 3) / 2 + 1 = 4."""
+    """The output size is rounded down: (10 - 3) / 2 + 1 = 4."""
     assert run(text(kernel_size=3, stride=2), np.zeros((1, 1, 10, 12))).y.shape == (1, 2, 4, 5)
 
 
 def test_axes_before_the_channels_are_items(run, rng):
-    """With ``axis: 2`` of five."""
+    """With ``axis: 2`` the first two axes count items."""
     x = rng.normal(size=(2, 3, 1, 4, 4))
     five = run(text(kernel_size=2, axis=2), x)
     four = run(text(kernel_size=2), x.reshape(6, 1, 4, 4), params=[p.data for p in five.layer.blobs])
@@ -113,7 +113,7 @@ def test_axes_before_the_channels_are_items(run, rng):
 
 
 def direct(x, w, stride=1, pad=0, dilation=1):
-    """The definition, in any number of axes: one sum of products per output."""
+    """Compute the definition for any number of axes: one sum of products per output."""
     axes = x.ndim - 2
     x = np.pad(x, [(0, 0), (0, 0), *[(pad, pad)] * axes])
     reach = [dilation * (k - 1) + 1 for k in w.shape[2:]]
@@ -130,7 +130,7 @@ SHAPES = [(2, 3), (2, 3, 7), (2, 3, 6, 5), (1, 2, 5, 4, 6), (1, 1, 3, 4, 3, 4)]
 @pytest.mark.parametrize("options", [{}, {"stride": 2, "pad": 1}, {"pad": 1, "dilation": 2}], ids=str)
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: f"{len(shape) - 2}-D")
 def test_any_number_of_spatial_axes(run, rng, shape, options):
-    """None, one, two, three, four."""
+    """The values agree with the definition for zero to four spatial axes."""
     done = run(text(kernel_size=2, bias_term="false", **options), rng.normal(size=shape))
     assert done.layer.blobs[0].shape == (2, shape[1], *[2] * (len(shape) - 2))
     assert np.allclose(done.y, direct(done.bottom[0].data, done.layer.blobs[0].data, **options))
@@ -138,12 +138,12 @@ def test_any_number_of_spatial_axes(run, rng, shape, options):
 
 @pytest.mark.parametrize("shape", [(2, 4), (2, 4, 5), (1, 4, 3, 2, 3)], ids=str)
 def test_gradient_in_any_number_of_axes(check, rng, shape):
-    """With groups."""
+    """The gradients agree with differences for zero, one and three spatial axes, with groups."""
     check(text(num_output=4, kernel_size=2, group=2, pad=1), rng.normal(size=shape))
 
 
 def test_each_axis_has_its_own_numbers(run, rng):
-    """A volume of one slice with a kernel of one slice is an image."""
+    """kernel_size, stride and pad apply per axis; a volume of one slice equals an image."""
     x = rng.normal(size=(2, 2, 5, 6))
     flat = run(text(kernel_size="[2, 3]", stride="[1, 2]", pad="[1, 0]"), x)
     params = [flat.layer.blobs[0].data[:, :, None], flat.layer.blobs[1].data]
@@ -152,13 +152,13 @@ def test_each_axis_has_its_own_numbers(run, rng):
 
 
 def test_without_spatial_axes_it_is_an_inner_product(run, rng):
-    """A kernel of a single element, whose size need not be given."""
+    """Without spatial axes the layer equals InnerProduct and needs no kernel_size."""
     done = run(text(), rng.normal(size=(3, 4)))
     assert np.allclose(done.y, done.bottom[0].data @ done.layer.blobs[0].data.T + done.layer.blobs[1].data)
 
 
 def test_without_items(net_of, rng):
-    """With ``axis: 0`` a bottom is one image, also if it has as many channels as the top."""
+    """With ``axis: 0`` the bottom is a single image."""
     net = net_of(inputs(x=(2, 5, 4)) + f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2, axis=0)} }}')
     x = rng.normal(size=(2, 5, 4))
     y = net.forward(x=x)["y"]
@@ -187,32 +187,32 @@ def test_without_items(net_of, rng):
     ids=str,
 )  # fmt: skip
 def test_mistakes(run, options, message):
-    """Each option that cannot be."""
+    """Invalid options raise an error."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(**options), np.zeros((1, 3, 5, 5)))
 
 
 def test_another_number_of_axes():
-    """Than the weights were made for."""
+    """A changed number of axes raises an error."""
     layer = gradcheck.make_layer(text(kernel_size=2), [np.zeros((1, 3, 5, 5))])
     with pytest.raises(netlib.LayerError, match=r"'bottom0' has shape \(3, 5\), expected 2 spatial axes after axis 1"):
         gradcheck.check(layer, [np.zeros((3, 5))])
 
 
 def test_as_many_tops_as_bottoms(run):
-    """Says how many there are."""
+    """The numbers of tops and bottoms must be equal."""
     with pytest.raises(netlib.LayerError, match="has 1 bottoms and 2 tops"):
         run(text(kernel_size=2), np.zeros((1, 1, 5, 5)), tops=2)
 
 
 def test_num_output_is_required(run):
-    """0 unless it is given."""
+    """The default of num_output is 0, which raises an error."""
     with pytest.raises(netlib.LayerError, match="num_output and group must be at least 1"):
         run('type: "Convolution" convolution_param { kernel_size: 2 }', np.zeros((1, 1, 5, 5)))
 
 
 def test_another_number_of_channels(net_of):
-    """After the weights were made."""
+    """A changed number of channels raises an error."""
     net = net_of(inputs(x=(1, 2, 5, 5)) + f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2)} }}')
     with pytest.raises(
         netlib.LayerError, match=r"'x' has 3 channels \(1, 3, 5, 5\), its weights \(2, 2, 2, 2\) expect 2"

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):
-    """The layer with these options."""
+    """Return a layer with these options."""
     return f'type: "Crop" crop_param {{ {options} }}'
 
 
@@ -17,7 +17,7 @@ X = np.arange(20.0).reshape(1, 1, 4, 5)
 
 
 def test_by_hand(run):
-    """Two rows and three columns of an image, from row 1 and column 2 on; the rest gets no gradient."""
+    """Two rows and three columns are cut out at row 1 and column 2; other pixels have gradient 0."""
     done = run(text("offset: 1 offset: 2"), X, np.zeros((7, 7, 2, 3)))
     assert done.y.tolist() == [[[[7, 8, 9], [12, 13, 14]]]]
     dx, dsize = done.backward([[[[1, 2, 3], [4, 5, 6]]]])
@@ -26,20 +26,20 @@ def test_by_hand(run):
 
 
 def test_one_offset_is_for_all_axes(run):
-    """And none is 0."""
+    """A single offset applies to all axes; the default is 0."""
     assert run(text("offset: 1"), X, np.zeros((1, 1, 2, 2))).y.tolist() == [[[[6, 7], [11, 12]]]]
     assert run(text(), X, np.zeros((1, 1, 1, 2))).y.tolist() == [[[[0, 1]]]]
 
 
 def test_any_axis_may_be_the_first(run):
-    """Those before it stay whole; the axes count from the back as well."""
+    """Axes before ``axis`` are kept, and a negative axis counts from the end."""
     x = np.arange(12.0).reshape(2, 3, 2)
     assert run(text("axis: 1 offset: 1 offset: 0"), x, np.zeros((9, 2, 1))).y.tolist() == [[[2], [4]], [[8], [10]]]
     assert run(text("axis: -1 offset: 1"), x, np.zeros((9, 9, 1))).y.tolist() == x[..., 1:].tolist()
 
 
 def test_gradient(check, rng):
-    """That of the size is 0."""
+    """The gradient agrees with differences; that of the size bottom is 0."""
     check(text("axis: 1 offset: 1"), rng.normal(size=(2, 3, 4, 3)), rng.normal(size=(2, 2, 2, 1)))
 
 
@@ -58,6 +58,6 @@ def test_gradient(check, rng):
     ],
 )
 def test_mistakes(run, options, size, message):
-    """Names the blobs and their shapes."""
+    """The error states the blobs and their shapes, or the invalid option."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(options), X, np.zeros(size))

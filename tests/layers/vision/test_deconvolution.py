@@ -1,4 +1,4 @@
-"""Deconvolution: kernels laid on the top, the transpose of a Convolution."""
+"""Deconvolution, the transpose of Convolution."""
 
 import numpy as np
 import pytest
@@ -9,14 +9,14 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(kind="Deconvolution", **options):
-    """The layer with these options, and weights and bias that are not zero."""
+    """Return a layer with these options and random weights and biases."""
     fields = " ".join(f"{name}: {value}" for name, value in {"num_output": 2, **options}.items())
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "{kind}" convolution_param {{ {fields} {fillers} }}'
 
 
 def test_by_hand(run):
-    """Two values in a row each lay a kernel 1, 2, 3; with stride 2 they overlap in one place. The bias is 10."""
+    """Two values each add the kernel 1, 2, 3; with stride 2 the kernels overlap in one pixel. The bias is 10."""
     done = run(text(num_output=1, kernel_h=1, kernel_w=3, stride=2), [[[[1, 5]]]], params=[[[[[1, 2, 3]]]], [10]])
     assert done.y.ravel().tolist() == [11, 12, 13 + 5, 20, 25]
     [dx] = done.backward([[[[1, 0, 0, 0, 1]]]])
@@ -34,19 +34,19 @@ OPTIONS = [
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_gradient(check, rng, options):
-    """Of x, w and b."""
+    """The gradients of x, w and b agree with differences."""
     check(text(**options), rng.normal(size=(2, 2, 3, 4)))
 
 
 @pytest.mark.parametrize("shape", [(2, 4), (2, 4, 3), (1, 4, 2, 3, 2)], ids=str)
 def test_gradient_in_any_number_of_axes(check, rng, shape):
-    """None, one, three."""
+    """The gradients agree with differences for zero, one and three spatial axes."""
     check(text(num_output=4, kernel_size=3, group=2, stride=2, pad=1), rng.normal(size=shape))
 
 
 @pytest.mark.parametrize("options", OPTIONS[:-1], ids=str)
 def test_it_is_a_convolution_backwards(run, rng, options):
-    """What a Convolution with the same w gives as the gradient of its bottom."""
+    """The result equals the bottom gradient of a Convolution with the same weights."""
     x = rng.normal(size=(2, 2, 3, 4))
     done = run(text(**{**options, "bias_term": "false"}), x)
     back = run(text("Convolution", **{**options, "num_output": 2}), done.y, params=[done.layer.blobs[0].data])
@@ -54,7 +54,7 @@ def test_it_is_a_convolution_backwards(run, rng, options):
 
 
 def test_upsampling(run):
-    """The usual way: one bilinear kernel per channel, which interpolates a ramp exactly away from the edge."""
+    """One bilinear kernel per channel upsamples a ramp exactly, away from the edge."""
     options = (
         'num_output: 2 group: 2 kernel_size: 4 stride: 2 pad: 1 bias_term: false weight_filler { type: "bilinear" }'
     )
@@ -74,6 +74,6 @@ def test_upsampling(run):
     ids=str,
 )
 def test_mistakes(run, options, message):
-    """Those that a Convolution has, and its own."""
+    """The errors of Convolution apply, and a pad that leaves no output is rejected."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(**options), np.zeros((1, 3, 5, 5)))

@@ -9,12 +9,12 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options):
-    """The layer with these options."""
+    """Return a layer with these options."""
     return f'type: "Im2col" convolution_param {{ {options} }}'
 
 
 def test_by_hand(run):
-    """Row (i, j) of the columns is what kernel element (i, j) meets; a gradient goes to all columns that read it."""
+    """Row (i, j) holds the pixels multiplied by kernel element (i, j); the gradient sums all columns of a pixel."""
     done = run(text("kernel_size: 2"), np.arange(6.0).reshape(1, 1, 2, 3))
     assert done.y[0].tolist() == [[[0, 1]], [[1, 2]], [[3, 4]], [[4, 5]]]
     [dx] = done.backward(np.ones((1, 4, 1, 2)))
@@ -23,7 +23,7 @@ def test_by_hand(run):
 
 @pytest.mark.parametrize("shape", [(2, 3, 7), (2, 3, 5, 6), (1, 2, 4, 3, 5)], ids=str)
 def test_a_product_with_the_kernel_is_a_convolution(run, rng, shape):
-    """In any number of axes; options of the weights are not looked at."""
+    """The product with the kernel equals a Convolution for any number of axes; options of the weights are ignored."""
     windows = "num_output: 4 bias_term: false kernel_size: 2 stride: 2 pad: 1 dilation: 2"
     x, w = rng.normal(size=shape), rng.normal(size=(4, shape[1], *[2] * (len(shape) - 2)))
     columns = run(text(windows), x).y
@@ -33,7 +33,7 @@ def test_a_product_with_the_kernel_is_a_convolution(run, rng, shape):
 
 @pytest.mark.parametrize("options", ["kernel_size: 2 stride: 2", "kernel_size: 3 pad: 1", "kernel_size: 2 axis: 2"])
 def test_gradient(check, rng, options):
-    """With overlap, with padding, with two axes of items."""
+    """The gradient agrees with differences with overlap, with padding and with two axes of items."""
     check(text(options), rng.normal(size=(2, 2, 3, 4)))
 
 
@@ -46,6 +46,6 @@ def test_gradient(check, rng, options):
     ],
 )
 def test_mistakes(run, options, message):
-    """Those that a Convolution has, and its own."""
+    """The errors of Convolution apply, and at least one spatial axis is required."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(options), np.zeros((1, 3, 5, 5)))

@@ -1,4 +1,4 @@
-"""Pooling: any window against plain loops, Caffe's rules, mistakes."""
+"""Pooling: any window compared with loops, Caffe's rules, and errors."""
 
 import numpy as np
 import pytest
@@ -15,12 +15,12 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(**options):
-    """The layer with these options."""
+    """Return a layer with these options."""
     return f'type: "Pooling" pooling_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
 
 
 def test_by_hand(run):
-    """2 x 2 windows on 3 x 3: the last ones hang over the edge."""
+    """With 2 x 2 windows on 3 x 3 pixels the last windows extend over the edge."""
     x = np.array([[1.0, 2, 0], [4, 3, 5], [6, 0, 7]]).reshape(1, 1, 3, 3)
     best = run(text(kernel_size=2, stride=2), x)
     assert best.y[0, 0].tolist() == [[4, 5], [6, 7]]
@@ -39,7 +39,7 @@ PAIRS = st.tuples(st.integers(1, 4), st.integers(1, 4))
     mean=st.booleans(), ties=st.booleans(),
 )  # fmt: skip
 def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil, mean, ties):
-    """Overlapping, padded, hanging over, with equal values; forward and backward."""
+    """Values and gradients agree with loops for overlapping, padded and overhanging windows and for ties."""
     stride = tuple(min(s, k) for s, k in zip(stride, kernel))
     assume(all(p < k and outputs(n, k, s, p, ceil) > 0 for n, k, s, p in zip(size, kernel, stride, pad)))
     rng = np.random.default_rng(0)
@@ -50,7 +50,7 @@ def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil,
 
 
 def compare(options, x, y, share):
-    """Value and gradient of a layer with the definition's."""
+    """Compare value and gradient of a layer with the definition."""
     layer = gradcheck.make_layer(options, [x])
     bottom, top = Blobs([Blob(x.shape, np.float64)]), Blobs([Blob(y.shape, np.float64)])
     layer.reshape(bottom, top)
@@ -70,12 +70,12 @@ def compare(options, x, y, share):
     ids=str,
 )
 def test_gradient(check, rng, kind, options):
-    """Of values that are not equal."""
+    """The gradient agrees with differences for distinct values."""
     check(text(pool=kind, **options), rng.permutation(100).reshape(2, 2, 5, 5) / 10)
 
 
 def test_global_pooling_follows_the_size(run, rng):
-    """One window, whatever comes."""
+    """With global_pooling the window has the size of the bottom, even after a change."""
     done = run(text(global_pooling="true"), rng.normal(size=(2, 3, 4, 5)))
     assert np.allclose(done.y[..., 0, 0], done.bottom[0].data.max(axis=(2, 3)))
     done.bottom[0].reshape(2, 3, 7, 2)
@@ -86,7 +86,7 @@ def test_global_pooling_follows_the_size(run, rng):
 
 
 def test_output_sizes(run):
-    """Rounded up: 27 gives 14; a last window that starts in the padding is dropped, without padding it is not."""
+    """Sizes are rounded up: 27 gives 14. With padding, a last window that starts in the padding is dropped."""
     assert run(text(kernel_size=2, stride=2), np.zeros((1, 1, 27, 27))).y.shape[2:] == (14, 14)
     assert run(text(kernel_size=2, stride=2, round_mode="FLOOR"), np.zeros((1, 1, 27, 27))).y.shape[2:] == (13, 13)
     assert run(text(kernel_size=2, stride=2, pad=1), np.zeros((1, 1, 4, 5))).y.shape[2:] == (3, 3)
@@ -94,7 +94,7 @@ def test_output_sizes(run):
 
 
 def test_a_window_larger_than_its_bottom(run):
-    """The only window hangs over the edge, if rounding up leaves one; AVE divides by what lies inside."""
+    """A window may be larger than the bottom if rounding up leaves it; AVE divides by the area within the padding."""
     x = np.array([[1.0, 5], [3, 2]]).reshape(1, 1, 2, 2)
     assert run(text(kernel_size=3, stride=2), x).y.tolist() == [[[[5]]]]
     assert run(text(pool="AVE", kernel_size=3, stride=2), x).y.tolist() == [[[[11 / 4]]]]
@@ -102,7 +102,7 @@ def test_a_window_larger_than_its_bottom(run):
 
 
 def test_a_window_far_larger_than_its_bottom(run):
-    """What hangs over costs nothing, and a mask counts as ever."""
+    """A huge window takes no memory for its overhang, and the mask is correct."""
     x = np.array([[1.0, 5], [7, 2]]).reshape(1, 1, 2, 2)
     best = run(text(kernel_size=10**9, stride=10**9), x, tops=2)
     assert [y.item() for y in best.ys] == [7, 2]
@@ -118,7 +118,7 @@ def test_a_window_as_large_as_its_bottom_that_begins_in_the_padding(run):
 
 
 def test_padding_on_one_axis_drops_empty_windows_on_the_other(run):
-    """As Caffe: of 6 columns, those at 0 and 3; without any padding also one at 6, which is empty."""
+    """As in Caffe, padding on one axis drops an empty last window on the other: of columns 0, 3 and 6 the last."""
     options = {"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3}
     assert run(text(**options), np.ones((1, 1, 6, 6))).y.shape == (1, 1, 3, 3)
     assert run(text(**options, pad_h=1, pad_w=0), np.ones((1, 1, 6, 6))).y.shape == (1, 1, 4, 2)
@@ -128,7 +128,7 @@ def test_padding_on_one_axis_drops_empty_windows_on_the_other(run):
 
 
 def test_the_mask_by_hand(run):
-    """Where in its map of 3 x 3 each maximum stands, counted row by row; the first of equal ones."""
+    """The mask is the index of each maximum within its 3 x 3 map, in row order; the first of equal values counts."""
     x = np.array([[1.0, 2, 0], [4, 3, 5], [6, 6, 7]]).reshape(1, 1, 3, 3)
     done = run(text(kernel_size=2), x, tops=2)
     assert done.ys[0][0, 0].tolist() == [[4, 5], [6, 7]]
@@ -146,7 +146,7 @@ def test_the_mask_by_hand(run):
     ids=str,
 )  # fmt: skip
 def test_the_mask_says_where_the_maximum_is(run, rng, options):
-    """In every map of every item."""
+    """The mask points to the maximum in every map of every item."""
     x = rng.normal(size=(2, 3, 5, 6))
     y, mask = run(text(**options), x, tops=2).ys
     assert np.array_equal(np.take_along_axis(x.reshape(2, 3, -1), mask.reshape(2, 3, -1).astype(int), axis=2),
@@ -154,17 +154,17 @@ def test_the_mask_says_where_the_maximum_is(run, rng, options):
 
 
 def test_the_mask_of_an_empty_window(run):
-    """Nowhere."""
+    """The mask of an empty window is -1."""
     assert run(text(kernel_size=1, stride=3), np.ones((1, 1, 6, 1)), tops=2).ys[1].ravel().tolist() == [0, 3, -1]
 
 
 def test_gradient_with_a_mask(check, rng):
-    """The mask has none."""
+    """The gradient agrees with differences; that of the mask is ignored."""
     check(text(kernel_size=3, stride=2), rng.permutation(100).reshape(2, 2, 5, 5) / 10, tops=2)
 
 
 def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
-    """Of a window without a positive value the first of the zeros that ReLU leaves, not the largest before it."""
+    """After a ReLU in place the mask of an all-negative window is its first zero, not the largest previous value."""
     kernel = 'type: "Convolution" convolution_param { num_output: 1 kernel_size: 1 weight_filler { value: 1 } }'
     net = net_of(
         inputs(x=(2, 1, 6, 6)) + f'layer {{ name: "c" bottom: "x" top: "c" {kernel} }} '
@@ -177,7 +177,7 @@ def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
 
 
 def test_only_a_maximum_has_a_mask(run):
-    """There is no place of a mean."""
+    """AVE pooling with a second top raises an error."""
     with pytest.raises(netlib.LayerError, match="has 2 tops, but only MAX pooling has a mask, not AVE"):
         run(text(pool="AVE", kernel_size=2), np.zeros((1, 1, 5, 5)), tops=2)
 
@@ -186,7 +186,7 @@ def test_only_a_maximum_has_a_mask(run):
 
 
 def test_an_empty_window(run):
-    """stride > kernel: -FLT_MAX, or 0 / 0."""
+    """A window is empty if stride > kernel; MAX gives -FLT_MAX and AVE gives NaN."""
     x = np.ones((1, 1, 6, 1))
     assert run(text(kernel_h=1, kernel_w=1, stride=3, pad=0), x).y[..., 0].tolist() == [
         [[1, 1, -float(np.finfo(np.float32).max)]]
@@ -196,7 +196,7 @@ def test_an_empty_window(run):
 
 @pytest.mark.parametrize("options", [{"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2}], ids=str)
 def test_nan_is_not_hidden(run, options):
-    """The solver must see it."""
+    """A NaN is passed on, so that the solver detects it."""
     x = np.zeros((1, 1, 4, 4))
     x[0, 0, 1, 1] = np.nan
     done = run(text(**options), x)
@@ -223,18 +223,18 @@ def test_nan_is_not_hidden(run, options):
     ids=str,
 )
 def test_mistakes(run, options, message):
-    """Options that cannot be."""
+    """Invalid options raise an error."""
     with pytest.raises(netlib.LayerError, match=f"layer 'it': {message}"):
         run(text(**options), np.zeros((1, 1, 5, 5)))
 
 
 def test_a_bottom_that_is_no_image(run):
-    """Names the blob and its shape."""
+    """The error names the blob and its shape."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3, 5\), expected \(N, C, H, W\)"):
         run(text(kernel_size=2), np.zeros((3, 5)))
 
 
 def test_a_map_without_values(run):
-    """There is nothing to take the maximum of."""
+    """A map without values raises an error."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(1, 1, 0, 2\), expected \(N, C, H, W\)"):
         run(text(global_pooling="true"), np.zeros((1, 1, 0, 2)))

@@ -1,4 +1,4 @@
-"""ROIPooling: regions, their rounding, their bins."""
+"""ROIPooling: regions, rounding and bins."""
 
 import math
 
@@ -11,7 +11,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(h=2, w=2, scale=1.0):
-    """The layer with this grid."""
+    """Return a layer with this grid."""
     return f'type: "ROIPooling" roi_pooling_param {{ pooled_h: {h} pooled_w: {w} spatial_scale: {scale} }}'
 
 
@@ -19,7 +19,7 @@ X = np.arange(24.0).reshape(1, 1, 4, 6)
 
 
 def test_by_hand(run):
-    """Rows 1 to 2 and columns 1 to 4, both ends inside: bins of 1 x 2."""
+    """A region of rows 1 to 2 and columns 1 to 4, ends included, has bins of 1 x 2."""
     done = run(text(), X, [[0, 1, 1, 4, 2]])
     assert done.y.tolist() == [[[[8, 10], [14, 16]]]]
     dx, drois = done.backward([[[[1, 2], [3, 4]]]])
@@ -30,7 +30,7 @@ def test_by_hand(run):
 
 
 def test_bins_overlap_where_the_grid_does_not_divide_the_region(run):
-    """Three columns in two bins: 0 and 1, 1 and 2. The gradients of a place add up."""
+    """Three columns in two bins overlap: 0 and 1, 1 and 2. The gradients of a shared pixel are added."""
     x = np.array([1.0, 9, 2]).reshape(1, 1, 1, 3)
     done = run(text(1, 2), x, [[0, 0, 0, 2, 0]])
     assert done.y.tolist() == [[[[9, 9]]]]
@@ -38,7 +38,7 @@ def test_bins_overlap_where_the_grid_does_not_divide_the_region(run):
 
 
 def test_the_first_of_equal_values_wins(run):
-    """Row by row."""
+    """The first of equal values, in row order, gets the gradient."""
     done = run(text(1, 1), np.zeros((1, 1, 2, 2)), [[0, 0, 0, 1, 1]])
     assert done.backward([[[[5]]]])[0].ravel().tolist() == [5, 0, 0, 0]
 
@@ -47,30 +47,30 @@ def test_the_first_of_equal_values_wins(run):
     ("corner", "column"), [(0.4, 0), (0.5, 1), (1.5, 2), (2.5, 3), (2.4, 2), (-0.5, None), (-0.4, 0)], ids=str
 )
 def test_halves_are_rounded_away_from_zero(run, corner, column):
-    """Not to even; column -1 is outside of the map."""
+    """Halves are rounded away from zero, not to even; column -1 is outside the map."""
     done = run(text(1, 1), X, [[0, corner, 0, corner, 0]])
     assert done.y.ravel().tolist() == [0.0 if column is None else column]
 
 
 def test_corners_are_scaled_before_they_are_rounded(run):
-    """3 / 4 is 1, 9 / 4 is 2."""
+    """Corners are scaled before rounding: 3 / 4 gives 1 and 9 / 4 gives 2."""
     assert run(text(1, 1, 0.25), X, [[0, 3, 0, 9, 0]]).y.ravel().tolist() == [2]
 
 
 def test_a_region_has_at_least_one_row_and_column(run):
-    """Also if its corners have changed places."""
+    """A region has at least one row and column, even if its corners are swapped."""
     assert run(text(1, 1), X, [[0, 4, 2, 1, 0]]).y.ravel().tolist() == [16]
 
 
 def test_an_empty_bin_is_zero_and_has_no_gradient(run):
-    """Of a region that lies half outside of the map."""
+    """A bin outside the map is 0 and has no gradient."""
     done = run(text(1, 2), X - 100, [[0, -2, 0, 1, 0]])
     assert done.y.ravel().tolist() == [0, -99]
     assert done.backward([[[[7, 1]]]])[0].ravel().tolist() == [0, 1] + [0] * 22
 
 
 def test_each_region_names_its_item(run, rng):
-    """In any order; none is allowed too."""
+    """Regions may refer to items in any order, and there may be none."""
     x = rng.normal(size=(3, 2, 4, 4))
     done = run(text(1, 1), x, [[2, 0, 0, 3, 3], [0, 0, 0, 3, 3], [2, 0, 0, 3, 3]])
     assert np.array_equal(done.y[..., 0, 0], x[[2, 0, 2]].max(axis=(2, 3)))
@@ -78,7 +78,7 @@ def test_each_region_names_its_item(run, rng):
 
 
 def test_any_region_gives_what_plain_loops_give(run, rng):
-    """The definition."""
+    """Any region agrees with loops."""
     x, grid = rng.normal(size=(2, 2, 7, 9)), (3, 4)
     rois = np.column_stack([rng.integers(0, 2, 40), rng.uniform(-8, 40, (40, 4))])
     y = run(text(*grid, 0.25), x, rois).y
@@ -93,7 +93,7 @@ def test_any_region_gives_what_plain_loops_give(run, rng):
 
 
 def test_gradient(check, rng):
-    """Of x; rois get none."""
+    """The gradient of x agrees with differences; regions have none."""
     rois = np.array([[0, 0, 0, 3, 4], [1, 1, 2, 9, 3], [1, 2, 2, 3, 3]])
     check(text(2, 3), rng.permutation(80).reshape(2, 2, 4, 5) / 7, rois, wanted=[True, False])
 
@@ -107,7 +107,7 @@ def test_gradient(check, rng):
     ],
 )
 def test_mistakes(run, options, x, rois, message):
-    """Options and shapes that cannot be."""
+    """Invalid options and shapes raise an error."""
     with pytest.raises(netlib.LayerError, match=f"layer 'it': {message}"):
         run(f'type: "ROIPooling" roi_pooling_param {{ {options} }}', np.zeros(x), np.zeros(rois))
 
@@ -116,7 +116,7 @@ def test_mistakes(run, options, x, rois, message):
     ("row", "shown"), [([1, 0, 0, 1, 1], "1, 0, 0, 1, 1"), ([0, 0, np.nan, 1, 1], "0, 0, nan, 1, 1")]
 )
 def test_a_region_that_is_none(run, row, shown):
-    """Names the row."""
+    """An invalid region raises an error with its row."""
     message = rf"row 1 of 'bottom1' is \({shown}\); expected an item from 0 to 0"
     with pytest.raises(netlib.LayerError, match=message):
         run(text(), X, [[0, 0, 0, 1, 1], row])

@@ -1,4 +1,4 @@
-"""SPP: the levels, their windows, the maps they do not fit."""
+"""SPP: levels, windows, and maps that do not fit."""
 
 import math
 
@@ -11,12 +11,12 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(height, pool="MAX"):
-    """The layer with this number of levels."""
+    """Return a layer with this number of levels."""
     return f'type: "SPP" spp_param {{ pyramid_height: {height} pool: {pool} }}'
 
 
 def test_by_hand(run):
-    """The whole map, then its quarters; the first channel before the second within each level."""
+    """The outputs are the whole map, then its quarters, channel by channel within each level."""
     x = np.array([[1.0, 2, 3, 4], [5, 6, 7, 8]]).reshape(1, 1, 2, 4)
     x = np.concatenate([x, 10 * x], axis=1)
     assert run(text(2), x).y.tolist() == [[8, 80, 2, 4, 6, 8, 20, 40, 60, 80]]
@@ -26,18 +26,18 @@ def test_by_hand(run):
 
 
 def test_the_first_of_equal_values_wins(run):
-    """In each window of each level."""
+    """The first of equal values in each window gets the gradient."""
     assert run(text(2), np.zeros((1, 1, 2, 2))).backward([[1, 2, 3, 4, 5]])[0].tolist() == [[[[3, 3], [4, 5]]]]
 
 
 def test_a_single_level_keeps_four_axes(run):
-    """As Caffe's, which flattens only what it joins."""
+    """A single level keeps four axes, as in Caffe; several levels are flattened."""
     assert run(text(1), np.ones((2, 3, 4, 5))).y.shape == (2, 3, 1, 1)
     assert run(text(3), np.ones((2, 3, 4, 4))).y.shape == (2, 3 * (1 + 4 + 16))
 
 
 def pooled(run, x, level, pool):
-    """A level as a Pooling: the window and the padding that Caffe's layer asks for."""
+    """Compute a level as a Pooling layer with the window and padding of Caffe's SPP layer."""
     options = f"pool: {pool}"
     for side, size in zip("hw", x.shape[2:]):
         k = math.ceil(size / 2**level)
@@ -49,7 +49,7 @@ def pooled(run, x, level, pool):
 @pytest.mark.parametrize("pool", ["MAX", "AVE"])
 @pytest.mark.parametrize("size", [(4, 8), (7, 11), (13, 6), (10, 10)], ids=str)
 def test_levels_are_poolings(run, rng, size, pool):
-    """Forward and backward, where the windows fit and where they hang over on both sides."""
+    """Values and gradients of each level equal those of Pooling, also with windows that extend over the edges."""
     x = rng.integers(0, 5, (2, 3, *size)).astype(float)
     done = run(text(3, pool), x)
     levels = [pooled(run, x, level, pool) for level in range(3)]
@@ -62,7 +62,7 @@ def test_levels_are_poolings(run, rng, size, pool):
 
 @pytest.mark.parametrize("pool", ["MAX", "AVE"])
 def test_gradient(check, rng, pool):
-    """Of values that are not equal."""
+    """The gradient agrees with differences for distinct values."""
     check(text(3, pool), rng.permutation(2 * 2 * 7 * 6).reshape(2, 2, 7, 6) / 10)
 
 
@@ -78,12 +78,12 @@ def test_gradient(check, rng, pool):
     ],
 )
 def test_mistakes(run, options, message):
-    """Options that cannot be, for a map of 5 x 5."""
+    """Invalid options for a 5 x 5 map raise an error."""
     with pytest.raises(netlib.LayerError, match=f"layer 'it': .*{message}"):
         run(f'type: "SPP" spp_param {{ {options} }}', np.zeros((1, 1, 5, 5)))
 
 
 def test_a_bottom_that_is_no_image(run):
-    """Names the blob and its shape."""
+    """The error names the blob and its shape."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3, 5\), expected \(N, C, H, W\)"):
         run(text(2), np.zeros((3, 5)))
