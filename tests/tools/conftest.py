@@ -1,4 +1,4 @@
-"""A folder with a small data set, the paper's network on it, and a solver."""
+"""A folder with a small data set, the paper's network, and a solver."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ random_seed: 1
 
 @pytest.fixture(scope="session")
 def small_data(tmp_path_factory):
-    """64 training and 24 test frames."""
+    """Generate 64 training and 24 test frames."""
     out = tmp_path_factory.mktemp("data") / "nyu"
     assert make_synthetic.main(["--out", str(out), "--train", "64", "--test", "24", "--workers", "1"]) == 0
     return out
@@ -29,7 +29,7 @@ def small_data(tmp_path_factory):
 
 @pytest.fixture
 def work(tmp_path, monkeypatch, small_data):
-    """The working directory, with net.prototxt, solver.prototxt and deploy.prototxt in it."""
+    """Make a folder with net.prototxt and solver.prototxt the working directory."""
     net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text()
     net = net.replace("data/nyu", str(small_data)).replace("batch_size: 512", "batch_size: 16")
     (tmp_path / "net.prototxt").write_text(net.replace("batch_size: 250", "batch_size: 10"))
@@ -40,7 +40,7 @@ def work(tmp_path, monkeypatch, small_data):
 
 @pytest.fixture
 def other_engine(monkeypatch):
-    """The fast engine, while the process is told to use the plain one; its threads are as before afterwards."""
+    """The fast engine while NETLIB_ENGINE selects the plain one; its number of threads is restored afterwards."""
     if not engine.has_fast():
         pytest.skip("the plain engine has one thread")
     fast = engine.get("fast")

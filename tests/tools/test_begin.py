@@ -1,4 +1,4 @@
-"""tools/__init__.py: how the process of a command begins: signals, warnings, standard streams."""
+"""tools/__init__.py: the start of a command's process: signals, warnings and standard streams."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Run = Callable[..., Done]
 
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
-    """``run("tools/train.py", "solver.prototxt")``: Python as a user starts it, in a folder of its own."""
+    """``run("tools/train.py", "solver.prototxt")`` runs Python in a separate folder."""
 
     def start(*argv: str, status: int = 0, **changes: str) -> Done:
         program = ROOT / argv[0] if argv[0].endswith(".py") else argv[0]
@@ -38,7 +38,7 @@ def run(tmp_path: Path) -> Run:
 
 
 def interrupt_at(folder: Path, event: str, name: str) -> None:
-    """Each Python that starts with this folder on its path interrupts itself when it imports or opens something."""
+    """Make every Python with this folder on its path interrupt itself at an import or open event."""
     (folder / "sitecustomize.py").write_text(f"""
 import os, signal, sys
 def hook(event, args):
@@ -49,7 +49,7 @@ sys.addaudithook(hook)
 
 
 def begun(code: str) -> list[str]:
-    """The arguments with which Python runs some code as a command that has begun."""
+    """Return the arguments that make Python run this code as a command after ``tools.begin``."""
     return ["-c", f"import os, subprocess, sys, tools\ntools.begin('__main__')\n{code}"]
 
 
@@ -57,7 +57,7 @@ def begun(code: str) -> list[str]:
 
 
 def test_every_program_begins_before_it_imports_what_takes_long() -> None:
-    """``tools.begin(__name__)`` comes after nothing but the standard library and ``tools`` itself."""
+    """``tools.begin(__name__)`` is preceded only by imports of the standard library and of ``tools``."""
     for program in PROGRAMS:
         statements = parsed(ROOT / program).body
         begun = [i for i, statement in enumerate(statements) if ast.unparse(statement) == "tools.begin(__name__)"]
@@ -69,13 +69,13 @@ def test_every_program_begins_before_it_imports_what_takes_long() -> None:
 
 @pytest.mark.parametrize("program", ["tools/train.py", "tools/demo.py", "benchmarks/bench.py"])
 def test_ctrl_c_during_the_imports(run: Run, tmp_path: Path, program: str) -> None:
-    """The process ends by the signal, and says nothing."""
+    """Ctrl-C during the imports ends the process by the signal without output."""
     interrupt_at(tmp_path, "import", "numpy")
     assert run(program, status=-signal.SIGINT)[1:] == ("", "")
 
 
 def test_ctrl_c_later(run: Run, tmp_path: Path) -> None:
-    """One word, and the status that says so."""
+    """Ctrl-C after the imports prints one word and gives status 130."""
     (tmp_path / "net.prototxt").touch()
     interrupt_at(tmp_path, "open", "net.prototxt")
     done = run("tools/upgrade_net.py", "net.prototxt", "new.prototxt", status=130)
@@ -83,7 +83,7 @@ def test_ctrl_c_later(run: Run, tmp_path: Path) -> None:
 
 
 def test_an_ignored_ctrl_c_stays_ignored(run: Run, tmp_path: Path) -> None:
-    """As a shell wants it of jobs in the background."""
+    """SIGINT stays ignored if it was, as shells require for background jobs."""
     code = "signal.signal(signal.SIGINT, signal.SIG_IGN); sys.argv[0] = '-c'; import runpy; "
     code += f"runpy.run_path({str(ROOT / 'tools' / 'upgrade_net.py')!r}, run_name='__main__')"
     (tmp_path / "net.prototxt").touch()
@@ -96,7 +96,7 @@ def test_an_ignored_ctrl_c_stays_ignored(run: Run, tmp_path: Path) -> None:
 
 
 def test_numpy_s_warnings_are_not_shown(run: Run) -> None:
-    """Not those of threads, either; C libraries and programs that a command starts write where it does."""
+    """NumPy's warnings are hidden, also in threads; C libraries and child processes can still write to stderr."""
     code = """
 import numpy, threading
 threading.Thread(target=lambda: numpy.float32(1e38) * numpy.float32(10)).start()
@@ -107,24 +107,24 @@ subprocess.run(["sh", "-c", "echo a program >&2"])
 
 
 def test_warnings_that_are_asked_for_are_shown(run: Run) -> None:
-    """``python -W default`` is for those who look for a bug."""
+    """``python -W default`` shows warnings."""
     assert "overflow" in run("-W", "default", *begun("import numpy; numpy.float32(1e38) * numpy.float32(10)")).err
 
 
 def test_what_cannot_be_encoded_is_escaped(run: Run) -> None:
-    """On both streams, instead of an error."""
+    """Characters that the encoding lacks are escaped on both streams."""
     code = 'for stream in (sys.stdout, sys.stderr): print("Größe \\udcff", file=stream)'
     done = run(*begun(code), PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert done.out == done.err == "Gr\\xf6\\xdfe \\udcff\n"
 
 
 def test_an_uncaught_exception_is_still_seen(run: Run) -> None:
-    """It is a bug, and is reported with all that Python says."""
+    """An uncaught exception is reported with its traceback."""
     assert run(*begun("1 / 0"), status=1).err.endswith("ZeroDivisionError: division by zero\n")
 
 
 def test_faulthandler_goes_on(run: Run) -> None:
-    """If it was asked for, a crash says where."""
+    """faulthandler still reports a crash."""
     code = (
         "import resource, signal; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); signal.raise_signal(signal.SIGABRT)"
     )
@@ -133,7 +133,7 @@ def test_faulthandler_goes_on(run: Run) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs terminals")
 def test_a_terminal_stays_one(tmp_path: Path) -> None:
-    """Else there would be no progress bar."""
+    """stderr stays a terminal, which the progress bar requires."""
     ours, theirs = os.openpty()
     code = "import shutil; print(sys.stderr.isatty(), os.get_terminal_size(sys.stderr.fileno()).columns > -1)"
     done = subprocess.run([sys.executable, *begun(code)], cwd=ROOT, stdout=subprocess.PIPE, stderr=theirs, check=True)
@@ -143,14 +143,14 @@ def test_a_terminal_stays_one(tmp_path: Path) -> None:
 
 
 def test_a_closed_stderr(tmp_path: Path) -> None:
-    """What is said is lost; no file that is opened later takes the place, where C libraries would write into it."""
+    """With stderr closed, messages are lost, and no file opened later gets descriptor 2."""
     code = "import tempfile; print(tempfile.TemporaryFile().fileno() > 2); print('lost', file=sys.stderr)"
     command = ["sh", "-c", 'exec "$0" "$@" 2>&-', sys.executable, *begun(code)]
     assert subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout == b"True\n"
 
 
 def test_who_imports_a_command_keeps_what_he_has() -> None:
-    """Signals, streams, warnings: they are those of his program."""
+    """Importing a command changes neither signals nor streams of the program."""
     before = sys.stderr, signal.getsignal(signal.SIGINT)
     tools.begin("tools.train")
     with tools.interruptible():
@@ -163,7 +163,7 @@ def test_who_imports_a_command_keeps_what_he_has() -> None:
 
 @pytest.fixture
 def damaged(tmp_path: Path) -> list[str]:
-    """The names of pictures cut off and changed in the middle, at which libpng, libjpeg and OpenCV print lines."""
+    """Write truncated and damaged images, for which libpng, libjpeg and OpenCV print messages."""
     image = np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)
     names = []
     for kind in ("png", "jpg"):
@@ -176,17 +176,17 @@ def damaged(tmp_path: Path) -> list[str]:
 
 
 def test_a_damaged_picture_is_one_line(run: Run, damaged: list[str], tmp_path: Path) -> None:
-    """Ours."""
+    """Each damaged image is reported on one line of the tool."""
     pytest.importorskip("lmdb")
     (tmp_path / "list.txt").write_text("".join(f"{name} 0\n" for name in damaged))
     lines = run("tools/convert_imageset.py", "./", "list.txt", "db", status=1).err.splitlines()
-    ours = [line for line in lines if line.endswith("; skipped")]  # libpng and libjpeg may write lines of their own
+    ours = [line for line in lines if line.endswith("; skipped")]  # libpng and libjpeg may print further lines
     assert [line.partition(":")[0] for line in ours] == damaged
     assert lines[-1].startswith("list.txt: none of its 4 images can be read; ")
 
 
 def test_a_training_that_diverges_is_one_line(run: Run, tmp_path: Path) -> None:
-    """Besides the log; the threads' overflows on the way say nothing."""
+    """A diverging training run prints the log and one error line; overflows in threads print nothing."""
     (tmp_path / "net.prototxt").write_text("""
 layer { name: "data" type: "DummyData" top: "x" top: "t" dummy_data_param {
         shape { dim: 64 dim: 8 } shape { dim: 64 dim: 4 } data_filler { type: "gaussian" std: 1e3 } } }

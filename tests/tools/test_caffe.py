@@ -1,4 +1,4 @@
-"""tools/caffe.py: Caffe's command line, Caffe's logs line for line, and what BVLC's scripts take from such a log."""
+"""tools/caffe.py: Caffe's command line, Caffe's log line for line, and the log as BVLC's scripts parse it."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ FRAME = re.compile(r"Use CPU|Creating t|Solver scaffolding|SGDSolver|Starting|Ru
 
 @pytest.fixture(autouse=True)
 def solvers(caffe_data, monkeypatch):
-    """The folder of the recorded trainings, as the working directory: their files name each other from there."""
+    """Change to the folder of the recorded training runs, whose files name each other relative to it."""
     monkeypatch.chdir(caffe_data / "solvers")
 
 
 @pytest.fixture
 def solver_of(tmp_path):
-    """``solver_of("sigint.log", max_iter="9")``: a file with the solver of a log, which snapshots into a new folder."""
+    """``solver_of("sigint.log", max_iter="9")`` writes the solver of a log, with snapshots in a temporary folder."""
 
     def make(log: str, **changes: str) -> str:
         path = tmp_path / "solver.prototxt"
@@ -39,7 +39,7 @@ def solver_of(tmp_path):
 
 @pytest.fixture
 def log_of():
-    """``log_of("train", "-solver", ...)``: the lines that this command writes, with their stamps."""
+    """``log_of("train", "-solver", ...)`` returns the lines that the command logs, with their stamps."""
 
     def run(*argv: str, status: int = 0) -> list[str]:
         _, out, err = run_tool("caffe", *argv, status=status)
@@ -50,7 +50,7 @@ def log_of():
 
 
 def spoken(lines):
-    """The lines of a log that both have, from its first to its last."""
+    """Return the lines of a log that both programs write, including the first and the last."""
     return [w for line in lines for w in (said([line]) if COMPARED.match(line) else [line]) if _is_both(line)]
 
 
@@ -62,7 +62,7 @@ def _is_both(line):
 
 
 def test_train_writes_the_recorded_log(solver_of, log_of):
-    """The training in a_avgloss.log, from its first line to its last; Caffe loads the weights into both nets."""
+    """The log equals the recorded a_avgloss.log; Caffe loads the weights into both nets."""
     mine = texts(log_of("train", "-solver", solver_of("a_avgloss.log"), "--weights=init.caffemodel"))
     theirs = log_lines("a_avgloss.log")
     assert len(spoken(theirs)) == 46
@@ -71,11 +71,11 @@ def test_train_writes_the_recorded_log(solver_of, log_of):
 
 
 def test_train_goes_on_from_a_snapshot(solver_of, log_of, tmp_path):
-    """The training in a_resume_from8.log. The solver's own weights are not read."""
+    """The log equals the recorded a_resume_from8.log, and the solver's ``weights`` are not read."""
     log_of("train", "-solver", solver_of("a_avgloss.log"), "-weights", "init.caffemodel")
     state_path = tmp_path / "a_iter_8.solverstate"
     state = snapshot.read_state(state_path)
-    state.extra = {}  # what Caffe does not write
+    state.extra = {}  # fields that Caffe does not write
     state_path.write_bytes(binary_format.state_image(state))
     solver = solver_of("a_resume_from8.log", weights='"nothing.caffemodel"')
     mine = texts(log_of("train", f"-solver={solver}", f"-snapshot={state_path}"))
@@ -95,7 +95,7 @@ def test_train_goes_on_from_a_snapshot(solver_of, log_of, tmp_path):
     ids=["SIGINT", "SIGHUP", "SIGINT snapshot", "SIGINT none", "SIGHUP stop"],
 )
 def test_signals(solver_of, log_of, tmp_path, monkeypatch, number, flags, last, ends):
-    """A signal before the first iteration has ended. The status is Caffe's 0, and the last lines those of its log."""
+    """After a signal in the first iteration the exit status is 0 and the last lines are those of Caffe's log."""
     original = training.requests_by_signal
 
     @contextlib.contextmanager
@@ -113,12 +113,12 @@ def test_signals(solver_of, log_of, tmp_path, monkeypatch, number, flags, last, 
 
 
 def test_caffes_log_of_signals_ends_alike():
-    """What Caffe wrote when it was stopped by SIGINT."""
+    """Caffe's recorded log of SIGINT ends with the same lines."""
     assert log_lines("sigint.log")[-2:] == ["Optimization stopped early.", "Optimization Done."]
 
 
 def test_sigterm_keeps_its_status(solver_of, log_of, monkeypatch):
-    """Caffe dies of it; here it writes a snapshot first, and the status says what ended the training."""
+    """SIGTERM ends Caffe at once; here a snapshot is written first, and the exit status is that of the signal."""
     original = training.requests_by_signal
 
     @contextlib.contextmanager
@@ -133,7 +133,7 @@ def test_sigterm_keeps_its_status(solver_of, log_of, monkeypatch):
 
 
 def test_level_and_stage_choose_layers(solver_of, log_of, tmp_path):
-    """Of the training net: -level, and -stage beside the solver's own train_state."""
+    """-level and -stage select the training net's layers, in addition to the stages of train_state."""
     net = Path("net.prototxt").read_text()
     for name, rule in (("a", 'stage: "a" stage: "own"'), ("b", "min_level: 2"), ("c", "min_level: 1")):
         net += f'layer {{ name: "{name}" type: "Silence" bottom: "ip1" include {{ phase: TRAIN {rule} }} }}\n'
@@ -142,14 +142,14 @@ def test_level_and_stage_choose_layers(solver_of, log_of, tmp_path):
     solver.write_text(solver.read_text().replace("level: 0", "level: 7").replace('stage: ""', 'stage: "own"'))
     mine = texts(log_of("train", "-solver", str(solver), "-stage", "a,x", "-level", "1"))
     made = {line.removeprefix("Creating Layer ") for line in mine if line.startswith("Creating Layer ")}
-    assert made & {"a", "b", "c"} == {"a", "c"}  # Caffe, too, replaces the solver's level
+    assert made & {"a", "b", "c"} == {"a", "c"}  # -level replaces the solver's level, as in Caffe
 
 
 # ---------------------------------------------------------------------------------------------- the others
 
 
 def test_test_writes_the_recorded_log(log_of):
-    """Every batch, the mean loss, every output with its weight as a loss."""
+    """The log has every batch, the mean loss, and every output with its loss weight, as recorded."""
     mine = texts(log_of("test", "-model", "net.prototxt", "-weights", "init.caffemodel", "-iterations", "3"))
     theirs = log_lines("test.log")
     assert spoken(theirs)[-6:-2] == [
@@ -159,7 +159,7 @@ def test_test_writes_the_recorded_log(log_of):
 
 
 def test_test_tells_of_layers_without_a_pair(log_of, tmp_path):
-    """Weights that the net does not have are ignored, as Caffe says it; layers without weights are named, too."""
+    """Weights of unknown layers are ignored with Caffe's message; layers without weights are also reported."""
     (tmp_path / "net.prototxt").write_text(Path("net.prototxt").read_text().replace('"ip1"', '"other"'))
     net = str(tmp_path / "net.prototxt")
     mine = texts(log_of("test", "-model", net, "-weights", "init.caffemodel", "-iterations", "1"))
@@ -168,7 +168,7 @@ def test_test_tells_of_layers_without_a_pair(log_of, tmp_path):
 
 
 def test_time_writes_the_recorded_log(log_of):
-    """All lines of time.log from the first pass on, but for the times."""
+    """The lines equal those of time.log from the first pass on, except for the times."""
     mine, theirs = texts(log_of("time", "-model", "net.prototxt", "-iterations", "3")), log_lines("time.log")
     cut = [lines[lines.index("Performing Forward") :] for lines in (mine, theirs)]
     numberless = [[re.sub(r": [\d.e+-]+( ms\.)?", r": #\1", line) for line in lines] for lines in cut]
@@ -178,7 +178,7 @@ def test_time_writes_the_recorded_log(log_of):
 
 @pytest.mark.parametrize(("flags", "loss"), [([], "3"), (["-phase=TRAIN"], "3"), (["-phase", "TEST"], "5")])
 def test_time_of_a_phase(log_of, tmp_path, flags, loss):
-    """TRAIN, unless it is said."""
+    """The phase is TRAIN by default."""
     layers = [
         f"""layer {{ name: "x" type: "DummyData" top: "x" include {{ phase: {phase} }} loss_weight: 1
         dummy_data_param {{ shape {{ dim: 1 }} data_filler {{ value: {value} }} }} }}"""
@@ -189,7 +189,7 @@ def test_time_of_a_phase(log_of, tmp_path, flags, loss):
 
 
 def test_device_query_and_gpu(log_of):
-    """One line each: this runs on the CPU."""
+    """device_query and -gpu are answered with one line each about the CPU."""
     assert texts(log_of("device_query", "-gpu", "all")) == ["This runs on the CPU; there is no GPU to query"]
     mine = texts(log_of("time", "-model", "net.prototxt", "-gpu", "0,1", "-iterations", "1"))
     assert mine[:2] == ["Use CPU.", "-gpu 0,1 is accepted, but this runs on the CPU"]
@@ -199,7 +199,7 @@ def test_device_query_and_gpu(log_of):
 
 
 def test_without_a_command():
-    """The usage, and Caffe's status."""
+    """Without a command the usage is printed, with Caffe's exit status."""
     out = run_tool("caffe").out
     assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out
 
@@ -218,7 +218,7 @@ def test_without_a_command():
     ],
 )
 def test_wrong_usage(argv, message):
-    """argparse's line, status 2."""
+    """A usage error prints argparse's message and gives status 2."""
     assert message in run_tool("caffe", *argv, status=2).err
 
 
@@ -231,7 +231,7 @@ def test_wrong_usage(argv, message):
     ],
 )
 def test_mistakes(log_of, argv, message):
-    """Where Caffe aborts with a stack trace: one line, status 1."""
+    """Errors for which Caffe prints a stack trace are one line with status 1."""
     assert log_of(*argv, status=1)[-1].startswith(message)
 
 
@@ -239,10 +239,10 @@ def test_mistakes(log_of, argv, message):
 
 
 def test_what_bvlcs_scripts_take_from_the_log(solver_of, log_of):
-    """parse_log.py, parse_log.sh, extract_seconds.py and plot_training_log.py cut lines at blanks, from the left.
+    """parse_log.py, parse_log.sh, extract_seconds.py and plot_training_log.py can parse the log, splitting at spaces.
 
-    Word 1 is a letter, month and day, word 2 the time of day; of a test output the value is word 11, of a learning rate
-    word 9; time begins at a line with ``] Solving ``. The loss is what follows the first equals sign.
+    Word 1 is a letter, month and day, word 2 the time of day; the value of a test output is word 11, a learning rate is
+    word 9; time starts at a line with ``] Solving ``. The loss follows the first equals sign.
     """
     lines = log_of("train", "-solver", solver_of("a_avgloss.log"), "-weights", "init.caffemodel")
     start = next(i for i, line in enumerate(lines) if "] Solving " in line)

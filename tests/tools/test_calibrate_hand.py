@@ -1,4 +1,4 @@
-"""tools/calibrate_hand.py: a skeleton file from annotated frames, which nets and fits can use."""
+"""tools/calibrate_hand.py: a skeleton file from annotated frames, for nets and fits."""
 
 import dataclasses
 import re
@@ -25,7 +25,7 @@ HAND = skeletons.load()
 
 @pytest.fixture(scope="module")
 def frames():
-    """60 frames of a hand that is a tenth smaller than the packaged one, with a longer thumb."""
+    """60 frames of a hand that is 10% smaller than the packaged one and has a longer thumb."""
     bones = 0.9 * HAND.bones * np.where(np.char.startswith(HAND.joint_names, "thumb"), 1.1, 1)
     inputs = BodySampler().draw(np.random.default_rng(3), 60).inputs
     inputs[:, :3] += 0.1 * HAND.initial[:3]
@@ -34,7 +34,7 @@ def frames():
 
 @pytest.fixture
 def work(tmp_path, monkeypatch, frames):
-    """The working directory, with me.h5."""
+    """Make a folder with me.h5 the working directory."""
     monkeypatch.chdir(tmp_path)
     write("me.h5", frames, half_cube=np.full(60, 125.0))
     return tmp_path
@@ -48,14 +48,14 @@ def write(path, joints, **more):
 
 
 def test_a_hand(work, frames):
-    """The file has the hand in the frames' unit, says where it is from, and fits the frames within its limits."""
+    """The skeleton is in the unit of the frames, names their source, and fits the frames within its limits."""
     _, out, err = run_tool("calibrate_hand", "me.h5", "--out", "me.prototxt", "--percentile", "0")
     assert not err and "wrote me.prototxt in " in out
     hand = skeletons.load(work / "me.prototxt")
     thumb = HAND.joint_names.index("thumb_dip")
     assert hand.name == "me" and hand.bones[thumb] == pytest.approx(0.99 * HAND.bones[thumb], rel=1e-3)
     line = next(line.split() for line in out.splitlines() if line.startswith("thumb_dip "))
-    assert line[1:3] == ["38.4", "38.0"]  # mm, before and after
+    assert line[1:3] == ["38.4", "38.0"]  # mm, before and after calibration
     assert "60 of 60 frames, " in out and "is 125 mm" in out and "thumb_tip_rot_z" in out
     text = (work / "me.prototxt").read_text()
     for fact in ("60 of the 60", "'me.h5'", "31 of 31", "half-cubes of 125 mm", "wrist_left_rot_y"):
@@ -66,7 +66,7 @@ def test_a_hand(work, frames):
 
 
 def test_the_same_frames_give_the_same_file(work):
-    """To the last byte; another draw of frames another one. An existing file is replaced with --force only."""
+    """The result is reproducible to the byte and depends on the seed; --force is required to replace a file."""
     command = ["me.h5", "--out", "me.prototxt", "--frames", "30", "--joints", "14", "--half-cube", "150"]
     done = run_tool("calibrate_hand", *command)
     first = (work / "me.prototxt").read_bytes()
@@ -83,7 +83,7 @@ def test_the_same_frames_give_the_same_file(work):
 
 
 def test_a_list_without_half_cube_and_an_own_template(work, frames):
-    """The files of a list make one set; the unit is NYU's. A result can be the next template."""
+    """The files of a list are one set in NYU's unit, and a result can be the next template."""
     write("a.h5", frames[:20])
     write("b.h5", frames[20:])
     (work / "train.txt").write_text("a.h5\nb.h5\n")
@@ -95,7 +95,7 @@ def test_a_list_without_half_cube_and_an_own_template(work, frames):
 
 
 def test_people_who_differ_are_warned_of(work):
-    """No hand has the joints of noise."""
+    """Frames that no single hand fits give a warning."""
     rng = np.random.default_rng(0)
     write(
         "noise.h5", np.clip(kinematics_of(HAND).joints(np.zeros((20, 47))) + rng.normal(0, 0.1, (20, 31, 3)), -0.9, 0.9)
@@ -119,7 +119,7 @@ def test_people_who_differ_are_warned_of(work):
     ],
 )
 def test_mistakes(work, frames, more, message):
-    """One line, exit status 1, no file."""
+    """An invalid input gives a one-line error, status 1 and no file."""
     write("few.h5", frames[:19])
     write("sixteen.h5", frames[:, :16])
     infinite = frames.copy()
@@ -151,12 +151,12 @@ def test_mistakes(work, frames, more, message):
     ],
 )
 def test_wrong_usage(work, more):
-    """Exit status 2."""
+    """Wrong usage gives exit status 2."""
     run_tool("calibrate_hand", "me.h5", "--out", "me.prototxt", *more, status=2)
 
 
 def test_the_frames_that_are_used_can_be_of_the_14_joints(work, frames):
-    """A file of 42 numbers a row."""
+    """Frames with the 14 evaluation joints, 42 numbers per row, are accepted."""
     write("fourteen.h5", frames[:, EVALUATION_JOINTS])
     run_tool("calibrate_hand", "fourteen.h5", "--out", "me.prototxt")
     assert "14 of 31 joints" in (work / "me.prototxt").read_text().replace("\n# ", " ")
@@ -166,7 +166,7 @@ def test_the_frames_that_are_used_can_be_of_the_14_joints(work, frames):
 
 
 def test_size_from_depth(tmp_path, monkeypatch):
-    """Five whole frames, the fewest, of a hand 0.9 times as large: its size to 3%, in a file that reads back."""
+    """The size of a hand 0.9 times as large is found within 3% from five frames, the minimum, and is saved."""
     monkeypatch.chdir(tmp_path)
     sampler, rng = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)), np.random.default_rng(2)
     hands = sampler.draw(rng, 5)
@@ -190,7 +190,7 @@ def test_size_from_depth(tmp_path, monkeypatch):
 
 
 def test_a_size_at_the_end_of_what_is_tried(tmp_path, monkeypatch):
-    """Is told as such: the hand may be larger still."""
+    """A size at the end of the search range is reported with a warning."""
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("a.png", np.full((424, 512), 700, np.uint16))
     for best, warned in ((20, True), (0, True), (19, False)):
@@ -212,5 +212,5 @@ def test_a_size_at_the_end_of_what_is_tried(tmp_path, monkeypatch):
     ],
 )
 def test_usage_with_depth(arguments, message):
-    """Status 2."""
+    """Wrong usage gives exit status 2 and a message."""
     assert message in run_tool("calibrate_hand", *arguments, status=2).err

@@ -1,4 +1,4 @@
-"""tools/compute_image_mean.py: the mean of a database, as a file for transform_param and as numbers."""
+"""tools/compute_image_mean.py: the mean of a database, as a file for transform_param and as printed numbers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tools.common.databases import write_databases
 
 @pytest.fixture
 def images(tmp_path, monkeypatch, rng):
-    """Seven, bytes (3, 4, 5), in the database db."""
+    """Seven images of bytes with shape (3, 4, 5), in the database db."""
     monkeypatch.chdir(tmp_path)
     images = rng.integers(0, 256, (7, 3, 4, 5)).astype(np.uint8)
     write(tmp_path / "db", [Datum(3, 4, 5, image.tobytes()) for image in images])
@@ -32,7 +32,7 @@ def write(path, datums):
 
 
 def test_the_mean(images):
-    """(1, C, H, W) in float32; what Caffe prints, number for number."""
+    """The mean is (1, C, H, W) in float32, and the printed numbers are those of Caffe."""
     done = run_tool("compute_image_mean", "-backend=lmdb", "db", "mean.binaryproto")
     mean = read_blob("mean.binaryproto")
     assert mean.shape == (1, 3, 4, 5) and mean.dtype == np.float32
@@ -43,7 +43,7 @@ def test_the_mean(images):
 
 
 def test_a_net_that_subtracts_it_has_the_mean_zero(images):
-    """Every value of the whole database, over the images."""
+    """After subtracting the mean image, the mean over all images is 0 for every pixel."""
     run_tool("compute_image_mean", "db", "mean.binaryproto")
     net = netlib.Net(prototxt.parse("""layer { name: "d" type: "Data" top: "x"
         data_param { source: "db" batch_size: 7 backend: LMDB }
@@ -54,7 +54,7 @@ def test_a_net_that_subtracts_it_has_the_mean_zero(images):
 
 
 def test_floats_and_pictures(tmp_path, images, rng):
-    """What else a Datum may hold."""
+    """The mean of floats and of encoded images is computed as well."""
     floats = rng.normal(size=(2, 1, 3, 4)).astype(np.float32)
     write(tmp_path / "floats", [Datum(1, 3, 4, float_data=one.ravel()) for one in floats])
     run_tool("compute_image_mean", "floats", "floats.binaryproto")
@@ -66,13 +66,13 @@ def test_floats_and_pictures(tmp_path, images, rng):
 
 
 def test_without_a_file(images, tmp_path):
-    """The numbers alone."""
+    """Without an output file only the numbers are printed."""
     assert len(run_tool("compute_image_mean", "db").out.splitlines()) == 4
     assert [path.name for path in tmp_path.iterdir()] == ["db"]
 
 
 def test_mistakes(tmp_path, images):
-    """One line each; no mean is written."""
+    """Errors are one line each, and no mean is written."""
     write(tmp_path / "sizes", [Datum(1, 1, 2, b"ab"), Datum(1, 2, 1, b"ab")])
     write(tmp_path / "bad", [Datum(1, 1, 2, b"abc")])
     refused = (["sizes", "m"], ["bad", "m"], ["none", "m"], ["db", "db"])
@@ -87,6 +87,6 @@ def test_mistakes(tmp_path, images):
 
 
 def test_wrong_usage():
-    """argparse's line, status 2."""
+    """Wrong usage gives argparse's message and status 2."""
     for argv in ([], ["db", "m", "more"], ["-backend", "leveldb", "db"]):
         run_tool("compute_image_mean", *argv, status=2)

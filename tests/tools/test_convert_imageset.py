@@ -1,4 +1,4 @@
-"""tools/convert_imageset.py: pictures in a database, as a Data layer reads them."""
+"""tools/convert_imageset.py: images in a database, as a Data layer reads them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NET = """layer {{ name: "d" type: "Data" top: "x" top: "t"
 
 @pytest.fixture
 def pictures(tmp_path, monkeypatch, rng):
-    """Five pictures of 6 x 8 px in p/, PNG and so without loss; list.txt gives them labels 10, 9, 8 ..."""
+    """Five PNG images of 6 x 8 pixels in p/, and list.txt with labels 10, 9, 8 ..."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "p").mkdir()
     images = rng.integers(0, 256, (5, 6, 8, 3)).astype(np.uint8)
@@ -30,19 +30,19 @@ def pictures(tmp_path, monkeypatch, rng):
 
 
 def batch(database="db", count=5, transform=""):
-    """The first batch of a net that reads the database: pictures and labels."""
+    """Return images and labels of the first batch of a net that reads the database."""
     tops = netlib.Net(prototxt.parse(NET.format(database, count, transform)), netlib.TEST).forward()
     return tops["x"], tops["t"].tolist()
 
 
 def entries(database="db"):
-    """Key -> Datum."""
+    """Return a dict from key to Datum."""
     _, found = read_database(database)
     return {what.split("'")[1]: schema.read(wire.decode(value, Datum), Datum) for what, value in found}
 
 
 def test_a_net_reads_the_same_pixels(pictures):
-    """Blue, green, red, as OpenCV has them; keys are Caffe's."""
+    """Pixels are in OpenCV's order blue, green, red, and keys are those of Caffe."""
     done = run_tool("convert_imageset", "p/", "list.txt", "db")
     x, t = batch()
     assert np.array_equal(x, pictures.transpose(0, 3, 1, 2)) and t == [10, 9, 8, 7, 6]
@@ -51,21 +51,21 @@ def test_a_net_reads_the_same_pixels(pictures):
 
 
 def test_gray(pictures):
-    """One channel, as OpenCV reads it."""
+    """-gray gives one channel, as OpenCV reads it."""
     run_tool("convert_imageset", "-gray", "p/", "list.txt", "db")
     wanted = [cv2.imread(f"p/im {i}.png", cv2.IMREAD_GRAYSCALE) for i in range(5)]
     assert np.array_equal(batch()[0][:, 0], wanted)
 
 
 def test_resize(pictures):
-    """To any size, by linear interpolation."""
+    """Images are resized to any size by linear interpolation."""
     run_tool("convert_imageset", "-resize_height=3", "--resize_width", "12", "p/", "list.txt", "db")
     wanted = [cv2.resize(image, (12, 3)).transpose(2, 0, 1) for image in pictures]
     assert np.array_equal(batch()[0], wanted)
 
 
 def test_shuffle(pictures):
-    """Another order, the same in every run; the number of the key is the place in it."""
+    """The shuffled order is the same in every run, and keys are numbered in that order."""
     run_tool("convert_imageset", "-shuffle", "p/", "list.txt", "a")
     run_tool("convert_imageset", "--shuffle=true", "p/", "list.txt", "b")
     (x, t), again = batch("a"), batch("b")
@@ -76,7 +76,7 @@ def test_shuffle(pictures):
 
 
 def test_encoded(pictures, tmp_path):
-    """The files themselves; a net decodes them to the same pixels."""
+    """-encoded stores the files themselves, which a net decodes to the same pixels."""
     run_tool("convert_imageset", "-encoded", "p/", "list.txt", "db")
     found = list(entries().values())
     assert all(datum.encoded for datum in found)
@@ -95,14 +95,14 @@ def test_encoded(pictures, tmp_path):
     ids=["another type", "gray", "resized"],
 )
 def test_encoded_anew(pictures, flags, magic, shape):
-    """Where the file is not what is wanted. Caffe would store the coloured file of -gray."""
+    """Images are encoded again if needed; with -gray Caffe would store the colour file."""
     run_tool("convert_imageset", *flags, "p/", "list.txt", "db")
     assert all(datum.data.startswith(magic) for datum in entries().values())
     assert batch()[0].shape == shape
 
 
 def test_pictures_that_cannot_be_read_are_left_out(pictures, tmp_path):
-    """They keep their numbers, as in Caffe, and are named."""
+    """Unreadable images are named and skipped, and the numbers of the others do not change, as in Caffe."""
     (tmp_path / "p/im 1.png").write_text("no picture")
     (tmp_path / "p/im 3.png").unlink()
     done = run_tool("convert_imageset", "p/", "list.txt", "db")
@@ -115,7 +115,7 @@ def test_pictures_that_cannot_be_read_are_left_out(pictures, tmp_path):
 
 
 def test_sizes(pictures):
-    """Pictures may differ, unless -check_size is given or -resize makes them equal."""
+    """Sizes may differ, unless -check_size is given; -resize makes them equal."""
     cv2.imwrite("p/im 3.png", pictures[0][:5])
     run_tool("convert_imageset", "p/", "list.txt", "db")
     assert [datum.height for datum in entries().values()] == [6, 6, 6, 5, 6]
@@ -140,7 +140,7 @@ def test_sizes(pictures):
     ],
 )  # fmt: skip
 def test_mistakes(pictures, tmp_path, argv, message):
-    """One line, status 1, and no database."""
+    """Errors are one line with status 1, and no database is written."""
     before = sorted(tmp_path.rglob("*"))
     assert run_tool("convert_imageset", *argv, status=1).err.splitlines()[-1] == message
     assert sorted(tmp_path.rglob("*")) == before
@@ -156,12 +156,12 @@ def test_mistakes(pictures, tmp_path, argv, message):
     ],
 )  # fmt: skip
 def test_wrong_usage(argv, message):
-    """argparse's line, status 2."""
+    """Wrong usage gives argparse's message and status 2."""
     assert message in run_tool("convert_imageset", *argv, status=2).err
 
 
 def test_progress(pictures, monkeypatch):
-    """Every picture of the list counts, whether it can be read or not."""
+    """The progress counts every image of the list, including unreadable ones."""
     counted = []
 
     class Bar(convert_imageset.ProgressBar):

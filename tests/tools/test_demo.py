@@ -1,4 +1,4 @@
-"""tools/demo.py: frames, and a picture of what was found in them."""
+"""tools/demo.py: depth frames, and a picture of the hands found in them."""
 
 import json
 import shlex
@@ -13,7 +13,7 @@ from tests.support.running import run_tool
 
 
 def test_demo(tmp_path, monkeypatch):
-    """Two depth frames that read back, a picture and the numbers of both, and a command that runs as it is printed."""
+    """The demo writes two depth frames, a picture and the joints, and prints a command that runs as printed."""
     monkeypatch.chdir(tmp_path)
     first, second = run_tool("demo", "--out", "my frames ö", "--frames", "2").out.splitlines()
     assert first.startswith("2 frames in ") and first.endswith(f": {Path('my frames ö/hands.png')}")
@@ -29,6 +29,6 @@ def test_demo(tmp_path, monkeypatch):
 
 
 def test_nowhere_to_write(tmp_path):
-    """Is one line."""
+    """A folder that cannot be created gives a one-line error."""
     (tmp_path / "file").touch()
     assert "expected a folder" in run_tool("demo", "--out", tmp_path / "file" / "d", status=1).err

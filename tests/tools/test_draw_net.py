@@ -14,7 +14,7 @@ input: "x" input_dim: 1 input_dim: 2 input_dim: 1 input_dim: 1
 
 
 def test_a_picture(tmp_path):
-    """The layers of one phase, in the direction asked for."""
+    """The layers of one phase are drawn in the requested direction."""
     pytest.importorskip("pydot")
     out = tmp_path / "net.raw"
     assert run_tool("draw_net", NET, out, "--phase", "TEST", "--rankdir", "TB", "--display_lrm").out == f"wrote {out}\n"
@@ -24,7 +24,7 @@ def test_a_picture(tmp_path):
 
 
 def test_old_formats(tmp_path):
-    """Layers of older prototxts are drawn as well; Caffe's own tool overlooks them."""
+    """Layers of older prototxts are drawn; Caffe's tool ignores them."""
     pytest.importorskip("pydot")
     (tmp_path / "old.prototxt").write_text(OLD)
     run_tool("draw_net", tmp_path / "old.prototxt", tmp_path / "old.raw")
@@ -32,7 +32,7 @@ def test_old_formats(tmp_path):
 
 
 def test_mistakes(tmp_path):
-    """One line, and nothing written."""
+    """Errors are one line, and nothing is written."""
     (tmp_path / "bad.prototxt").write_text('layer { nam: "x" }')
     error = run_tool("draw_net", tmp_path / "bad.prototxt", tmp_path / "net.raw", status=1).err
     assert "bad.prototxt:1:9: error: unknown field 'nam' (did you mean 'name'?)" in error and error.count("\n") == 1

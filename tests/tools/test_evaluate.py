@@ -1,4 +1,4 @@
-"""tools/evaluate.py: tables, JSON and the picture of published predictions."""
+"""tools/evaluate.py: tables, JSON and plots of published predictions."""
 
 import json
 import sys
@@ -21,7 +21,7 @@ FRAMES = 20
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
-    """Annotation of 20 ICVL frames, the same moved by 3 mm and by 30 mm along z, and the latter as x y z."""
+    """Annotations of 20 ICVL frames, the same moved by 3 mm and by 30 mm along z, and the latter also as x y z."""
     monkeypatch.chdir(tmp_path)
     truth = np.random.default_rng(0).normal((0, 0, 400), 30, (FRAMES, 16, 3))
     for name, move in (("truth", 0), ("near", 3), ("far", 30)):
@@ -35,7 +35,7 @@ def run(*arguments, dataset="icvl", status=0):
 
 
 def test_tables(files):
-    """What the figures are, one line per method, then one line per joint."""
+    """The table states the data, then has one line per method and one line per joint."""
     out = run("Near=near.txt", "Far hand=far.txt").out.splitlines()
     assert out[0] == (
         "ICVL, 20 frames of the test set's 1596, 16 joints: errors in mm between absolute positions in camera axes;"
@@ -48,7 +48,7 @@ def test_tables(files):
 
 
 def test_json(files):
-    """Everything, with both curves from 0 to 80 mm; --predictions may be given again."""
+    """JSON has all figures and both curves from 0 to 80 mm; --predictions may be repeated."""
     report = json.loads(run("Near=near.txt", "--predictions", "Far=far.txt", "--json").out)
     assert (report["dataset"], report["frames"], report["joints"]) == ("ICVL", FRAMES, 16)
     assert report["thresholds_mm"] == list(range(81))
@@ -60,21 +60,21 @@ def test_json(files):
 
 
 def test_formats(files):
-    """Predictions and annotation may each be x y z or u v d."""
+    """Predictions and annotations may each be x y z or u v d."""
     assert run("Far=far.txt").out == run("Far=far_xyz.txt", "--format", "xyz").out
     done = run("A=far.txt", "--groundtruth", "far_xyz.txt", "--groundtruth-format", "xyz", "--json")
     assert json.loads(done.out)["methods"][0]["mean_mm"] == pytest.approx(0, abs=1e-4)
 
 
 def test_wrong_format_is_noticed(files):
-    """Figures that no method has come with a question."""
+    """Implausible errors give a warning about the format."""
     err = run("Far=far_xyz.txt").err
     assert err.startswith("warning: far_xyz.txt: the mean error is ") and err.count("\n") == 1
     assert err.endswith("y up if xyz, and that the frames are those of ICVL\n")
 
 
 def test_pictures(files):
-    """Pictures of each format, with more methods than colours, and with names that matplotlib could misread."""
+    """Plots are written in each format, with more methods than colours, and names are not typeset by matplotlib."""
     pytest.importorskip("matplotlib")
     captured = run(*(f"_$n_{i}$=near.txt" for i in range(9)), "--plot", "a.png", "--json")
     assert captured.err == "wrote a.png\n" and json.loads(captured.out)
@@ -98,7 +98,7 @@ def test_pictures(files):
     ],
 )
 def test_wrong_usage(files, arguments, message):
-    """Arguments that make no sense end before any file is read."""
+    """Invalid arguments are rejected before any file is read."""
     assert message in run(*arguments, status=2).err.splitlines()[-1]
 
 
@@ -113,7 +113,7 @@ def test_wrong_usage(files, arguments, message):
     ],
 )
 def test_mistakes(files, arguments, message):
-    """A file that cannot be used is one line on stderr, and nothing on stdout."""
+    """A file that cannot be used gives one line on stderr and nothing on stdout."""
     (files / "short.txt").write_text("".join((files / "near.txt").read_text().splitlines(keepends=True)[:-1]))
     (files / "folder.png").mkdir()
     if "--plot" in arguments:
@@ -124,7 +124,7 @@ def test_mistakes(files, arguments, message):
 
 @pytest.mark.parametrize("plot", ["truth.png", "near.png"])
 def test_joints_are_not_drawn_over(files, plot):
-    """Neither the annotation nor predictions, whatever they are called."""
+    """Neither annotations nor predictions are overwritten by a plot, whatever their names."""
     for name in ("truth", "near"):
         (files / f"{name}.txt").rename(f"{name}.png")
     before = (files / plot).read_bytes()
@@ -134,20 +134,20 @@ def test_joints_are_not_drawn_over(files, plot):
 
 
 def test_joints_of_another_data_set(files):
-    """ICVL's 16 joints are not NYU's 14."""
+    """ICVL's 16 joints are rejected for NYU, which has 14."""
     done = run("A=near.txt", dataset="nyu", status=1)
     assert done.err == "truth.txt:1: found 48 numbers, expected 42 = 14 joints x 3\n"
 
 
 def test_without_matplotlib(files, monkeypatch):
-    """One line says how to get it; tables do without."""
+    """Without matplotlib a plot raises a one-line error, and tables still work."""
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     assert run("A=near.txt", "--plot", "a.png", status=1).err == "matplotlib is missing: pip install matplotlib\n"
     run("A=near.txt")
 
 
 def test_angles(tmp_path, monkeypatch):
-    """Predictions on the hand model have its angles, and one of three frames one beyond its limit; noise has none."""
+    """--angles reports the angles of predictions on the hand model and the frames beyond limits; noise is not on it."""
     monkeypatch.chdir(tmp_path)
     skeleton, rng = skeletons.load(), np.random.default_rng(0)
     inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 3).inputs
@@ -164,14 +164,14 @@ def test_angles(tmp_path, monkeypatch):
     bent, noise = (method["angles"] for method in json.loads(done.out)["methods"])
     assert bent["out_of_limits"] == pytest.approx(1 / 3) and noise["out_of_limits"] is None
     assert bent["free_residual_mm"] < 0.01 < 0.1 < bent["residual_mm"]
-    assert noise["free_residual_mm"] < noise["residual_mm"] < 8  # mm, the length of 5 mm of noise
+    assert noise["free_residual_mm"] < noise["residual_mm"] < 8  # mm; noise has a deviation of 5 mm per axis
     assert 0 < bent["error_deg"] < noise["error_deg"] < 60
     heads, cells = run("Bent=bent.txt", "--angles", dataset="nyu").out.splitlines()[-2:]
     assert heads.split()[:3] == ["method", "angle", "error"] and cells.endswith("33.33%")
 
 
 def test_published_predictions():
-    """The table of the methods that are published for NYU, both subjects apart."""
+    """The errors of published NYU predictions agree with the published table."""
     folder = ROOT.parent / "shared" / "data" / "nyu"
     if not folder.is_dir():
         pytest.skip("needs published predictions")

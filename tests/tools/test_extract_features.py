@@ -1,4 +1,4 @@
-"""tools/extract_features.py: blobs in databases, value for value."""
+"""tools/extract_features.py: the blobs of a net in databases."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ ENGINES = pytest.mark.parametrize("engine", ["plain", "fast"] if netlib.engine.h
 
 @pytest.fixture(autouse=True)
 def solvers(caffe_data, monkeypatch):
-    """The folder of a net that Caffe trained, with its data and weights: batches of five."""
+    """Change to the folder of a net that Caffe trained, with data and weights; the batch size is 5."""
     monkeypatch.chdir(caffe_data / "solvers")
 
 
 def features(path):
-    """Key -> its array (C, H, W)."""
+    """Return a dict from key to an array (C, H, W)."""
     _, entries = read_database(path)
     return {what.split("'")[1]: decode_datum(value, None, what)[0] for what, value in entries}
 
 
 @ENGINES
 def test_the_values_are_those_of_the_blobs(tmp_path, engine):
-    """Of every batch, in order. Blobs of two and four axes, of a layer in place, and a loss, which has none."""
+    """The values equal those of the blobs in every batch, with two and four axes, in place, and for a loss."""
     blobs = ["conv", "pool", "ip1", "loss"]
     databases = ",".join(str(tmp_path / blob) for blob in blobs)
     argv = ["init.caffemodel", "net.prototxt", ",".join(blobs), databases, "3", "lmdb", "--engine", engine]
@@ -47,7 +47,7 @@ def test_the_values_are_those_of_the_blobs(tmp_path, engine):
 
 
 def test_an_entry(tmp_path):
-    """Floats in a Datum, no bytes and no label."""
+    """A Datum holds floats, no bytes and no label."""
     run_tool("extract_features", "init.caffemodel", "net.prototxt", "ip2", tmp_path / "f", "1", "lmdb", "CPU")
     _, entries = read_database(tmp_path / "f")
     datum = schema.read(wire.decode(next(entries)[1], Datum), Datum)
@@ -56,7 +56,7 @@ def test_an_entry(tmp_path):
 
 
 def test_a_net_reads_them(tmp_path):
-    """Features are data for the next net."""
+    """A net can read the features as data."""
     run_tool(
         "extract_features", "init.caffemodel", "net.prototxt", "ip1", tmp_path / "f", "1", "lmdb", "GPU", "DEVICE_ID=0"
     )
@@ -68,13 +68,13 @@ def test_a_net_reads_them(tmp_path):
 
 
 def test_gpu_is_noted(tmp_path):
-    """Once."""
+    """The argument GPU gives one note."""
     done = run_tool("extract_features", "init.caffemodel", "net.prototxt", "ip1", tmp_path / "f", "1", "lmdb", "GPU")
     assert done.err == "GPU is accepted, but this runs on the CPU\n"
 
 
 def test_mistakes(tmp_path):
-    """One line each, and no database."""
+    """Errors are one line each, and no database is written."""
     deep = tmp_path / "deep.prototxt"
     deep.write_text('layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 dim: 1 '
                     "dim: 1 dim: 1 } } }")  # fmt: skip
@@ -97,7 +97,7 @@ def test_mistakes(tmp_path):
 
 
 def test_wrong_usage():
-    """argparse's line, status 2."""
+    """Wrong usage gives argparse's message and status 2."""
     for argv, message in (
         (["w", "n", "a,b", "d", "1", "lmdb"], "2 blobs, but 1 databases; expected one per blob"),
         (["w", "n", "a", "d", "0", "lmdb"], "expected an integer of at least 1, found '0'"),

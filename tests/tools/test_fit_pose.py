@@ -1,4 +1,4 @@
-"""tools/fit_pose.py: angles for a text file of joints, or for a list of HDF5 files."""
+"""tools/fit_pose.py: joint angles for a text file of joints, or for a list of HDF5 files."""
 
 import re
 import shutil
@@ -31,7 +31,7 @@ def inputs():
 
 @pytest.fixture
 def joints(inputs, tmp_path, monkeypatch):
-    """xyz.txt and uvd.txt: the 14 joints of hands 800 mm before the camera, which are returned in mm."""
+    """Write the 14 joints of hands 800 mm away to xyz.txt and uvd.txt, and return them in mm."""
     monkeypatch.chdir(tmp_path)
     xyz = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * CUBE_MM / 2 + (20, -30, 800)
     np.savetxt("xyz.txt", xyz.reshape(FRAMES, -1), fmt="%.6f")
@@ -41,7 +41,7 @@ def joints(inputs, tmp_path, monkeypatch):
 
 @pytest.fixture
 def data(inputs, tmp_path, monkeypatch):
-    """data/train.txt and its two files of frames: depth and joints."""
+    """Write data/train.txt and its two files with depth and joints."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data").mkdir()
     rows = kinematics_of(SKELETON).joints(inputs).reshape(FRAMES, 93).clip(-1, 1)
@@ -53,14 +53,14 @@ def data(inputs, tmp_path, monkeypatch):
 
 
 def mistake(*arguments):
-    """The one line that a mistake prints."""
+    """Return the one line that an error prints."""
     lines = run_tool("fit_pose", *arguments, status=1).err.splitlines()
     assert len(lines) == 1, lines
     return lines[0]
 
 
 def placed(path):
-    """The 14 joints in mm where the angles of a file put them."""
+    """Return the 14 joints in mm for the angles of a file."""
     with h5py.File(path) as file:
         half, center = file["half_cube"][...][:, None, None], file["center"][...][:, None]
         return kinematics_of(SKELETON).joints(file["dof"][...])[:, EVALUATION_JOINTS] * half + center
@@ -71,7 +71,7 @@ def placed(path):
 
 @pytest.mark.parametrize("fmt", ["xyz", "uvd"])
 def test_the_joints_of_a_text_file(joints, fmt):
-    """The model, at the angles that are written, has its joints where they were given; a line says how nearly."""
+    """With the written angles the model's joints are at the given positions, and the residual is printed."""
     done = run_tool("fit_pose", f"{fmt}.txt", "--format", fmt, "--out", "new/angles.h5")
     figures = (
         r"5 frames in \d+ s: residual 0.000\d mm \(mean over joints\), 0.000\d median frame, 0.000\d worst frame; "
@@ -85,14 +85,14 @@ def test_the_joints_of_a_text_file(joints, fmt):
 
 
 def test_without_out_only_the_figures_are_told(joints, tmp_path):
-    """Nothing is written."""
+    """Without --out only the residuals are printed."""
     before = sorted(tmp_path.iterdir())
     assert run_tool("fit_pose", "uvd.txt").out.startswith("5 frames in ")
     assert sorted(tmp_path.iterdir()) == before
 
 
 def test_some_of_the_frames(joints):
-    """Spread evenly, the first and the last among them; the file says which they are."""
+    """--frames selects evenly spaced frames, including the first and the last, and stores their indices."""
     run_tool("fit_pose", "uvd.txt", "--frames", "3", "--out", "angles.h5")
     with h5py.File("angles.h5") as file:
         assert file["index"][...].tolist() == [0, 2, 4]
@@ -100,7 +100,7 @@ def test_some_of_the_frames(joints):
 
 
 def test_the_swarm(joints):
-    """The paper's way, with few particles: somewhere near, and within the limits."""
+    """--swarm, the paper's method, finds a coarse pose within the limits with few particles."""
     done = run_tool("fit_pose", "uvd.txt", "--swarm", "--particles", "16", "--generations", "30", "--out", "angles.h5")
     out = done.out
     assert 5 < float(re.search(r"residual (\S+) mm", out)[1]) < 80
@@ -109,7 +109,7 @@ def test_the_swarm(joints):
 
 
 def test_limits_and_ridge(joints):
-    """A hand a third larger than the model's needs angles out of their limits; a ridge costs residual."""
+    """For a hand 1.3 times as large, --no-limits exceeds the limits and --ridge increases the residual."""
     large = joints.mean(axis=1, keepdims=True) + 1.3 * (joints - joints.mean(axis=1, keepdims=True))
     np.savetxt("large.txt", large.reshape(FRAMES, -1))
     residuals, broken = [], []
@@ -133,7 +133,7 @@ def test_another_hand(joints, tmp_path):
 
 
 def test_the_files_of_a_list(data, tmp_path):
-    """Each gets its angles and the name of its data, and the list names them: a training set to be read."""
+    """Each file gets a file of angles that refers to its data, and a list of them that can be used for training."""
     captured = run_tool("fit_pose", "data/train.txt", "--out", "angles")
     assert captured.out.startswith("5 frames in ")
     assert captured.err.splitlines()[1].startswith("2 of 2: angles/part_1.h5, 0.0")
@@ -148,7 +148,7 @@ def test_the_files_of_a_list(data, tmp_path):
 
 
 def test_a_second_run_keeps_what_is_there(data, tmp_path):
-    """And prints the same figures."""
+    """A second run keeps the files and prints the same residuals."""
     figures, made = [], []
     for _ in range(2):
         figures.append(run_tool("fit_pose", "data/train.txt", "--out", "angles").out.split(": ")[1])
@@ -157,7 +157,7 @@ def test_a_second_run_keeps_what_is_there(data, tmp_path):
 
 
 def test_the_data_are_not_written_over(data, tmp_path):
-    """By angles in the same folder."""
+    """Writing the angles to the folder of the data raises an error."""
     before = (tmp_path / "data" / FILES[0]).read_bytes()
     shutil.copy("data/train.txt", "train.txt")
     line = mistake("train.txt", "--out", "data")
@@ -167,7 +167,7 @@ def test_the_data_are_not_written_over(data, tmp_path):
 
 @pytest.mark.parametrize("name", [*FILES, "train.txt"])
 def test_other_data_are_not_replaced(data, tmp_path, name):
-    """Neither another data set of the same names, nor its list, nor what is broken or anybody's."""
+    """Other data sets, lists and files in the output folder are not replaced."""
     run_tool("fit_pose", "data/train.txt", "--out", "angles")
     place = tmp_path / "angles" / name
     contents = ["notes"] if name == "train.txt" else ["notes", (tmp_path / "data" / name).read_bytes()]
@@ -208,7 +208,7 @@ def test_other_data_are_not_replaced(data, tmp_path, name):
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_mistakes(joints, data, tmp_path, arguments, message):
-    """One line each."""
+    """Errors are one line each."""
     for name, text in {
         "empty.txt": "",
         "short.txt": "1 2 3\n",
@@ -243,5 +243,5 @@ def test_mistakes(joints, data, tmp_path, arguments, message):
     ids=" ".join,
 )
 def test_usage(options):
-    """Wrong usage is argparse's own message and status 2."""
+    """Wrong usage gives argparse's message and status 2."""
     run_tool("fit_pose", "uvd.txt", *options, status=2)

@@ -1,4 +1,4 @@
-"""tools/make_recording.py: a recording and its truth, which fit together."""
+"""tools/make_recording.py: a recording and its ground truth."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ SHORT = ["--camera", "icvl", "--seconds", "0.4", "--rate", "10"]
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty folder."""
+    """Make an empty folder the working directory."""
     monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["take.npz", "take", "new/folder/take"])
 def test_a_recording_and_its_truth(name: str) -> None:
-    """What is written is what the recording is, frame by frame, and the truth is read back; folders are made."""
+    """The recording equals its generator frame by frame, the truth can be read back, and folders are created."""
     truth = Path(name).with_name("take.truth.json")
     done = run_tool("make_recording", "rest", *SHORT, "--seed", "5", "--out", name)
     assert done.out == f"wrote {name}: 4 frames of 0.4 s, unit 1 mm; ground truth in {truth}\n"
@@ -47,7 +47,7 @@ def test_a_recording_and_its_truth(name: str) -> None:
 
 
 def test_options() -> None:
-    """The other hand, no noise, nothing overwritten without --force."""
+    """--hand and --clean take effect, and existing files are replaced only with --force."""
     run_tool("make_recording", "rest", *SHORT, "--hand", "left", "--clean", "--out", "a.npz")
     assert read_track("a.truth.json").frames[0].hands[0].hand == "left"
     first, last = list(open_recording("a.npz"))[:: len(list(open_recording("a.npz"))) - 1]
@@ -62,7 +62,7 @@ def test_options() -> None:
 
 
 def test_a_recording_that_is_stopped_keeps_whole_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the frames till then, in both."""
+    """After an interruption both files are complete up to the same frame."""
     frame = SyntheticRecording.frame
 
     def interrupted(self: SyntheticRecording, number: int) -> object:
@@ -78,7 +78,7 @@ def test_a_recording_that_is_stopped_keeps_whole_files(monkeypatch: pytest.Monke
 
 
 def contents() -> dict[str, bytes]:
-    """All files below the working directory."""
+    """Return the content of all files below the working directory."""
     return {str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()}
 
 
@@ -94,7 +94,7 @@ PLACES = {
 @pytest.mark.parametrize("is_there", [True, False], ids=["over an old one", "a new one"])
 @pytest.mark.parametrize("place", PLACES)
 def test_a_full_disk_leaves_the_old_pair_or_none(monkeypatch: pytest.MonkeyPatch, place: str, is_there: bool) -> None:
-    """Wherever it strikes, the recording and its truth stay what they were."""
+    """If the disk is full at any step, the recording and its truth are unchanged."""
     name, where, at = PLACES[place]
     if name.endswith(".mkv"):
         pytest.importorskip("av")
@@ -117,7 +117,7 @@ def test_a_full_disk_leaves_the_old_pair_or_none(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_truth_that_cannot_take_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Once the recording is a new one, the old truth does not stay beside it."""
+    """If the truth cannot be replaced after the recording was, the old truth is removed."""
     run_tool("make_recording", "rest", *SHORT, "--seed", "1", "--out", "a.npz")
     before, take_place = contents(), atomic.commit
 
@@ -132,14 +132,14 @@ def test_a_truth_that_cannot_take_its_place(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_truth_that_cannot_be_written() -> None:
-    """Is told before anything is."""
+    """A truth that cannot be written is reported before anything is written."""
     Path("a.truth.json").mkdir()
     done = run_tool("make_recording", "rest", *SHORT, "--out", "a", "--force", status=1)
     assert done.err == "a.truth.json: Is a directory\n" and not Path("a").exists()
 
 
 def test_wrong_usage() -> None:
-    """Ends with 2."""
+    """Wrong usage gives exit status 2; an unsupported or invalid output gives status 1."""
     for words in (
         ["wave", "--out", "a"],
         ["rest"],

@@ -30,22 +30,22 @@ TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 
 @pytest.fixture(autouse=True)
 def files_of_40_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    """So that few frames make several files."""
+    """Set the number of frames per file to 40, so that few frames make several files."""
     monkeypatch.setattr(parts, "FRAMES_PER_FILE", 40)
 
 
 def arguments(out: Path, *more: str, train: int = 70) -> list[str]:
-    """A small run in this process, of frames from two blocks of 64."""
+    """Return the arguments of a small run in this process, with frames from two blocks of 64."""
     return ["--out", str(out), "--train", str(train), "--test", "10", "--workers", "1", *more]
 
 
 def names(folder: Path) -> list[str]:
-    """All that is in a folder, hidden files too."""
+    """Return the names of all files in a folder, including hidden ones."""
     return sorted(path.name for path in folder.iterdir())
 
 
 class Made(NamedTuple):
-    """The folder that a run has written, and what it printed."""
+    """The folder that a run has written, and its output."""
 
     folder: Path
     done: Done
@@ -53,7 +53,7 @@ class Made(NamedTuple):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Made]:
-    """What a small run of either kind writes, for tests that only read it or that go on from a copy."""
+    """The results of a small run of either kind, for tests that only read them or work on a copy."""
     folder = tmp_path_factory.mktemp("made")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(parts, "FRAMES_PER_FILE", 40)
@@ -63,7 +63,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Made]:
 
 
 def test_files_and_lists(made: dict[str, Made]) -> None:
-    """Every frame is there once, in order, as the generator draws it; the lists name the files."""
+    """Every frame occurs once, in order, as the generator draws it, and the lists name the files."""
     folder, done = made["files"]
     assert names(folder) == ["test.txt", "test_000.h5", "train.txt", "train_000.h5", "train_001.h5"]
     assert (folder / "train.txt").read_text() == f"{folder}/train_000.h5\n{folder}/train_001.h5\n"
@@ -78,7 +78,7 @@ def test_files_and_lists(made: dict[str, Made]) -> None:
 
 
 def test_depth_can_be_mapped(tmp_path: Path) -> None:
-    """Frames lie in the file in one piece, neither chunked nor compressed, from a page border on."""
+    """Depth is contiguous in the file, neither chunked nor compressed, and starts at a page boundary."""
     run_tool("make_synthetic", *arguments(tmp_path, train=10))
     with h5py.File(tmp_path / "train_000.h5") as file:
         depth = file["depth"]
@@ -89,16 +89,16 @@ def test_depth_can_be_mapped(tmp_path: Path) -> None:
 
 
 def test_second_run_keeps_everything(made: dict[str, Made], tmp_path: Path) -> None:
-    """A run that is already done touches nothing and says so."""
+    """A second run changes no file and reports that all exist."""
     shutil.copytree(made["files"].folder, tmp_path, dirs_exist_ok=True)
-    run_tool("make_synthetic", *arguments(tmp_path))  # the lists name other paths now
+    run_tool("make_synthetic", *arguments(tmp_path))  # rewrites the lists with the new paths
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert "exist already" in run_tool("make_synthetic", *arguments(tmp_path)).out
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
 def test_other_parameters_are_made_again(made: dict[str, Made], tmp_path: Path) -> None:
-    """Another seed replaces synthetic data; a larger number of frames keeps the files that do not change."""
+    """A larger number of frames keeps unchanged files; another seed replaces all."""
     shutil.copytree(made["files"].folder, tmp_path, dirs_exist_ok=True)
     first = (tmp_path / "train_000.h5").read_bytes()
     run_tool("make_synthetic", *arguments(tmp_path, train=110))
@@ -109,7 +109,7 @@ def test_other_parameters_are_made_again(made: dict[str, Made], tmp_path: Path) 
 
 
 def test_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> None:
-    """Files of two processes are equal to those of one, to the byte."""
+    """Files of two processes equal those of one, byte for byte."""
     run_tool("make_synthetic", *arguments(tmp_path)[:-1], "2")
     for name in ("train_000.h5", "train_001.h5", "test_000.h5"):
         assert (tmp_path / name).read_bytes() == (made["files"].folder / name).read_bytes()
@@ -117,7 +117,7 @@ def test_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["train_001.h5", "elsewhere.h5"])
 def test_real_data_is_left_alone(tmp_path: Path, name: str) -> None:
-    """Data made from NYU, in the way or named by the list in the way, is not replaced without --force."""
+    """Data made from NYU are not replaced without --force, neither directly nor in a list."""
     with h5py.File(tmp_path / name, "w") as file:
         file.attrs["made_from"] = "NYU"
     (tmp_path / "train.txt").write_text(f"{tmp_path / name}\n")
@@ -128,14 +128,14 @@ def test_real_data_is_left_alone(tmp_path: Path, name: str) -> None:
 
 
 def test_unknown_file_is_left_alone(tmp_path: Path) -> None:
-    """Something that is no HDF5 file is not replaced either."""
+    """A file that is not HDF5 is not replaced."""
     (tmp_path / "test_000.h5").write_text("my notes")
     assert "not a readable HDF5 file" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
     assert (tmp_path / "test_000.h5").read_text() == "my notes"
 
 
 def test_a_list_of_others_is_left_alone(tmp_path: Path) -> None:
-    """Also where what it names is not there from here; our own may be named from another folder."""
+    """A list of unknown files is not replaced, even if they are missing; own files may have paths from elsewhere."""
     (tmp_path / "train.txt").write_text("real/train_000.h5\n")
     done = run_tool("make_synthetic", *arguments(tmp_path, train=5), status=1)
     assert "train.txt: names 'real/train_000.h5', which is not there" in done.err
@@ -146,7 +146,7 @@ def test_a_list_of_others_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_failure_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run that fails in its second file keeps the first, and nothing else; the next run completes it."""
+    """A run that fails in its second file keeps only the first; the next run completes the data."""
     whole = files.generate
 
     def failing(count: int, generator: Generator, workers: int, start: int) -> Iterator[object]:
@@ -164,13 +164,13 @@ def test_failure_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_small_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Too little room is found out before the work."""
+    """Insufficient disk space is reported before the work."""
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**6, 0, 10**6))  # type: ignore[attr-defined]
     assert "needs 5 MB, 1 MB are free" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
 
 
 def test_disk_that_fills(tmp_path: Path) -> None:
-    """A write that fails inside HDF5 is one line with the plain reason, and leaves nothing."""
+    """A failed write inside HDF5 is reported on one line with its reason and leaves no file."""
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, 4_000_000))
@@ -183,21 +183,21 @@ def test_disk_that_fills(tmp_path: Path) -> None:
 
 
 def test_folder_that_cannot_be(tmp_path: Path) -> None:
-    """A file where the folder should be is one clear line."""
+    """A file in place of the output folder gives a one-line error."""
     (tmp_path / "file").write_text("")
     assert run_tool("make_synthetic", *arguments(tmp_path / "file"), status=1).err.count("\n") == 1
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
 def test_read_only_folder(tmp_path: Path) -> None:
-    """A folder that may not be written to is one clear line."""
+    """A read-only folder is reported."""
     tmp_path.chmod(0o555)
     assert "Permission denied" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
-    """Ctrl-C and SIGTERM end the run and its workers quietly, leaving whole files only."""
+    """Ctrl-C and SIGTERM end the run and its workers with one line, leaving only complete files."""
     out = tmp_path / "out"
     command = [sys.executable, str(TOOL), "--out", str(out), "--train", "100000", "--workers", "2"]
     with subprocess.Popen(
@@ -218,7 +218,7 @@ def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
     "wrong", [("--train", "0"), ("--workers", "-1"), ("--seed", "x"), ("--seed", "4294967296"), ("--tset", "5")]
 )
 def test_usage(wrong: tuple[str, str]) -> None:
-    """Wrong numbers and options exit 2 and are named."""
+    """Invalid options give exit status 2 and are named."""
     assert wrong[0] in run_tool("make_synthetic", *wrong, status=2).err
 
 
@@ -231,12 +231,12 @@ def test_help() -> None:
 
 
 def raw(out: Path, *more: str, train: int = 5) -> list[str]:
-    """A small run with --raw."""
+    """Return the arguments of a small run with --raw."""
     return ["--raw", "--out", str(out), "--train", str(train), "--test", "3", "--workers", "1", *more]
 
 
 def test_raw_files(made: dict[str, Made]) -> None:
-    """One folder per split, with one image per frame and the labels of all 36 joints, not clipped to the cube."""
+    """Each split is a folder with one image per frame and the labels of all 36 joints, not clipped to the cube."""
     folder, done = made["raw"]
     images = [frame_name(i) for i in range(70)]
     assert names(folder / "train") == [*images, "joint_data.mat", "synthetic.json"]
@@ -250,7 +250,7 @@ def test_raw_files(made: dict[str, Made]) -> None:
 
 
 def test_raw_images_are_solid(made: dict[str, Made]) -> None:
-    """The hand has no grid of holes where the crop picks every other pixel."""
+    """The hand has no grid of holes, although the crop uses every other pixel."""
     for i in range(5):
         seen = (nyu_files.read_nyu_depth(made["raw"].folder / "train" / frame_name(i)) > 0).astype(np.uint8)
         closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
@@ -258,7 +258,7 @@ def test_raw_images_are_solid(made: dict[str, Made]) -> None:
 
 
 def test_raw_keeps_what_is_there(tmp_path: Path) -> None:
-    """The same again is kept; fewer frames leave none of the others behind; without labels nothing is whole."""
+    """A second run keeps the files; fewer frames remove the others; without labels the split is written again."""
     run_tool("make_synthetic", *raw(tmp_path))
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()}
     assert "exist already" in run_tool("make_synthetic", *raw(tmp_path)).out
@@ -271,7 +271,7 @@ def test_raw_keeps_what_is_there(tmp_path: Path) -> None:
 
 
 def test_raw_leaves_real_data_alone(tmp_path: Path) -> None:
-    """A folder that this tool did not make is not written to without --force."""
+    """A folder that another program made is not changed without --force."""
     (tmp_path / "train").mkdir()
     (tmp_path / "train" / frame_name(0)).write_text("a real frame")
     error = run_tool("make_synthetic", *raw(tmp_path), status=1).err
@@ -281,7 +281,7 @@ def test_raw_leaves_real_data_alone(tmp_path: Path) -> None:
 
 
 def test_raw_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> None:
-    """Images of two processes are equal to those of one, and so are the labels."""
+    """Images and labels of two processes equal those of one."""
     assert run_tool("make_synthetic", *raw(tmp_path, train=70)[:-1], "2").err == ""
     for name in (frame_name(0), frame_name(69)):
         assert (made["raw"].folder / "train" / name).read_bytes() == (tmp_path / "train" / name).read_bytes()
@@ -292,7 +292,7 @@ def test_raw_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> No
 
 
 def test_places(tmp_path: Path) -> None:
-    """What a locator learns from, in files that a data layer reads; recipes are for hands."""
+    """--places writes training data for a locator; --recipe applies only to hands."""
     out = str(tmp_path / "places")
     done = run_tool("make_synthetic", "--places", "--out", out, "--train", "5", "--test", "3", "--workers", "1")
     assert done.out.startswith(f"{out}: 5 train and 3 test places (synthetic, seed 0); made 8 of them in")
@@ -305,7 +305,7 @@ def test_places(tmp_path: Path) -> None:
 
 
 def test_another_body_is_left_alone(tmp_path: Path) -> None:
-    """Its frames are replaced with --force alone."""
+    """Frames of another body are replaced only with --force."""
     body = ["--body", str(NYU_HAND.parents[1] / "body" / "arm_prior.prototxt")]
     run_tool("make_synthetic", *arguments(tmp_path, train=10))
     before = (tmp_path / "train_000.h5").read_bytes()

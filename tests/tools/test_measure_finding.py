@@ -1,4 +1,4 @@
-"""tools/measure_finding.py: in how many scenes the hand is found."""
+"""tools/measure_finding.py: the fraction of scenes in which the hand is found."""
 
 import json
 
@@ -8,7 +8,7 @@ from tests.support.running import run_tool
 
 
 def test_a_table():
-    """A row for each kind of scene that was drawn, and one for all; most hands are found."""
+    """The table has a row for each kind of scene and one for all; most hands are found."""
     first, names, *rows = run_tool("measure_finding", "--scenes", "6", "--seed", "3", "--fit", "fast").out.splitlines()
     assert first.startswith("6 scenes, seed 3, fast fit, ")
     assert names.split() == ["scenes", "count", "found", "right", "located", "mean", "median"]
@@ -17,7 +17,7 @@ def test_a_table():
 
 
 def test_where_nothing_is_found(monkeypatch):
-    """The scene counts as one that is not found; it has no error."""
+    """A scene without a detection counts as not found and has no error."""
 
     def nothing(self, depth, camera):
         raise DataError("what may be a hand is out of sight")
@@ -30,7 +30,7 @@ def test_where_nothing_is_found(monkeypatch):
 
 
 def test_json():
-    """The same figures."""
+    """JSON has the same rows."""
     report = json.loads(run_tool("measure_finding", "--scenes", "2", "--fit", "fast", "--json").out)
     assert [row["scenes"] for row in report["rows"]] == ["forearm", "body", "all"]
     assert all(0 <= row["found"] <= 1 and row["mean"] > 0 for row in report["rows"]) and report["ms"] > 0

@@ -11,7 +11,7 @@ from tests.support.running import run_tool
 
 @pytest.mark.parametrize("options", [[], ["--left"]])
 def test_true_joints_are_read_as_shown(options: list[str]) -> None:
-    """The first gestures of a recording, from its truth, with nothing taken for another one."""
+    """The true joints of a recording are recognised as the gestures shown."""
     done = run_tool("measure_gestures", "--truth", "--seconds", "8", "--seeds", "1", "--json", *options)
     found = json.loads(done.out)
     judged = {name: row for name, row in found["frames"].items() if any(row.values())}
@@ -20,6 +20,6 @@ def test_true_joints_are_read_as_shown(options: list[str]) -> None:
 
 
 def test_a_table() -> None:
-    """A row for each gesture, tracked; in frames that are too few to judge there is nothing to divide by."""
+    """The table has a row for each gesture, and a recording too short to judge gives no division by zero."""
     lines = run_tool("measure_gestures", "--seconds", "0.2", "--cameras", "icvl").out.splitlines()
     assert len(lines) == 1 + 8 + 1 and "of 0 frames" in lines[-1]

@@ -1,4 +1,4 @@
-"""tools/measure_tracking.py: a row for each hand, and one for all."""
+"""tools/measure_tracking.py: a row for each hand and one for all."""
 
 import json
 
@@ -8,7 +8,7 @@ SHORT = ["--cameras", "icvl", "--seconds", "0.3", "--rate", "10"]
 
 
 def test_a_table():
-    """Both hands of one recording and the only one of the other; columns without figures are left out."""
+    """The table has a row for each hand of both recordings; columns without values are omitted."""
     done = run_tool("measure_tracking", "--scripts", "rest", "left", "--seeds", "3", *SHORT)
     first, names, *rows = done.out.splitlines()
     assert first == "6 frames, 10 per second, fast fit, smoothed; mm, lag in ms"
@@ -22,7 +22,7 @@ def test_a_table():
 
 
 def test_json():
-    """The same figures, and those of frames alone; what nothing is known of is null."""
+    """JSON has the same values and those of single frames; unknown values are null."""
     argv = ["--scripts", "rest", "--seeds", "3", "--raw", "--frame-by-frame", "2", "--json", *SHORT]
     report = json.loads(run_tool("measure_tracking", *argv).out)
     hand, total = report["rows"]
@@ -33,6 +33,6 @@ def test_json():
 
 
 def test_a_rate_that_no_camera_has():
-    """Is wrong usage: the run would not end."""
+    """An excessive rate is a usage error, because the run would not end."""
     done = run_tool("measure_tracking", "--scripts", "rest", "--rate", "1e300", status=2)
     assert "argument --rate: expected a number greater than 0 and at most" in done.err

@@ -1,4 +1,4 @@
-"""tools/package_model.py and tools/measure_fit.py: a small file of weights, and what it is worth."""
+"""tools/package_model.py and tools/measure_fit.py: a compressed file of weights and its errors."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ DEPLOY = str(SYNTHETIC_HAND / "deploy.prototxt")
 
 
 def test_packaging(tmp_path, monkeypatch):
-    """A file that nets read, with tables of both plans, from the fewest frames; its checksum is printed."""
+    """The packaged file is smaller, can be loaded, and has error tables for both plans; its checksum is printed."""
     monkeypatch.chdir(tmp_path)
     netlib.Net(DEPLOY, read_card(SYNTHETIC_HAND).weights, netlib.TEST).save("big.caffemodel.h5")
     arguments = ["big.caffemodel.h5", "--model", DEPLOY, "--out", "small.caffemodel.h5", "--bits", "6"]
@@ -33,7 +33,7 @@ def test_packaging(tmp_path, monkeypatch):
 
 
 def test_a_net_without_a_hand(tmp_path):
-    """Is rounded and compressed, and that is all."""
+    """The weights of a net without a hand are rounded and compressed only."""
     net = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST, seed=1)
     net.save(tmp_path / "big.caffemodel.h5")
     deploy, out = str(HAND_LOCATOR / "deploy.prototxt"), tmp_path / "small.caffemodel.h5"
@@ -45,7 +45,7 @@ def test_a_net_without_a_hand(tmp_path):
 
 
 def test_figures_as_json():
-    """The network and each plan, in every range of the roll; the mirror image where it was asked for."""
+    """JSON has the network and each plan, in total and for each range of the roll angle."""
     arguments = ["--frames", "20", "--recipes", "any_roll", "--plans", "fast", "--hands", "--roll", "--json"]
     report = json.loads(run_tool("measure_fit", *arguments).out)
     network, fast = report["rows"][:2]
@@ -55,7 +55,7 @@ def test_figures_as_json():
 
 
 def test_terms():
-    """A table with a line for each term that is left out."""
+    """--terms prints a line for each term that is left out."""
     lines = run_tool("measure_fit", "--frames", "4", "--recipes", "nyu", "--plans", "fast", "--terms").out.splitlines()
     assert lines[0].startswith("4 frames per recipe, seed 0")
     assert [line for line in lines if " silhouette " in line] and [line for line in lines if " thickness " in line]
@@ -71,12 +71,12 @@ def test_terms():
     ],
 )
 def test_usage(tool, arguments, message):
-    """Status 2."""
+    """Wrong usage gives exit status 2."""
     assert message in run_tool(tool, *arguments, status=2).err
 
 
 def test_no_folder(tmp_path):
-    """Is told before the work."""
+    """A missing folder is reported before the work."""
     out = tmp_path / "nowhere" / "x.h5"
     done = run_tool("package_model", "a.h5", "--model", DEPLOY, "--out", out, status=1)
     assert f"{out}: folder {out.parent} does not exist" in done.err
@@ -84,7 +84,7 @@ def test_no_folder(tmp_path):
 
 @pytest.mark.parametrize("place", ["", ".", "/"])
 def test_a_place_that_is_a_folder(tmp_path, monkeypatch, place):
-    """Is told before the work."""
+    """A folder as the output is reported before the work."""
     monkeypatch.chdir(tmp_path)
     done = run_tool("package_model", "a.h5", "--model", DEPLOY, "--out", place, status=1)
     assert done.err == f"{place or '.'}: Is a directory\n"
@@ -92,7 +92,7 @@ def test_a_place_that_is_a_folder(tmp_path, monkeypatch, place):
 
 @pytest.mark.parametrize("frames", ["1", "4", "16", "20"])
 def test_too_few_frames(tmp_path, frames):
-    """For a covariance that has an inverse; the line says how many are enough."""
+    """Too few frames for an invertible covariance raise an error with the required number."""
     weights, out = str(read_card(SYNTHETIC_HAND).weights), str(tmp_path / "x.h5")
     assert run_tool("package_model", weights, "--model", DEPLOY, "--out", out, "--frames", frames, status=1).err == (
         f"--frames {frames} is too few for the covariance of 20 inputs; expected --frames 21 or more\n"

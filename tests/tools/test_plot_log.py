@@ -1,4 +1,4 @@
-"""tools/plot_log.py: reads this project's logs and Caffe's."""
+"""tools/plot_log.py: plots of this project's logs and of Caffe's."""
 
 import errno
 from pathlib import Path
@@ -21,7 +21,7 @@ I20261121 01:57:02.9 1 solver.cpp:327] Iteration 6, loss = nan
 
 
 def test_curves(tmp_path):
-    """Losses, train and test outputs with their iterations; a NaN is kept."""
+    """Losses, train and test outputs are read with their iterations, including NaN."""
     (tmp_path / "a.log").write_text(LOG)
     log = plot_log.read_log(tmp_path / "a.log")
     assert log.loss[:2] == [(0, 2.4), (3, 0.001)] and log.loss[2][0] == 6
@@ -29,7 +29,7 @@ def test_curves(tmp_path):
 
 
 def test_picture(tmp_path):
-    """Two logs make one picture."""
+    """Two logs are plotted in one image."""
     for name in ("a", "b"):
         (tmp_path / f"{name}.log").write_text(LOG)
     out = tmp_path / "log.png"
@@ -38,7 +38,7 @@ def test_picture(tmp_path):
 
 
 def test_logs_of_one_name_are_told_apart(tmp_path, monkeypatch):
-    """By their folders."""
+    """Logs with the same name are labelled with their folders."""
     shown = []
     monkeypatch.setattr(plot_log.outputs, "write_figure", lambda path, figure, dpi: shown.append(figure))
     for name in ("one", "two"):
@@ -51,7 +51,7 @@ def test_logs_of_one_name_are_told_apart(tmp_path, monkeypatch):
 
 @pytest.fixture
 def figures(monkeypatch):
-    """The figures that the tool writes."""
+    """Collect the figures that the tool writes."""
     shown = []
     write = plot_log.outputs.write_figure
 
@@ -64,7 +64,7 @@ def figures(monkeypatch):
 
 
 def test_many_test_outputs(tmp_path, figures):
-    """The largest have panels of their own, the others share one, with one line per log."""
+    """The outputs with the largest numbers have their own panels; the others share one, with one line per log."""
     for name in ("a", "b"):
         lines = [f"Test net output #{i}: out{i} = {i}\nTest net output #{i}: out{i} = {i / 2}" for i in range(400)]
         (tmp_path / f"{name}.log").write_text(f"Iteration 0, loss = 1\n{chr(10).join(lines)}\n")
@@ -77,7 +77,7 @@ def test_many_test_outputs(tmp_path, figures):
 
 
 def test_as_many_outputs_as_panels(tmp_path, figures):
-    """None shares one."""
+    """As many outputs as panels need no shared panel."""
     lines = [f"Test net output #{i}: out{i} = {i}" for i in range(plot_log.MAX_PANELS)]
     (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
     run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
@@ -85,7 +85,7 @@ def test_as_many_outputs_as_panels(tmp_path, figures):
 
 
 def test_many_logs(tmp_path, figures):
-    """The legend has the first, and the number of the others."""
+    """The legend lists the first logs and the number of the others."""
     logs = [tmp_path / f"{i:03d}.log" for i in range(40)]
     for log in logs:
         log.write_text("Iteration 0, loss = 1\nIteration 5, loss = 0.5\n")
@@ -96,7 +96,7 @@ def test_many_logs(tmp_path, figures):
 
 
 def test_long_names_and_formulas(tmp_path, figures):
-    """A name is shortened, and no part of it is typeset."""
+    """A long name is shortened and not typeset."""
     name = "begin" + r"$\wrong{$" + "x" * 60000 + "end"
     (tmp_path / "a.log").write_text(f"Iteration 0, loss = 1\nTest net output #0: {name} = 2\n")
     run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
@@ -105,7 +105,7 @@ def test_long_names_and_formulas(tmp_path, figures):
 
 
 def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):
-    """A write that fails half way leaves the old picture whole, and nothing beside it."""
+    """A failed write keeps the old image and leaves no other file."""
 
     def half(figure, file, **how):
         Path(file).write_bytes(b"half")
@@ -122,7 +122,7 @@ def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):
 
 
 def test_a_format_that_is_not_known(tmp_path):
-    """One line names those that are."""
+    """An unknown format gives one line with the known ones."""
     (tmp_path / "a.log").write_text(LOG)
     error = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.xyz", status=1).err
     assert error.startswith(f"{tmp_path}/log.xyz: cannot write the image: ") and "png" in error
@@ -130,7 +130,7 @@ def test_a_format_that_is_not_known(tmp_path):
 
 
 def test_a_log_is_not_drawn_over(tmp_path):
-    """Whatever it is called, and by whatever name."""
+    """A log is not overwritten by a plot, whatever its name or path."""
     (tmp_path / "a.svg").write_text(LOG)
     (tmp_path / "folder").mkdir()
     done = run_tool("plot_log", tmp_path / "a.svg", "--out", f"{tmp_path}/folder/../a.svg", status=1)
@@ -139,14 +139,14 @@ def test_a_log_is_not_drawn_over(tmp_path):
 
 
 def test_caffes_own_log(caffe_data):
-    """A log recorded from Caffe is read whole."""
+    """A log recorded from Caffe is read completely."""
     log = plot_log.read_log(caffe_data / "logs" / "deepmodel_train.log")
     assert len(log.loss) == 51 and log.loss[-1] == (50, 0.990677)
     assert log.test["DeepHandModelxyzloss"][-1] == (50, 1.02335)
 
 
 def test_mistakes(tmp_path):
-    """A file that is no log, and one that is not there."""
+    """A file that is not a log, and a missing file, raise an error."""
     (tmp_path / "no.log").write_text("hello")
     with pytest.raises(DataError, match="expected a training log"):
         plot_log.read_log(tmp_path / "no.log")

@@ -1,4 +1,4 @@
-"""tools/predict.py: joints and a picture for each crop, or whole frame."""
+"""tools/predict.py: joints and a picture for each crop or full frame."""
 
 import base64
 import csv
@@ -29,7 +29,7 @@ from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
 
-OWN = ["--weights", "net.caffemodel.h5", "--fit", "no"]  # a network of one's own, alone
+OWN = ["--weights", "net.caffemodel.h5", "--fit", "no"]  # the user's network without a fit
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def snapshot(tmp_path, monkeypatch):
 
 
 def test_joints_and_picture(snapshot):
-    """JSON has 31 joints in mm, scaled by the cube; the picture is written beside."""
+    """JSON has 31 joints in mm, scaled by the cube, and the picture is written to --out."""
     found = json.loads(run_tool("predict", *OWN, "crop.png", "--out", "p", "--json").out)[0]
     assert cv2.imread(found["picture"]) is not None and found["picture"] == "p/crop_hand.png"
     assert len(found["joints_mm"]) == 31
@@ -51,7 +51,7 @@ def test_joints_and_picture(snapshot):
 
 
 def test_engine(snapshot, monkeypatch):
-    """--engine says what computes; the joints are the same, to rounding."""
+    """--engine selects the engine, and the joints agree to rounding."""
     names, nets, found = ["plain"] + (["fast"] if engine.has_fast() else []), [], []
 
     def built(*args, **options):
@@ -69,7 +69,7 @@ def test_engine(snapshot, monkeypatch):
 
 
 def test_crop_is_normalised(snapshot):
-    """Grey 0 is the near plane -1, 255 the far plane 1; other sizes are resized by nearest neighbour."""
+    """Gray 0 is the near plane -1, 255 the far plane 1; other sizes are resized by nearest neighbour."""
     cv2.imwrite("two.png", np.kron(np.array([[0, 255]] * 2, np.uint8), np.ones((32, 32), np.uint8)))
     crop = read_crop("two.png")
     assert crop.shape == (128, 128)
@@ -85,14 +85,14 @@ def test_crop_is_normalised(snapshot):
     ],
 )
 def test_mistakes(snapshot, image, message):
-    """A picture that is not a crop is one line."""
+    """An image that is not a crop gives a one-line error."""
     if image is not None:
         cv2.imwrite("bad.png", image)
     assert message in run_tool("predict", *OWN, "bad.png", status=1).err
 
 
 def test_no_picture_is_written_over(snapshot, tmp_path):
-    """Two crops of one name, or a crop that has the name of a picture to be."""
+    """Two crops with the same name, or a crop with the name of an output, are rejected."""
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         cv2.imwrite(f"{folder}/x.png", np.zeros((128, 128), np.uint8))
@@ -106,7 +106,7 @@ def test_no_picture_is_written_over(snapshot, tmp_path):
 
 
 def test_weights_that_lack_a_layer(snapshot):
-    """A hand from half the weights would look like an answer."""
+    """Weights that lack a layer are rejected, as the result would look valid."""
     with h5py.File(snapshot, "a") as file:
         del file["data/FC2"]
     assert "no weights for layer 'FC2' of net 'DeepModel'" in run_tool("predict", *OWN, "crop.png", status=1).err
@@ -117,7 +117,7 @@ def test_weights_that_lack_a_layer(snapshot):
 
 @pytest.fixture
 def frame(snapshot):
-    """frame.png: a hand 700 mm before a Kinect v2 and a wall behind it, 16-bit grey, in mm; and its depth."""
+    """Write frame.png, a 16-bit frame in mm of a hand 700 mm from a Kinect v2 before a wall; return its depth."""
     depth = hand_before(KINECT2)
     depth[depth == 0] = 1500
     depth[:50] = 0
@@ -126,7 +126,7 @@ def frame(snapshot):
 
 
 def hand_before(camera):
-    """Depth (height, width) in whole mm of a hand 700 mm before a camera; 0 where there is none."""
+    """Return the depth (height, width) in whole mm of a hand 700 mm from a camera, with 0 as background."""
     sampler, rng = BodySampler(), np.random.default_rng(1)
     hand = sampler.draw(rng, 1)
     surface = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
@@ -135,19 +135,19 @@ def hand_before(camera):
 
 
 def predicted(*arguments):
-    """What the tool says as JSON of each image."""
+    """Return the tool's JSON output for each image."""
     return json.loads(run_tool("predict", *OWN, "--out", "p", "--json", *arguments).out)
 
 
 def mistake(*arguments):
-    """The one line that a mistake prints."""
+    """Return the one line that an error prints."""
     lines = run_tool("predict", *OWN, *arguments, status=1).err.splitlines()
     assert len(lines) == 1, lines
     return lines[0]
 
 
 def test_a_whole_frame(frame):
-    """The likeliest place is cut out as a cube; its joints are as of any crop, and the centre is told in both ways."""
+    """The most likely position is cropped; joints are those of the crop, and the centre is given in px and in mm."""
     (found,) = predicted("frame.png", "--camera", "kinect2", "--refine", "0")
     center = KINECT2.project(packaged.load_locator().hands(frame, KINECT2).center[0])
     assert found["center_uvd"] == pytest.approx(center, abs=0.01)
@@ -160,7 +160,7 @@ def test_a_whole_frame(frame):
 
 
 def test_the_table_says_where_the_hand_is(frame):
-    """In mm before the camera."""
+    """The table states the position of the hand in mm from the camera."""
     done = run_tool("predict", *OWN, "frame.png", "--camera", "kinect2", "--center", "255.4,206.3,700")
     first, *joints = done.out.splitlines()
     place = r"at -?\d+, -?\d+, \d{3} mm"
@@ -172,7 +172,7 @@ def test_the_table_says_where_the_hand_is(frame):
 
 @pytest.mark.parametrize("name", ["mediapipe", "openxr", "mano", "nyu"])
 def test_joints_of_another_format(frame, name):
-    """--joints: JSON has them beside ours; the table has a line for each of its joints and angles instead."""
+    """With --joints JSON has the other format in addition; the table shows its joints and angles instead."""
     count = {"mediapipe": 21, "openxr": 26, "mano": 21, "nyu": 14}[name]
     options = [*OWN, "frame.png", "--camera", "kinect2", "--out", "p", "--joints", name]
     found = json.loads(run_tool("predict", *options, "--json").out)[0]
@@ -186,7 +186,7 @@ def test_joints_of_another_format(frame, name):
 
 
 def test_another_format_of_a_crop(snapshot):
-    """Landmarks are in the crop, metric joints from its centre."""
+    """Landmarks are relative to the crop's image, metric joints to its centre."""
     found = json.loads(run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "--joints", "mediapipe").out)[0]
     x, y, _ = found["mediapipe"]["landmarks"][4]
     tip = found["joints_mm"]["thumb_tip"]
@@ -194,12 +194,12 @@ def test_another_format_of_a_crop(snapshot):
 
 
 def table(path):
-    """The rows of a CSV file, as dictionaries."""
+    """Return the rows of a CSV file as dictionaries."""
     return list(csv.DictReader(Path(path).read_text(encoding="utf-8").splitlines()))
 
 
 def test_a_table_of_frames(frame):
-    """--csv: a row per image; joints are those of --json, from the camera; without a fit there are no angles."""
+    """--csv writes a row per image with camera coordinates of the joints; without a fit there are no angles."""
     options = ["frame.png", "frame.png", "--camera", "kinect2", "--out", "p", "--json", "--csv", "hands.csv"]
     found = json.loads(run_tool("predict", *OWN, *options).out)
     rows = table("hands.csv")
@@ -215,7 +215,7 @@ def test_a_table_of_frames(frame):
 
 @pytest.mark.parametrize("name", ["mediapipe", "openxr", "mano", "nyu"])
 def test_a_table_of_another_format(snapshot, name):
-    """Of a crop: the columns are those of a track; joints are from the crop's centre."""
+    """For a crop the columns are those of a track, with joints relative to the crop's centre."""
     options = ["crop.png", "--out", "p", "--json", "--csv", "hands.csv", "--joints", name]
     found = json.loads(run_tool("predict", *OWN, *options).out)[0]
     [row] = table("hands.csv")
@@ -226,14 +226,14 @@ def test_a_table_of_another_format(snapshot, name):
 
 
 def test_a_camera_by_its_numbers(frame):
-    """Instead of its name; the size is that of the image."""
+    """A camera may be given by numbers; its size is that of the image."""
     assert predicted("frame.png", "--camera", "363.9,363.9,255.4,206.3") == predicted(
         "frame.png", "--camera", "kinect2"
     )
 
 
 def test_the_unit_of_a_pixel(frame):
-    """--unit tells how many mm a value stands for; the camera SR305 writes eighths of them."""
+    """--unit sets the mm per unit of a pixel; the default for SR305 is 0.125."""
     cv2.imwrite("frame.png", frame * 4)
     (quarters,) = predicted("frame.png", "--camera", "kinect2", "--unit", "0.25")
     cv2.imwrite("frame.png", frame)
@@ -244,7 +244,7 @@ def test_the_unit_of_a_pixel(frame):
 
 
 def test_centers(frame):
-    """U,V,D is taken as it is; with U,V the depth is what is seen there; each image may have its own."""
+    """U,V,D is used unchanged; for U,V the depth is read from the image; each image may have its own centre."""
     v, u = (int(np.median(where)) for where in np.nonzero((frame > 0) & (frame < 800)))
     whole = ["--camera", "kinect2", "--refine", "0"]
     (found,) = predicted("frame.png", *whole, "--center", "250,200,690")
@@ -260,7 +260,7 @@ def test_centers(frame):
 
 
 def test_the_hands_of_one_frame_have_pictures_of_their_own(frame):
-    """The second is numbered; a frame of that name does not lose its own."""
+    """A second hand in a frame gets a numbered picture; a conflicting file name is an error."""
     options = ["--camera", "kinect2", "--refine", "0", "--center=250,200,690", "--center=300,200,690"]
     found = predicted("frame.png", "frame.png", *options)
     assert [hand["picture"] for hand in found] == ["p/frame_hand.png", "p/frame_2_hand.png"]
@@ -272,7 +272,7 @@ def test_the_hands_of_one_frame_have_pictures_of_their_own(frame):
 
 @pytest.mark.parametrize(("times", "moved"), [("0", 0), ("1", 5), ("3", 15)])
 def test_the_crop_is_moved_to_the_palm(frame, monkeypatch, times, moved):
-    """As often as --refine says, each time to where the last prediction has it."""
+    """The crop is moved to the predicted palm as often as --refine says."""
     monkeypatch.setattr(pipeline, "recenter", lambda joints, skeleton, center, *rest: center + (5, 0, 0))
     (found,) = predicted("frame.png", "--camera", "kinect2", "--center", "250,200,700", "--refine", times)
     assert found["center_uvd"] == [250 + moved, 200, 700]
@@ -280,14 +280,14 @@ def test_the_crop_is_moved_to_the_palm(frame, monkeypatch, times, moved):
 
 @pytest.mark.parametrize("astray", [(0, 0, -600), (5000, 0, 0)])
 def test_a_crop_is_not_moved_out_of_sight(frame, monkeypatch, astray):
-    """By a prediction that puts the palm at the camera, or beside the image."""
+    """The crop is not moved to the camera or outside the image."""
     monkeypatch.setattr(pipeline, "recenter", lambda joints, skeleton, center, *rest: center + astray)
     (found,) = predicted("frame.png", "--camera", "kinect2", "--center", "250,200,700")
     assert found["center_uvd"] == [250, 200, 700]
 
 
 def test_nyus_colour_packing(snapshot):
-    """Frames of the NYU data set as published say the same as grey ones."""
+    """Frames in NYU's colour encoding give the same result as gray ones."""
     depth = hand_before(NYU)
     cv2.imwrite("grey.png", depth)
     cv2.imwrite("packed.png", pack_depth(depth))
@@ -296,7 +296,7 @@ def test_nyus_colour_packing(snapshot):
 
 
 def test_the_other_hand(snapshot):
-    """--hand left gives the mirror image of what is predicted of the mirrored crop, exactly."""
+    """--hand left gives exactly the mirror image of the prediction for the mirrored crop."""
     cv2.imwrite("mirrored.png", cv2.imread("crop.png", cv2.IMREAD_UNCHANGED)[:, ::-1])
     (left,) = predicted("crop.png", "--hand", "left")
     (right,) = predicted("mirrored.png")
@@ -305,12 +305,12 @@ def test_the_other_hand(snapshot):
 
 
 def test_the_crop_of_the_other_hand_moves_the_other_way(frame, monkeypatch):
-    """The hand is the mirror image of the skeleton's, and recenter is told so."""
-    told = []
-    monkeypatch.setattr(pipeline, "recenter", lambda *arguments: told.append(arguments[-1]) or arguments[2])
+    """recenter receives the side of the hand."""
+    sides = []
+    monkeypatch.setattr(pipeline, "recenter", lambda *arguments: sides.append(arguments[-1]) or arguments[2])
     predicted("frame.png", "--camera", "kinect2", "--hand", "left", "--refine", "1")
     predicted("frame.png", "--camera", "kinect2", "--refine", "1")
-    assert told == ["left", "right"]
+    assert sides == ["left", "right"]
 
 
 @pytest.mark.parametrize(
@@ -361,7 +361,7 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, monkeypatch):
     ],
 )
 def test_frames_with_something_wrong(snapshot, image, options, message):
-    """One line names the image."""
+    """An invalid frame gives one line with its name."""
     if image is None:
         np.zeros(3).tofile("bad.png")
     else:
@@ -370,7 +370,7 @@ def test_frames_with_something_wrong(snapshot, image, options, message):
 
 
 def test_a_camera_that_is_likely_wrong(frame):
-    """Is one warning, as in a first look at a recording; a good one is none."""
+    """An implausible camera gives one warning; a correct one gives none."""
     for camera, count in (("kinect2", 0), ("5,5,255.4,206.3", 1)):
         predicted("frame.png", "--camera", camera, "--center", "260,210,700")
         argv = [*OWN, "--out", "p", "frame.png", "--camera", camera, "--center", "260,210,700"]
@@ -380,7 +380,7 @@ def test_a_camera_that_is_likely_wrong(frame):
 
 
 def test_a_frame_without_its_camera(frame):
-    """Is no crop; the line says what to do."""
+    """A full frame without --camera gives an error that names the option."""
     assert mistake("frame.png").endswith("(for a whole depth frame name its --camera)")
 
 
@@ -411,12 +411,12 @@ def test_a_frame_without_its_camera(frame):
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_usage(options, message):
-    """Wrong usage is argparse's own message and status 2."""
+    """Wrong usage gives argparse's message and status 2."""
     assert message in run_tool("predict", *OWN, "a.png", "b.png", *options, status=2).err
 
 
 def test_a_net_without_its_weights():
-    """Would be given the packaged ones."""
+    """--model without --weights is rejected, as the packaged weights do not apply."""
     done = run_tool("predict", "a.png", "--model", "net.prototxt", status=2)
     assert "--model needs --weights" in done.err
 
@@ -425,7 +425,7 @@ def test_a_net_without_its_weights():
 
 
 def hands_in(page):
-    """The hands that a page shows, as values, each with the joints (K, 3) in mm that its inputs make."""
+    """Return the hands of a page, each with the joints (K, 3) in mm computed from its inputs."""
     text = Path(page).read_text(encoding="utf-8")
     data = json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
     hands, tree = data["hands"], prototxt.parse(data["skeleton"]["text"])
@@ -438,7 +438,7 @@ def hands_in(page):
 
 
 def test_a_page_of_crops(snapshot):
-    """One for all images; the inputs of the net make the joints that are printed, also of a left hand and its cube."""
+    """The page has all images, and its inputs give the printed joints for either hand and any cube."""
     cv2.imwrite("b.png", np.random.default_rng(1).integers(0, 256, (128, 128), dtype=np.uint8))
     for side, cube in (("right", 300), ("left", 250)):
         printed = predicted("crop.png", "b.png", "--html", "page.html", "--hand", side, "--cube", str(cube))
@@ -450,7 +450,7 @@ def test_a_page_of_crops(snapshot):
 
 
 def test_a_page_of_a_frame(frame):
-    """Its camera, where the crop was, and what the camera saw there."""
+    """The page has the camera, the centre of the crop, and the depth points around it."""
     whole = ["--camera", "363.9,363.9,255.4,206.3", "--center", "250,200,700", "--html", "page.html"]
     (found,) = predicted("frame.png", *whole)
     (hand,) = hands_in("page.html")
@@ -473,7 +473,7 @@ def test_a_page_of_a_frame(frame):
     ],
 )
 def test_a_page_that_cannot_be_written(snapshot, place, message):
-    """Is refused before anything is predicted, in one line."""
+    """A page that cannot be written is reported on one line before any prediction."""
     assert mistake("crop.png", "--html", place) == message
     assert not Path("p").exists() or not list(Path("p").iterdir())
 
@@ -482,7 +482,7 @@ def test_a_page_that_cannot_be_written(snapshot, place, message):
 
 
 def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
-    """Fitted, told from a left one, with its error expected; within 2 cm of the truth (14 joints)."""
+    """A fitted hand has the correct side, an expected error, and 14 joints within 2 cm of the truth on average."""
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(3)
     sampler = BodySampler()
@@ -517,7 +517,7 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
     np.testing.assert_allclose(shown["inputs"][:47], found["inputs"], atol=1e-6)
     assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["thickness"] != 1
     picture = cv2.imread("p/frame_hand.png")
-    assert picture.shape[1] > 3 * 512  # skeleton, surface, space
+    assert picture.shape[1] > 3 * 512  # skeleton, surface, side view
     assert json.loads(run_tool("predict", "mirrored.png", *mirrored, *arguments[2:]).out)[0]["hand"] == "left"
     first = run_tool("predict", *arguments[:-1], "--fit", "fast", "--hand", "right").out.splitlines()[0]
     assert re.match(r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; joints in mm from", first)

@@ -1,4 +1,4 @@
-"""tools/prepare_icvl.py, and the net that reads what it writes"""
+"""tools/prepare_icvl.py, and a net trained on its output."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FRAMES = {"Training/labels.txt": 20, "Testing/test_seq_1.txt": 5, "Testing/test_
 
 @pytest.fixture
 def root(tmp_path) -> Path:
-    """A small data set in ICVL's layout: a slanted plate where the hand would be."""
+    """A small data set in ICVL's layout, with a slanted plate in place of the hand."""
     rng = np.random.default_rng(0)
     for name, count in FRAMES.items():
         labels = tmp_path / "icvl" / name
@@ -47,7 +47,7 @@ def prepare(root: Path, *more: object, status: int = 0) -> Done:
 
 
 def test_frames(root):
-    """Crops about the palm in the 250 mm cube, 16 joints in half-cubes, the two test sequences one after the other."""
+    """Crops are centred on the palm in a 250 mm cube, with 16 joints in half-cubes; test sequences are concatenated."""
     out = prepare(root).out
     labels = icvl_files.read_annotation([root / name for name in icvl_files.ANNOTATION["test"]])
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
@@ -66,7 +66,7 @@ def test_frames(root):
 
 
 def test_net_learns_from_them(root):
-    """The net for ICVL reads the files, and its loss falls."""
+    """The net for ICVL reads the files, and its loss decreases."""
     prepare(root)
     text = (ROOT / "prototxt" / "icvl_train_test.prototxt").read_text().replace("data/icvl", str(root.parent / "out"))
     text = text.replace("batch_size: 512", "batch_size: 20").replace("batch_size: 228", "batch_size: 12")
@@ -86,7 +86,7 @@ def test_net_learns_from_them(root):
 
 
 def test_shipped_net_finds_its_hand(tmp_path, monkeypatch, root):
-    """From any working directory: the skeleton's path counts from the net's file."""
+    """The skeleton's path is relative to the net's file, so any working directory works."""
     prepare(root)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data").mkdir()
@@ -99,7 +99,7 @@ def test_shipped_net_finds_its_hand(tmp_path, monkeypatch, root):
 
 
 def test_bad_frames(root):
-    """A missing, a truncated and an 8-bit frame, one of another size, and one without a hand are left out."""
+    """Missing, truncated, 8-bit and wrong-sized frames, and frames without a hand, are left out."""
     depth = root / "Training" / "Depth" / "labels"
     (depth / "image_0001.png").unlink()
     (depth / "image_0002.png").write_bytes((depth / "image_0002.png").read_bytes()[:-20])
@@ -107,8 +107,8 @@ def test_bad_frames(root):
     cv2.imwrite(str(depth / "image_0004.png"), np.full((480, 640), 300, np.uint16))
     cv2.imwrite(str(depth / "image_0005.png"), np.full((240, 320), 32001, np.uint16))
     _, out, err = prepare(root, "--splits", "train")
-    told = "1 no depth around the hand, 1 no such file, 1 truncated, damaged or no PNG, 2 wrong size or type of image"
-    assert f"train: 15 frames (ICVL), 5 bad frames left out: {told}" in out
+    kinds = "1 no depth around the hand, 1 no such file, 1 truncated, damaged or no PNG, 2 wrong size or type of image"
+    assert f"train: 15 frames (ICVL), 5 bad frames left out: {kinds}" in out
     for i in range(1, 6):
         assert f"train frame {i}: {depth}/image_000{i}.png: " in err
     shutil.rmtree(root.parent / "out")
@@ -124,7 +124,7 @@ def check(root, *more):
 
 
 def test_check(root):
-    """What is short of the whole is said; a sequence, labels, frames, or a split may be missing."""
+    """--check reports an incomplete data set and missing sequences, labels, frames and splits."""
     train, test = check(root)
     assert "20 labelled frames, the whole training set with its turned copies has over 300,000" in train
     assert "12 labelled frames, the whole test set has 702 + 894" in test
@@ -144,13 +144,13 @@ def test_check(root):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [("train/joint_data.mat", "NYU hand pose data set; use the command prepare_nyu"), ("P0/1/joint.txt", "MSRA15"),
      ("test_groundtruth_uvd.txt", "only text files"), ("Training.tar.gz", "not unpacked")],
 )  # fmt: skip
-def test_check_wrong_archive(tmp_path, name, told):
+def test_check_wrong_archive(tmp_path, name, reported):
     """Other data sets are recognised."""
     (tmp_path / "root" / name).parent.mkdir(parents=True)
     (tmp_path / "root" / name).touch()
     lines = check(tmp_path / "root")
-    assert len(lines) == 2 and all(told in line for line in lines)
+    assert len(lines) == 2 and all(reported in line for line in lines)

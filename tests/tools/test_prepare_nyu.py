@@ -32,7 +32,7 @@ needs_real = pytest.mark.skipif(not SHARED.is_dir(), reason="needs real NYU fram
 
 @pytest.fixture(autouse=True)
 def matlab_files_are_read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not by a process for each, which test_matlab_file.py tests."""
+    """Read MATLAB files in this process; test_matlab_file.py tests the separate process."""
 
     def run_here(path: Path, names: Sequence[str]) -> bytes:
         out = io.BytesIO()
@@ -52,14 +52,14 @@ def raw(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def root(raw, tmp_path) -> Path:
-    """A copy of them to be broken."""
+    """A copy of the frames that a test may damage."""
     shutil.copytree(raw, tmp_path / "root")
     return tmp_path / "root"
 
 
 @pytest.fixture
 def small(monkeypatch) -> None:
-    """Files of 12 frames."""
+    """Set the number of frames per file to 12."""
     monkeypatch.setattr(parts, "FRAMES_PER_FILE", 12)
 
 
@@ -72,13 +72,13 @@ def names(folder: Path) -> list[str]:
 
 
 def write_labels(folder: Path, uvd: np.ndarray, made_from: str = "NYU") -> None:
-    """Labels of ``uvd`` (N, 36, 3)."""
+    """Write the labels ``uvd`` (N, 36, 3)."""
     folder.mkdir(parents=True, exist_ok=True)
     nyu_files.write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(uvd), made_from)
 
 
 def hand(count: int) -> np.ndarray:
-    """Annotations in the middle of the image, 800 mm away."""
+    """Return annotations at the image centre, 800 mm away."""
     return np.tile([320.0, 240.0, 800.0], (count, 36, 1)) + np.random.default_rng(0).normal(0, 5, (count, 36, 3))
 
 
@@ -91,7 +91,7 @@ def write_frame(path: Path, depth: np.ndarray) -> None:
 
 
 def test_raw_equals_direct(tmp_path):
-    """Frames that went through NYU's format equal those written directly: depth to half a mm, all else exactly."""
+    """Frames converted through NYU's format equal those written directly, with depth to 0.5 mm."""
     count = ["--train", "150", "--test", "70", "--workers", "1"]
     run_tool("make_synthetic", "--raw", "--out", tmp_path / "root", *count)
     run_tool("make_synthetic", "--out", tmp_path / "direct", *count)
@@ -107,10 +107,10 @@ def test_raw_equals_direct(tmp_path):
             np.testing.assert_allclose(b["joint"][:], a["joint"][:], rtol=0, atol=1e-6)
             assert b["depth"].dtype == np.float32 and b["depth"].chunks is None and b["depth"].shape[0] == frames
             picked = window(a["center_uvd"][:].astype(float), 300)
-            # beyond the border of the image there is nothing to be read from a file
+            # pixels outside the image are not stored in a file
             inside = ((picked.rows >= 0)[:, :, None] & (picked.columns >= 0)[:, None])[:, None]
             difference = np.abs(a["depth"][:] - b["depth"][:]) * 150
-            assert difference[inside].max() <= 0.5 + 1e-4  # mm: the images hold whole ones
+            assert difference[inside].max() <= 0.5 + 1e-4  # mm, as the images hold integers
             assert 0.1 < difference[(np.abs(a["depth"][:]) < 1) & inside].mean() < 0.4
     assert "train: 150 frames (synthetic), none bad" in out
     assert "mm from the centre (annotated joint 34), cube 300 mm" in out
@@ -118,7 +118,7 @@ def test_raw_equals_direct(tmp_path):
 
 @needs_real
 def test_the_published_crop(tmp_path):
-    """The first real test frame, prepared, is the crop that the paper's authors published, on every pixel."""
+    """The crop of the first real test frame equals the one published by the paper's authors in every pixel."""
     folder = tmp_path / "root" / "dataset" / "test"
     uvd = np.load(SHARED / "test_joint_uvd.npz")["joint_uvd"][:1].astype(float)
     write_labels(folder, uvd)
@@ -133,12 +133,12 @@ def test_the_published_crop(tmp_path):
         np.testing.assert_allclose(file["joint"][0], expected, atol=1e-6)
         np.testing.assert_allclose(file["center"][0], mm[34], rtol=1e-6)
         palm = file["joint"][0].reshape(31, 3)[24]
-        assert palm[1] > 0 and uvd[0, 32, 1] < uvd[0, 34, 1]  # higher up in the image is more y
+        assert palm[1] > 0 and uvd[0, 32, 1] < uvd[0, 34, 1]  # higher in the image is larger y
     assert (tmp_path / "out" / "test.txt").read_text() == f"{tmp_path}/out/test_000.h5\n"
 
 
 def test_second_subject(tmp_path):
-    """Test frames from 2440 on have the cube of 261 mm; training frames never."""
+    """The cube is 261 mm for test frames from 2440 on, and 300 mm for all others."""
     for split in ("train", "test"):
         write_labels(tmp_path / split, hand(2442))
         frames = nyu_files.read_split(tmp_path, split)
@@ -148,7 +148,7 @@ def test_second_subject(tmp_path):
 
 @pytest.mark.parametrize("kind", ["txt", "npy", "npz"])
 def test_other_centres(root, kind):
-    """--center FILE crops about the centres of a file, and says so."""
+    """--center FILE crops around the centres of a file and reports it."""
     centers = np.tile([300.0, 200.0, 700.0], (20, 1)) + np.arange(20)[:, None]
     path = root.parent / f"centers_test.{kind}"
     if kind == "txt":
@@ -174,7 +174,7 @@ def test_other_centres(root, kind):
 
 
 def test_resume(root, small):
-    """A second run keeps all; a frame that changed has its file, and no other, made again."""
+    """A second run keeps all files; after a change of one frame only its file is written again."""
     done = prepare(root)
     out = root.parent / "out"
     times = {path.name: path.stat().st_mtime_ns for path in out.glob("*.h5")}
@@ -188,14 +188,14 @@ def test_resume(root, small):
 
 
 def test_workers_change_no_byte(root):
-    """Files of one thread and of three are equal to the byte."""
+    """Files of one worker and of three are equal byte for byte."""
     for workers in "13":
         run_tool("prepare_nyu", root, "--out", root.parent / workers, "--workers", workers)
     assert (root.parent / "1" / "train_000.h5").read_bytes() == (root.parent / "3" / "train_000.h5").read_bytes()
 
 
 def break_frames(root: Path) -> None:
-    """One frame of each kind of damage, 2 to 7 of the training set."""
+    """Damage frames 2 to 7 of the training set, each in another way."""
     at = [root / "train" / frame_name(i) for i in range(30)]
     at[2].unlink()
     at[3].write_bytes(at[3].read_bytes()[:-100])
@@ -209,7 +209,7 @@ KINDS = ("no such file", "truncated, damaged or no PNG", "wrong size", "found ui
 
 
 def test_bad_frames(root, small):
-    """Bad frames are named, counted and left out, in the next run too; the rest is whole."""
+    """Bad frames are named, counted and left out in every run; the other frames are complete."""
     break_frames(root)
     for made in ("made 44 frames", "all files kept"):
         out, err = prepare(root)[1:]
@@ -229,7 +229,7 @@ def test_bad_frames(root, small):
 
 
 def test_mended_frames_are_taken_in(root, raw, small):
-    """When a missing frame has come, the next run makes that file again."""
+    """When a missing frame is added, the next run writes its file again."""
     break_frames(root)
     prepare(root)
     shutil.copy(raw / "train" / frame_name(2), root / "train")
@@ -238,7 +238,7 @@ def test_mended_frames_are_taken_in(root, raw, small):
 
 @pytest.mark.parametrize("frame", range(2, 8))
 def test_strict(root, raw, small, frame):
-    """--strict stops at the first bad frame with one line about it, and keeps only whole files."""
+    """--strict stops at the first bad frame with a one-line error and keeps only complete files."""
     break_frames(root)
     for i in range(2, frame):
         shutil.copy(raw / "train" / frame_name(i), root / "train")
@@ -249,7 +249,7 @@ def test_strict(root, raw, small, frame):
 
 
 def test_nothing_usable(root, small):
-    """A split without any good frame is an error, and gets no list."""
+    """A split without a usable frame gives an error and no list."""
     for i in range(20):
         write_frame(root / "test" / frame_name(i), np.zeros((480, 640)))
     error = prepare(root, "--splits", "test", status=1).err
@@ -258,7 +258,7 @@ def test_nothing_usable(root, small):
 
 
 def test_file_without_good_frames_is_not_listed(root, small):
-    """HDF5Data wants rows in every file."""
+    """A file without usable frames is not listed, because HDF5Data requires rows in every file."""
     for i in range(12):
         (root / "train" / frame_name(i)).write_bytes(b"")
     for _ in range(2):
@@ -268,7 +268,7 @@ def test_file_without_good_frames_is_not_listed(root, small):
 
 
 def test_labels_that_are_no_numbers(root):
-    """A frame whose annotation is NaN is a bad frame."""
+    """A frame with NaN in its annotation is a bad frame."""
     labels = nyu_files.read_annotation(root / "test" / nyu_files.ANNOTATION)
     labels.xyz[4, 0] = np.nan
     nyu_files.write_annotation(root / "test" / nyu_files.ANNOTATION, labels.xyz, "synthetic")
@@ -277,7 +277,7 @@ def test_labels_that_are_no_numbers(root):
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_interrupted(root):
-    """SIGTERM leaves whole files only, and the next run completes them."""
+    """SIGTERM leaves only complete files."""
     source = root / "test" / frame_name(0)
     count = 4000
     labels = nyu_files.read_annotation(root / "test" / nyu_files.ANNOTATION).xyz[:1].repeat(count, axis=0)
@@ -297,7 +297,7 @@ def test_interrupted(root):
 
 
 def test_leaves_foreign_files_alone(root):
-    """Data of another origin is not replaced without --force."""
+    """Data of another origin are not replaced without --force."""
     out = root.parent / "out"
     out.mkdir()
     with h5py.File(out / "test_000.h5", "w") as file:
@@ -318,7 +318,7 @@ def test_leaves_foreign_files_alone(root):
 
 
 def check(root: Path, *more: str) -> list[str]:
-    """The lines of complaint of --check, which exits 1 if there are any; the run itself makes nothing then."""
+    """Return the lines that --check reports, after testing that its exit status is 1 if there are any."""
     done = run_tool("prepare_nyu", root, "--check", "--out", root / "out", *more, status=None)
     lines = done.err.splitlines()
     assert done.status == (1 if lines else 0) and not (root / "out").exists()
@@ -326,32 +326,32 @@ def check(root: Path, *more: str) -> list[str]:
 
 
 def refused(root: Path, out: Path, *more: str) -> None:
-    """The run itself gives up, with the same lines, before it makes anything."""
+    """Test that the run itself fails with the same lines before it writes anything."""
     lines = check(root, *more)
     done = run_tool("prepare_nyu", root, "--out", out, *more, status=1)
-    told = [line.removeprefix("warning: ") for line in done.err.splitlines()]
-    assert told == lines and not out.exists()
+    reported = [line.removeprefix("warning: ") for line in done.err.splitlines()]
+    assert reported == lines and not out.exists()
 
 
 def test_check_whole(raw):
-    """A whole directory has nothing wrong."""
+    """A complete directory has no faults."""
     assert check(raw) == []
 
 
 def test_check_counts(tmp_path):
-    """What is short of the whole data set is said; the second test subject alone cannot be prepared."""
-    for count, told in ((2440, "the first of the two test subjects only"), (5812, "the second test subject only"),
+    """--check reports an incomplete data set; the second test subject alone cannot be prepared."""
+    for count, reported in ((2440, "the first of the two test subjects only"), (5812, "the second test subject only"),
                         (100, "100 labelled frames, the whole test set has 8252")):  # fmt: skip
         write_labels(tmp_path / "test", hand(count))
         write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
         lines = check(tmp_path, "--splits", "test")
-        assert told in lines[0] and f"{count - 1} of {count} depth frames are missing" in lines[1]
+        assert reported in lines[0] and f"{count - 1} of {count} depth frames are missing" in lines[1]
     write_labels(tmp_path / "test", hand(5812))
     refused(tmp_path, tmp_path / "out", "--splits", "test")
 
 
 def test_check_missing_subject(tmp_path):
-    """All labels, but the frames of one subject only."""
+    """Labels without the frames of one subject are reported."""
     write_labels(tmp_path / "test", hand(8252))
     for i in range(2440):
         (tmp_path / "test" / frame_name(i)).touch()
@@ -361,7 +361,7 @@ def test_check_missing_subject(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("files", "told"),
+    ("files", "reported"),
     [
         (["Training/labels.txt", "Training/Depth/a/image_0000.png"], "the ICVL data set; use the command prepare_icvl"),
         (["P0/1/000000_depth.bin", "P1/1/joint.txt"], "looks like the MSRA15 data set"),
@@ -372,7 +372,7 @@ def test_check_missing_subject(tmp_path):
         ([], "looks like nothing"),
     ],
 )  # fmt: skip
-def test_check_wrong_archive(tmp_path, files, told):
+def test_check_wrong_archive(tmp_path, files, reported):
     """Other data sets are recognised."""
     for name in files:
         path = tmp_path / "root" / name
@@ -381,22 +381,22 @@ def test_check_wrong_archive(tmp_path, files, told):
     (tmp_path / "root").mkdir(exist_ok=True)
     refused(tmp_path / "root", tmp_path / "out")
     lines = check(tmp_path / "root")
-    assert len(lines) == 2 and all(told in line for line in lines)
+    assert len(lines) == 2 and all(reported in line for line in lines)
 
 
-@pytest.mark.parametrize(("prefix", "told"), [("synthdepth_1_", "rendered depth"), ("rgb_1_", "colour images"),
+@pytest.mark.parametrize(("prefix", "reported"), [("synthdepth_1_", "rendered depth"), ("rgb_1_", "colour images"),
                                               ("depth_2_", "camera 2")])  # fmt: skip
-def test_check_wrong_images(root, prefix, told):
-    """Rendered depth, colour, or another camera's frames are told from the real depth."""
+def test_check_wrong_images(root, prefix, reported):
+    """Rendered depth, colour images and frames of another camera are distinguished from the real depth."""
     for path in list((root / "test").glob("depth_1_*.png")):
         path.rename(path.with_name(prefix + path.name.removeprefix("depth_1_")))
     refused(root, root.parent / "out")
     (line,) = check(root)
-    assert told in line and "no depth frames such as depth_1_0000001.png" in line
+    assert reported in line and "no depth frames such as depth_1_0000001.png" in line
 
 
 def test_check_places(root):
-    """A split in the root's place, a missing split, and no root at all."""
+    """A split in place of the root, a missing split and a missing root are reported."""
     assert all("is itself a split" in line for line in check(root / "train"))
     shutil.rmtree(root / "test")
     (line,) = check(root)
@@ -425,7 +425,7 @@ def damage_labels(path: Path, how: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("how", "told"),
+    ("how", "reported"),
     [
         ("absent", "no such file; it holds the joints"),
         ("truncated", "not a readable MATLAB file, perhaps truncated"),
@@ -436,16 +436,16 @@ def damage_labels(path: Path, how: str) -> None:
         ("y down", "its y axis points down, expected up"),
     ],
 )
-def test_check_labels(root, how, told):
-    """Every way in which joint_data.mat can be wrong is one line, and stops the run."""
+def test_check_labels(root, how, reported):
+    """Each fault of joint_data.mat is reported on one line and stops the run."""
     damage_labels(root / "test" / nyu_files.ANNOTATION, how)
     refused(root, root.parent / "out")
     (line,) = check(root)
-    assert told in line and str(root / "test" / nyu_files.ANNOTATION) in line
+    assert reported in line and str(root / "test" / nyu_files.ANNOTATION) in line
 
 
 def test_labels_of_version_73(root):
-    """MATLAB's version 7.3 is HDF5 with the axes in reverse order; of three cameras the first is taken."""
+    """MATLAB version 7.3 is HDF5 with reversed axes; the first of three cameras is used."""
     path = root / "test" / nyu_files.ANNOTATION
     labels = nyu_files.read_annotation(path)
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -459,20 +459,20 @@ def test_labels_of_version_73(root):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [("1 2\n" * 20, "centers.txt:1: expected 3 numbers, found '1 2'"), ("1 2 3\n" * 19, "expected (20, 3)"),
      ("u v d\n", "centers.txt:1: expected 3 numbers"), (None, "No such file")],
 )  # fmt: skip
-def test_wrong_centres(root, text, told):
-    """A file of centres that does not fit is one line."""
+def test_wrong_centres(root, text, reported):
+    """An invalid file of centres gives a one-line error."""
     path = root.parent / "centers.txt"
     if text is not None:
         path.write_text(text)
     error = prepare(root, "--splits", "test", "--center", str(path), status=1).err
-    assert told in error and error.count("\n") == 1
+    assert reported in error and error.count("\n") == 1
 
 
 def test_usage(root):
-    """One file of centres cannot serve two splits; numbers and splits are checked."""
+    """One file of centres cannot serve two splits, and other invalid options are rejected."""
     for wrong in (["--center", "c.txt"], ["--workers", "0"], ["--splits", "val"]):
         assert wrong[0] in prepare(root, *wrong, status=2).err

@@ -1,4 +1,4 @@
-"""tools/record.py: one recording becomes another, and what is said on the way."""
+"""tools/record.py: conversion of recordings, and the messages printed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_convert_and_replay(frames: Path) -> None:
-    """Into each form, and from it; what is assumed is said."""
+    """Conversion from and to each format is lossless, and assumptions are printed."""
     out = run_tool("record", "frames", *CAMERA, "--out", "a").out
     assert "frames: 4 frames, 64 x 48 pixels, 30 frames/s\n" in out
     assert "a value of 1 is taken for 1 mm" in out and "30 frames per second assumed" in out
@@ -41,14 +41,14 @@ def test_convert_and_replay(frames: Path) -> None:
 
 
 def test_a_part(frames: Path) -> None:
-    """By frames or by seconds."""
+    """--frames or --seconds limits the recording."""
     run_tool("record", "frames", *CAMERA, "--rate", "10", "--out", "a", "--frames", "3")
     run_tool("record", "frames", *CAMERA, "--rate", "10", "--out", "b", "--seconds", "0.2")
     assert (open_recording("a").count, open_recording("b").count) == (3, 2)
 
 
 def test_sources_in_metres_keep_their_fractions(frames: Path) -> None:
-    """Written in millimetres, or finer."""
+    """Depth in metres is converted to millimetres or to a finer unit."""
     np.save("take.npy", np.full((2, 48, 64), 0.50025) + [[[0]], [[0.25]]])
     for unit, expected in (("1", 500), ("0.25", 500.25)):
         run_tool("record", "take.npy", *CAMERA, "--unit", "1000", "--out", f"{unit}.npz", "--out-unit", unit)
@@ -58,11 +58,11 @@ def test_sources_in_metres_keep_their_fractions(frames: Path) -> None:
 
 
 def test_what_was_found_on_the_way(frames: Path) -> None:
-    """Damaged frames, a source that ends too early, a unit that is likely wrong."""
+    """Damaged frames, a truncated source and an implausible unit are reported."""
     Path("frames/2.png").write_bytes(b"")
-    told = run_tool("record", "frames", *CAMERA, "--unit", "20", "--out", "a")
-    assert "10 m away" in told.err and "with --unit 1 it would be 0.50 m away" in told.err
-    assert "1 damaged frames are left out, the first: frames/2.png" in told.out + told.err
+    reported = run_tool("record", "frames", *CAMERA, "--unit", "20", "--out", "a")
+    assert "10 m away" in reported.err and "with --unit 1 it would be 0.50 m away" in reported.err
+    assert "1 damaged frames are left out, the first: frames/2.png" in reported.out + reported.err
     np.save("take.npy", np.arange(3 * 48 * 64, dtype=np.uint16).reshape(3, 48, 64))
     Path("take.npy").write_bytes(Path("take.npy").read_bytes()[:-1])
     done = run_tool("record", "take.npy", *CAMERA, "--out", "b")
@@ -70,7 +70,7 @@ def test_what_was_found_on_the_way(frames: Path) -> None:
 
 
 def test_a_failure_keeps_what_was_done(frames: Path) -> None:
-    """And says so."""
+    """A failure keeps the frames written before it and reports their number."""
     cv2.imwrite("frames/11.png", np.zeros((5, 6), np.uint16))
     for i in range(4, 11):
         Path(f"frames/{i}.png").write_bytes(Path("frames/3.png").read_bytes())
@@ -81,7 +81,7 @@ def test_a_failure_keeps_what_was_done(frames: Path) -> None:
 
 
 def test_ctrl_c_keeps_what_was_done(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the status of the signal."""
+    """Ctrl-C keeps the frames written before it and gives status 130."""
     checks = iter([0, 0, 2])
     monkeypatch.setattr(record.Stopper, "signum", property(lambda self: next(checks, 2)))
     assert "stopped; a has 2 frames" in run_tool("record", "frames", *CAMERA, "--out", "a", status=130).err
@@ -103,7 +103,7 @@ def test_ctrl_c_keeps_what_was_done(frames: Path, monkeypatch: pytest.MonkeyPatc
     ],
 )
 def test_what_cannot_be_done(frames: Path, argv: list[str], what: str) -> None:
-    """One line, and nothing is written."""
+    """Errors are one line, and nothing is written."""
     Path("loop").symlink_to("loop")
     before = sorted(Path().rglob("*"))
     assert run_tool("record", *argv, status=1).err.startswith(what)
@@ -111,14 +111,14 @@ def test_what_cannot_be_done(frames: Path, argv: list[str], what: str) -> None:
 
 
 def test_a_unit_that_would_round_all_depth_to_nothing(frames: Path) -> None:
-    """Is wrong usage."""
+    """An output unit that would round all depth to 0 is a usage error."""
     done = run_tool("record", "frames", *CAMERA, "--out", "a", "--out-unit", "1e5", status=2)
     assert "--out-unit: expected a number greater than 0 and at most 10" in done.err
 
 
 @pytest.mark.parametrize("name", ["a/b/c", "a/b/c.npz", "a/b/c.mkv"])
 def test_folders_on_the_way_are_made(frames: Path, name: str) -> None:
-    """Of every kind."""
+    """Missing folders are created for every format."""
     if name.endswith(".mkv"):
         pytest.importorskip("av", reason="PyAV is missing: pip install av")
     run_tool("record", "frames", *CAMERA, "--out", name)

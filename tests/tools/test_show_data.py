@@ -1,4 +1,4 @@
-"""tools/show_data.py: pictures of data sets."""
+"""tools/show_data.py: images of data sets."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ def frames(tmp_path: Path) -> Path:
 
 
 def test_lists_files_and_folders_side_by_side(frames: Path, tmp_path: Path) -> None:
-    """Three sets, each from a row of its own; a list and a file show the same frames."""
+    """Each of three sets starts a new row; a list and a file show the same frames."""
     crops = tmp_path / "crops"
     crops.mkdir()
     cv2.imwrite(str(crops / "one.png"), np.full((128, 128), 127, np.uint8))
@@ -32,11 +32,11 @@ def test_lists_files_and_folders_side_by_side(frames: Path, tmp_path: Path) -> N
     head, gap, size = 22, 4, 128
     rows = [picture[r * (size + head + gap) + gap + head :][:size] for r in range(3)]
     assert np.array_equal(rows[0], rows[1])
-    assert np.ptp(rows[2][:, gap + 2 * (size + gap) :]) == 0  # nothing beside the one crop but white
+    assert np.ptp(rows[2][:, gap + 2 * (size + gap) :]) == 0  # only white next to the single crop
 
 
 def test_plain_draws_no_hands(frames: Path, tmp_path: Path) -> None:
-    """Colour only where there is a skeleton."""
+    """Colour occurs only where a skeleton is drawn."""
     for plain in (True, False):
         out = tmp_path / "out.png"
         run_tool("show_data", frames, "--out", out, *(["--plain"] if plain else []))
@@ -53,13 +53,13 @@ def test_plain_draws_no_hands(frames: Path, tmp_path: Path) -> None:
     ],
 )
 def test_mistakes(tmp_path: Path, make: object, message: str) -> None:
-    """One line each."""
+    """Errors are one line each."""
     error = run_tool("show_data", make(tmp_path), "--out", tmp_path / "out.png", status=1).err
     assert message in error and error.count("\n") == 1 and not (tmp_path / "out.png").exists()
 
 
 def test_a_file_without_crops(tmp_path: Path) -> None:
-    """It says what the file has."""
+    """A data set without crops is reported with its shape."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["depth"] = np.zeros((3, 4))
     done = run_tool("show_data", tmp_path / "a.h5", "--out", tmp_path / "out.png", status=1)
@@ -69,21 +69,21 @@ def test_a_file_without_crops(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["out.png", "out.jpg"])
 @pytest.mark.parametrize("zoom", ["200", "100000", str(2**63 - 1)])
 def test_more_than_a_picture_can_be(frames: Path, tmp_path: Path, zoom: str, name: str) -> None:
-    """One line."""
+    """An image that is too large gives a one-line error."""
     error = run_tool("show_data", frames, "--out", tmp_path / name, "--zoom", zoom, status=1).err
     assert error.startswith(f"{5 * 128 * int(zoom)} x {128 * int(zoom)} pixels; expected at most")
     assert error.count("\n") == 1 and not (tmp_path / name).exists()
 
 
 def test_more_columns_than_frames(frames: Path, tmp_path: Path) -> None:
-    """Are left out."""
+    """Columns beyond the number of frames are not drawn."""
     for columns in ("5", "100000"):
         run_tool("show_data", frames, "--out", tmp_path / f"{columns}.png", "--columns", columns)
     assert (tmp_path / "5.png").read_bytes() == (tmp_path / "100000.png").read_bytes()
 
 
 def test_the_skeleton_of_another_body(frames: Path, tmp_path: Path) -> None:
-    """Is told, not left out."""
+    """A skeleton of another body is an error."""
     (tmp_path / "one.prototxt").write_text('joint { name: "only" }')
     options = ["--skeleton", str(tmp_path / "one.prototxt"), "--out", str(tmp_path / "out.png")]
     error = run_tool("show_data", frames, *options, status=1).err
@@ -92,12 +92,12 @@ def test_the_skeleton_of_another_body(frames: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", [".png", "a.gif"])
 def test_pictures_of_no_name_or_another_kind(frames: Path, tmp_path: Path, name: str) -> None:
-    """Are wrong usage."""
+    """A missing name or an unsupported suffix is a usage error."""
     run_tool("show_data", frames, "--out", tmp_path / name, status=2)
 
 
 def test_joints_that_are_not_finite(frames: Path, tmp_path: Path) -> None:
-    """The line names the file, not only the list; the crops can be seen."""
+    """The error names the file, not only the list; --plain shows the crops."""
     with h5py.File(tmp_path / "a.h5", "a") as file:
         file["joint"][4, 1] = np.nan
     argv = [str(frames), "--out", str(tmp_path / "out.png")]

@@ -1,4 +1,4 @@
-"""Commands in unusual surroundings: installed, in the C locale, without a home, with names of any bytes."""
+"""Commands in unusual environments: installed, in the C locale, without a home, with names that are not UTF-8."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tests.tools.conftest import ROOT
 LOG = "Iteration 0, loss = 2\nIteration 5, loss = 1\n"
 PACKAGES = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "prototxt", "models")
 C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-ODD = os.fsdecode(b"odd\xe9")  # in UTF-8 there is no such name
+ODD = os.fsdecode(b"odd\xe9")  # not valid in UTF-8
 
 
 @pytest.fixture
 def odd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """A name that is not UTF-8, in the working directory."""
+    """A name that is not UTF-8, for the working directory."""
     monkeypatch.chdir(tmp_path)
     try:
         Path(ODD).mkdir()
@@ -54,14 +54,14 @@ class TestNamesThatAreNotUtf8:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no C locale")
 def test_the_c_locale(tmp_path: Path) -> None:
-    """A name that its encoding lacks is written as it is, and printed as an escape."""
+    """In the C locale a file gets its exact name, which is printed escaped."""
     (tmp_path / "ö.log").write_text(LOG)
     done = run_python(ROOT / "tools" / "plot_log.py", "ö.log", "--out", "ü.png", cwd=tmp_path, **C_LOCALE)
     assert done == (0, "wrote \\udcc3\\udcbc.png\n", "") and (tmp_path / "ü.png").exists()
 
 
 def test_a_home_that_cannot_be_written(tmp_path: Path) -> None:
-    """Matplotlib says nothing of it on our stderr."""
+    """Matplotlib prints nothing on stderr if the home cannot be written."""
     (tmp_path / "home").touch()
     (tmp_path / "a.log").write_text(LOG)
     home = {name: str(tmp_path / "home") for name in ("HOME", "USERPROFILE", "MPLCONFIGDIR", "XDG_CACHE_HOME")}
@@ -71,11 +71,11 @@ def test_a_home_that_cannot_be_written(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the package installs (setup.py), without the rest of the clone."""
+    """The files that the package installs (setup.py), without the rest of the clone."""
     site = tmp_path_factory.mktemp("site")
     for name in PACKAGES:
         place = site if name in ("netlib", "layers", "handpose") else site / "netlib" / "share"
-        shutil.copytree(ROOT / name, place / name)  # with compiled files, which save seconds
+        shutil.copytree(ROOT / name, place / name)  # including compiled files, which saves seconds
     return site
 
 
@@ -84,7 +84,7 @@ class TestInstalled:
         return run_python("-m", "handpose", *words, status=status, cwd=folder, PYTHONPATH=str(site))
 
     def test_training(self, site: Path, tmp_path: Path) -> None:
-        """A solver of the package and its net are found from any folder; the advice names a command that is there."""
+        """A packaged solver and its net are found from any folder, and the advice names an existing command."""
         done = self.run(site, tmp_path, "train", "prototxt/nyu_solver.prototxt", "--max-iter", "1", status=1)
         assert "data/nyu/train.txt: cannot read the list of HDF5 files" in done.err
         assert "generate synthetic hands with 'handpose make-synthetic'" in done.err
@@ -104,6 +104,6 @@ class TestInstalled:
         assert done.out == f"{site / 'netlib' / 'share' / 'fast'}\n"
 
     def test_the_store_of_table_1(self, site: Path, tmp_path: Path) -> None:
-        """Is no part of the package: one line says where it is."""
+        """The results of Table 1 are not packaged; one line says where they are."""
         done = self.run(site, tmp_path, "table1", "--list", status=1)
         assert done.out == "" and done.err.count("\n") == 1 and "--ledger FOLDER selects that of a clone" in done.err

@@ -1,4 +1,4 @@
-"""tools/table1.py with its parts in tools/common/ and handpose/experiments/: few frames, narrow networks."""
+"""tools/table1.py with tools/common/ and handpose/experiments/, on few frames and narrow networks."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ RECIPES = {recipe.name: replace(recipe, lengths=LENGTHS, batch=8, every=2) for r
 
 @pytest.fixture(scope="module")
 def setting(small_data):
-    """64 training and 24 test frames of the first subject; the sizes do not matter here."""
+    """64 training and 24 test frames of the first subject."""
     counts = {"train": 64, "test": 24}
     return replace(ONE_HAND, folder=small_data, recipe="nyu", counts=counts)
 
 
 @pytest.fixture(scope="module")
 def narrow(tmp_path_factory):
-    """The networks by name, with 32 features for 1024."""
+    """The networks by name, with 32 features instead of 1024."""
     folder, found = tmp_path_factory.mktemp("narrow"), {}
     for network in NETWORKS[:6]:
         path = folder / network.model.name
@@ -53,7 +53,7 @@ def narrow(tmp_path_factory):
 
 
 def sit(folder, jobs, **options):
-    """Exit status and messages of a campaign, and the campaign."""
+    """Run a campaign; return its exit status, its messages and the campaign."""
     with contextlib.redirect_stderr(io.StringIO()) as err:
         one = Campaign(folder / "store", folder / "work", "a test", **options)
         status = one.run(jobs)
@@ -61,13 +61,13 @@ def sit(folder, jobs, **options):
 
 
 def weights(path):
-    """All arrays of a snapshot."""
+    """Return all arrays of a snapshot."""
     with h5py.File(path) as file:
         return {f"{layer}/{i}": group[i][...] for layer, group in file["data"].items() for i in group}
 
 
 def same(one, other):
-    """Are all arrays of two files of weights the same to the last bit?"""
+    """Return whether all arrays of two weights files are equal bit for bit."""
     a, b = weights(one), weights(other)
     return a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
 
@@ -77,7 +77,7 @@ def same(one, other):
 
 @pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES)
 def test_trunk_and_end_are_a_training_in_one_go(setting, narrow, recipe, tmp_path):
-    """Bit for bit, for each of two lengths that share the trunk."""
+    """Training a trunk and an end equals a single run, bit for bit, for two lengths that share the trunk."""
     one = Training(setting, narrow["ours"], recipe, 3, tmp_path)
     files = setting.files("train")
     for length in LENGTHS[:2]:
@@ -94,7 +94,7 @@ def test_trunk_and_end_are_a_training_in_one_go(setting, narrow, recipe, tmp_pat
         alone.step(length - end.first)
         alone.net.save(tmp_path / "alone.caffemodel.h5")
         assert same(one.weights_of(length), tmp_path / "alone.caffemodel.h5")
-    if not recipe.robust:  # then the end's solver is the whole training's
+    if not recipe.robust:  # then the end's solver equals that of the whole run
         whole = netlib.get_solver(end.solver)
         whole.step(length)
         whole.net.save(tmp_path / "whole.caffemodel.h5")
@@ -102,7 +102,7 @@ def test_trunk_and_end_are_a_training_in_one_go(setting, narrow, recipe, tmp_pat
 
 
 def test_every_network_is_trained_and_scored(setting, narrow, tmp_path):
-    """The first length of each: its entry in the store; old snapshots go; a second run does nothing."""
+    """Each network is trained and scored once, old snapshots are removed, and a second run does nothing."""
     jobs = [Job(setting, network, RECIPES["paper"], 1) for network in narrow.values()]
     status, said, _ = sit(tmp_path, jobs, longest=4)
     assert status == 0 and len(said) == 3 * len(jobs)
@@ -123,7 +123,7 @@ def test_every_network_is_trained_and_scored(setting, narrow, tmp_path):
 
 
 def test_a_stopped_campaign_continues_where_it_was(setting, narrow, tmp_path, monkeypatch):
-    """After a signal in the trunk, one in the end, and with the time over: the figures are those of one go."""
+    """After a signal in the trunk, one in the end, and a time limit, the results equal those of a single run."""
     jobs = [Job(setting, narrow["ours"], RECIPES["adam"], 1)]
     assert sit(tmp_path / "one", jobs)[0] == 0
     whole, stops = training.train, [1, 4]
@@ -148,12 +148,12 @@ def test_a_stopped_campaign_continues_where_it_was(setting, narrow, tmp_path, mo
     monkeypatch.undo()
     assert sit(tmp_path / "two", jobs)[0] == 0
     one, two = (store.read_all(tmp_path / name / "store", "one_hand") for name in ("one", "two"))
-    assert len(one) >= 2 and [repr(e.subjects) for e in one] == [repr(e.subjects) for e in two]  # NaN is not itself
+    assert len(one) >= 2 and [repr(e.subjects) for e in one] == [repr(e.subjects) for e in two]  # NaN != NaN
     assert all(np.array_equal(a.shown, b.shown) for a, b in zip(one, two))
 
 
 def test_a_scored_length_is_not_trained_again_elsewhere(setting, narrow, tmp_path):
-    """The store alone is enough; the trunk is then trained anew to where the next length branches off."""
+    """Stored results are not computed again; the trunk is trained again up to the branch of the next length."""
     jobs = [Job(setting, narrow["ours"], RECIPES["paper"], 1)]
     assert sit(tmp_path, jobs, longest=4)[0] == 0
     (tmp_path / "work").rename(tmp_path / "elsewhere")
@@ -162,7 +162,7 @@ def test_a_scored_length_is_not_trained_again_elsewhere(setting, narrow, tmp_pat
 
 
 def test_a_shorter_length_after_a_longer_one(setting, narrow, tmp_path):
-    """Its trunk is trained from the start, and is not taken for an old snapshot."""
+    """After a longer run the trunk of a shorter one is trained from the start."""
     recipe = RECIPES["paper"]
     jobs = [Job(setting, narrow["ours"], recipe, 1, only) for only in (9, 4)]
     assert sit(tmp_path, jobs)[0] == 0
@@ -170,14 +170,14 @@ def test_a_shorter_length_after_a_longer_one(setting, narrow, tmp_path):
 
 
 def test_a_store_of_other_data_is_refused(setting, narrow, tmp_path):
-    """One line, before anything is trained."""
+    """A store of other data is rejected on one line before training."""
     store.write(tmp_path / "store", entry("direct_joint"))
     with pytest.raises(DataError, match=r"store/one_hand: was made with the data synthetic_00000000, those in"):
         sit(tmp_path, [Job(setting, narrow["ours"], RECIPES["paper"], 1)])
 
 
 def test_other_data_are_other_trainings(tmp_path):
-    """Networks trained on synthetic hands never stand in a table of NYU's; those on other labels lie elsewhere."""
+    """Results of synthetic data and of NYU have different names, and other labels have other work folders."""
     path, names = tmp_path / "other.h5", []
     for made_from, recipe in (("synthetic", "a"), ("synthetic", "b"), ("NYU", "b")):
         with h5py.File(path, "w") as file:
@@ -193,7 +193,7 @@ def test_other_data_are_other_trainings(tmp_path):
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """A store whose figures are made up; the working directory is elsewhere."""
+    """A store with invented results; the working directory is elsewhere."""
     monkeypatch.chdir(tmp_path)
     for where, recipe in ((ONE_HAND, PAPER), (ONE_HAND, ADAM), (MANY_HANDS, ADAM)):
         for one in trained(where, recipe):
@@ -205,12 +205,12 @@ def made(tmp_path, monkeypatch):
 
 
 def run(*options, status=None):
-    """The tool, on the store of these tests."""
+    """Run the tool on the store of the test."""
     return run_tool("table1", "--ledger", "store", "--out", "results", "--work", "work", *options, status=status)
 
 
 def test_the_page_and_its_pictures(made):
-    """All that the page shows is there, from the store alone."""
+    """The page and all its pictures are written from the store alone."""
     assert run("--page")[0] == 0
     page = (made / "results" / "table1.md").read_text()
     found = re.findall(r"!\[.*\]\((.*)\)", page)
@@ -221,7 +221,7 @@ def test_the_page_and_its_pictures(made):
 
 
 def test_the_list(made):
-    """What is done and what is missing; nothing is written."""
+    """--list prints finished and missing runs and writes nothing."""
     status, out, _ = run("--list")
     assert status == 0 and re.search(r"one_hand: ours, adam, seed 2 +20000, 30000 .* done +–", out)
     _, more, _ = run("--list", "--seeds", "3")
@@ -230,7 +230,7 @@ def test_the_list(made):
 
 
 def test_nyu_itself_is_taken_where_it_is(made):
-    """Where data/nyu holds synthetic hands, it is not."""
+    """data/nyu is used only if it holds NYU's frames."""
     assert "nyu:" not in run("--list")[1]
     (made / "data/nyu").mkdir(parents=True)
     for made_from, taken in (("synthetic", False), ("NYU", True)):
@@ -242,7 +242,7 @@ def test_nyu_itself_is_taken_where_it_is(made):
 
 
 def test_a_damaged_store_is_one_line(made):
-    """And nothing is trained or written."""
+    """A damaged store gives one line, and nothing is trained or written."""
     path = made / "store/one_hand/ours_paper_seed1_6000.json"
     path.write_text(path.read_text()[:-50])
     for options in (["--page"], ["--list"]):
@@ -252,7 +252,7 @@ def test_a_damaged_store_is_one_line(made):
 
 
 def test_a_store_that_is_not_there(made):
-    """Is a wrong name: no empty page is written over the one there is."""
+    """A missing or empty store is an error, so that no empty page replaces an existing one."""
     for options in (["--page"], ["--list"]):
         status, out, err = run("--ledger", "lodger", *options)
         assert (status, out) == (1, "") and err.startswith("lodger: no such folder") and err.count("\n") == 1
@@ -265,7 +265,7 @@ def test_a_store_that_is_not_there(made):
 
 
 def test_a_seed_named_twice(made):
-    """Is one training."""
+    """A repeated option counts once."""
     out = run("--list", "--seeds", "2", "2", "--networks", "ours", "ours", "--recipe", "adam", "--setting", "one_hand")[
         1
     ]
@@ -273,14 +273,14 @@ def test_a_seed_named_twice(made):
 
 
 def test_without_nyu_a_line_says_how_to_get_it(made):
-    """NYU cannot be made."""
+    """Without NYU an error names the command that prepares it."""
     status, _, err = run("--setting", "nyu")
     assert status == 1 and err.startswith("data/nyu/train.txt: cannot read the list of HDF5 files")
     assert "tools/prepare_nyu.py NYU_ROOT" in err and err.count("\n") == 1
 
 
 def test_other_frames_are_not_nyu(made, small_data):
-    """Synthetic hands where NYU should be: nothing is fitted, trained or scored."""
+    """With synthetic hands in place of NYU nothing is fitted, trained or scored."""
     (made / "data/nyu").mkdir(parents=True)
     for split in ("train", "test"):
         (made / f"data/nyu/{split}.txt").write_text(f"{small_data}/{split}_000.h5\n")
@@ -292,7 +292,7 @@ def test_other_frames_are_not_nyu(made, small_data):
 
 
 def test_folders_that_cannot_be_made(setting, narrow, tmp_path):
-    """One line."""
+    """A folder that cannot be created raises an error."""
     (tmp_path / "work").write_text("")
     with pytest.raises(netlib.NetlibError, match="cannot make the folder: "):
         sit(tmp_path, [Job(setting, narrow["ours"], RECIPES["paper"], 1)])
@@ -310,5 +310,5 @@ def test_folders_that_cannot_be_made(setting, narrow, tmp_path):
     ],
 )
 def test_usage(options):
-    """Wrong usage is argparse's own message and status 2."""
+    """Wrong usage gives argparse's message and status 2."""
     run(*options, status=2)

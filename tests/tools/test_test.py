@@ -1,4 +1,4 @@
-"""tools/test.py: figures in mm, a table, JSON, a picture."""
+"""tools/test.py: errors in mm, a table, JSON and a picture."""
 
 import json
 
@@ -22,7 +22,7 @@ def snapshot(work):
 
 
 def test_figures_are_those_of_the_frames(work, small_data, snapshot):
-    """The errors are the distances between predicted and true joints in mm, every frame counted once."""
+    """The errors are the distances of predicted and true joints in mm, with every frame counted once."""
     report = json.loads(run_tool("test", "--model", "net.prototxt", snapshot, snapshot, "--json").out)
     first, second = report["snapshots"]
     assert report["frames"] == 24 and report["data"] == "synthetic"
@@ -47,7 +47,7 @@ def test_table_and_picture(work, snapshot):
 
 
 def test_engine(work, snapshot, monkeypatch):
-    """--engine says what computes, whatever the process does otherwise; the figures are the same, to rounding."""
+    """--engine selects the engine, whatever NETLIB_ENGINE; the errors agree to rounding."""
     names, nets, found = ["plain"] + (["fast"] if engine.has_fast() else []), [], []
 
     def built(*args, **options):
@@ -64,7 +64,7 @@ def test_engine(work, snapshot, monkeypatch):
 
 
 def test_mistakes(work, snapshot):
-    """Weights of another net, a missing file, a net without test data: one line each."""
+    """Weights of another net, a missing file and a net without test data give a one-line error."""
     done = run_tool("test", "--model", "net.prototxt", "nothing.h5", status=1)
     assert done.err == "nothing.h5: cannot read weights: No such file or directory\n"
     with h5py.File("other.h5", "w") as file:
@@ -76,7 +76,7 @@ def test_mistakes(work, snapshot):
 
 
 def test_fit(work, small_data):
-    """--fit adds what is left after the fit to the depth; the picture then shows the fitted hands."""
+    """--fit adds the errors after the fit to the depth, and the picture shows the fitted hands."""
     model = (SYNTHETIC_HAND / "train_test.prototxt").read_text().replace("data/people", str(small_data))
     model = model.replace("../../prototxt", str(ROOT / "prototxt"))
     (work / "own.prototxt").write_text(model.replace("batch_size: 250", "batch_size: 10"))
@@ -98,12 +98,12 @@ def test_fit(work, small_data):
     ],
 )
 def test_usage(options, message):
-    """A net that only a fit would run, and a picture without a name."""
+    """--deploy without --fit, and a picture without a name, are usage errors."""
     assert message in run_tool("test", "net.caffemodel.h5", *options, status=2).err
 
 
 def test_frames_that_cannot_be_fitted(work, small_data, snapshot):
-    """Without the places where their crops were cut, or of several cameras."""
+    """Frames without crop centres, or of several cameras, cannot be fitted."""
     (work / "data").mkdir()
     with h5py.File(small_data / "test_000.h5") as file:
         arrays = {name: file[name][...] for name in ("depth", "joint", "half_cube", "center", "center_uvd")}

@@ -1,4 +1,4 @@
-"""tools/time.py: the lines of ``caffe time``, and where memory goes."""
+"""tools/time.py: the lines of ``caffe time``, and the use of memory."""
 
 import re
 
@@ -9,7 +9,7 @@ from tests.support.running import run_tool
 
 
 def test_lines_are_caffes(work):
-    """Every layer forwards and backwards, and the averages of whole passes."""
+    """Every layer is timed forwards and backwards, with the averages of whole passes."""
     out = run_tool("time", "net.prototxt", "--iterations", "1").out
     for name in ("convL1", "poolL1", "FC1", "HandModel"):
         assert re.search(rf"^ *{name}\tforward: [\d.e-]+ ms\.$", out, re.MULTILINE)
@@ -19,7 +19,7 @@ def test_lines_are_caffes(work):
 
 @pytest.mark.parametrize("name", ENGINES)
 def test_memory(work, monkeypatch, name):
-    """Whole blobs are listed with their size; those that the fast engine hides are not stored."""
+    """Blobs are listed with their size; blobs that the fast engine hides are reported as not stored."""
     monkeypatch.setenv("NETLIB_ENGINE", name)
     out = run_tool("time", "net.prototxt", "--memory").out
     assert re.search(r" 1\.00 MiB  blob depth 16x1x128x128$", out, re.MULTILINE)
@@ -28,19 +28,19 @@ def test_memory(work, monkeypatch, name):
 
 
 def test_engine(work):
-    """--engine chooses, whatever the process does otherwise."""
+    """--engine selects the engine, whatever NETLIB_ENGINE."""
     done = run_tool("time", "net.prototxt", "--iterations", "1", "--engine", "plain")
     assert done.out.startswith("Engine plain; BLAS: ")
 
 
 def test_threads_are_those_of_the_engine(work, other_engine):
-    """--threads is for the engine that --engine names, and it has as many again after single layers are timed."""
+    """--threads applies to the engine of --engine and is restored after timing single layers."""
     done = run_tool("time", "net.prototxt", "--iterations", "1", "--engine", "fast", "--threads", "3")
     assert other_engine.threads() == 3
     assert re.match(r"Engine fast; .*, 3 threads\n", done.out)
 
 
 def test_mistakes():
-    """A net that is not there."""
+    """A missing net gives a one-line error."""
     done = run_tool("time", "nothing.prototxt", status=1)
     assert done.err == "nothing.prototxt: cannot read the prototxt: No such file or directory\n"

@@ -1,4 +1,4 @@
-"""All tools alike: none is built on another, each has main(argv), and the commands in its help can be run."""
+"""Requirements of all tools: independence, main(argv), and commands in the help that run."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from tests.tools.conftest import ROOT
 
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
 COMMANDS = [path.stem for path in FILES]
-LONGEST = 160  # lines; what is longer has logic that belongs elsewhere
+LONGEST = 160  # lines; longer files contain logic that belongs elsewhere
 WITH_ENGINE = ["extract_features", "measure_fit", "predict", "test", "time", "train"]
 
 
 def examples(doc: str, name: str) -> list[list[str]]:
-    """The arguments of each command that a docstring shows, without what its output is led to."""
+    """Return the arguments of each command in a docstring, without pipes."""
     lines = doc.replace("\\\n", " ").splitlines()
     found = [re.search(rf"python tools/{name}\.py([^|]*)", line) for line in lines]
     return [shlex.split(match[1]) for match in found if match]
 
 
 def test_the_commands_are_found() -> None:
-    """Else the other tests would look at nothing."""
+    """The list of commands is not empty, so that the other tests check something."""
     assert {"train", "test", "predict", "table1", "make_synthetic"} <= set(COMMANDS)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_is_short(name: str) -> None:
-    """It parses, calls and prints."""
+    """A command file only parses arguments, calls functions and prints."""
     assert len((ROOT / "tools" / f"{name}.py").read_text(encoding="utf-8").splitlines()) <= LONGEST
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_main(name: str) -> None:
-    """``main(argv=None)`` returns the exit status, and a file that is run exits with it."""
+    """``main(argv=None)`` returns the exit status, and running the file exits with it."""
     module = importlib.import_module(f"tools.{name}")
     (argv,) = inspect.signature(module.main).parameters.values()
     assert (argv.name, argv.default) == ("argv", None)
@@ -55,7 +55,7 @@ def test_main(name: str) -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_commands_in_the_help_can_be_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The parser takes all that the docstring shows, and there is something."""
+    """The parser accepts every command in the docstring, and there is at least one."""
     module = importlib.import_module(f"tools.{name}")
     monkeypatch.setattr(module, "guarded", lambda run, args: 0)
     shown = examples(module.__doc__, name)
@@ -66,19 +66,19 @@ def test_the_commands_in_the_help_can_be_run(name: str, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_is_the_docstring(name: str) -> None:
-    """As it is written, before the options."""
+    """The help starts with the docstring as written."""
     module = importlib.import_module(f"tools.{name}")
     assert module.__doc__.strip() in run_tool(name, "--help").out
 
 
 @pytest.mark.parametrize("name", WITH_ENGINE)
 def test_engine(name: str) -> None:
-    """Every command that runs one net has --engine with the same names."""
+    """Every command that runs one net has --engine with the same choices."""
     assert f"--engine {{{','.join(engine.NAMES)}}}" in run_tool(name, "--help").out
 
 
 def reached(path: Path) -> set[str]:
-    """All that a file imports, and what the modules outside the engine import that it does."""
+    """Return all imports of a file, including indirect ones outside the engine."""
     found: set[str] = set()
     todo = {path}
     while todo:
@@ -95,7 +95,7 @@ def reached(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_that_runs_nets_can_refuse_code(name: str) -> None:
-    """--no-python-layers, for nets of strangers; a command that runs no net has no such option."""
+    """Exactly the commands that run nets have --no-python-layers, for nets from untrusted sources."""
     classes = {"netlib.net.Net", "netlib.solver.Solver", "netlib.interruption.solver.InterruptibleSolver"}
     runs_nets = bool(classes & reached(ROOT / "tools" / f"{name}.py"))
     assert ("--no-python-layers" in run_tool(name, "--help").out) == runs_nets
@@ -121,7 +121,7 @@ layer { name: "own" type: "Python" bottom: "depth" top: "pred" python_param { mo
     ],
 )
 def test_no_python_layers(name: str, argv: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """However deep a net is built, it is refused, and nothing of it runs; the next call begins anew."""
+    """--no-python-layers rejects the net wherever it is built and runs no code; the next call is unaffected."""
     monkeypatch.chdir(tmp_path)
     Path("net.prototxt").write_text(PYTHON)
     Path("solver.prototxt").write_text('net: "net.prototxt" base_lr: 0.1 lr_policy: "fixed"')
@@ -134,8 +134,8 @@ def test_no_python_layers(name: str, argv: list[str], tmp_path: Path, monkeypatc
 
 
 def test_a_command_starts_without_what_few_need() -> None:
-    """Parts of SciPy are loaded where they are used: scipy.spatial and what it needs are a third of a start."""
-    turning = ("make_recording", "measure_gestures", "measure_tracking")  # draw hands that turn
+    """Rarely used parts of SciPy and matplotlib are imported on use, because they take a third of the start-up time."""
+    turning = ("make_recording", "measure_gestures", "measure_tracking")  # draw rotating hands
     names = [name for name in COMMANDS if name not in turning]
     code = f"import sys, {', '.join(f'tools.{name}' for name in names)}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -1,4 +1,4 @@
-"""tools/track.py: from a recording to files"""
+"""tools/track.py: from a recording to output files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from handpose.tracking.tracker import Tracker, load_tracker
 from tests.support.running import run_tool
 from tools import track
 
-RAW = ["--camera", "icvl", "--unit", "1", "--rate", "15"]  # what nothing says of a bare stack
+RAW = ["--camera", "icvl", "--unit", "1", "--rate", "15"]  # required for a bare stack
 COUNT = 8
 
 
@@ -40,19 +40,19 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def take(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is takes/take.npz, seen from the working directory."""
+    """Copy the recording to takes/take.npz in the working directory."""
     monkeypatch.chdir(tmp_path)
     Path("takes").mkdir()
     shutil.copy(recorded, "takes/take.npz")
 
 
 def files() -> list[str]:
-    """What is there beside the recording."""
+    """Return the names of all files except the recordings."""
     return sorted(path.name for path in Path().iterdir() if path.name != "takes")
 
 
 def stopped_at(monkeypatch: pytest.MonkeyPatch, number: int, stop: Any) -> None:
-    """While this frame is tracked, something happens."""
+    """Call ``stop`` while this frame is tracked."""
     step = Tracker.step
 
     def interrupted(self: Tracker, frame: DepthFrame) -> Any:
@@ -67,16 +67,16 @@ def stopped_at(monkeypatch: pytest.MonkeyPatch, number: int, stop: Any) -> None:
 
 
 def test_without_any_output_named() -> None:
-    """A document and a sheet, called like the source, here; they hold what the tracker tells."""
+    """By default a JSON file and a contact sheet, named after the source, contain the tracker's results."""
     _, said, error = run_tool("track", "takes/take.npz")
     assert files() == ["take.json", "take.png"]
     found = read_track("take.json")
     with open_recording("takes/take.npz") as recording:
         tracker = load_tracker(recording.camera)
-        told = list(tracker.follow(recording))
+        expected = list(tracker.follow(recording))
     assert not found.cut and found.header.smoothed and found.header.camera == ICVL
     assert len(found.frames) == COUNT
-    for one, other in zip(found.frames, told):
+    for one, other in zip(found.frames, expected):
         assert (one.number, [hand.id for hand in one.hands]) == (other.number, [hand.id for hand in other.hands])
         for own, same in zip(one.hands, other.hands):
             np.testing.assert_allclose(own.xyz, same.xyz, atol=0.006)
@@ -90,7 +90,7 @@ def test_without_any_output_named() -> None:
 
 
 def test_lines_for_another_program() -> None:
-    """A header and a line for each frame, and nothing else, on standard output; what is said goes to stderr."""
+    """With --json - only a header and a line for each frame go to stdout; messages go to stderr."""
     _, out, said = run_tool("track", "takes/take.npz", "--json", "-")
     header, *frames = (json.loads(line) for line in out.splitlines())
     assert header["format"] == "handpose track" and header["source"] == "takes/take.npz"
@@ -100,7 +100,7 @@ def test_lines_for_another_program() -> None:
 
 
 def test_joints_of_another_format() -> None:
-    """--joints: JSON has them beside ours, which are the same as without it; CSV has them instead."""
+    """With --joints JSON has the other format in addition to the unchanged hands; CSV has it instead."""
     run_tool("track", "takes/take.npz", "--json", "plain.json")
     options = ["--json", "a.json", "--csv", "a.csv", "--joints", "openxr"]
     run_tool("track", "takes/take.npz", *options)
@@ -114,7 +114,7 @@ def test_joints_of_another_format() -> None:
 
 
 def test_options() -> None:
-    """Go to the tracker: the size, no smoothing; so many frames."""
+    """--raw, --size and --frames are passed to the tracker."""
     run_tool("track", "takes/take.npz", "--json", "a.json", "--raw", "--size", "1.1", "--frames", "3")
     found = read_track("a.json")
     assert not found.header.smoothed and len(found.frames) == 3 and not found.cut and files() == ["a.json"]
@@ -124,7 +124,7 @@ def test_options() -> None:
 
 @pytest.mark.parametrize("hand", ["left", "right"])
 def test_which_hand_is_known(hand: str) -> None:
-    """Then it is looked for as that one alone, also where it is not."""
+    """With --hand only that hand is searched, even if it is not visible."""
     run_tool("track", "takes/take.npz", "--json", "a.json", "--hand", hand, "--frames", "3")
     assert {own.hand for frame in read_track("a.json").frames for own in frame.hands} <= {hand}
 
@@ -136,7 +136,7 @@ def test_which_hand_is_known(hand: str) -> None:
      ("camera.npz", "camera_track"), (".", "here"), ("../here", "here")],
 )  # fmt: skip
 def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of the source; never that of a camera's file."""
+    """Default output names are derived from the source and never equal a camera file."""
     seen: list[argparse.Namespace] = []
     monkeypatch.setattr(track, "guarded", lambda run, args: seen.append(args) or 0)
     Path("here").mkdir()
@@ -146,7 +146,7 @@ def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_first_look() -> None:
-    """Shows the first hand, and tracks nothing."""
+    """--look writes a picture of the first hand and tracks nothing."""
     done = run_tool("track", "takes/take.npz", "--look", "look.png")
     assert files() == ["look.png"] and cv2.imread("look.png") is not None
     assert "frame 0: right hand, " in done.out
@@ -165,13 +165,13 @@ def test_a_first_look() -> None:
     ids=lambda argv: " ".join(argv),
 )  # fmt: skip
 def test_wrong_usage(argv: list[str]) -> None:
-    """Ends with 2 before anything is done."""
+    """Wrong usage gives status 2 before any work."""
     assert argv[0] in run_tool("track", "takes/take.npz", *argv, status=2).err and files() == []
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_leaves_whole_files(number: int, status: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of what was done, with the frame that it came in; what was found is said all the same."""
+    """A signal leaves complete files up to the current frame, and the summary is printed."""
     stopped_at(monkeypatch, 3, lambda: signal.raise_signal(number))
     outputs = ["--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh"]
     _, out, error = run_tool("track", "takes/take.npz", *outputs, status=status)
@@ -183,7 +183,7 @@ def test_a_signal_leaves_whole_files(number: int, status: int, monkeypatch: pyte
 
 
 def test_a_second_signal_leaves_whole_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also in the middle of a frame."""
+    """A second signal, in the middle of a frame, also leaves complete files."""
 
     def stop() -> None:
         raise KeyboardInterrupt
@@ -196,7 +196,7 @@ def test_a_second_signal_leaves_whole_files(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_source_that_is_cut() -> None:
-    """All whole frames are tracked, and it is said; the document is complete, for there is no more."""
+    """All complete frames of a truncated source are tracked with a warning, and the file is not marked as cut."""
     depth = np.stack([frame.depth for frame in open_recording("takes/take.npz")]).astype(np.uint16)
     np.save("takes/cut.npy", depth[:4])
     Path("takes/cut.npy").write_bytes(Path("takes/cut.npy").read_bytes()[:-1])
@@ -206,11 +206,11 @@ def test_a_source_that_is_cut() -> None:
 
 
 def test_a_source_that_breaks() -> None:
-    """One line, and whole files of the frames before."""
+    """A source that fails gives one line, and complete files of the frames before."""
     Path("takes/frames").mkdir()
     for frame in open_recording("takes/take.npz"):
         cv2.imwrite(f"takes/frames/{frame.number}.png", frame.depth.astype(np.uint16))
-    for n in range(COUNT, 12):  # behind those of a first look
+    for n in range(COUNT, 12):  # beyond the frames used for inspection
         cv2.imwrite(f"takes/frames/{n}.png", np.zeros((5, 6) if n == 11 else (240, 320), np.uint16))
     (line,) = run_tool("track", "takes/frames", *RAW, "--json", "a.json", status=1).err.splitlines()
     assert line.startswith("takes/frames/11.png: 6 x 5 pixels; ")
@@ -219,7 +219,7 @@ def test_a_source_that_breaks() -> None:
 
 
 def test_nobody_there() -> None:
-    """Frames without a hand are a track without one; a first look shows why."""
+    """Frames without a hand give an empty track; --look shows the first frame."""
     np.save("takes/wall.npy", np.random.default_rng(0).integers(1190, 1210, (3, 240, 320)).astype(np.uint16))
     assert "no hand was found\n" in run_tool("track", "takes/wall.npy", *RAW).out
     assert [(frame.hands, frame.lost) for frame in read_track("wall.json").frames] == [((), ())] * 3
@@ -232,7 +232,7 @@ def test_nobody_there() -> None:
 
 
 def test_no_source() -> None:
-    """Nor a camera: one line, and no files."""
+    """A missing source or an unknown camera gives one line and no files."""
     np.save("takes/bare.npy", np.ones((2, 240, 320), np.uint16))
     for source, line in (
         ("takes/none", "takes/none: no such file"),

@@ -1,4 +1,4 @@
-"""What tools/track.py refuses: one line, and every file is as it was."""
+"""Errors of tools/track.py: one line, and no file is changed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def contents() -> dict[str, bytes | None]:
-    """Of all files here."""
+    """Return the content of all files."""
     return {str(path): path.read_bytes() if path.is_file() else None for path in Path().rglob("*")}
 
 
@@ -51,7 +51,7 @@ def contents() -> dict[str, bytes | None]:
     ],
 )
 def test_what_cannot_be_written(argv: list[str], said: str) -> None:
-    """Because it is read, would be read in the next run, or has no place; said before anything is tracked."""
+    """Outputs that are inputs, would be inputs of the next run, or cannot be written are rejected before tracking."""
     np.save("take.npy", np.full((2, 48, 64), 900, np.uint16))
     for name in ("own.json", "take.camera.json"):
         Path(name).write_text(CAMERA)
@@ -64,7 +64,7 @@ def test_what_cannot_be_written(argv: list[str], said: str) -> None:
 
 
 def test_the_default_names_do_not_replace_frames(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the folder of the frames itself."""
+    """Run from the folder of the frames, the default names do not replace a frame."""
     monkeypatch.chdir(frames)
     before = contents()
     for source in (".", "*.png", "1.png"):
@@ -75,7 +75,7 @@ def test_the_default_names_do_not_replace_frames(frames: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize("name", ["frames.json", "frames.png"])
 def test_the_default_names_replace_nothing(name: str) -> None:
-    """A file that was not named is not taken; the line says how to name it."""
+    """An existing file is not replaced by a default name; the error says how to name it."""
     Path(name).write_text("mine")
     before = contents()
     assert run_tool("track", "frames", status=1).err == (
@@ -96,12 +96,12 @@ def test_the_default_names_replace_nothing(name: str) -> None:
     ],
 )
 def test_wrong_usage(argv: list[str], said: str) -> None:
-    """Exit status 2."""
+    """Wrong usage gives exit status 2."""
     assert said in run_tool("track", "frames", *argv, status=2).err
 
 
 def test_of_two_failures_the_first_is_told(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disk that is full at a frame is still full when the sheet is to be written."""
+    """The first error is reported, even if a full disk also prevents the contact sheet."""
 
     def full(self: JsonWriter, frame: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", str(self.files[0]))

@@ -1,4 +1,4 @@
-"""tools/train.py: Caffe's log, resume, signals, and one line for each mistake."""
+"""tools/train.py: Caffe's log, resume, signals, and one-line errors."""
 
 import contextlib
 import os
@@ -26,7 +26,7 @@ STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
 
 
 def mistake(argv, status=1):
-    """The one line that a mistake prints."""
+    """Return the one line that an error prints."""
     done = run_tool("train", *argv, status=status)
     lines = [line for line in done.err.splitlines() if not re.match(STAMP + "|[a-z_]+:", line)]
     assert len(lines) == 1, lines
@@ -38,7 +38,7 @@ def weights(path):
 
 
 def test_log_is_caffes(work):
-    """Existing log parsers find iterations, losses, outputs and learning rates."""
+    """The log has Caffe's lines for iterations, losses, outputs and learning rates."""
     done = run_tool("train", "solver.prototxt", "--log", "train.log")
     log = (work / "train.log").read_text()
     number = r"[-+\d.e]+"
@@ -53,7 +53,7 @@ def test_log_is_caffes(work):
 
 
 def test_bvlcs_parsers_read_the_dates(work):
-    """Caffe's parse_log.py and extract_seconds.py take month and day from columns 1 to 4, and start at 'Solving'."""
+    """Caffe's parse_log.py and extract_seconds.py read month and day from columns 1 to 4, and start at 'Solving'."""
     run_tool("train", "solver.prototxt", "--log", "train.log")
     lines = (work / "train.log").read_text().splitlines()
     started = next(line for line in lines if "Solving" in line).split()
@@ -65,7 +65,7 @@ def test_bvlcs_parsers_read_the_dates(work):
 
 @pytest.mark.parametrize("name", ["plain", "fast"])
 def test_engine(work, name):
-    """--engine says what computes, and the log names it."""
+    """--engine selects the engine, which the log names."""
     if name == "plain" or engine.has_fast():
         done = run_tool("train", "solver.prototxt", "--max-iter", "1", "--engine", name)
         assert f", engine {name}. BLAS:" in done.err
@@ -73,7 +73,7 @@ def test_engine(work, name):
 
 
 def test_a_resumed_training_adds_to_its_log(work):
-    """The first part is not lost; another training begins the file anew."""
+    """A resumed run appends to its log; another run starts the file again."""
     run_tool("train", "solver.prototxt", "--max-iter", "3", "--log", "train.log")
     first = (work / "train.log").read_text()
     run_tool("train", "solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate", "--log", "train.log")
@@ -84,7 +84,7 @@ def test_a_resumed_training_adds_to_its_log(work):
 
 
 def test_resume_is_exact(work):
-    """Six iterations are three, a new process's resume, and three more."""
+    """Six iterations equal three, a resume, and three more."""
     run_tool("train", "solver.prototxt")
     whole = weights("snapshots/net_iter_6.caffemodel")
     run_tool("train", "solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate")
@@ -93,7 +93,7 @@ def test_resume_is_exact(work):
 
 
 def test_seed_and_threads(work):
-    """The seed decides the result, the number of threads does not."""
+    """The result depends on the seed, but not on the number of threads."""
     results = []
     for extra in (["--seed", "5"], ["--seed", "5", "--threads", "1"], ["--seed", "6"]):
         run_tool("train", "solver.prototxt", "--max-iter", "2", *extra)
@@ -103,14 +103,14 @@ def test_seed_and_threads(work):
 
 
 def test_threads_are_those_of_the_engine(work, other_engine):
-    """--threads is for the engine that --engine names, even if the process has another one."""
+    """--threads applies to the engine of --engine, even if NETLIB_ENGINE selects another one."""
     done = run_tool("train", "solver.prototxt", "--max-iter", "1", "--engine", "fast", "--threads", "3")
     assert "Use CPU, 3 threads, engine fast. " in done.err
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signal_snapshots_and_stops(work, number, status):
-    """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and say so in the exit status."""
+    """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status."""
     command = [sys.executable, str(ROOT / "tools" / "train.py"), "solver.prototxt", "--max-iter", "100000"]
     lines = []
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
@@ -143,7 +143,7 @@ def test_hangup_snapshots_and_goes_on(work, monkeypatch):
 
 @pytest.fixture(autouse=True)
 def kept_signals():
-    """After each training signals do what they did before it."""
+    """Check that training restores the signal handlers."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(n) for n in numbers]
     yield
@@ -151,7 +151,7 @@ def kept_signals():
 
 
 def test_missing_data_says_how_to_make_it(tmp_path, monkeypatch):
-    """Without data/nyu, one line with the two commands that make it."""
+    """Without data/nyu, one line names the two commands that create it."""
     shutil.copytree(ROOT / "prototxt", tmp_path / "prototxt")
     monkeypatch.chdir(tmp_path)
     line = mistake(["prototxt/nyu_solver.prototxt"])
@@ -160,7 +160,7 @@ def test_missing_data_says_how_to_make_it(tmp_path, monkeypatch):
 
 
 def test_mistakes(work):
-    """Each mistake is one line with its place."""
+    """Each error is one line with its position."""
     run_tool("train", "solver.prototxt", "--max-iter", "3")
     state, model = "snapshots/net_iter_3.solverstate", "snapshots/net_iter_3.caffemodel"
     assert mistake(["nothing.prototxt"]) == "nothing.prototxt: cannot read the prototxt: No such file or directory"
@@ -173,13 +173,13 @@ def test_mistakes(work):
 
 
 def test_usage():
-    """Wrong usage is argparse's own message and status 2."""
+    """Wrong usage gives argparse's message and status 2."""
     for argv in ([], ["s", "--max-iter", "0"], ["s", "--snapshot", "a", "--weights", "b"]):
         run_tool("train", *argv, status=2)
 
 
 def test_nan_in_the_data_stops(work, small_data):
-    """A frame with NaN stops the training and names the blob; no snapshot is written over."""
+    """A frame with NaN stops training with the name of the blob, and no snapshot is written."""
     with h5py.File(small_data / "train_000.h5") as file:
         arrays = {name: file[name][...] for name in ("depth", "joint")}
     arrays["depth"][5, 0, 3, 3] = np.nan
@@ -195,7 +195,7 @@ def test_nan_in_the_data_stops(work, small_data):
 
 
 def test_a_full_disk_ends_the_log_not_the_training(work, monkeypatch):
-    """The log says once that it cannot be written; the snapshots are made."""
+    """If the disk of the log is full, one line reports it and training continues."""
     errors = run_tool("train", "solver.prototxt", "--max-iter", "1", "--log", "/dev/full").err
     assert errors.count("/dev/full: cannot continue the log: No space left on device") == 1
     assert (work / "snapshots/net_iter_1.solverstate").exists()
@@ -206,7 +206,7 @@ LOGS = ["solver.prototxt", "net.prototxt", "data/train.txt", "data/train_000.h5"
 
 @pytest.mark.parametrize("log", LOGS)
 def test_a_log_that_is_read(work, small_data, log):
-    """Is refused in one line, and stays as it was, whatever part of the training reads it."""
+    """A log that is an input of the training run is rejected on one line and not changed."""
     shutil.copytree(small_data, "data")
     Path("data/train.txt").write_text("data/train_000.h5\n")
     net = Path("net.prototxt").read_text().replace(f"{small_data}/train.txt", "data/train.txt")
@@ -220,7 +220,7 @@ def test_a_log_that_is_read(work, small_data, log):
 
 
 def test_a_log_that_is_the_state(work):
-    """No line is added to it."""
+    """A log that is the solver state is rejected and not changed."""
     run_tool("train", "solver.prototxt", "--max-iter", "3")
     state = work / "snapshots/net_iter_3.solverstate"
     before = state.read_bytes()
@@ -231,7 +231,7 @@ def test_a_log_that_is_the_state(work):
 
 @pytest.mark.parametrize("solver", ["typo.prototxt", "bad.prototxt"])
 def test_a_start_that_fails_leaves_an_older_log_alone(work, solver):
-    """And makes no new one."""
+    """A run that fails to start neither changes an old log nor creates a new one."""
     (work / "bad.prototxt").write_text('net: "net.prototxt"\nbase_lr: 0.1 lr_polizy: "fixed"')
     (work / "old.log").write_text("old")
     for log in ("old.log", "new/new.log"):
@@ -240,7 +240,7 @@ def test_a_start_that_fails_leaves_an_older_log_alone(work, solver):
 
 
 def test_a_log_that_another_process_writes(work):
-    """Is left to it, without a line of this one."""
+    """A log that another process writes is not changed."""
     with open("train.log", "a+") as other:
         other.write("theirs")
         other.flush()
@@ -250,7 +250,7 @@ def test_a_log_that_another_process_writes(work):
 
 
 def test_a_log_in_a_place_where_none_can_be(work):
-    """One line."""
+    """A log that cannot be created gives a one-line error."""
     line = mistake(["solver.prototxt", "--log", "net.prototxt/a.log"])
     assert line.startswith("net.prototxt/a.log: cannot write the log: ")
     assert mistake(["solver.prototxt", "--log", "."]) == ".: cannot write the log: Is a directory"

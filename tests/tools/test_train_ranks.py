@@ -1,4 +1,4 @@
-"""tools/train.py on several ranks, with real ``mpiexec``: the same training as one, exact, and over for all at once."""
+"""tools/train.py on several ranks, with real ``mpiexec``: equal to one rank, exact, and ended on all ranks at once."""
 
 import json
 import os
@@ -42,7 +42,7 @@ iter_size: 2 max_iter: 100 random_seed: 3
 
 @pytest.fixture
 def small(tmp_path, monkeypatch):
-    """A folder with a small net on three files of rows, and solver.prototxt, which goes on for long."""
+    """A folder with a small net on three files of rows, and solver.prototxt for a long training run."""
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(0)
     for i, rows in enumerate((31, 9, 20)):
@@ -56,7 +56,7 @@ def small(tmp_path, monkeypatch):
 
 
 def for_rank(number):
-    """A folder of copies, which this rank will run in."""
+    """Copy the files to the folder that this rank runs in."""
     folder = Path(f"rank.{number}")
     folder.mkdir()
     for path in Path().glob("*.*"):
@@ -66,14 +66,14 @@ def for_rank(number):
 
 
 def ends(process, status):
-    """What a started training still says, once it has ended with this status."""
+    """Wait for the process to end with this status; return its remaining output."""
     rest = process.communicate(timeout=ranks_started.TIMEOUT_S)[0]
     assert process.returncode == status, rest
     return rest
 
 
 def whole_snapshot():
-    """The iteration of the newest solver state, which can be restored."""
+    """Return the iteration of the newest solver state, after restoring it."""
     solver = netlib.get_solver("solver.prototxt")
     states = sorted(Path("snapshots").glob("*.solverstate"), key=lambda path: int(path.stem.split("_")[-1]))
     solver.restore(states[-1])
@@ -81,8 +81,9 @@ def whole_snapshot():
 
 
 def test_two_ranks_are_one_with_twice_the_batch(small, work, small_data):
-    """Every loss of 20 iterations to 1e-5: the paper's network without dropout, and Adam with clipped gradients and
-    iter_size."""
+    """The losses of 20 iterations agree to 1e-5 for the paper's network without dropout, and for Adam with clipped
+    gradients and iter_size.
+    """
     text = re.sub(r"layer \{ name: .Dropout.*\n", "", Path("net.prototxt").read_text())
     Path("net.prototxt").write_text(text.replace("batch_size: 16", "batch_size: 8"))
     solver = Path("solver.prototxt").read_text()
@@ -105,7 +106,7 @@ def test_two_ranks_are_one_with_twice_the_batch(small, work, small_data):
 
 
 def test_caffes_command(small):
-    """tools/caffe.py train on two ranks is tools/train.py on two ranks, and the log is written once."""
+    """tools/caffe.py train equals tools/train.py on two ranks, and the log is written once."""
     Path("short.prototxt").write_text(SOLVER.replace("1000000", "20"))
     weights = []
     for words in ([TRAIN, "short.prototxt"], [CAFFE, "train", "-solver", "short.prototxt"]):
@@ -122,9 +123,10 @@ def test_caffes_command(small):
 
 
 def test_exact(small, work):
-    """Twice the same, and a resume the same, bit for bit, with dropout, augmentation, shuffled rows and running means,
-    whenever gradients are averaged; two solvers take turns; a bit that changes on one rank is found; another number of
-    ranks resumes, and says so."""
+    """Training and resuming are reproducible bit for bit with dropout, augmentation, shuffling and running means,
+    whenever gradients are averaged; two solvers can alternate; a changed bit on one rank is detected; another number of
+    ranks resumes with a note.
+    """
     text = Path("net.prototxt").read_text().replace("batch_size: 16", "batch_size: 4")
     augment = (
         'layer { name: "augment" type: "HandAugment" bottom: "depth" bottom: "joint" top: "depth" top: "joint" }\n'
@@ -145,7 +147,7 @@ def test_exact(small, work):
 
 
 def test_wrong_usage_is_said_once(work):
-    """And the launcher's exit status is argparse's, without ``-m mpi4py``, too."""
+    """The usage error is printed once, and mpiexec returns status 2, with and without ``-m mpi4py``."""
     for by in (("-m", "mpi4py"), ()):
         done = ranks_started.run(2, TRAIN, "--patience", "0", "solver", by=by)
         assert done.returncode == 2
@@ -156,7 +158,7 @@ def test_wrong_usage_is_said_once(work):
 
 
 def test_a_signal_to_mpiexec(small):
-    """SIGUSR1 writes one snapshot, SIGTERM one more and stops all; rank 0 alone speaks; a resume goes on exactly."""
+    """SIGUSR1 writes a snapshot; SIGTERM writes one and stops all ranks; only rank 0 logs; the resume is exact."""
     with ranks_started.started(2, TRAIN, "solver.prototxt", "--log", "log") as process:
         lines = ranks_started.lines_until(process, "Iteration 20 (")
         process.send_signal(signal.SIGUSR1)
@@ -168,7 +170,7 @@ def test_a_signal_to_mpiexec(small):
     stopped = whole_snapshot()
     assert stopped == max(int(i) for i in re.findall(r"state to .*_iter_(\d+)", "\n".join(lines)))
     written = re.findall(r"state to .*_iter_(\d+)", "\n".join(lines))
-    assert written.count(str(stopped)) <= 2  # twice where SIGTERM came before the iteration after SIGUSR1's snapshot
+    assert written.count(str(stopped)) <= 2  # twice if SIGTERM arrives before the iteration after SIGUSR1's snapshot
     said = [line for line in Path("log").read_text().splitlines() if re.match(r"[IWE]\d{4} ", line)]
     assert said == [line for line in lines if re.match(r"[IWE]\d{4} ", line)]
     again = ranks_started.run(2, TRAIN, "solver.prototxt", "--snapshot", f"snapshots/small_iter_{stopped}.solverstate",
@@ -177,8 +179,9 @@ def test_a_signal_to_mpiexec(small):
 
 
 def test_one_process_of_a_training_is_stopped(small):
-    """A rank that hangs ends all, in the time that --patience gives, with its number; the last snapshot is whole. So
-    does one that is killed, by the launcher; and one that gets SIGTERM, after a snapshot."""
+    """A hanging rank ends all ranks within --patience and is named; a killed rank ends all through the launcher;
+    SIGTERM to one rank ends all after a snapshot. The last snapshot is complete in each case.
+    """
     for sent, status, said in (
         (signal.SIGSTOP, 1, r"no response from rank 1 for 2 s; all ranks end, the last snapshot is untouched"),
         (signal.SIGKILL, signal.SIGKILL, None),
@@ -193,7 +196,7 @@ def test_one_process_of_a_training_is_stopped(small):
 
 
 def test_what_one_rank_finds_ends_all(small):
-    """NaN, other data, another prototxt, a missing file: one line, which names the rank; nothing is written."""
+    """NaN, other data, another prototxt and a missing file give one line that names the rank; nothing is written."""
     for break_it, said in (
         (nan, r"rank 1: iteration \d+: the loss is nan; .* top blob 'y' of layer 'data'.*"),
         (other_rows, r'rank 1 has another data in layer \'data\' than rank 0: \[\["d1.h5", 9, .*\]\], not .*'),
@@ -211,22 +214,22 @@ def test_what_one_rank_finds_ends_all(small):
 
 
 def nan(folder):
-    """In a row that is read after some steps."""
+    """Write NaN into rows that are read after some steps."""
     with h5py.File(folder / "d2.h5", "a") as file:
         file["y"][:19] = np.nan
 
 
 def other_rows(folder):
-    """As many."""
+    """Change the values of a data file, but not the number of rows."""
     with h5py.File(folder / "d1.h5", "a") as file:
         file["x"][...] += 1
 
 
 def other_net(folder):
-    """A layer is wider."""
+    """Make a layer wider."""
     (folder / "small.prototxt").write_text(NET.replace("num_output: 20", "num_output: 21"))
 
 
 def no_file(folder):
-    """One of three."""
+    """Remove one of three data files."""
     (folder / "d1.h5").unlink()

@@ -1,4 +1,4 @@
-"""tools/upgrade_net.py: nets of all formats, text and binary, and solvers."""
+"""tools/upgrade_net.py: nets of all formats, in text and binary, and solvers."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def parsed(text: str) -> NetParameter:
 
 @pytest.mark.parametrize("old", [V0, V1, TODAY], ids=["V0", "V1", "today"])
 def test_a_text(here, old):
-    """Types, options, rates and inputs as they are written today; what is of today is said to be."""
+    """Types, options, rates and inputs are upgraded; a net in the current format is reported."""
     (here / "old").write_text(old)
     _, out, err = run_tool("upgrade_net", "old", "new.prototxt")
     assert parsed((here / "new.prototxt").read_text()) == parsed(TODAY)
@@ -88,7 +88,7 @@ def test_a_text(here, old):
 
 
 def test_the_text_is_as_a_person_would_write_it(here):
-    """Of a V1 net, line for line."""
+    """The text of an upgraded V1 net has the same lines as one written by hand."""
     (here / "old").write_text(V1)
     run_tool("upgrade_net", "old", "new")
     new = (here / "new").read_text()
@@ -97,7 +97,7 @@ def test_the_text_is_as_a_person_would_write_it(here):
 
 @pytest.mark.parametrize("old", [V0, V1, TODAY], ids=["V0", "V1", "today"])
 def test_weights(here, rng, old):
-    """A binary file stays one. The upgraded weights are the same, and a net of today takes them."""
+    """A binary file stays binary, and its weights load into a net in the current format."""
     tree = prototxt.parse(old)
     place = tree.position
     weights = [rng.normal(size=shape).astype(np.float32) for shape in ((4, 2, 5, 5), (4,))]
@@ -115,7 +115,7 @@ def test_weights(here, rng, old):
 
 
 def test_inputs_without_shapes(here):
-    """Old weights name them; a layer cannot be made of that, and Caffe drops them."""
+    """Inputs without shapes, in old weights, are dropped, as in Caffe."""
     tree = prototxt.parse('input: "x" layers { name: "r" type: RELU bottom: "x" top: "y" }')
     (here / "old").write_bytes(wire.encode(tree, AnyNetParameter))
     run_tool("upgrade_net", "old", "new")
@@ -125,14 +125,14 @@ def test_inputs_without_shapes(here):
 
 @pytest.mark.parametrize(("written", "means"), [("ADAGRAD", "AdaGrad"), ("1", "Nesterov"), ("SGD", "SGD")])
 def test_a_solver(here, written, means):
-    """solver_type was an enum, type is a word; nothing else changes."""
+    """The enum solver_type becomes the string type; other fields do not change."""
     (here / "old").write_text(f"base_lr: 0.5 solver_type: {written} max_iter: 9")
     run_tool("upgrade_net", "--solver", "old", "new")
     assert (here / "new").read_text() == f'base_lr: 0.5\ntype: "{means}"\nmax_iter: 9\n'
 
 
 def test_a_solver_of_today(here):
-    """Is written as it is, and that is said."""
+    """A solver in the current format is written unchanged, which is reported."""
     (here / "old").write_text('type: "Adam" base_lr: 0.5')
     done = run_tool("upgrade_net", "--solver", "old", "new")
     assert (here / "new").read_text() == 'type: "Adam"\nbase_lr: 0.5\n'
@@ -152,7 +152,7 @@ def test_a_solver_of_today(here):
     ],
 )
 def test_mistakes(here, content, flags, message):
-    """One line, status 1, and no file."""
+    """Errors are one line with status 1, and no file is written."""
     (here / "old").write_bytes(content)
     (line,) = run_tool("upgrade_net", "old", "new", *flags, status=1).err.splitlines()
     assert line.startswith(message)
@@ -161,7 +161,7 @@ def test_mistakes(here, content, flags, message):
 
 @pytest.mark.parametrize("old", [V1, TODAY], ids=["V1", "today"])
 def test_a_typo_in_an_option_is_told(here, old):
-    """Also where no layer is built; and nothing is written."""
+    """A misspelt option is an error, although no layer is built, and nothing is written."""
     (here / "old").write_text(old.replace("kernel_size", "kernal_size"))
     done = run_tool("upgrade_net", "old", "new", status=1)
     assert "error: unknown field 'kernal_size' (did you mean 'kernel_size'?)" in done.err
@@ -169,7 +169,7 @@ def test_a_typo_in_an_option_is_told(here, old):
 
 
 def test_files_that_cannot_be(here):
-    """Not there to be read; not there to be written in."""
+    """A missing input file and a folder in place of the output give a one-line error."""
     done = run_tool("upgrade_net", "old", "new", status=1)
     assert done.err == "old: cannot read the net: No such file or directory\n"
     (here / "old").write_text(V1)

@@ -30,20 +30,20 @@ from tools.common import arguments
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_values(kind: Callable[[str], object], text: str, value: object) -> None:
-    """What is taken."""
+    """Valid values are converted."""
     assert kind(text) == value
 
 
 @pytest.mark.parametrize("kind", [arguments.positive, arguments.natural])
 def test_the_largest_number(kind: Callable[[str], object]) -> None:
-    """Is the largest of 64 bits that files can hold."""
+    """The largest accepted integer is the largest 64-bit integer, which files can hold."""
     assert kind(str(2**63 - 1)) == 2**63 - 1
     with pytest.raises(argparse.ArgumentTypeError, match=f"of at most {2**63 - 1}, found '{2**64}'"):
         kind(str(2**64))
 
 
 def test_a_camera_by_its_numbers() -> None:
-    """Its images may have any size."""
+    """A camera given by numbers accepts images of any size."""
     camera = arguments.camera("500,510,320,240")
     assert (camera.fx, camera.fy, camera.u0, camera.v0, camera.width, camera.height) == (500, 510, 320, 240, 0, 0)
 
@@ -77,7 +77,7 @@ def test_a_camera_by_its_numbers() -> None:
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_mistakes(kind: Callable[[str], object], text: str, expected: str) -> None:
-    """What is not, and what the message says."""
+    """Invalid values raise an error that states the expected form."""
     with pytest.raises(argparse.ArgumentTypeError) as raised:
         kind(text)
     assert str(raised.value) == f"expected {expected}, found {text!r}"
@@ -95,5 +95,5 @@ def test_mistakes(kind: Callable[[str], object], text: str, expected: str) -> No
     ],
 )
 def test_caffes_flags(written: str, read: str) -> None:
-    """One dash or two; switches may say true or false, or no."""
+    """Flags may have one or two dashes; switches accept ``=true``, ``=false`` and the prefix ``no``."""
     assert arguments.caffes_flags(written.split(), ["gray", "shuffle"]) == read.split()

@@ -1,4 +1,4 @@
-"""tools/common/console.py: exit statuses, one line for each mistake, and names that stay in their lines and cells."""
+"""tools/common/console.py: exit statuses, one-line errors, and names that cannot break lines or table cells."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NASTY = "a\nI0101 00:00:00.000000 1 solver.py:1] Iteration 9, loss = 0\x1b[2J\u2
 
 
 def fails(error: BaseException) -> Callable[[Namespace], int]:
-    """A tool that ends so."""
+    """Return a tool that raises this error."""
 
     def run(args: Namespace) -> int:
         raise error
@@ -44,19 +44,19 @@ def fails(error: BaseException) -> Callable[[Namespace], int]:
 def test_each_mistake_is_one_line(
     error: BaseException, status: int, line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """And an exit status."""
+    """Each error is printed on one line and determines the exit status."""
     assert guarded(fails(error), Namespace()) == status
     assert capsys.readouterr() == ("", line)
 
 
 def test_a_tool_that_is_done() -> None:
-    """Its own status is that of the process."""
+    """The tool's own status becomes the exit status."""
     assert guarded(lambda args: args.status, Namespace(status=3)) == 3
 
 
 @given(ANY_TEXT)
 def test_a_name_stays_in_its_line(name: str) -> None:
-    """In what a tool says, and in the cells of its tables."""
+    """Names are escaped in messages and in table cells."""
     with pytest.MonkeyPatch.context() as patch:
         lines: list[tuple[object, ...]] = []
         patch.setattr(console, "print", lambda *words, sep, file: lines.append(words), raising=False)
@@ -67,24 +67,24 @@ def test_a_name_stays_in_its_line(name: str) -> None:
 
 @given(st.lists(ANY_TEXT, min_size=2, max_size=2))
 def test_a_table_has_a_line_for_each_row(cells: list[str]) -> None:
-    """Whatever is in it."""
+    """The number of lines of a table does not depend on its content."""
     assert aligned([cells, cells, cells]).count("\n") == 2
 
 
 def test_a_table() -> None:
-    """The first column to the left, the others to the right."""
+    """The first column is left-aligned, the others are right-aligned."""
     assert aligned([["name", "mm"], ["a", "12.5"]]) == "name    mm\na     12.5"
 
 
 @pytest.mark.parametrize(("seconds", "said"), [(9.6, "10 s"), (75, "1 min 15 s"), (7260, "2 h 01 min")])
 def test_durations(seconds: float, said: str) -> None:
-    """To the second, from an hour on to the minute."""
+    """Durations are rounded to seconds, from one hour on to minutes."""
     assert duration(seconds) == said
 
 
 @pytest.fixture
 def nasty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A solver whose net, layers and blobs have names that would write lines of their own and clear the screen."""
+    """A solver whose net, layers and blobs have names with line breaks and terminal control codes."""
     name = Scalar("string", NASTY, Place(""))
     (tmp_path / "net.prototxt").write_text(f"""
 name: {name}
@@ -101,7 +101,7 @@ layer {{ name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "l\\033
 
 
 def test_no_name_forges_a_line_of_the_log(nasty: None) -> None:
-    """Every line is stamped, or one of the solver's parameters; nothing in it but what is seen."""
+    """Every line is stamped or is a parameter of the solver, and all characters are printable."""
     lines = run_tool("train", "solver.prototxt").err.split("\n")
     assert lines.pop() == "" and all(map(str.isprintable, lines))
     assert len([line for line in lines if not re.match(STAMP, line)]) == 9
@@ -109,7 +109,7 @@ def test_no_name_forges_a_line_of_the_log(nasty: None) -> None:
 
 
 def test_no_name_forges_a_line_of_a_table(nasty: None) -> None:
-    """The same on standard output."""
+    """Names are also escaped in tables on standard output and in errors."""
     lines = run_tool("time", "net.prototxt", "--iterations", "1").out.split("\n")
     assert len(lines) == 16 and all(line.replace("\t", "").isprintable() for line in lines)
     with pytest.raises(netlib.NetlibError) as error:

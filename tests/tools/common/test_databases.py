@@ -1,4 +1,4 @@
-"""tools/common/databases.py: databases that are whole, or not there."""
+"""tools/common/databases.py: databases are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tools.common.databases import read_database, write_databases
 
 
 def put(count: int, label: int = 0):
-    """A function that writes a number of entries of 4 x 5 pixels to each database."""
+    """Return a function that writes ``count`` entries of 4 x 5 pixels to each database."""
 
     def fill(writers):
         for writer in writers:
@@ -33,7 +33,7 @@ def names(folder: Path) -> list[str]:
 
 
 def test_what_is_written_is_read(tmp_path, capsys):
-    """In the order of the keys."""
+    """Entries are read in the order of their keys, as they were written."""
     assert write_databases([tmp_path / "a", tmp_path / "deep" / "b"], put(3, label=-7)) == 0
     for path in (tmp_path / "a", tmp_path / "deep" / "b"):
         count, entries = read_database(path)
@@ -47,7 +47,7 @@ def test_what_is_written_is_read(tmp_path, capsys):
 
 @pytest.mark.parametrize(("entries", "size"), [(1, 1 << 26), (4, 1 << 26), (1000, 60)])
 def test_many_transactions_in_a_room_that_grows(tmp_path, monkeypatch, entries, size):
-    """LMDB needs a size beforehand; it is doubled until all fits."""
+    """The initial size of an LMDB database is doubled until all entries fit."""
     monkeypatch.setattr(databases, "ENTRIES", entries)
     monkeypatch.setattr(databases, "BYTES", size)
     monkeypatch.setattr(databases, "INITIAL_SIZE", 1 << 15)
@@ -63,7 +63,7 @@ def test_many_transactions_in_a_room_that_grows(tmp_path, monkeypatch, entries, 
 
 @pytest.mark.parametrize("error", [DataError("bad"), OSError("disk"), KeyboardInterrupt()])
 def test_a_failure_leaves_nothing(tmp_path, error):
-    """No database, no other file."""
+    """A failure leaves no database and no other file."""
 
     def fill(writers):
         put(2)(writers)
@@ -76,7 +76,7 @@ def test_a_failure_leaves_nothing(tmp_path, error):
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_leaves_nothing(tmp_path, capsys, number, status):
-    """It ends the run at the next entry."""
+    """A signal ends the run at the next entry and leaves no database."""
 
     def fill(writers):
         put(2)(writers)
@@ -89,7 +89,7 @@ def test_a_signal_leaves_nothing(tmp_path, capsys, number, status):
 
 
 def test_names_that_are_taken(tmp_path):
-    """A database is never replaced or added to."""
+    """An existing database is never replaced or extended."""
     (tmp_path / "a").mkdir()
     with pytest.raises(NetlibError, match="a: exists already"):
         write_databases([tmp_path / "b", tmp_path / "a"], put(1))
@@ -101,14 +101,14 @@ def test_names_that_are_taken(tmp_path):
 
 
 def test_a_key_that_is_too_long(tmp_path):
-    """LMDB takes 511 bytes."""
+    """A key above LMDB's limit of 511 bytes raises an error."""
     with pytest.raises(DataError, match=r"the key 'x+' is too long; the limit is 511 bytes"):
         write_databases([tmp_path / "a"], lambda writers: writers[0].put("x" * 512, Datum()))
     assert names(tmp_path) == []
 
 
 def test_what_cannot_be_read(tmp_path):
-    """Nothing there, and nothing in it."""
+    """A missing database and an empty one raise an error."""
     with pytest.raises(DataError, match="a: cannot read the database: No such file or directory"):
         read_database(tmp_path / "a")
     write_databases([tmp_path / "a"], put(0))
@@ -117,7 +117,7 @@ def test_what_cannot_be_read(tmp_path):
 
 
 def test_without_the_package(tmp_path, monkeypatch):
-    """Databases are read; to write them, how to install it."""
+    """Without the package lmdb databases can be read; writing raises an error that names the package."""
     write_databases([tmp_path / "a"], put(1))
     monkeypatch.setitem(sys.modules, "lmdb", None)
     assert read_database(tmp_path / "a")[0] == 1
@@ -127,7 +127,7 @@ def test_without_the_package(tmp_path, monkeypatch):
 
 
 def test_backend():
-    """LMDB alone."""
+    """Only LMDB is supported."""
     assert databases.backend("LMDB") == "lmdb"
     for text, message in (("leveldb", "leveldb is not supported; use lmdb"), ("sql", "expected lmdb, found 'sql'")):
         with pytest.raises(argparse.ArgumentTypeError, match=message):

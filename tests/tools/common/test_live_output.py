@@ -1,4 +1,4 @@
-"""tools/common/live_output.py: what is sent while a track is made"""
+"""tools/common/live_output.py: messages that are sent during tracking."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DEPTH = seen([HAND])
 
 
 def parsed(*argv: str) -> argparse.Namespace:
-    """The options, with those of a track that they depend on."""
+    """Parse the options, with the track options that they depend on."""
     parser = argparse.ArgumentParser()
     add_live_options(parser)
     parser.set_defaults(joints=None, gestures=False)
@@ -44,12 +44,12 @@ def frame(number: int) -> TrackedFrame:
 
 
 def source(live: bool) -> Any:
-    """A camera, or a recording."""
+    """Return a stand-in for a camera or a recording."""
     return SimpleNamespace(live=live)
 
 
 def ends() -> None:
-    """A signal came."""
+    """Raise the error of a stop signal."""
     raise StoppedError
 
 
@@ -59,13 +59,13 @@ def ends() -> None:
      ("a.b:65535", ("a.b", 65535))],
 )  # fmt: skip
 def test_addresses(text: str, address: tuple[str, int]) -> None:
-    """A port alone is one of this machine; without a value it is any free one."""
+    """A port alone is on the local machine; without a value the port is chosen automatically."""
     assert parsed("--serve", text).serve == address
     assert parsed("--serve").serve == ("127.0.0.1", 0) and parsed().serve is None
 
 
 def test_datagrams() -> None:
-    """One for each frame, without a server."""
+    """One datagram is sent for each frame, without a server."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(10)
@@ -78,7 +78,7 @@ def test_datagrams() -> None:
 
 
 def test_datagrams_that_are_not_sent(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """End nothing; at the end there is a line."""
+    """Datagrams that cannot be sent are counted in a final warning and do not stop the run."""
     with LiveOutput(parsed("--udp", "127.0.0.1:9"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
         monkeypatch.setattr(output._messages, "datagram", lambda record: bytes(1 << 17))
@@ -87,7 +87,7 @@ def test_datagrams_that_are_not_sent(capsys: pytest.CaptureFixture[str], monkeyp
 
 
 def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its frames are sent at their times, a camera's as they come; a run that is to end does not wait."""
+    """A recording's frames are sent at their times, a camera's immediately; a stop request ends the wait."""
     clock = [100.0]
     monkeypatch.setattr(live_output.time, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(live_output.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
@@ -108,7 +108,7 @@ def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    """Both addresses; a camera does not wait for a client, a recording until the run is to end."""
+    """Both addresses are printed; a recording waits for the first client, a camera does not."""
     pytest.importorskip("websockets")
     with LiveOutput(parsed("--serve"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
@@ -139,7 +139,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """``running("--serve", ...)``: the tracker of that recording as a program, ended after the test."""
+    """``running("--serve", ...)`` starts the tracker of that recording as a process, which is killed after the test."""
     begun: list[subprocess.Popen[str]] = []
 
     def start(*options: str) -> subprocess.Popen[str]:
@@ -154,7 +154,7 @@ def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess
 
 
 def address_of(process: subprocess.Popen[str]) -> str:
-    """The address for programs, which it prints before it begins."""
+    """Return the WebSocket address that the tracker prints when it starts."""
     assert process.stdout is not None
     for line in process.stdout:
         if line.startswith("for programs: "):
@@ -168,7 +168,7 @@ def client_of(process: subprocess.Popen[str]) -> contextlib.AbstractContextManag
 
 
 def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subprocess.Popen[str]]) -> None:
-    """It begins when the program connects; the lines are those of --json, and end with the recording."""
+    """Tracking starts when a client connects; it receives the lines of --json up to the end of the recording."""
     process = running("--serve", "--json", "a.jsonl", "--joints", "mano")
     with client_of(process) as client:
         header, *frames = (json.loads(line) for line in client)
@@ -180,7 +180,7 @@ def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subproc
 
 
 def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None:
-    """While it waits for a client, and while it tracks: then clients are told."""
+    """A signal ends the tracker while it waits for a client and while it tracks, with a reason sent to clients."""
     waiting = running("--serve")
     address_of(waiting)
     waiting.send_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""tools/common/outputs.py: what cannot be written, or would be a loss, is said before the work; and each tool asks."""
+"""tools/common/outputs.py: outputs that cannot be written or would overwrite an input are reported before the work."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tools.common import databases, outputs
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder with a file, a link to it, and an empty folder."""
+    """Make a folder with a file, a link to it and an empty folder the working directory."""
     monkeypatch.chdir(tmp_path)
     Path("a.txt").write_text("mine")
     Path("link.txt").symlink_to("a.txt")
@@ -26,7 +26,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("out", ["a.txt", "./a.txt", "inner/../a.txt", "link.txt"])
 def test_an_input_by_whatever_name(out: str) -> None:
-    """Is no output; another file is."""
+    """An output that is also an input is rejected under any of its names."""
     for check in (outputs.refuse_inputs, outputs.check_place):
         with pytest.raises(NetlibError, match=r"txt: is read in this run; expected another output"):
             check(Path(out), [None, "b.txt", "a.txt"])
@@ -40,7 +40,7 @@ def test_an_input_by_whatever_name(out: str) -> None:
      ("/", "Is a directory"), ("a.txt/b", "folder a.txt does not exist")],
 )  # fmt: skip
 def test_places_where_no_file_can_be(out: str, said: str) -> None:
-    """Nothing is left there."""
+    """Impossible places raise an error, and the check leaves no file."""
     with pytest.raises((NetlibError, OSError), match=said):
         outputs.check_place(Path(out))
     outputs.check_place(Path("inner/b.txt"))
@@ -69,7 +69,7 @@ def test_places_where_no_file_can_be(out: str, said: str) -> None:
     ],
 )
 def test_tools(tool: str, argv: list[str]) -> None:
-    """One line, and every file is as it was."""
+    """Each tool rejects an output that is an input on one line and changes no file."""
     for name in ("net.prototxt", "w.h5", "b.png"):
         Path(name).write_text("never read")
     hand = Path(__file__).resolve().parents[3] / "prototxt" / "hand" / "nyu.prototxt"

@@ -1,4 +1,4 @@
-"""tools/common/progress.py: a bar on a terminal, nothing anywhere else."""
+"""tools/common/progress.py: a progress bar is shown on a terminal only."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from tools.common.progress import ProgressBar
 
 
 class Terminal(io.StringIO):
-    """A stderr that people look at."""
+    """A stderr that is a terminal."""
 
     def isatty(self) -> bool:
-        """Yes."""
+        """Return True."""
         return True
 
 
 def test_a_bar_on_a_terminal() -> None:
-    """It counts, notes, lets lines be printed above it, and is closed at the end."""
+    """The bar shows progress and notes, allows lines to be printed above it, and is closed at the end."""
     pytest.importorskip("tqdm")
     with redirect_stderr(Terminal()) as terminal, ProgressBar(10, what="fitting", done=2) as progress:
         assert progress.is_shown
@@ -36,7 +36,7 @@ def test_a_bar_on_a_terminal() -> None:
 
 
 def test_a_bar_is_closed_by_an_error() -> None:
-    """The message then begins a line."""
+    """An error closes the bar, so that its message starts on a new line."""
     pytest.importorskip("tqdm")
     with pytest.raises(KeyError), redirect_stderr(Terminal()) as terminal, ProgressBar(10) as progress:
         progress(1)
@@ -46,7 +46,7 @@ def test_a_bar_is_closed_by_an_error() -> None:
 
 @pytest.mark.parametrize("total", [0, 10])
 def test_no_bar(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], total: int) -> None:
-    """Where there is nothing to be done, no terminal, or no tqdm; everything may be called all the same."""
+    """Without work, a terminal or tqdm no bar is shown, and all methods can still be called."""
     if total:
         monkeypatch.setitem(sys.modules, "tqdm", None)
     for stream in (Terminal(), io.StringIO(), None):

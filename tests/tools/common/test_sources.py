@@ -1,4 +1,4 @@
-"""tools/common/sources.py: what users say of a camera, and what a first look shows them."""
+"""tools/common/sources.py: the options that describe a camera, and the summary of a recording."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tools.common.sources import add_source_options, opened, print_inspection, p
 
 @pytest.fixture
 def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Two frames of SR305's size."""
+    """Two frames with the size of the SR305 camera."""
     monkeypatch.chdir(tmp_path)
     for i in range(2):
         cv2.imwrite(f"{i}.png", np.full((480, 640), 4000 + i, np.uint16))
@@ -24,14 +24,14 @@ def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def parsed(*argv: str) -> argparse.Namespace:
-    """The options of a tool that has these alone."""
+    """Parse the source options alone."""
     parser = argparse.ArgumentParser()
     add_source_options(parser)
     return parser.parse_args(["*.png", *argv])
 
 
 def test_a_camera_by_name_by_numbers_by_file(frames: Path) -> None:
-    """And what is said beside it wins."""
+    """A camera may be a name, numbers or a file; options on the command line take precedence."""
     assert opened(parsed("--camera", "sr305")).camera == SR305
     assert opened(parsed("--camera", "sr305")).unit_mm == 0.125
     assert opened(parsed("--camera", "500,501,320,240")).camera == Camera("own", 500, 501, 320, 240, 640, 480)
@@ -41,7 +41,7 @@ def test_a_camera_by_name_by_numbers_by_file(frames: Path) -> None:
 
 
 def test_distortion(frames: Path) -> None:
-    """Is taken out, and said."""
+    """Lens distortion is removed and mentioned in the remarks."""
     recording = opened(parsed("--camera", "sr305", "--distortion=-0.1,0.2,0,0"))
     assert "the distortion of the lens is taken out" in recording.remarks
 
@@ -59,14 +59,14 @@ def test_distortion(frames: Path) -> None:
     ],
 )
 def test_wrong_usage(argv: tuple[str, ...], what: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit status 2."""
+    """Invalid values end with exit status 2."""
     with pytest.raises(SystemExit) as stopped:
         parsed(*argv)
     assert stopped.value.code == 2 and what in capsys.readouterr().err
 
 
 def test_what_a_first_look_shows(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """On stdout; warnings on stderr."""
+    """The summary is printed on stdout, warnings on stderr."""
     print_inspection(inspect(opened(parsed("--camera", "sr305", "--rate", "60"))))
     assert capsys.readouterr().out.splitlines() == [
         "*.png: 2 frames, 640 x 480 pixels, 60 frames/s",
@@ -81,7 +81,7 @@ def test_what_a_first_look_shows(frames: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_a_hand_that_was_found_confirms_the_unit(capsys: pytest.CaptureFixture[str]) -> None:
-    """A forearm that is nearer than a hand is held gives no warning, if the fit is sure of the hand."""
+    """A forearm nearer than usual gives no warning about the unit if the fit has a high confidence."""
     depth = np.full((480, 640), 82, np.float32)
     for confidence, warnings in ((0.0, 1), (0.82, 1), (float("nan"), 1), (0.99, 0)):
         print_warnings("frame.png", depth, SR305, 1.0, confidence)

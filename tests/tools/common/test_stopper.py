@@ -13,7 +13,7 @@ from tools.common.stopper import StoppedError, Stopper, fill_folder
 
 
 def test_the_first_signal_is_noted_the_second_hits() -> None:
-    """Between the two, ``check`` ends the run where it is safe; after it signals are what they were."""
+    """The first signal is recorded for ``check``, the second interrupts at once; handlers are restored at the end."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with Stopper() as stopper:
@@ -30,7 +30,7 @@ def test_the_first_signal_is_noted_the_second_hits() -> None:
 
 
 def test_a_folder_is_filled(tmp_path: Path) -> None:
-    """It is made first."""
+    """The folder is created first."""
     assert fill_folder(tmp_path / "a" / "b", "all is", 1, lambda advance: (tmp_path / "a" / "b" / "file").touch()) == 0
     assert (tmp_path / "a" / "b" / "file").exists()
 
@@ -39,7 +39,7 @@ def test_a_folder_is_filled(tmp_path: Path) -> None:
 def test_a_signal_ends_the_filling(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], number: signal.Signals, status: int
 ) -> None:
-    """Where that is safe, with one line and the status of the signal."""
+    """A signal ends the work at the next part, with one line and the status of the signal."""
     filled = []
 
     def fill(advance: Callable[[int], None]) -> None:
@@ -54,7 +54,7 @@ def test_a_signal_ends_the_filling(
 
 
 def test_a_folder_that_cannot_be_filled(tmp_path: Path) -> None:
-    """The error names it."""
+    """The error names the file that is in the way."""
     (tmp_path / "file").touch()
     with pytest.raises(NetlibError, match=f"^{tmp_path}/file: is a file; expected a folder$"):
         fill_folder(tmp_path / "file", "all is", 1, lambda advance: None)

@@ -1,4 +1,4 @@
-"""What a tool knows of the processes that it was started with. Without MPI."""
+"""How a tool detects the processes of a launcher, without MPI."""
 
 import sys
 
@@ -12,7 +12,7 @@ from tools.common import ranks
 
 @pytest.fixture(autouse=True)
 def nobody_started_us(monkeypatch):
-    """No launcher, and no mpi4py to ask."""
+    """Remove the variables of all launchers and the module mpi4py."""
     for count, number in ranks.LAUNCHERS:
         monkeypatch.delenv(count, raising=False)
         monkeypatch.delenv(number, raising=False)
@@ -20,7 +20,7 @@ def nobody_started_us(monkeypatch):
 
 
 def test_alone():
-    """Without a launcher, in a launcher's single process, and in a shell of Slurm's, nothing of MPI is loaded."""
+    """Without a launcher, with a single process, and in a Slurm shell, MPI is not loaded."""
     assert ranks.world() is ALONE
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PMI_SIZE", "1")
@@ -35,7 +35,7 @@ def test_alone():
 
 @pytest.mark.parametrize(("count", "number"), ranks.LAUNCHERS)
 def test_without_mpi4py(monkeypatch, capsys, count, number):
-    """Several processes need it; the first says so, the others end in silence, as if all were well."""
+    """Several processes require mpi4py; the first reports it, and the others exit silently with status 0."""
     monkeypatch.setitem(sys.modules, "mpi4py", None)
     monkeypatch.setenv(count, "3")
     monkeypatch.setenv(number, "0")
@@ -55,7 +55,7 @@ def test_without_mpi4py(monkeypatch, capsys, count, number):
 
 
 def test_threads(monkeypatch):
-    """The ranks of a machine share its processors; a training alone decides as ever."""
+    """The ranks of a machine share its processors; without ranks the number of threads is not set."""
 
     class OneOfThree(Ranks):
         count, on_machine = 3, 3

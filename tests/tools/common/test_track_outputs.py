@@ -1,4 +1,4 @@
-"""tools/common/track_outputs.py: all that a track is written as, from hands that were made up"""
+"""tools/common/track_outputs.py: all output formats of a track, from synthetic hands."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ ALL = ["--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh", "--sheet", "a.png
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty folder."""
+    """Make an empty folder the working directory."""
     monkeypatch.chdir(tmp_path)
 
 
 def parsed(*argv: str) -> argparse.Namespace:
-    """The options of a tool that has these alone."""
+    """Parse the output options alone."""
     parser = argparse.ArgumentParser()
     add_output_options(parser)
     return parser.parse_args(argv)
 
 
 def frames(count: int = 4) -> Iterator[tuple[np.ndarray, TrackedFrame]]:
-    """A hand that moves to the right: what a camera sees, and what is told of it."""
+    """Yield depth images and tracked frames of a hand that moves to the right."""
     for n in range(count):
         hand = tracked(at=(10.0 * n, 0, 600))
         yield seen([hand]), TrackedFrame(n, n / 30, (hand,))
 
 
 def written(*argv: str, count: int = 4) -> list[str]:
-    """The names that are said to be written."""
+    """Return the names that are reported as written."""
     with Outputs(parsed(*argv), HEADER, 30.0) as outputs:
         for depth, frame in frames(count):
             outputs.write(depth, frame)
@@ -50,7 +50,7 @@ def written(*argv: str, count: int = 4) -> list[str]:
 
 
 def test_everything_at_once() -> None:
-    """As whole files, which are named."""
+    """All outputs are complete files, and their names are reported."""
     names = written(*ALL)
     assert sorted(names) == ["a.csv", "a.json", "a.png", "a_right_1.bvh"] == sorted(p.name for p in Path().iterdir())
     track = read_track("a.json")
@@ -61,7 +61,7 @@ def test_everything_at_once() -> None:
 
 
 def test_nothing_is_asked() -> None:
-    """Then nothing is written, unless names are given to what is always there."""
+    """Without output options nothing is written, unless default names are set from the source."""
     assert written() == [] and list(Path().iterdir()) == []
     parser = argparse.ArgumentParser()
     args = argparse.Namespace(**vars(parsed()), source="takes/wave.mkv")
@@ -78,7 +78,7 @@ def test_nothing_is_asked() -> None:
      (["--video", "a.mp4"], True), (["--rerun"], True), (["--rerun", "a.rrd"], True)],
 )  # fmt: skip
 def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
-    """Pictures do; only for them it has to be told."""
+    """Only pictures and videos need the surface of the hand."""
     assert is_drawn(parsed(*argv)) == drawn
 
 
@@ -89,7 +89,7 @@ def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
      ("--csv", "-", ".csv")],
 )  # fmt: skip
 def test_other_endings(option: str, name: str, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Are wrong usage, in one line."""
+    """An unsupported suffix is a usage error."""
     with pytest.raises(SystemExit) as stopped:
         parsed(option, name)
     assert stopped.value.code == 2
@@ -98,7 +98,7 @@ def test_other_endings(option: str, name: str, expected: str, capsys: pytest.Cap
 
 @pytest.mark.parametrize("error", [NetlibError, KeyboardInterrupt])
 def test_what_ends_it_keeps_what_was_done(error: type[BaseException]) -> None:
-    """As whole files, which know that more was to come."""
+    """After an error or an interruption the files are complete and marked as cut."""
     args = parsed(*ALL)
     with pytest.raises(error), Outputs(args, HEADER, 30.0) as outputs:
         for depth, frame in frames():
@@ -113,7 +113,7 @@ def test_what_ends_it_keeps_what_was_done(error: type[BaseException]) -> None:
 
 @pytest.mark.parametrize("stopped", [False, True])
 def test_one_that_fails_at_the_end(stopped: bool) -> None:
-    """Leaves the others whole, which know whether more was to come; it is told, and of several failures the first."""
+    """If one output fails at the end the others are complete; the first of several errors is raised."""
     Path("a_right_1.bvh").mkdir()
     with pytest.raises(OSError, match="a_right_1"), Outputs(parsed(*ALL), HEADER, 30.0) as outputs:
         for depth, frame in frames():
@@ -130,13 +130,13 @@ def test_one_that_fails_at_the_end(stopped: bool) -> None:
 
 
 def test_no_frames() -> None:
-    """No sheet, for there is nothing to show; the other files say that there is nothing."""
+    """Without frames there is no contact sheet; the other files are empty tracks."""
     assert written(*ALL, count=0) == ["a.json", "a.csv"]
     assert not Path("a.png").exists() and read_track("a.json").frames == []
 
 
 def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
-    """A header, and a line as soon as each frame is there; no name is told of that."""
+    """A header and one line per frame are printed at once, and no file name is reported."""
     with Outputs(parsed("--json", "-"), HEADER, 30.0) as outputs:
         for n, (depth, frame) in enumerate(frames()):
             outputs.write(depth, frame)
@@ -146,7 +146,7 @@ def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_video() -> None:
-    """Beside a sheet of the same pictures."""
+    """A video and a contact sheet can be written together."""
     av = pytest.importorskip("av")
     assert set(written("--video", "a.mp4", "--sheet", "a.png")) >= {"a.png"}
     with av.open("a.mp4") as video:
@@ -155,14 +155,14 @@ def test_a_video() -> None:
 
 
 def test_a_recording_for_rerun() -> None:
-    """If it is installed."""
+    """A recording for Rerun is written if the package is installed."""
     pytest.importorskip("rerun")
     assert written("--rerun", "a.rrd") == ["a.rrd"] and Path("a.rrd").stat().st_size > 0
 
 
 @pytest.mark.parametrize("option", [("--video", "a.mp4"), ("--rerun", "a.rrd"), ("--rerun",)])
 def test_what_is_missing(option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is said before anything is written: no half of the files, and nothing unfinished."""
+    """A missing package is reported before any file is written."""
     monkeypatch.setitem(sys.modules, "av", None)
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(NetlibError, match="is missing: pip install"):
