@@ -41,7 +41,7 @@ class FewPoses:
                     self.P[turned, j], self.C[turned, j], self.S[turned, j] = _rodrigues(step)
                     self.angle[turned, j] = step.number
                 if step.matrix is None:
-                    motions.append((j, 0 if step.kind == "translate" else turned, step.axis, step.sign))
+                    motions.append((j, turned, step.axis, step.sign))  # translations come first
                 turned += step.kind != "translate"
         self.motions = np.array(motions, dtype=int).reshape(-1, 4).T
         self.bone_axes = np.zeros((K, 3, 1))

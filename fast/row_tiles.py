@@ -108,7 +108,7 @@ class RowTiles:
         rows = D[kh - 1 : kh - 1 + Ho]
         for j in range(J):  # column T t + j - (kw - 1) of dy
             back, phase = divmod(j - (kw - 1), T)
-            rows[:, j, :, -back if back else None :] = dy[:, phase, :, : L + back]
+            rows[:, j, :, -back:] = dy[:, phase, :, : L + back]
         direct = tile_of(x) == T and pitch_of(x) == pitch
         dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
         multiply(self.matrices(w, T)[1], D.reshape(H + kh - 1, J * O, L), kh, dx.reshape(H, T * C, L))

@@ -574,6 +574,17 @@ def test_only_a_monotone_layer_changes_places_with_a_max_pooling(net_of: MakeNet
     assert_close(everything(sliced, x, dy), everything(plain, x, dy), 2e-5)
 
 
+def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(net_of: MakeNet) -> None:
+    """Their value, minus infinity, is the pooling's, and no ReLU makes zero of it."""
+    text = (ODD % 'type: "ReLU"').replace("kernel_size: 3 stride: 3", "kernel_size: 1 stride: 4")
+    text += """layer { name: "d" type: "Convolution" bottom: "p" top: "d"
+                       convolution_param { num_output: 1 kernel_size: 1 } }"""
+    x = np.random.default_rng(0).normal(size=(3, 1, 9, 8))
+    for net in (net_of(text), layer_by_layer(net_of(text))):
+        net.params["d"][0].data[...] = 1
+        assert np.isneginf(net.forward(x=x)["d"]).tolist() == [[[[False, False, True]] * 2 + [[True] * 3]]] * 3
+
+
 @pytest.mark.parametrize("half", ["data", "diff"])
 def test_a_blob_with_a_layer_in_place_is_true_when_somebody_looks(net_of: MakeNet, half: str) -> None:
     """A leaky ReLU in place cannot run twice: the row of layers is cut there, and all of it is computed again."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import netlib
+from fast.convolution import FastConvolution
 from fast.slice_blobs import Hidden
 from fast.slices import SlicedStep
 from netlib.proto import prototxt
@@ -29,6 +30,7 @@ WHOLE_LAYERS = [
 ]  # fmt: skip
 TILES = {"convL1": 4, "poolL1": 2, "convL2": 2, "poolL2": 2}  # of all hidden blobs
 SPARSE = {"convL1"}  # stored only where the image is not background
+WAYS = {"convL1": "WindowTiles", "convL2": "RowTiles", "convL3": "RowTiles"}  # of the convolutions
 ITEMS_PER_SLICE = 32
 
 
@@ -49,6 +51,8 @@ def test_the_plan_of_the_papers_network() -> None:
 
     assert [(at.layer.name, type(at.layer).__name__) for at in pieces[0]] == LAYERS_OF_A_SLICE
     assert [(layer.name, type(layer).__name__) for layer in whole] == WHOLE_LAYERS
+    convolutions = [at.layer for at in pieces[0] if isinstance(at.layer, FastConvolution)]
+    assert {layer.name: type(layer.way).__name__ for layer in convolutions} == WAYS
     assert [piece[0].bottom[0].shape[0] for piece in pieces] == [ITEMS_PER_SLICE] * (512 // ITEMS_PER_SLICE)
     assert {name: blob.tile for name, blob in blobs.items() if isinstance(blob, Hidden)} == TILES
     assert {name for name, blob in blobs.items() if isinstance(blob, Hidden) and blob.may_be_sparse} == SPARSE

@@ -318,6 +318,15 @@ def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, rows: Non
         solver.test(0)
 
 
+def test_a_test_net_that_is_not_finite_is_said(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+    """With the place where it begins."""
+    solver = solver_of(ONE_WEIGHT % "", "test_iter: 1 test_interval: 1")
+    for weight, where in ((1, []), (np.nan, ["parameter 0 of layer 'ip'"])):
+        solver.net.params["ip"][0].data[...] = weight
+        solver.test_all()
+        assert messages(caplog, "not finite") == [f"Test net (#0) has a value that is not finite: {s}" for s in where]
+
+
 def test_test_nets_share_weights_and_are_averaged(solver_of: MakeSolver, rows: None) -> None:
     """Test nets share the weights, and outputs are averaged over the batches, with dropout disabled."""
     solver = solver_of(RANDOM, "test_iter: 2 test_interval: 2 test_initialization: false random_seed: 1")

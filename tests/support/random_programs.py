@@ -373,7 +373,10 @@ class Program:
 
     def _write_input_forward(self) -> None:
         self._write_input()
-        self._pass(lambda net: net.forward())
+        if self.rng.random() < 0.5:
+            self._pass(lambda net: net.forward())
+        else:  # as a solver
+            self._pass(lambda net: {"loss": np.array(net.run_forward())})
 
     def _forward_of_a_view(self) -> None:
         name = self.rng.choice(self.nets[0].inputs)

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -270,6 +271,24 @@ def test_a_child_of_a_child_does_so_too(solver: netlib.Solver) -> None:
     found = in_a_child(lambda: in_a_child(lambda: after(solver, 3)))
     later = in_a_child(lambda: after(solver, 1) and in_a_child(lambda: after(solver, 2)))
     assert found == later == after(solver, 3)
+
+
+@needs_fork
+def test_a_batch_that_is_being_read_at_the_fork_is_read_again(solver: netlib.Solver) -> None:
+    """The thread that reads it ahead does not exist in the child."""
+    [data] = [layer for layer in solver.net.layers if layer.type == "HDF5Data"]
+    read, parent, forked = data.read, os.getpid(), threading.Event()
+
+    def wait_and_read(*args: Any) -> Any:
+        if os.getpid() == parent and threading.current_thread() is not threading.main_thread():
+            forked.wait(60)
+        return read(*args)
+
+    data.read = wait_and_read
+    solver.net.forward()
+    found = in_a_child(lambda: after(solver, 2), seconds=20)
+    forked.set()
+    assert found == after(solver, 2)
 
 
 @needs_fork
