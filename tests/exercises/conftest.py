@@ -1,4 +1,4 @@
-"""What the tests of exercises share."""
+"""Fixtures shared by the tests of exercises."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from exercises.table import EXERCISES
 
 @pytest.fixture(autouse=True, scope="session")
 def run_mistakes_once() -> Iterator[None]:
-    """A known mistake computes the same for every answer that it is compared with."""
+    """Run each known mistake once: its results are the same for every answer that is compared with it."""
     parts = {id(mistake.part) for exercise in EXERCISES.values() for mistake in exercise.mistakes}
 
     def remembered(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -1,8 +1,9 @@
-"""Make exercises/recorded.npz of tests/caffe: a part of the recordings, number for number.
+"""Make exercises/recorded.npz from tests/caffe: a part of the recordings, with unchanged numbers.
 
-    python -m tests.exercises.reduce_recordings
+python -m tests.exercises.reduce_recordings
 
-Of the convolutions and poolings the first image is kept, and so no gradient of a parameter, which sums over all.
+Only the first image of the convolutions and poolings is kept, so their parameter gradients, which sum over all
+images, are left out.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ LAYERS = {
 KINDS = ("in", "param", "top", "topdiff", "indiff", "pdiff")
 FIRST_IMAGE = ("conv_", "pool_")
 POSES = [2, 3, 12, 30]  # of the hand's 32: small angles, any angles, one DoF
-UPDATES = 8  # of the trainings: a rate that falls every 6 is seen to fall
+UPDATES = 8  # of the trainings: long enough to include the step that lowers the rate after 6 iterations
 TRAININGS = ("sgd_mom09", "snap_sgd_hdf5")
-WEIGHTS = (("conv", 1), ("ip2", 0), ("ip2", 1))  # whose course is kept; they depend on all others
+WEIGHTS = (("conv", 1), ("ip2", 0), ("ip2", 1))  # the recorded weights; they depend on all others
 
 
 def arrays() -> dict[str, np.ndarray]:
-    """All arrays that the exercises need."""
+    """Return all arrays that the exercises need."""
     return {**dict(of_layers()), **dict(of_hand()), **dict(of_limits()), **dict(of_training())}
 
 
@@ -61,7 +62,7 @@ def of_limits() -> Iterator[tuple[str, np.ndarray]]:
         yield "phys_limit/in/0", limits["bottom"]
         yield "phys_limit/top/0", limits["loss_w1"]
         yield "phys_limit/topdiff/0", np.ones((), np.float32)
-        # Caffe leaves the diffs of fixed DoFs as they were; they have no influence, so they are 0
+        # Caffe leaves the diffs of fixed DoFs unwritten; they have no effect, so they are set to 0
         free = np.isin(np.arange(47), [*range(6), *range(15, 19), *range(31, 47)])
         yield "phys_limit/indiff/0", np.where(free, limits["bottom_diff_w1"], np.float32(0))
 

@@ -1,4 +1,4 @@
-"""Every stub fails, every solution passes, every known mistake gets its own advice."""
+"""Every stub fails, every solution passes, and every known mistake gets its own advice."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ MISTAKES = [
 
 
 def last_step(exercise: Exercise, part: Any, iterations: int = 0, reader: ReadersFile | None = None) -> Step:
-    """The step that fails, or the last one."""
+    """Return the step that fails, or the last one."""
     return all_steps(exercise, part, iterations, reader)[-1]
 
 
 def all_steps(exercise: Exercise, part: Any, iterations: int, reader: ReadersFile | None = None) -> list[Step]:
-    """Up to the one that fails; without iterations not that of the network."""
+    """Return the steps up to the one that fails; with iterations=0 the network's step is left out."""
     made = list(steps(exercise, part, reader))
     if made[-1].passed and iterations:
         made.append(in_network(exercise, part, iterations, reader))
@@ -41,7 +41,7 @@ def all_steps(exercise: Exercise, part: Any, iterations: int, reader: ReadersFil
 
 
 def test_the_dozen_is_there() -> None:
-    """Those that the book asks for, in its order, each with eight mistakes at least."""
+    """All exercises of the book exist, in its order, each with at least eight known mistakes."""
     assert set(EXERCISES) == {
         "relu", "inner_product", "convolution", "pooling", "split", "euclidean_loss", "sgd", "resume",
         "joint_transform", "torque_gradient", "phys_limit", "dropout",
@@ -54,7 +54,7 @@ def test_the_dozen_is_there() -> None:
 
 @exercises
 def test_the_advice_is_short_and_never_the_same(exercise: Exercise) -> None:
-    """A few plain sentences for each mistake."""
+    """The advice for each mistake is a few plain sentences, and no two mistakes share one."""
     said = [mistake.advice for mistake in exercise.mistakes]
     assert len(set(said)) == len(said)
     assert all(20 < len(advice) < 260 and advice.endswith(".") for advice in said)
@@ -62,7 +62,7 @@ def test_the_advice_is_short_and_never_the_same(exercise: Exercise) -> None:
 
 @exercises
 def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise) -> None:
-    """In docs/exercises, with the function and its line."""
+    """The report of a stub names the file in docs/exercises, the function to write first and its line."""
     reader = ReadersFile(exercise, ROOT / "docs" / "exercises" / f"{exercise.name}.py")
     assert set(reader.to_do) == set(exercise.to_do)
     step = last_step(exercise, reader.part, ITERATIONS, reader)
@@ -73,7 +73,7 @@ def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise) -> None:
 
 @exercises
 def test_our_own_source_passes(exercise: Exercise) -> None:
-    """All steps, loaded as a reader's file is, the paper's network included."""
+    """The project's source passes all steps, loaded like a reader's file; this includes the paper's network."""
     reader = ReadersFile(exercise, ROOT / exercise.file)
     assert not reader.to_do
     assert reader.part is not exercise.reference
@@ -81,12 +81,12 @@ def test_our_own_source_passes(exercise: Exercise) -> None:
     made = all_steps(exercise, reader.part, 20 if exercise.name == "relu" else ITERATIONS, reader)
     assert [step for step in made if not step.passed] == []
     assert len(made) == len(exercise.checks) + 1
-    assert before == (LAYER_TYPES, RULES)  # ours are in their places again
+    assert before == (LAYER_TYPES, RULES)  # the project's own classes are in place again
 
 
 @pytest.mark.parametrize(("exercise", "mistake"), MISTAKES)
 def test_a_mistake_gets_its_own_advice(exercise: Exercise, mistake: Mistake) -> None:
-    """And no other's."""
+    """Each known mistake gets its own advice and that of no other mistake."""
     step = last_step(exercise, mistake.part)
     assert not step.passed
     given = [other.advice for other in exercise.mistakes if any(line.endswith(other.advice) for line in step.lines)]
@@ -97,7 +97,7 @@ def test_a_mistake_gets_its_own_advice(exercise: Exercise, mistake: Mistake) -> 
 
 
 def adding(cls: Any) -> Any:
-    """Adds to the diffs of its bottoms."""
+    """Return a layer that adds to the diffs of its bottoms."""
 
     class Adding(cls):
         def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -110,7 +110,7 @@ def adding(cls: Any) -> Any:
 
 
 def leaving(cls: Any) -> Any:
-    """Leaves the zeros of its gradient unwritten."""
+    """Return a layer that leaves the zeros of its gradient unwritten."""
 
     class Leaving(cls):
         def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -123,7 +123,7 @@ def leaving(cls: Any) -> Any:
 
 
 def overwriting(cls: Any) -> Any:
-    """Writes the diffs of its parameters."""
+    """Return a layer that overwrites the diffs of its parameters."""
 
     class Overwriting(cls):
         def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -136,21 +136,21 @@ def overwriting(cls: Any) -> Any:
 
 @pytest.mark.parametrize("name", ["relu", "inner_product", "convolution", "pooling", "split", "euclidean_loss"])
 def test_a_gradient_that_is_added(name: str) -> None:
-    """To the diff of a bottom, which holds old numbers."""
+    """Adding to the diff of a bottom, which holds old numbers, is found."""
     exercise = EXERCISES[name]
     assert last_step(exercise, adding(exercise.reference)).lines[1].startswith("backward adds to the diff of a bottom.")
 
 
 @pytest.mark.parametrize("name", ["relu", "pooling", "phys_limit", "dropout"])
 def test_a_gradient_that_is_left(name: str) -> None:
-    """Where it is 0."""
+    """A gradient left unwritten where it is 0 is found."""
     exercise = EXERCISES[name]
     assert last_step(exercise, leaving(exercise.reference)).lines[1].startswith("backward leaves some elements")
 
 
 @pytest.mark.parametrize("name", ["inner_product", "convolution"])
 def test_a_gradient_that_is_overwritten(name: str) -> None:
-    """That of a parameter, which the solver sums over several batches."""
+    """Overwriting a parameter's gradient, which the solver sums over several batches, is found."""
     exercise = EXERCISES[name]
     step = last_step(exercise, overwriting(exercise.reference))
     assert step.lines[0].startswith("dw[")
@@ -161,7 +161,7 @@ def test_a_gradient_that_is_overwritten(name: str) -> None:
 
 
 class ForgetsLater(LAYER_TYPES["ReLU"]):  # type: ignore[misc]
-    """Passes all small examples: what is wrong begins with the second batch."""
+    """Passes all small examples: it goes wrong from the second batch on."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -171,7 +171,7 @@ class ForgetsLater(LAYER_TYPES["ReLU"]):  # type: ignore[misc]
 
 
 def test_the_network_finds_what_small_examples_do_not() -> None:
-    """The iteration, and both losses."""
+    """A mistake that the small examples miss is reported with the iteration and both losses."""
     made = all_steps(EXERCISES["relu"], ForgetsLater, ITERATIONS)
     assert [step.passed for step in made] == [True, True, True, False]
     assert made[-1].lines[0].startswith("The loss of iteration 1 is ")
@@ -187,7 +187,7 @@ class FailsInNet(LAYER_TYPES["ReLU"]):  # type: ignore[misc]
 
 
 def test_an_error_in_the_network_is_told() -> None:
-    """With the layer; afterwards our own is in its place."""
+    """An error in the network is reported with the layer, and the project's own class is in place afterwards."""
     step = last_step(EXERCISES["relu"], FailsInNet, ITERATIONS)
     assert not step.passed
     assert "layer 'ReLUconvL1': forward failed: ValueError: three axes only" in step.lines[0]
@@ -195,13 +195,13 @@ def test_an_error_in_the_network_is_told() -> None:
 
 
 def test_the_network_learns() -> None:
-    """Its few frames by heart, so that a reader sees the loss fall."""
+    """The network learns its few frames by heart, so the reader sees the loss fall."""
     losses = np.array(network.reference_losses(20))
     assert losses[-5:].mean() < 0.6 * losses[:5].mean()
 
 
 def test_nothing_is_left_in_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Frames and snapshots lie in a folder of their own, which is gone."""
+    """Frames and snapshots are written to a temporary folder, which is removed."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)

@@ -1,4 +1,4 @@
-"""The command: it lists, begins and checks an exercise, and says plainly why it does not."""
+"""The command lists, starts and checks exercises, and reports errors in plain words."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_list(work: Path) -> None:
-    """Every exercise with its chapter, and how to begin."""
+    """The list has every exercise with its chapter, and how to start one."""
     lines = run_tool("exercise").out.splitlines()
-    assert [line.split()[1] for line in lines[:-1]] == list(EXERCISES)  # no mark: none is begun
+    assert [line.split()[1] for line in lines[:-1]] == list(EXERCISES)  # no mark: none is started
     assert lines[-1] == "Start one: python tools/exercise.py relu --start"
 
 
 @pytest.mark.parametrize("name", EXERCISES)
 def test_start(name: str, work: Path) -> None:
-    """The stub of docs/exercises, in the working folder; an existing file is never overwritten."""
+    """``start`` copies the stub of docs/exercises to the working folder and never overwrites a file."""
     done = run_tool("exercise", name, "--start")
     path = work / f"{name}.py"
     assert path.read_bytes() == (ROOT / "docs" / "exercises" / path.name).read_bytes()
@@ -43,7 +43,7 @@ def test_start(name: str, work: Path) -> None:
 
 
 def test_a_solution(work: Path) -> None:
-    """A tick for each step, and where ours is."""
+    """A correct solution gets a tick for each step and the path of the project's own source."""
     (work / "split.py").write_text((ROOT / EXERCISES["split"].file).read_text(encoding="utf-8"))
     lines = run_tool("exercise", "split", "--iterations", "2").out.splitlines()
     assert lines[0] == "Split: one blob for several consumers (split.py)"
@@ -52,7 +52,7 @@ def test_a_solution(work: Path) -> None:
 
 
 def test_the_list_shows_progress(work: Path) -> None:
-    """A tick where the file here has passed as it is, a point where one is begun or was changed since."""
+    """The list has a tick for a file that has passed unchanged, and a point for one started or changed since."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     (work / "split.py").write_text(text)
     run_tool("exercise", "relu", "--start")
@@ -66,7 +66,7 @@ def test_the_list_shows_progress(work: Path) -> None:
 
 
 def test_bare(work: Path) -> None:
-    """Blobs and signatures, and neither formulas nor hints."""
+    """--bare writes the names of the blobs and the signatures, without formulas or hints."""
     run_tool("exercise", "relu", "--start", "--bare")
     text = (work / "relu.py").read_text(encoding="utf-8")
     assert "bottom[0]" in text and "dx =" not in text and "self.slope * x" not in text
@@ -74,7 +74,7 @@ def test_bare(work: Path) -> None:
 
 
 def test_a_bug_to_find(work: Path) -> None:
-    """A file that is checked like a solution, and is right when it is mended."""
+    """A file with a planted bug is checked like a solution, and passes when the bug is fixed."""
     run_tool("exercise", "sgd", "--bug", "1")
     run_tool("exercise", "sgd", "--bug", "1", status=1)
     text = (work / "sgd_bug.py").read_text(encoding="utf-8")
@@ -88,7 +88,7 @@ def test_a_bug_to_find(work: Path) -> None:
 
 @pytest.mark.parametrize("name", EXERCISES)
 def test_every_bug_is_one(name: str, work: Path) -> None:
-    """Each planted file is read, and fails with the advice for its mistake."""
+    """Each file with a planted bug can be read, and fails with the advice for its mistake."""
     exercise = EXERCISES[name]
     found = set()
     for text in bugs(exercise):
@@ -102,7 +102,7 @@ def test_every_bug_is_one(name: str, work: Path) -> None:
 
 
 def test_a_file_that_is_not_right(work: Path) -> None:
-    """Status 1; the step that fails is the last, and its lines fit on a screen."""
+    """A wrong solution ends with status 1; the failed step comes last, and its lines fit on a screen."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     Path("mine.py").write_text(text.replace("bottom[0].diff[...] += y.diff", "bottom[0].diff[...] = y.diff"))
     lines = run_tool("exercise", "split", "--file", "mine.py", status=1).out.splitlines()
@@ -115,14 +115,14 @@ def test_a_file_that_is_not_right(work: Path) -> None:
 
 
 def test_the_file_here_comes_first(work: Path) -> None:
-    """Then that of docs/exercises; where neither is, it says how to get one."""
+    """The file in the working folder precedes that in docs/exercises; without either, the error says how to get one."""
     assert f"({ROOT / 'docs/exercises/relu.py'})" in run_tool("exercise", "relu", status=1).out
     (work / "relu.py").write_text("x = 1\n")
     assert run_tool("exercise", "relu", status=1).err.startswith("relu.py: ReLU.setup")
 
 
 def test_no_file_at_all(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where the tools are installed without docs/."""
+    """Without docs/, as in an installed copy, the error says how to get a file."""
     monkeypatch.setattr(solutions, "ROOT", work)
     done = run_tool("exercise", "relu", status=1)
     assert done.err == "relu.py: not found; run python tools/exercise.py relu --start to create it\n"
@@ -144,7 +144,7 @@ def test_no_file_at_all(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_wrong_usage(argv: list[str], said: str, work: Path) -> None:
-    """Status 2, and the line that helps."""
+    """Wrong usage ends with status 2 and a line that helps."""
     assert said in run_tool("exercise", *argv, status=2).err
 
 
@@ -160,7 +160,7 @@ def test_wrong_usage(argv: list[str], said: str, work: Path) -> None:
 )
 @pytest.mark.parametrize("at", ["import", "forward"])
 def test_a_file_that_ends_its_process(at: str, code: str, said: str, work: Path) -> None:
-    """Status 1 and one line, when it is loaded and when it is run."""
+    """A file that ends its process when it is loaded or run gives status 1 and one line."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     line = "y.data[...] = bottom[0].data"
     assert line in text
@@ -168,21 +168,21 @@ def test_a_file_that_ends_its_process(at: str, code: str, said: str, work: Path)
     text = f"{text}\n{code}\n" if at == "import" else text.replace(line, indented)
     (work / "split.py").write_text(text)
     _, out, err = run_tool("exercise", "split", "--limit", "0.5", status=1)
-    if "sys.exit" in code and at == "forward":  # it is caught where an error of this step would be
+    if "sys.exit" in code and at == "forward":  # it is reported like an error of this step
         assert said in out.splitlines()[-1] or said in out
         return
     assert err.startswith("split.py:") and said in err and err.count("\n") == 1
 
 
 def test_closed_streams_are_no_obstacle(work: Path) -> None:
-    """The reader's code may close its own."""
+    """The check still works when the reader's code closes the standard streams."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     (work / "split.py").write_text(f"{text}\nimport sys\nsys.stdout.close()\nsys.stdin.close()\n")
     assert run_tool("exercise", "split", "--iterations", "0").out.splitlines()[-1].startswith("Everything is correct.")
 
 
 def test_ctrl_c_ends_a_loop_without_end(work: Path) -> None:
-    """Status 130, in one word: what the reader's code does is the reader's."""
+    """Ctrl-C stops an endless loop of the reader's code with status 130 and a single word."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     (work / "split.py").write_text(text.replace("y.data[...] = bottom[0].data", "raise KeyboardInterrupt"))
     assert run_tool("exercise", "split", status=130).err == "interrupted\n"

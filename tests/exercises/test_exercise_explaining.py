@@ -1,4 +1,4 @@
-"""The first difference in words: which element, what it should be, what such numbers look like."""
+"""The first difference in words: the element, its expected value, and the likely kind of mistake."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ RIGHT = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.5]])
 NOTHING_KNOWN = dataclasses.replace(EXERCISES["relu"], mistakes=(), remedies=(), checks=())
 
 
-def told(
+def report(
     got: np.ndarray, wanted: np.ndarray = RIGHT, exercise: Exercise = NOTHING_KNOWN, tolerance: float = 1e-6
 ) -> list[str]:
-    """What is said of a result."""
+    """Return the explanation of a result."""
 
     def run(part: np.ndarray) -> Values:
         return {"y": part}
@@ -37,10 +37,10 @@ def changed(index: tuple[int, int], value: float) -> np.ndarray:
 
 
 def test_the_first_element_that_differs_is_named() -> None:
-    """By its axes, with as many digits as tell the numbers apart, and how many there are."""
+    """The first wrong element is named by its axes, with enough digits to distinguish it, and all are counted."""
     array = changed((0, 2), 3.00001)
     array[1, 1] = 0
-    first, second, *_, shown = told(array)
+    first, second, *_, shown = report(array)
     assert shown == "Found: [[1, 2, 3.00001], [4, 0, 6.5]]; expected: [[1, 2, 3], [4, 5, 6.5]]."
     assert first == "y[n=0, c=2] is 3.00001, Caffe has 3; the first of 2 elements of 6 that differ (some options)."
     assert second.startswith("This is not a known mistake.")
@@ -61,8 +61,8 @@ def test_the_first_element_that_differs_is_named() -> None:
     ],
 )
 def test_what_numbers_look_like(got: np.ndarray, said: str) -> None:
-    """If no known mistake gives them."""
-    assert told(got)[1].startswith(said)
+    """Results that no known mistake gives are described by a simple relation to the expected ones."""
+    assert report(got)[1].startswith(said)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_what_numbers_look_like(got: np.ndarray, said: str) -> None:
     ],
 )
 def test_where_the_wrong_elements_are(wrong: tuple[Any, ...], said: str | None) -> None:
-    """Along one axis; a set that has no short name is not described."""
+    """Wrong elements along one axis are described; a set without a short description is not."""
     wanted = np.random.default_rng(0).normal(size=(3, 2, 5, 5))
     got = wanted.copy()
     got[wrong] += 1 + np.arange(got[wrong].size).reshape(got[wrong].shape)
@@ -90,7 +90,7 @@ def test_where_the_wrong_elements_are(wrong: tuple[Any, ...], said: str | None) 
 
 
 def test_wrong_at_the_border_or_by_sign() -> None:
-    """Padding that is wrong shows at the border; a slope that is wrong where values are negative."""
+    """Errors at the border of an image or at negative values are recognised."""
     wanted = np.random.default_rng(0).normal(size=(1, 1, 5, 5))
     border = wanted + np.pad(np.zeros((3, 3)), 1, constant_values=1)
     case = Case("", lambda part: {"y": part}, lambda part: {"y": wanted}, "Caffe has", {"y": "nchw"}, 1e-6)
@@ -103,26 +103,26 @@ def test_wrong_at_the_border_or_by_sign() -> None:
 
 
 def test_a_shape_that_differs() -> None:
-    """Both shapes; axes in the opposite order are seen."""
-    first, second = told(RIGHT.T)
+    """A wrong shape is reported with the expected one; reversed axes are recognised."""
+    first, second = report(RIGHT.T)
     assert first == "y has the shape (3, 2), expected (2, 3) (some options)."
     assert second == "The axes are in reverse order."
-    assert told(RIGHT[:1])[0].startswith("y has the shape (1, 3)")
-    assert told(RIGHT.sum())[1].startswith("It is a scalar")
+    assert report(RIGHT[:1])[0].startswith("y has the shape (1, 3)")
+    assert report(RIGHT.sum())[1].startswith("It is a scalar")
 
 
 def test_nearly_right_is_no_factor() -> None:
-    """Of 1, and no constant of 0."""
+    """Results that are nearly right are not described as a factor of 1 or a constant of 0."""
     wanted = np.random.default_rng(0).normal(size=(2, 3))
-    assert told(wanted * (1 + 3e-6), wanted)[1].startswith("This is not a known mistake.")
-    assert told(wanted.astype(np.float16), wanted)[1].startswith("The values are correct to the precision of float16")
-    assert told(wanted.astype(np.float32), wanted, tolerance=1e-10)[1].startswith(
+    assert report(wanted * (1 + 3e-6), wanted)[1].startswith("This is not a known mistake.")
+    assert report(wanted.astype(np.float16), wanted)[1].startswith("The values are correct to the precision of float16")
+    assert report(wanted.astype(np.float32), wanted, tolerance=1e-10)[1].startswith(
         "The values are correct to the precision of float32"
     )
 
 
 def test_what_is_not_finite_must_be_where_it_should() -> None:
-    """Infinity is infinity, and NaN is never right where a number is wanted."""
+    """Infinite values must be in the expected places, and NaN is wrong where a number is expected."""
     wanted = np.array([np.inf, 1.0])
     case = Case("", lambda part: {"y": part}, lambda part: {"y": wanted}, "Caffe has", {}, 1e-6)
     assert first_difference(case, {"y": wanted.copy()}, {"y": wanted}) is None
@@ -131,7 +131,7 @@ def test_what_is_not_finite_must_be_where_it_should() -> None:
 
 
 def test_numbers_that_are_others_each_time() -> None:
-    """Random numbers from elsewhere than self.rng."""
+    """Random numbers that do not come from self.rng are recognised."""
     rng = np.random.default_rng(0)
     case = Case("", lambda part: {"y": rng.normal(size=3)}, lambda part: {"y": np.zeros(3)}, "ours has", {}, 1e-6)
     found = first_difference(case, case.run(None), case.wanted(None))

@@ -1,4 +1,4 @@
-"""The reader's file: what can be wrong with it is told in a line or two, with the file and the line."""
+"""Errors in the reader's file are reported in a line or two, with the file and the line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Write = Callable[..., Path]
 
 @pytest.fixture
 def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
-    """``write(forward="...")``: a solution of relu in the working folder, with other bodies, or without (None)."""
+    """``write(forward="...")``: write a solution of relu to the working folder, with other bodies, or none (None)."""
     monkeypatch.chdir(tmp_path)
 
     def make(**bodies: str | None) -> Path:
@@ -40,7 +40,7 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 
 
 def failed(path: Path) -> list[str]:
-    """What the step that fails says."""
+    """Return the message of the step that fails."""
     reader = ReadersFile(RELU, path)
     *_, step = steps(RELU, reader.part, reader)
     assert not step.passed
@@ -48,7 +48,7 @@ def failed(path: Path) -> list[str]:
 
 
 def test_a_solution_is_read(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is right, and leaves no bytecode beside it: an old one might be taken for a file that was changed."""
+    """A correct file passes, and no bytecode is written beside it, which might be taken for a changed file."""
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     path = write()
     reader = ReadersFile(RELU, path)
@@ -59,14 +59,14 @@ def test_a_solution_is_read(write: Write, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_file_that_was_changed_is_read_again(write: Write) -> None:
-    """At once: a reader saves and tries."""
+    """A changed file is read again at once."""
     assert failed(write(forward="top[0].data[...] = bottom[0].data"))
     reader = ReadersFile(RELU, write())
     assert all(step.passed for step in steps(RELU, reader.part, reader))
 
 
 def test_one_method_after_the_other(write: Write) -> None:
-    """What is not yet written is listed, and stops only the step that needs it."""
+    """Methods that are not yet written are listed, and only the step that needs them fails."""
     path = write(backward=None)
     line = path.read_text().splitlines().index("        raise NotImplementedError") + 1
     reader = ReadersFile(RELU, path)
@@ -77,14 +77,14 @@ def test_one_method_after_the_other(write: Write) -> None:
 
 
 def test_what_nothing_asks_for_need_not_be_written() -> None:
-    """im2col of a convolution that loops over the pixels."""
+    """A function that the solution does not call, such as im2col, may stay unwritten."""
     reader = ReadersFile(EXERCISES["convolution"], Path(__file__).parents[2] / "docs/exercises/convolution.py")
     assert "Convolution.im2col" in reader.to_do
     assert reader.needed == {"Convolution._outputs", "Convolution.forward", "Convolution.backward"}
 
 
 def test_an_error_in_the_code_is_told_with_its_line(write: Write) -> None:
-    """No traceback of ours."""
+    """An error in the reader's code is reported with its line and without a traceback of the project's code."""
     path = write(forward="top[0].data[...] = x")
     line = path.read_text().splitlines().index("        top[0].data[...] = x") + 1
     first, second = failed(path)
@@ -93,18 +93,18 @@ def test_an_error_in_the_code_is_told_with_its_line(write: Write) -> None:
 
 
 def test_an_array_that_is_replaced(write: Write) -> None:
-    """The most frequent first error has a word of its own."""
+    """Replacing an array instead of writing into it, the most frequent first error, has its own message."""
     assert any("write into them, with [...] = on the left" in line for line in failed(write(forward="top[0].data = 0")))
 
 
 def test_nothing_written(write: Write) -> None:
-    """A new array is no top."""
+    """Making a new array does not count as writing the top."""
     assert "nothing was written" in failed(write(forward="y = np.maximum(bottom[0].data, 0)"))[1]
 
 
 @pytest.mark.parametrize("how", ["raise SystemExit(3)", "sys.exit(3)", "exit()"])
 def test_a_file_that_wants_to_end_the_program(how: str, write: Write) -> None:
-    """While it is loaded, or in a method."""
+    """A file that exits while it is loaded or run is reported as an error."""
     path = write(forward=f"import sys; {how}")
     assert "SystemExit" in failed(path)[0]
     path.write_text(f"import sys\n{how}\n")
@@ -127,7 +127,7 @@ def test_a_file_that_wants_to_end_the_program(how: str, write: Write) -> None:
     ],
 )
 def test_a_file_that_is_no_solution(text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line that names the file, and the line where there is one."""
+    """A file that is not a solution gives one line with the file name and, if there is one, the line number."""
     monkeypatch.chdir(tmp_path)
     Path("relu.py").write_text(text)
     with pytest.raises(ExerciseError, match=said) as error:
@@ -136,7 +136,7 @@ def test_a_file_that_is_no_solution(text: str, said: str, tmp_path: Path, monkey
 
 
 def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its name, and why; bytes that are no text too."""
+    """A missing file, or one that is not text, is reported with its name and the reason."""
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ExerciseError, match=r"^relu\.py: cannot read the exercise relu: No such file"):
         ReadersFile(RELU, Path("relu.py"))
@@ -161,7 +161,7 @@ def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     ],
 )  # fmt: skip
 def test_a_part_of_another_kind(old: str, new: str, said: str, write: Write) -> None:
-    """It is told before anything runs, with what was expected."""
+    """A part of the wrong kind is reported, with the expected kind, before anything runs."""
     path = write()
     text = path.read_text()
     assert old in text
@@ -172,7 +172,7 @@ def test_a_part_of_another_kind(old: str, new: str, said: str, write: Write) -> 
 
 
 def test_other_names_and_more_arguments_will_do(write: Write) -> None:
-    """If the part can be called as ours."""
+    """Other parameter names and additional arguments are accepted if the part can be called in the same way."""
     path = write()
     text = path.read_text().replace("reshape(self, bottom: Blobs, top: Blobs)", "reshape(me, bottom, top, more=1)")
     path.write_text(text.replace("backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:",
@@ -190,30 +190,30 @@ def test_other_names_and_more_arguments_will_do(write: Write) -> None:
     ],
 )
 def test_whatever_is_raised_is_told(raised: str, said: str, write: Write) -> None:
-    """Also what is no Exception, and what cannot say itself; the line is found from another folder, too."""
+    """Any exception is reported, even a BaseException, or one that cannot be printed, with its line."""
     assert failed(write(forward=f"import os; os.chdir('/'); raise {raised}"))[0].endswith(f"): {said}")
 
 
 def test_an_error_elsewhere_does_not_hide_a_difference(write: Write) -> None:
-    """Known mistakes are tried on all cases, and a backward that ends the program ends none."""
+    """A known mistake is recognised even if the backward pass exits."""
     lines = failed(write(forward="top[0].data[...] = np.maximum(bottom[0].data, 0)", backward="raise SystemExit(3)"))
     assert lines[1].startswith("negative_slope is ignored")
 
 
 def test_an_error_after_the_readers_code(write: Write) -> None:
-    """It is said whose fault it may be."""
+    """An error raised after the reader's code has returned names the possible causes."""
     assert failed(write(forward="del top[0]"))[1].startswith("It was raised outside relu.py: check what your code")
 
 
 def test_a_file_that_is_called_otherwise(write: Write) -> None:
-    """Python loads no module from it."""
+    """A file whose name does not end in .py is rejected, since Python loads no module from it."""
     path = write().rename("relu.txt")
     with pytest.raises(ExerciseError, match=r"^relu\.txt: expected a Python module \(\.py\)$"):
         ReadersFile(RELU, path)
 
 
 def test_what_only_the_compiler_finds(write: Write) -> None:
-    """With its line, once."""
+    """An error that only the compiler finds is reported once, with its line."""
     path = write()
     path.write_text("import os\n" + path.read_text())
     with pytest.raises(

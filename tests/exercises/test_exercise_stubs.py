@@ -1,4 +1,4 @@
-"""Stubs: our source without the bodies, and the recorded numbers: Caffe's, bit for bit."""
+"""Stubs are the project's source without the bodies, and the recorded numbers are Caffe's, bit for bit."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ exercises = pytest.mark.parametrize("exercise", EXERCISES.values(), ids=list(EXE
 
 
 def functions(text: str) -> dict[str, ast.FunctionDef]:
-    """Every function and method by its name."""
+    """Return every function and method by name."""
     return {node.name: node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)}
 
 
 @exercises
 def test_a_stub_is_our_source_without_the_bodies(exercise: Exercise) -> None:
-    """The docstring, all signatures and all that is given are ours; of a body to be written nothing is left."""
+    """Docstring, signatures and given code of a stub are the project's; nothing of a body to be written remains."""
     text, ours = stub(exercise), (ROOT / exercise.file).read_text(encoding="utf-8")
     assert ast.get_docstring(ast.parse(text)) == ast.get_docstring(ast.parse(ours))
     wanted = {name.split(".")[-1] for name in exercise.to_do}
@@ -44,7 +44,7 @@ def test_a_stub_is_our_source_without_the_bodies(exercise: Exercise) -> None:
 
 @exercises
 def test_a_stub_says_what_is_to_be_done(exercise: Exercise) -> None:
-    """In comments, and how to go on in its first line; np is there."""
+    """Comments in the stub describe the task, its first line says how to go on, and np is imported."""
     text = stub(exercise)
     first = f"# Replace each NotImplementedError, then run: python tools/exercise.py {exercise.name}"
     assert text.splitlines()[0] == first
@@ -56,7 +56,7 @@ def test_a_stub_says_what_is_to_be_done(exercise: Exercise) -> None:
 
 
 def test_the_recorded_numbers_are_caffes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """The program that made them makes them again from tests/caffe, bit for bit; few enough to be installed."""
+    """The recorded numbers are reproduced from tests/caffe, bit for bit, and are few enough to be installed."""
     mine, size = recorded.everything(), recorded.FILE.stat().st_size
     monkeypatch.setattr(recorded, "FILE", tmp_path / "again.npz")
     assert reduce_recordings.main() == 0

@@ -1,4 +1,4 @@
-"""Wrong answers of a reader, written from scratch, and the words by which the advice names the fault."""
+"""Wrong answers of a reader, written from scratch, and the words with which the advice names the fault."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from layers.vision.convolution import Convolution
 
 
 def said(name: str, part: Any) -> str:
-    """The lines of the step that fails."""
+    """Return the lines of the step that fails."""
     *_, step = steps(EXERCISES[name], part)
     assert not step.passed
     return "\n".join(step.lines)
@@ -83,7 +83,7 @@ def bias_corrected(p: Any, w: Any, g: Any, rate: float, history: Any, t: int) ->
 
 
 class Limits(PhysLimit):
-    """A reader's layer, angle by angle."""
+    """A reader's layer, which handles the angles one by one."""
 
     def violation(self, x: float, lower: float, upper: float) -> float:
         return max(x - upper, 0.0) + max(lower - x, 0.0)
@@ -144,7 +144,7 @@ class InDegrees(Limits):
 
 
 class Torques(Kinematics):
-    """A reader's walk, in its own words."""
+    """A reader's walk over the joints, written independently."""
 
     order = "order"
     hands_on = "both"
@@ -179,7 +179,7 @@ class Torques(Kinematics):
 
 
 def torques(**changed: Any) -> type[Torques]:
-    """The walk with something changed."""
+    """Return the walk with a change."""
     return type("Changed", (Torques,), changed)
 
 
@@ -187,7 +187,7 @@ def torques(**changed: Any) -> type[Torques]:
 
 
 class Loops(Convolution):
-    """A reader's convolution by loops over windows."""
+    """A reader's convolution by loops over the windows."""
 
     edge, transposed, twice, no_stride, interleaved, last_bias, clears = False, False, False, False, False, False, True
 
@@ -234,7 +234,7 @@ class Loops(Convolution):
 
 
 def loops(**changed: bool) -> type[Loops]:
-    """The convolution with something changed."""
+    """Return the convolution with a change."""
     return type("Changed", (Loops,), changed)
 
 
@@ -272,11 +272,11 @@ RIGHT = [("phys_limit", Limits), ("torque_gradient", Torques), ("convolution", L
 
 @pytest.mark.parametrize(("name", "part", "words"), ANSWERS, ids=[f"{n}-{w[:30]}" for n, _, w in ANSWERS])
 def test_the_advice_names_the_fault(name: str, part: Any, words: str) -> None:
-    """27 answers that a reviewer gave."""
+    """The advice names the fault in each of a reviewer's 27 answers."""
     assert words in said(name, part)
 
 
 @pytest.mark.parametrize(("name", "part"), RIGHT)
 def test_right_answers_written_so_are_accepted(name: str, part: Any) -> None:
-    """What the wrong ones are variants of."""
+    """The correct versions of the wrong answers pass."""
     assert all(step.passed for step in steps(EXERCISES[name], part))
