@@ -1,4 +1,4 @@
-"""Nets and weights in a folder of their own; all is skipped without the packages onnx and onnxruntime."""
+"""Nets and weights in temporary folders; all tests are skipped without the packages onnx and onnxruntime."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from tests.support.onnx_nets import net_text
 
 @pytest.fixture(autouse=True, scope="session")
 def onnx():
-    """The package."""
+    """The package onnx."""
     pytest.importorskip("onnxruntime")
     return pytest.importorskip("onnx")
 
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
-    """``files(layers, shapes ...)``: net.prototxt and net.caffemodel.h5 with random parameters, in an own folder."""
+    """``files(layers, shapes ...)``: net.prototxt and net.caffemodel.h5 with random parameters, in a new folder."""
     monkeypatch.chdir(tmp_path)
 
     def make(layers: str, *shapes: tuple[int, ...]) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""tools/export_onnx.py: the paper's network and ours as files, which other runtimes run with the same results."""
+"""tools/export_onnx.py exports the paper's and the packaged network, and other runtimes compute the same results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.support.running import run_python, run_tool
 
 
 def test_the_papers_network(tmp_path, monkeypatch):
-    """With random weights: the joints of netlib; the tool says so."""
+    """The paper's network with random weights gives the joints of netlib, and the tool prints the comparison."""
     monkeypatch.chdir(tmp_path)
     netlib.Net(NYU, netlib.TEST, seed=3).save("net.caffemodel")
     out = run_tool("export_onnx", NYU, "net.caffemodel", "hand.onnx", "--check").out
@@ -27,7 +27,7 @@ def test_the_papers_network(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def packaged(tmp_path_factory):
-    """The packaged network as a file, with the pose as a second output."""
+    """Export the packaged network with the pose as a second output."""
     out = tmp_path_factory.mktemp("onnx") / "hand.onnx"
     weights = SYNTHETIC / "synthetic_hand.caffemodel.h5"
     run_tool("export_onnx", SYNTHETIC / "deploy.prototxt", weights, out, "--blob", "DoF")
@@ -35,7 +35,7 @@ def packaged(tmp_path_factory):
 
 
 def test_the_packaged_network(packaged, rng):
-    """Joints and pose to 1e-5, for one crop and for three."""
+    """The packaged network gives netlib's joints and pose to 1e-5, for one crop and for three."""
     net = netlib.Net(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5", netlib.TEST)
     for batch in (1, 3):
         depth = rng.uniform(-1, 1, (batch, 1, 128, 128)).astype(np.float32)
@@ -46,7 +46,7 @@ def test_the_packaged_network(packaged, rng):
 
 
 def test_metadata(packaged, onnx):
-    """Who wrote it, and what its numbers mean."""
+    """The metadata name the producer and describe the outputs."""
     model = onnx.load(packaged)
     about = {entry.key: entry.value for entry in model.metadata_props}
     assert json.loads(about.pop("joint_names")) == load().joint_names
@@ -60,7 +60,7 @@ def test_metadata(packaged, onnx):
 
 
 def test_the_file_is_plain_onnx(packaged, onnx):
-    """The checker infers every shape, all operators are ONNX's own, the batch is N, and the hand is a small graph."""
+    """ONNX's checker accepts all shapes, all operators are standard, the batch is N, and the hand's graph is small."""
     model = onnx.load(packaged)
     onnx.checker.check_model(model, full_check=True)
     assert {node.domain for node in model.graph.node} == {""}
@@ -71,7 +71,7 @@ def test_the_file_is_plain_onnx(packaged, onnx):
 
 
 def test_without_the_pose_there_are_no_dof_names(files, onnx):
-    """And --cube is in the metadata."""
+    """Without the pose the metadata have no names of DoFs; --cube is written to the metadata."""
     net, weights = files('layer { name: "hand" type: "HandModel" bottom: "x0" top: "pred" }', (1, 47))
     run_tool("export_onnx", net, weights, "hand.onnx", "--cube", "261")
     about = {entry.key: entry.value for entry in onnx.load("hand.onnx").metadata_props}
@@ -79,7 +79,7 @@ def test_without_the_pose_there_are_no_dof_names(files, onnx):
 
 
 def test_another_runtime(packaged, rng):
-    """OpenCV comes to the same joints."""
+    """OpenCV computes the same joints."""
     depth = rng.uniform(-1, 1, (2, 1, 128, 128)).astype(np.float32)
     other = cv2.dnn.readNetFromONNX(str(packaged))
     other.setInput(depth, "depth")
@@ -98,7 +98,7 @@ print(len(joints), *sorted(joints)[:2], *joints["palm"].round(1))
 
 
 def test_the_document_in_a_process_of_its_own(packaged, tmp_path, rng):
-    """The lines of docs/onnx.md find a hand without a line of this project."""
+    """The code in docs/onnx.md finds a hand without importing anything from this project."""
     crop = rng.integers(0, 256, (128, 128), dtype=np.uint8)
     cv2.imwrite(str(tmp_path / "crop.png"), crop)
     (tmp_path / "hand.onnx").write_bytes(packaged.read_bytes())

@@ -1,4 +1,4 @@
-"""tools/export_onnx.py: mistakes, each with one line."""
+"""Every mistake in a call of tools/export_onnx.py gives one line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.support.running import run_tool
 
 
 def refusal(net: str, weights: str, *more: str) -> str:
-    """The one line that the tool says, before anything is written."""
+    """Return the single line that the tool prints before it writes anything."""
     _, out, err = run_tool("export_onnx", net, weights, "out.onnx", *more, status=1)
     assert not Path("out.onnx").exists()
     assert out == "" and err.count("\n") == 1
@@ -23,7 +23,7 @@ def refusal(net: str, weights: str, *more: str) -> str:
 
 @pytest.mark.parametrize("kind", ["EuclideanLoss", "HDF5Data", "Python"])
 def test_a_type_without_a_form(kind, files):
-    """Its layer, its type and its place; before the net is built, so that its data need not be there."""
+    """A layer type without an ONNX form is reported with its layer and line, before any data is opened."""
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     Path("loss.prototxt").write_text(net_text(f'layer {{ name: "bad" type: "{kind}" top: "y" }}', (1, 3)))
     assert refusal("loss.prototxt", weights) == (
@@ -55,12 +55,12 @@ def test_a_type_without_a_form(kind, files):
     ],
 )  # fmt: skip
 def test_a_net_without_a_batch(layers, shapes, message, files):
-    """Every blob has N items at most once, and it is not both input and output."""
+    """Every blob must have N items at most once, and cannot be both input and output."""
     assert refusal(*files(layers, *shapes)) == f"{message}\n"
 
 
 def test_files_that_are_not_there(files):
-    """The net, the weights, weights of another net, a blob, the folder."""
+    """Missing nets, weights, blobs and folders, and weights of another net, are reported."""
     net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     assert refusal("no.prototxt", weights) == ("no.prototxt: cannot read the prototxt: No such file or directory\n")
     assert "no.caffemodel.h5" in refusal(net, "no.caffemodel.h5")
@@ -71,7 +71,7 @@ def test_files_that_are_not_there(files):
 
 
 def test_no_input(files):
-    """A net that reads nothing."""
+    """A net without inputs cannot be exported."""
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "y" }')
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "x" }'
@@ -83,7 +83,7 @@ def test_no_input(files):
 
 @pytest.mark.parametrize(("missing", "more"), [("onnx", []), ("onnxruntime", ["--check"])])
 def test_a_missing_package(missing, more, files, monkeypatch):
-    """One line with the command that installs it."""
+    """A missing package is reported in one line with the command that installs it."""
     net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     monkeypatch.setitem(sys.modules, missing, None)
     done = run_tool("export_onnx", net, weights, "out.onnx", *more, status=1)
@@ -91,7 +91,7 @@ def test_a_missing_package(missing, more, files, monkeypatch):
 
 
 def test_a_difference_fails(files, monkeypatch):
-    """--check says by how much, and the exit status is 1."""
+    """If the results differ, --check prints the difference and ends with status 1."""
     net, weights = files('layer { name: "a" type: "Power" bottom: "x0" top: "y" power_param { scale: 2 } }', (1, 3))
     monkeypatch.setitem(LAYERS, "Power", LAYERS["AbsVal"])
     _, out, err = run_tool("export_onnx", net, weights, "out.onnx", "--check", status=1)
@@ -100,6 +100,6 @@ def test_a_difference_fails(files, monkeypatch):
 
 
 def test_usage():
-    """A cube has a size."""
+    """The size of the cube must be valid."""
     done = run_tool("export_onnx", "net", "weights", "out", "--cube", "0", status=2)
     assert done.err.endswith("argument --cube: expected 50 to 10000 mm, found '0'\n")

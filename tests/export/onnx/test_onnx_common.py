@@ -1,4 +1,4 @@
-"""export/onnx/common.py: each layer type alone; Silence in a net."""
+"""export/onnx/common.py: each layer type on its own, and Silence in a net."""
 
 from __future__ import annotations
 
@@ -58,17 +58,17 @@ CASES: Cases = {
 
 @pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))
 def test_layer(name, shapes, options, tops, files):
-    """Computes what netlib does."""
+    """The exported layer computes the same as netlib."""
     check(files, name, shapes, options, tops)
 
 
 def test_every_type_has_an_example():
-    """Of this folder of layers/."""
+    """Every layer type of layers/common has an example."""
     assert set(CASES) | {"Silence"} == types_of("common")
 
 
 def test_equal_maxima(files):
-    """ArgMax takes the last of equal values first; the mask of MAX the first."""
+    """Of equal maxima, ArgMax takes the last and the mask of MAX the first."""
     net = load(*files(
         'layer { name: "a" type: "ArgMax" bottom: "x0" top: "a" argmax_param { top_k: 3 } }'
         'layer { name: "p" type: "Pooling" bottom: "x0" top: "y" top: "mask" pooling_param { kernel_size: 2 } }',
@@ -83,7 +83,7 @@ def test_equal_maxima(files):
 
 
 def test_silence_and_splits_are_no_operators(files, onnx):
-    """Nor is a blob with two readers copied."""
+    """Silence and Split add no operators, and a blob with two consumers is not copied."""
     net = load(*files(
         'layer { name: "a" type: "TanH" bottom: "x0" top: "a" } layer { name: "b" type: "AbsVal" bottom: "a" top: "b" }'
         'layer { name: "c" type: "BNLL" bottom: "a" top: "c" } layer { name: "s" type: "Silence" bottom: "c" }',

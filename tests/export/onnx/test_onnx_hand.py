@@ -1,4 +1,4 @@
-"""export/onnx/hand.py: the hand model, of any body."""
+"""export/onnx/hand.py: the hand model, for any body."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ CASES: Cases = {
 
 @pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))
 def test_layer(name, shapes, options, tops, files):
-    """Computes what netlib does."""
+    """The exported layer computes the same as netlib."""
     check(files, name, shapes, options, tops)
 
 
 def test_every_type_has_an_example():
-    """Of this folder of layers/."""
+    """Every layer type of layers/hand has an example."""
     assert set(CASES) == types_of("hand")
 
 
 def test_steps_of_the_hand():
-    """26 free motions behind one that stands still: six of the palm, then four of each finger, abreast."""
+    """26 free motions follow a fixed one: six of the palm, then four of each finger, side by side."""
     steps, last, _ = steps_of(load(), load().bones)
     assert [sum(step.depth == d for step in steps) for d in range(11)] == [1] * 7 + [5] * 4
     assert last[load().joint_names.index("palm")] == 6
@@ -47,7 +47,7 @@ def test_steps_of_the_hand():
 
 
 def test_another_body(files, rng):
-    """Two roots, an order of the file in which children come first, a turn about -z, a joint that nothing moves."""
+    """A body may have two roots, children before parents in the file, a turn about -z, and a joint without a DoF."""
     body = """
         name: "two" dof { name: "a" initial: 0.3 } dof { name: "b" fixed: true initial: 0.5 } dof { name: "c" }
         joint { name: "tip" parent: "arm" rotate { axis: NEG_Z dof: "c" } bone { axis: NEG_X length: 0.5 } }
@@ -66,7 +66,7 @@ def test_another_body(files, rng):
 
 @pytest.mark.parametrize("sizes", [1, 4])
 def test_another_body_of_each_item(files, rng, sizes):
-    """Its size is an input: bones behind turns that are fixed, a fixed slide, a DoF that slides and turns."""
+    """The size of each item's body is an input: bones after fixed turns, a fixed slide, a DoF that slides and turns."""
     Path("body.prototxt").write_text("""
         dof { name: "a" initial: 0.3 } dof { name: "b" fixed: true initial: 0.5 }
         dof { name: "c" fixed: true initial: -0.7 } dof { name: "d" }

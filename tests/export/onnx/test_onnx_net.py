@@ -1,4 +1,4 @@
-"""export/onnx/net.py and graph.py: whole nets, their shapes, and how far a runtime is from them."""
+"""export/onnx/net.py and graph.py: whole nets, their shapes, and the difference from a runtime's results."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.support.onnx_nets import SYNTHETIC, net_text
 
 
 def test_layers_in_place(files, onnx):
-    """A blob that several layers write has its last value under its name; one that is never changed has two names."""
+    """A blob changed in place keeps its name for the last value; a blob that never changes may have two names."""
     net = load(*files(
         'layer { name: "ip" type: "InnerProduct" bottom: "x0" top: "y" inner_product_param { num_output: 3 } }'
         'layer { name: "relu" type: "ReLU" bottom: "y" top: "y" }'
@@ -33,7 +33,7 @@ def test_layers_in_place(files, onnx):
 
 
 def test_a_net_from_python(files):
-    """It may be in use: its shapes are as before, and types without a form are refused, too."""
+    """A net in use can be exported: its shapes do not change, and types without an ONNX form are rejected."""
     net, _ = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (5, 3))
     used = netlib.Net(net, netlib.TEST)
     onnx_image(used)
@@ -44,7 +44,7 @@ def test_a_net_from_python(files):
 
 
 def test_difference():
-    """A part of the largest finite value expected; NaN and infinity are equal to themselves only."""
+    """The difference is relative to the largest finite expected value; NaN and infinity only equal themselves."""
     nan, inf = np.nan, np.inf
     assert difference(np.array([1.0, 2.5]), np.array([1.0, 2.0])) == 0.25
     assert difference(np.array([nan, inf, 1.0]), np.array([nan, inf, 1.0])) == 0
@@ -54,7 +54,7 @@ def test_difference():
 
 
 def test_weights_over_two_gigabytes(monkeypatch):
-    """A protocol buffer holds no more."""
+    """Nets of more than two gigabytes, the limit of a protocol buffer, are rejected."""
     monkeypatch.setattr("export.onnx.graph.MAX_BYTES", 1000)
     net = load(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5")
     with pytest.raises(NetlibError, match=r"^net 'SyntheticHand' has 0\.0 GB of weights; expected at most"):

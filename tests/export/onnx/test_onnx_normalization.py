@@ -1,4 +1,4 @@
-"""export/onnx/normalization.py: each layer type alone."""
+"""export/onnx/normalization.py: each layer type on its own."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ CASES: Cases = {
 
 @pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))
 def test_layer(name, shapes, options, tops, files):
-    """Computes what netlib does."""
+    """The exported layer computes the same as netlib."""
     check(files, name, shapes, options, tops)
 
 
 def test_every_type_has_an_example():
-    """Of this folder of layers/."""
+    """Every layer type of layers/normalization has an example."""
     assert set(CASES) == types_of("normalization")

@@ -1,4 +1,4 @@
-"""export/onnx/table.py: which layer types have a form in ONNX."""
+"""export/onnx/table.py: the layer types that have a form in ONNX."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.support.onnx_nets import types_of
 
 
 def test_every_layer_type_has_a_form_or_is_refused():
-    """A type without one is known to have none."""
+    """Every layer type has an ONNX form, or is one of those known to have none."""
     random_or_from_outside = {"DummyData", "HDF5Data", "HandAugment", "Data", "ImageData", "MemoryData", "WindowData",
                               "HDF5Output"}  # fmt: skip
     of_training = {"Accuracy", "DeepHandModelDofConstraintLoss", "PhysLimit"}
@@ -22,13 +22,13 @@ def test_every_layer_type_has_a_form_or_is_refused():
 
 
 def test_every_form_stands_in_a_tested_folder():
-    """Each folder has a test file of its own, with examples of all its types; Input is in most nets there."""
+    """Each folder has a test file with examples of all its types; Input occurs in most nets there."""
     folders = [path.stem.removeprefix("test_onnx_") for path in Path(__file__).parent.glob("test_onnx_*.py")]
     assert set().union(*map(types_of, folders)) == set(LAYERS) - {"Input"}
 
 
 def test_the_document_names_every_layer_type():
-    """Those with a form, and those without that one may look for."""
+    """docs/onnx.md names every layer type with an ONNX form, and those without that a reader may look for."""
     text = (ROOT / "docs" / "onnx.md").read_text(encoding="utf-8")
     for name in [*LAYERS, "Filter", "Im2col", "LSTM", "LSTMUnit", "RNN", "ROIPooling"]:
         assert re.search(rf"\b{name}\b", text), name

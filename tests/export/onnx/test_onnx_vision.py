@@ -1,4 +1,4 @@
-"""export/onnx/vision.py: each layer type alone."""
+"""export/onnx/vision.py: each layer type on its own."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CASES: Cases = {
     ],
     "Pooling": [
         *((IMAGE, f"pooling_param {{ pool: {pool} {options} }}", 1) for pool in ("MAX", "AVE") for options in (
-            "kernel_size: 2 stride: 2",  # hangs over the lower edge
+            "kernel_size: 2 stride: 2",  # the window extends beyond the lower edge
             "kernel_size: 3 stride: 2 pad: 1",
             "kernel_size: 2 stride: 2 pad: 1",  # a last window would start beyond the edge
             "kernel_size: 4 stride: 3 pad: 2",
@@ -44,7 +44,7 @@ CASES: Cases = {
         (IMAGE, "pooling_param { kernel_size: 3 stride: 2 pad: 1 }", 2),
         (IMAGE, "pooling_param { global_pooling: true }", 2),
         (IMAGE, "pooling_param { kernel_size: 1 stride: 4 }", 2),
-        (IMAGE, "pooling_param { pool: AVE kernel_size: 9 stride: 4 }", 1),  # a single window, which hangs over
+        (IMAGE, "pooling_param { pool: AVE kernel_size: 9 stride: 4 }", 1),  # a single window, beyond the image
     ],
     "SPP": [
         (IMAGE, "spp_param { pyramid_height: 2 }", 1),
@@ -56,10 +56,10 @@ CASES: Cases = {
 
 @pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))
 def test_layer(name, shapes, options, tops, files):
-    """Computes what netlib does."""
+    """The exported layer computes the same as netlib."""
     check(files, name, shapes, options, tops)
 
 
 def test_every_type_has_an_example():
-    """Of this folder of layers/."""
+    """Every layer type of layers/vision has an example."""
     assert set(CASES) == types_of("vision")
