@@ -1,21 +1,21 @@
-"""The blocks of a document, as sybil's examples: each is run, parsed or compared by its tag, or says why it is not.
+"""The blocks of a document as sybil's examples: each is run, parsed or compared by its tag, or has a reason not to.
 
-    ```pycon      >>> and its output, which is compared
-    ```python     run in the same namespace
-    ```bash       run; where it is not, the arguments of this project's commands are checked all the same
-    ```prototxt   read as a net, a solver, a skeleton or another message
-    ```json       parsed
-    ```text       no code; directly after a python or bash block that is run, what that block printed
+```pycon      >>> and its output, which is compared
+```python     run in the same namespace
+```bash       run; if it is not, the arguments of this project's commands are checked all the same
+```prototxt   read as a net, a solver, a skeleton or another message
+```json       parsed
+```text       not code; directly after a python or bash block that is run, its output
 
-A comment directly above a block says what else holds:
+A comment directly above a block gives a condition:
 
-    <!-- not run: REASON -->   it cannot run
-    <!-- code: FILE NAME -->   it is taken from a file (docs/making/code_blocks.py), where it is tested
-    <!-- file: NAME -->        it is a file of the reader's, which later blocks use
+<!-- not run: REASON -->   the block cannot run
+<!-- code: FILE NAME -->   the block is taken from a file (docs/making/code_blocks.py), where it is tested
+<!-- file: NAME -->        the block is a file of the reader's, which later blocks use
 
-    <!-- invisible-code-block: python
-    what the reader need not see
-    -->
+<!-- invisible-code-block: python
+code that the reader need not see
+-->
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from netlib.errors import NetlibError
 from tests.documents import commands, output, prototxts
 
 TAGS = ("pycon", "python", "bash", "prototxt", "json", "text")
-OF_FILES = ("js",)  # of code that is taken from a file, besides those
+OF_FILES = ("js",)  # tags of code that is taken from a file, besides those
 MARKS = ("not run", "code", "file")
-FOLDER, PYTHON = "(folder)", "(python)"  # names in a document's namespace that no block can use
+FOLDER, PYTHON = "(folder)", "(python)"  # names in a document's namespace that blocks cannot use
 OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "torch", "tqdm")  # of extras
 _FENCES = RawFencedCodeBlockLexer(re.compile(r"(?P<tag>[^\n]*)\n"))
 _INVISIBLE = DirectiveInHTMLCommentLexer("invisible-code-block", arguments=".*?")
 _ABOVE = re.compile(r"(?:^[ \t]*<!--(?:(?!-->).)*-->[ \t]*\n)+\Z", re.DOTALL | re.MULTILINE)
 _MARK = re.compile(rf"^[ \t]*<!--\s*({'|'.join(MARKS)})\b:?\s*((?:(?!-->).)*?)\s*-->", re.DOTALL | re.MULTILINE)
-# Formulas may be indented, without a fence; what a reader would type may not.
+# Formulas may be indented, without a fence; code that a reader would type may not.
 _INDENTED = re.compile(
     r"^ {4,}(>>> |\$ |(python3?|pip|make|git|source|cd|bash) \S"
     r"|import \w|from \S+ import |(def|class) \w|layers? \{).*$",
@@ -60,7 +60,7 @@ _LIST_ITEM = re.compile(r"\s*([-*+]|\d+[.)])\s")
 
 @dataclass
 class Block:
-    """What stands between two fences: its tag, its text, the marks above it, and what it printed when it was run."""
+    """A fenced block: its tag, its text, the marks above it, and its output when it was run."""
 
     tag: str
     source: str
@@ -70,7 +70,7 @@ class Block:
 
 
 def parse(document: Document) -> Iterator[Region]:
-    """Sybil's parser for all of that. What is no such block is an example that fails."""
+    """Parse a document for sybil. Anything that is not a valid block becomes an example that fails."""
     last, last_end, marks_seen = None, 0, set()
     fenced = sorted(_FENCES(document), key=lambda region: region.start)
     for region in fenced:
@@ -94,7 +94,7 @@ def parse(document: Document) -> Iterator[Region]:
 
 
 def _examples(document: Document, region: Region, block: Block) -> Iterator[Region]:
-    """The examples of one block, or one that fails because of its tag or its marks."""
+    """Yield the examples of one block, or one that fails because of its tag or its marks."""
     marks = block.marks
     region.parsed, region.lexemes["block"] = region.lexemes["source"], block
     if block.tag not in (*TAGS, *(OF_FILES if "code" in marks else ())):
@@ -123,7 +123,7 @@ def _examples(document: Document, region: Region, block: Block) -> Iterator[Regi
 
 
 def _strays(document: Document, fenced: list[Region], marks_seen: set[int]) -> Iterator[Region]:
-    """Marks that stand above no block, and code that is only indented."""
+    """Yield failing examples for marks that are not above a block, and for code that is only indented."""
 
     def is_fenced(place: int) -> bool:
         return any(region.start <= place < region.end for region in fenced)
@@ -141,9 +141,9 @@ def _strays(document: Document, fenced: list[Region], marks_seen: set[int]) -> I
 
 
 def failures(path: Path, folder: Path, python: Path, names: dict[str, object]) -> Iterator[str]:
-    """Run a document in the working folder ``folder``: a line and a reason for each block that is not as it says.
+    """Run a document in the working folder ``folder``; yield a line and a reason for each block that fails.
 
-    ``python`` is a folder with the program python; ``names`` are there before the first block.
+    ``python`` is a folder with the program python; ``names`` exist before the first block.
     Raises ModuleNotFoundError for an optional package.
     """
     document = Document.parse(str(path), parse)
@@ -155,7 +155,7 @@ def failures(path: Path, folder: Path, python: Path, names: dict[str, object]) -
         except (Exception, SystemExit) as error:
             if _is_of_optional_package(error):
                 raise
-            problem = _told(error, str(path))
+            problem = _described(error, str(path))
         if problem:
             yield f"line {example.line}: {problem.rstrip()}"
 
@@ -164,8 +164,8 @@ def _is_of_optional_package(error: BaseException) -> bool:
     return isinstance(error, ModuleNotFoundError) and error.name in OPTIONAL
 
 
-def _told(error: BaseException, path: str) -> str:
-    """An error of a block in a few lines: where in the document, and what."""
+def _described(error: BaseException, path: str) -> str:
+    """Describe an error of a block in a few lines, with its place in the document."""
     if isinstance(error, (AssertionError, NetlibError, ValueError)) and not _lines_of(error, path):
         return str(error)
     return "".join([*_lines_of(error, path), *traceback.format_exception_only(error)])
@@ -177,11 +177,11 @@ def _lines_of(error: BaseException, path: str) -> list[str]:
     ]
 
 
-# How a block of each kind is judged: a sybil evaluator returns why it is not as it says, or nothing.
+# The check of each kind of block: a sybil evaluator returns the reason of a failure, or nothing.
 
 
 def _nothing(example: Example) -> None:
-    """There is nothing to check."""
+    """Check nothing."""
 
 
 def _fails(reason: str) -> Callable[[Example], str]:
@@ -204,7 +204,7 @@ class _Runner(DocTestRunner):
 
 
 class _Checker(doctest.OutputChecker):
-    """What doctest asks: is the output the one that is shown?"""
+    """Decide for doctest whether the output is the one shown."""
 
     def check_output(self, want: str, got: str, optionflags: int) -> bool:
         return not output.difference(want.replace("<BLANKLINE>", ""), got)
@@ -229,7 +229,7 @@ def _block(example: Example) -> Block:
 def _run_python(example: Example) -> None:
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         PythonEvaluator()(example)
-    if "block" in example.region.lexemes:  # else it is invisible
+    if "block" in example.region.lexemes:  # else the block is invisible
         _block(example).printed = printed.getvalue()
 
 
@@ -257,13 +257,13 @@ def _compile(example: Example) -> None:
 
 
 def _compare(example: Example) -> str:
-    """Text after a block that was run is what it printed; all other text is text."""
+    """Compare the text after a block that was run with its output; other text is not checked."""
     after = _block(example).after
     return "" if after is None or after.printed is None else output.difference(example.parsed, after.printed)
 
 
 def _write(example: Example) -> None:
-    """A file of the reader's; where it is data, it is read as well."""
+    """Write a file of the reader's; if it is data, also read it."""
     file = example.namespace[FOLDER] / _block(example).marks["file"]
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(example.parsed, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The commands of a document's bash block: that those of this project are there and take their arguments, and a run."""
+"""The commands of a document's bash block: check that the project's commands and their arguments exist; run them."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _REDIRECTION = re.compile(r"(?<=\s)\d?>&\d|(?<=\s)\d?(?:>>?|<)\s*[^\s&|;]+")
 
 
 class _ParsedError(Exception):
-    """The arguments were taken; the program does not run."""
+    """Raised when the arguments were accepted, instead of running the program."""
 
 
 def commands(script: str) -> Iterator[list[str]]:
-    """The words of each simple command, without comments, redirections and assignments before it."""
+    """Yield the words of each simple command, without comments, redirections and leading assignments."""
     waiting = ""
     for line in script.replace("\\\n", " ").splitlines():
         waiting += re.sub(r"(^|\s)#(\s.*)?$", "", line) + "\n"
@@ -41,7 +41,7 @@ def commands(script: str) -> Iterator[list[str]]:
             lexer = shlex.shlex(_REDIRECTION.sub("", waiting), posix=True, punctuation_chars=";&|()")
             lexer.whitespace_split, lexer.commenters = True, ""
             words = list(lexer)
-        except ValueError:  # a quotation goes on in the next line
+        except ValueError:  # a quoted string continues in the next line
             continue
         waiting = ""
         found: list[str] = []
@@ -53,13 +53,13 @@ def commands(script: str) -> Iterator[list[str]]:
                 yield found
                 found = []
     if waiting.strip():
-        yield shlex.split(waiting)  # raises: a quotation that nothing ends
+        yield shlex.split(waiting)  # raises an error: an unclosed quotation
 
 
 def mistakes(script: str, folder: Path) -> Iterator[str]:
-    """What a reader could not type: a line for each command of ours that is not there, or takes other arguments.
+    """Yield a line for each of the project's commands that does not exist or does not take its arguments.
 
-    ``folder`` is where the document's files are.
+    ``folder`` is the folder of the document's files.
     """
     try:
         found = list(commands(script))
@@ -73,7 +73,7 @@ def mistakes(script: str, folder: Path) -> Iterator[str]:
 
 def _mistake(words: list[str], folder: Path) -> str:
     name, *rest = words
-    if name == "mpiexec":  # parse what every rank runs
+    if name == "mpiexec":  # parse the command that every rank runs
         program = next((at for at, word in enumerate(rest) if _PYTHON.fullmatch(word)), len(rest))
         return _mistake(rest[program:], folder) if rest[program:] else ""
     if name == "make":
@@ -104,7 +104,7 @@ def _python_mistake(words: list[str], folder: Path) -> str:
 
 
 def _module_mistake(name: str, argv: list[str]) -> str:
-    """Whether a program of this project is there, and its own parser takes the arguments."""
+    """Return the error of a program of this project: it does not exist, or its parser rejects the arguments."""
     try:
         there = importlib.util.find_spec(name) is not None
     except ModuleNotFoundError:
@@ -112,16 +112,16 @@ def _module_mistake(name: str, argv: list[str]) -> str:
     if not there:
         return "" if name in _required() else f"there is no {name}"
     if not (ROOT / name.split(".")[0]).is_dir():
-        return ""  # a program of others
+        return ""  # not a program of this project
     try:
         module = importlib.import_module(name)
-    except ImportError:  # of a package that only this program needs, as torch for the benchmarks
+    except ImportError:  # of a package that only this program needs, such as torch for the benchmarks
         return ""
     main = getattr(module, "main", None)
     if main is None or not (hasattr(module, "guarded") or "argv" in inspect.signature(main).parameters):
         return ""
     if any("$" in word for word in argv):
-        return ""  # only the shell knows what stands there
+        return ""  # only the shell can expand this
     printed = io.StringIO()
     with _only_parsing(module, name, argv), contextlib.redirect_stderr(printed), contextlib.redirect_stdout(printed):
         try:
@@ -136,7 +136,7 @@ def _module_mistake(name: str, argv: list[str]) -> str:
 
 @contextlib.contextmanager
 def _only_parsing(module: object, name: str, argv: list[str]) -> Iterator[None]:
-    """Within it a program ends when it has taken its arguments."""
+    """Within this context a program stops as soon as its arguments are parsed."""
     parse = argparse.ArgumentParser.parse_args
 
     def parse_and_stop(*args: object, **options: object) -> argparse.Namespace:
@@ -154,14 +154,14 @@ def _only_parsing(module: object, name: str, argv: list[str]) -> Iterator[None]:
 
 @functools.cache
 def targets() -> set[str]:
-    """The targets of the Makefile."""
+    """Return the targets of the Makefile."""
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     return {name for line in re.findall(r"^([\w./ -]+):(?!=)", text, re.MULTILINE) for name in line.split()}
 
 
 @functools.cache
 def _required() -> set[str]:
-    """The packages that the extras install; a test does not need those of all extras."""
+    """Return the packages that the extras install; a test does not need those of all extras."""
     setup = configparser.ConfigParser()
     setup.read(ROOT / "setup.cfg", encoding="utf-8")
     lines = "\n".join(setup["options.extras_require"].values()).split()
@@ -169,7 +169,7 @@ def _required() -> set[str]:
 
 
 def _printed_by(tool: str, argv: list[str]) -> str:
-    """What a tool prints in this process, errors included."""
+    """Return the output of a tool run in this process, errors included."""
     with io.StringIO() as out, contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
         try:
             status = importlib.import_module(f"tools.{tool}").main(argv)
@@ -188,7 +188,7 @@ def _unknown_extras(words: list[str]) -> str:
 
 
 def _tools(script: str) -> list[list[str]]:
-    """The words of the script's commands, if each starts a tool and nothing in them is for a shell; else none."""
+    """Return the words of the script's commands if each starts a tool and nothing needs a shell; else an empty list."""
     found = list(commands(script))
     plain = not re.search(r"[^\w\s./,:=-]", re.sub(r"(^|\s)#.*", "", script.replace("\\\n", " ")))
     starts_tool = [words[0] == "python" and re.fullmatch(r"tools/\w+\.py", words[1]) for words in found]
@@ -196,10 +196,10 @@ def _tools(script: str) -> list[list[str]]:
 
 
 def run(script: str, folder: Path, python: Path) -> str:
-    """Run a block in the document's folder; what it printed. Raises AssertionError if a command failed.
+    """Run a block in the document's folder and return its output. Raises AssertionError if a command failed.
 
     Tools run in this process if ``folder`` is the working directory: hundreds of imports would take most of the time.
-    tests/tools/test_tools.py compares the last lines of all tools, which start them as programs.
+    tests/tools/test_tools.py compares the last lines of all tools, started as programs.
     ``python`` is a folder with the Python of the tests, which comes first on PATH.
     """
     tools = _tools(script) if Path.cwd() == folder else []
@@ -218,6 +218,6 @@ def run(script: str, folder: Path, python: Path) -> str:
             raise AssertionError(f"the commands took more than {SECONDS} s") from stopped
         finally:
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(running.pid, signal.SIGKILL)  # also what a command left running
+                os.killpg(running.pid, signal.SIGKILL)  # also processes that a command left running
     assert running.returncode == 0, f"exit status {running.returncode}:\n{printed[-3000:].rstrip()}"
     return printed

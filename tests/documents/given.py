@@ -1,4 +1,4 @@
-"""What documents suppose that a reader has: frames of a camera, a crop, trained weights, joints, a data set, a log."""
+"""What documents assume a reader to have: camera frames, a crop, trained weights, joints, a data set, a log."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tools import make_synthetic
 ROOT = Path(__file__).resolve().parents[2]
 Names = dict[str, object]
 CameraInfo = Callable[[Path], Names]
-SECONDS = 0.1  # of the hand before the camera
+SECONDS = 0.1  # of the hand in front of the camera
 
 
 @functools.cache
@@ -40,7 +40,7 @@ def _recording() -> tuple[SyntheticRecording, tuple[DepthFrame, ...]]:
 
 
 def frames(folder: Path) -> Names:
-    """frames/: what a Kinect v2 saw of a hand that moves, with its camera.json."""
+    """frames/: a Kinect v2's frames of a moving hand, with camera.json."""
     recording, seen = _recording()
     with RecordingWriter(folder / "frames", recording.camera, recording.unit_mm, recording.rate) as writer:
         for frame in seen:
@@ -49,14 +49,14 @@ def frames(folder: Path) -> Names:
 
 
 def frame(folder: Path) -> Names:
-    """frame.png, the first of them; ``depth``, its mm."""
+    """frame.png, the first of the frames; ``depth``, its depth in mm."""
     depth = np.rint(_recording()[1][0].depth).astype(np.uint16)
     cv2.imwrite(str(folder / "frame.png"), depth)
     return {"depth": depth}
 
 
 def crop(folder: Path) -> Names:
-    """crop.png, the hand in that frame, and ``crop``, the same as a net takes it."""
+    """crop.png, the hand in that frame, and ``crop``, the same as a net's input."""
     recording, seen = _recording()
     (hand,) = recording.truth(0).hands
     cut = crops.crop(seen[0].depth, hand.center_uvd, CUBE_MM, KINECT2)
@@ -65,7 +65,7 @@ def crop(folder: Path) -> Names:
 
 
 def weights(folder: Path) -> Names:
-    """snapshots/nyu_iter_1000.caffemodel.h5: the packaged weights, of the same network."""
+    """snapshots/nyu_iter_1000.caffemodel.h5: the packaged weights, for the same network."""
     (folder / "snapshots").mkdir(exist_ok=True)
     packaged = ROOT / "models" / "paper_hand" / "paper_hand.caffemodel.h5"
     shutil.copyfile(packaged, folder / "snapshots" / "nyu_iter_1000.caffemodel.h5")
@@ -73,13 +73,13 @@ def weights(folder: Path) -> Names:
 
 
 def log(folder: Path) -> Names:
-    """train.log: a log of this network's training, by real Caffe."""
+    """train.log: a log of this network's training by real Caffe."""
     shutil.copyfile(ROOT / "tests" / "caffe" / "logs" / "deepmodel_train.log", folder / "train.log")
     return {}
 
 
 def data(folder: Path) -> Names:
-    """data/nyu: a few synthetic frames, and the nets of prototxt/ with batches as small."""
+    """data/nyu: a few synthetic frames, and the nets of prototxt/ with small batches."""
     out = folder / "data" / "nyu"
     assert make_synthetic.main(["--out", str(out), "--train", "16", "--test", "16", "--workers", "1"]) == 0
     small_batches(folder)
@@ -87,7 +87,7 @@ def data(folder: Path) -> Names:
 
 
 def small_batches(folder: Path) -> None:
-    """The nets of prototxt/ with 8 frames in a batch, and solvers that test on 2 batches."""
+    """Write the nets of prototxt/ with 8 frames in a batch, and solvers that test on 2 batches."""
     for path in (folder / "prototxt").rglob("*.prototxt"):
         text = path.read_text(encoding="utf-8")
         text = re.sub(r"\bbatch_size: \d+", "batch_size: 8", re.sub(r"\btest_iter: \d+", "test_iter: 2", text))
@@ -95,13 +95,13 @@ def small_batches(folder: Path) -> None:
 
 
 def _joints_mm(count: int) -> NDArray[np.float64]:
-    """(count, 31, 3): hands of the packaged size about the crop's centre."""
+    """Return (count, 31, 3): hands of the packaged size around the crop's centre."""
     hands = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), count)
     return kinematics_of(skeletons.load()).joints(hands.inputs) * CUBE_MM / 2
 
 
 def joints(folder: Path) -> Names:
-    """joints.txt: NYU's 14 joints of a few hands, u v d."""
+    """joints.txt: NYU's 14 joints of a few hands, as u v d."""
     uvd = NYU.project(_joints_mm(3)[:, EVALUATION_JOINTS] + (20, -30, 800))
     np.savetxt(folder / "joints.txt", uvd.reshape(len(uvd), -1), fmt="%.3f")
     return {}
@@ -139,7 +139,7 @@ SOLVER = 'net: "{}" base_lr: 0.001 lr_policy: "fixed" max_iter: 3 snapshot_prefi
 
 
 def nets(folder: Path) -> Names:
-    """net.prototxt, solver.prototxt, deploy.prototxt and weights net.caffemodel, of a net with one layer."""
+    """net.prototxt, solver.prototxt, deploy.prototxt and the weights net.caffemodel of a net with one layer."""
     (folder / "net.prototxt").write_text(NET, encoding="utf-8")
     (folder / "deploy.prototxt").write_text(DEPLOY, encoding="utf-8")
     (folder / "solver.prototxt").write_text(SOLVER.format("net.prototxt"), encoding="utf-8")
@@ -148,7 +148,7 @@ def nets(folder: Path) -> Names:
 
 
 def pictures(folder: Path) -> Names:
-    """pictures/ and list.txt; train_test.prototxt and solver.prototxt on them, and weights net_iter_1000.caffemodel."""
+    """pictures/, list.txt, train_test.prototxt and solver.prototxt for them, and weights net_iter_1000.caffemodel."""
     rng = np.random.default_rng(0)
     (folder / "pictures").mkdir()
     for n in range(4):
@@ -174,7 +174,7 @@ BY_DOCUMENT: dict[str, tuple[CameraInfo, ...]] = {
     "docs/usage.md": (frames, frame, crop, weights, log, data, joints, person),
     "models/synthetic_hand/readme.md": (frame,),
 }
-NEEDS = {  # packages that commands of a document need; a Python block that imports one says so itself
+NEEDS = {  # packages that commands of a document need; a Python block that imports a package is not listed
     "docs/caffe_tools.md": ("lmdb",),
     "docs/camera.md": ("av", "matplotlib"),
     "docs/onnx.md": ("onnx", "onnxruntime"),

@@ -1,8 +1,8 @@
-"""What a document shows as output, compared with what was printed: white space is free, numbers have the digits shown.
+"""Compare the output shown in a document with the printed one: white space is ignored, numbers have the digits shown.
 
 A number with a decimal point or an exponent agrees if it differs by at most one in the last digit that the document
-shows: 0.33 is 0.3312, and 9.3e-07 is 9.27e-07. ``1.``, as NumPy writes a float that is whole, has no digit to spare:
-it agrees to 1e-4. A whole number, and all else, has to be the same.
+shows: 0.33 agrees with 0.3312, and 9.3e-07 with 9.27e-07. ``1.``, as NumPy prints a whole float, shows no decimals:
+it agrees to 1e-4. Whole numbers and all other text must be equal.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ _EXPONENT = r"(?:[eE][+-]?\d+)?"
 _DECIMAL = rf"(?<![\w.])[+-]?(?:\d+\.\d*|\.\d+|\d+(?=[eE][+-]?\d)){_EXPONENT}(?!\.?\d)"
 _PARTS = re.compile(rf"(?P<number>{_DECIMAL})|(?P<any>…)|(?P<space>\s+)")
 _ANY_NUMBER = rf"([+-]?(?:\d+\.?\d*|\.\d+){_EXPONENT})"
-WHOLE = 1e-4  # by how much a float that is shown without decimals may differ
+WHOLE = 1e-4  # allowed difference of a float that is shown without decimals
 
 
 def difference(shown: str, printed: str) -> str:
-    """Why what was printed is not what is shown; empty if it is. ``…`` in what is shown stands for anything."""
+    """Return the difference of the text shown and printed, or an empty string. ``…`` in the former matches anything."""
     wanted, found = _normal(shown), _normal(printed)
     if wanted and not wanted.strip("… "):
         return "an output of … alone compares nothing"
@@ -32,7 +32,7 @@ def difference(shown: str, printed: str) -> str:
 
 
 def _normal(text: str) -> str:
-    """White space as one blank, and none inside of brackets and before commas, where NumPy pads numbers."""
+    """Replace white space by one blank, and remove it inside brackets and before commas, where NumPy pads numbers."""
     text = " ".join(text.split())
     return re.sub(r" (?=[\]),])", "", re.sub(r"(?<=[\[(]) ", "", text))
 
@@ -47,7 +47,7 @@ def _pattern(wanted: str) -> str:
 
 
 def _unit(number: str) -> float:
-    """One in the last digit of a number as it is written."""
+    """Return the value of one unit in the last digit of a number as written."""
     digits, _, exponent = number.lower().partition("e")
     fraction = digits.partition(".")[2]
     if digits.endswith(".") and not exponent:

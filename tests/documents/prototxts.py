@@ -1,4 +1,4 @@
-"""A piece of prototxt in a document, read as files are: as a net, a solver, a skeleton, a prior, or another message."""
+"""Read a piece of prototxt in a document, like a file, as a net, a solver, a skeleton, a prior, or another message."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from netlib.proto.prototxt import Message
 
 
 def read(text: str, source: str) -> object:
-    """The message that the text is. Raises PrototxtError, NetlibError."""
+    """Return the message in the text. Raises PrototxtError, NetlibError."""
     tree = prototxt.parse(text, source)
     names = {item.name for item in tree.fields}
     if not names:
@@ -40,7 +40,7 @@ def read(text: str, source: str) -> object:
 
 
 def _net(tree: Message) -> NetParameter:
-    """A net, or some of its layers. Where its blobs come from is not asked."""
+    """Read a net, or some of its layers; the blobs that they read need not be defined."""
     net = load_parameter(tree)
     for layer in net.layer:
         _checked(layer)
@@ -55,7 +55,7 @@ def _checked(layer: LayerParameter) -> LayerParameter:
 
 
 def _skeleton(tree: Message) -> SkeletonParameter:
-    """A skeleton, which is built; of a piece that names joints or DoFs which it does not show, the fields alone."""
+    """Build a skeleton; of a piece that refers to joints or DoFs outside it, only read the fields."""
     skeleton = schema.read(tree, SkeletonParameter, "skeleton")
     joints, dofs = {joint.name for joint in skeleton.joint}, {dof.name for dof in skeleton.dof}
     parents = {joint.parent for joint in skeleton.joint} - {None}

@@ -1,4 +1,4 @@
-"""Every block of code in every document runs, and shows what it prints; what cannot run says why."""
+"""Every code block in every document runs and prints the output shown; a block that cannot run gives its reason."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NAMES = sorted(path.relative_to(ROOT).as_posix() for path in DOCUMENTS)
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_block_does_what_it_shows(name: str, tmp_path: Path) -> None:
-    """In a folder of its own; nothing of the project is written meanwhile."""
+    """Every block of a document does what is shown, in a temporary folder and without changing the project."""
     for package in given.NEEDS.get(name, ()):
         if find_spec(package) is None:
             pytest.skip(f"{name} uses {package}: pip install -e '.[test]'")

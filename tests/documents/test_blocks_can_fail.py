@@ -1,4 +1,4 @@
-"""The harness itself, on small documents: what is not as it says fails, and what may stand there passes."""
+"""The harness itself, on small documents: incorrect blocks fail, and correct ones pass."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from tests.documents.output import difference
 
 
 @pytest.fixture
-def told(tmp_path: Path):
-    """``told(text)``: the failures of a document with this text."""
+def reported(tmp_path: Path):
+    """``reported(text)``: the failures of a document with this text."""
     folder = tmp_path / "project"
     python = workplace.furnish(folder)
 
@@ -33,7 +33,7 @@ def told(tmp_path: Path):
 
 
 def block(tag: str, *lines: str) -> str:
-    """A block as a document has it."""
+    """Return a block as it is written in a document."""
     return "\n".join([f"```{tag}", *lines, "```", ""])
 
 
@@ -178,35 +178,35 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_good(name: str, told) -> None:
-    """It passes."""
-    assert told(GOOD[name]) == []
+def test_good(name: str, reported) -> None:
+    """A correct block passes."""
+    assert reported(GOOD[name]) == []
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad(name: str, told) -> None:
-    """It is one failure, with its line and what is wrong."""
-    (failure,) = told(BAD[name][0])
+def test_bad(name: str, reported) -> None:
+    """An incorrect block gives one failure, with its line and the reason."""
+    (failure,) = reported(BAD[name][0])
     assert failure.startswith("line ")
     assert BAD[name][1] in failure
 
 
 @pytest.mark.parametrize("text", [block("python", "import lmdb"), block("pycon", ">>> import lmdb")])
-def test_an_optional_package(text: str, told, monkeypatch: pytest.MonkeyPatch) -> None:
-    """That it is missing is no failure of the document: the test is skipped."""
+def test_an_optional_package(text: str, reported, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A missing optional package raises ModuleNotFoundError, for which the test of the document is skipped."""
     monkeypatch.setitem(sys.modules, "lmdb", None)
     with pytest.raises(ModuleNotFoundError):
-        told(text)
+        reported(text)
 
 
-def test_a_failure_hides_no_other(told) -> None:
-    """All are told, each with its own line."""
+def test_a_failure_hides_no_other(reported) -> None:
+    """All failures of a document are reported, each with its own line."""
     text = block("python", "1 / 0") + "\n" + block("json", "{") + "\n" + block("pycon", ">>> 1", "2", ">>> 3", "4")
-    assert [failure.split(":")[0] for failure in told(text)] == ["line 1", "line 5", "line 10", "line 12"]
+    assert [failure.split(":")[0] for failure in reported(text)] == ["line 1", "line 5", "line 10", "line 12"]
 
 
-def test_nothing_of_a_document_stays(told) -> None:
-    """Neither its folder, nor what it imported, set or put into the environment; nor does its folder lead to ours."""
+def test_nothing_of_a_document_stays(reported) -> None:
+    """A document's imports, settings, environment variables and files affect neither later tests nor the project."""
     before = (
         Path.cwd(),
         dict(os.environ),
@@ -222,7 +222,7 @@ def test_nothing_of_a_document_stays(told) -> None:
         "from pathlib import Path", "Path('prototxt/hand/nyu.prototxt').write_text('gone')",
         "os.remove('models/synthetic_hand/readme.md')",
     ) + block("bash", "echo gone > prototxt/nyu_solver.prototxt", "rm tools")  # fmt: skip
-    assert told(text) == []
+    assert reported(text) == []
     now = (Path.cwd(), dict(os.environ), list(sys.path), list(sys.meta_path), np.get_printoptions(), workplace.state())
     assert now == before
     assert not {"mine", "caffe"} & set(sys.modules)
@@ -230,7 +230,7 @@ def test_nothing_of_a_document_stays(told) -> None:
 
 
 def test_what_is_written_into_the_project_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Changed, made and removed files."""
+    """Changed, new and removed files are detected."""
     monkeypatch.setattr(workplace, "ROOT", tmp_path)
     (tmp_path / "tools").mkdir()
     files = [tmp_path / "tools" / name for name in "abcd"]
@@ -244,23 +244,23 @@ def test_what_is_written_into_the_project_is_noticed(tmp_path: Path, monkeypatch
     assert workplace.written(before) == [str(files[n]) for n in (0, 1, 3)]
 
 
-def test_commands_end(told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_end(reported, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A block that takes too long fails."""
     monkeypatch.setattr(commands, "SECONDS", 0.2)
     os.mkfifo(tmp_path / "never")
-    (failure,) = told(block("bash", f"read x <{tmp_path}/never"))
+    (failure,) = reported(block("bash", f"read x <{tmp_path}/never"))
     assert "took more than 0.2 s" in failure
 
 
-def test_nothing_is_left_running(told, tmp_path: Path) -> None:
-    """What a block started in the background ends with the block."""
+def test_nothing_is_left_running(reported, tmp_path: Path) -> None:
+    """A process that a block started in the background ends with the block."""
     for name in ("alive", "ready", "never"):
         os.mkfifo(tmp_path / name)
     alive = os.open(tmp_path / "alive", os.O_RDONLY | os.O_NONBLOCK)
     behind = "(exec 3>alive; echo >ready; read x <never) >/dev/null 2>&1 &"
-    assert told(block("bash", f"cd {tmp_path}", behind, "read x <ready")) == []
+    assert reported(block("bash", f"cd {tmp_path}", behind, "read x <ready")) == []
     assert select.select([alive], [], [], 30)[0], "it still runs"
-    assert os.read(alive, 1) == b""  # its end is closed
+    assert os.read(alive, 1) == b""  # the writing end is closed
     os.close(alive)
 
 
@@ -284,7 +284,7 @@ def test_nothing_is_left_running(told, tmp_path: Path) -> None:
     ],
 )
 def test_differences(shown: str, printed: str) -> None:
-    """Of numbers in the digits that are shown, and of all else."""
+    """Numbers that differ in the digits shown, and any other difference, are reported."""
     assert difference(shown, printed)
 
 
@@ -306,5 +306,5 @@ def test_differences(shown: str, printed: str) -> None:
     ],
 )
 def test_agreements(shown: str, printed: str) -> None:
-    """As far as digits are shown."""
+    """Numbers that agree in the digits shown are accepted."""
     assert difference(shown, printed) == ""

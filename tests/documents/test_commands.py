@@ -1,6 +1,6 @@
 """Every command that the Makefile, documents, help texts and messages name is run, or at least parsed.
 
-The Makefile's targets run here in their smallest form, all lines of them. Blocks of documents are run by
+The Makefile's targets run here in their smallest form, with all their lines. Blocks of documents are run by
 test_blocks.py. Commands in running text, in docstrings and in messages are parsed by the programs' own parsers; every
 program is run by its own tests.
 """
@@ -35,8 +35,8 @@ OF_A_BODY = ("data/{0}/frames.png", "snapshots/{0}.png", "snapshots/{0}_curves.p
 class Run:
     """The smallest form of a target.
 
-    variables  that make it so small
-    prints     what the target prints
+    variables  that make it small
+    prints     part of the target's output
     writes     files that the target leaves behind
     needs      packages without which the test is skipped
     table      of the README: the target prints one with its columns and units, and other figures
@@ -50,7 +50,7 @@ class Run:
 
 
 def readme_table() -> str:
-    """What ``make train`` prints, by the README."""
+    """Return the output of ``make train`` that the README shows."""
     found = re.search(r"^\d+ frames \(synthetic\),.*\nsnapshot .*\n.*$", README, re.MULTILINE)
     assert found is not None
     return found[0]
@@ -80,7 +80,7 @@ RUN = {
     "faults": Run("CASES=1 SEED=1 ONLY=camera.json", "camera.json: 1 "),
     "docs": Run("OPTIONS='--check exercises'"),  # the other parts are compared by tests/docs/test_made.py
 }
-# Of these, the commands are parsed.
+# Only the commands of these targets are parsed.
 NOT_RUN = {
     **{
         name: f"tests/benchmarks runs benchmarks/{name}.py in its smallest form" for name in ("bench", "parts", "ranks")
@@ -95,7 +95,7 @@ NOT_RUN = {
 
 
 def test_every_target_is_run_or_says_why_not() -> None:
-    """A new target needs a line in one of the tables; and in the help that ``make`` prints."""
+    """Every target is in one of the two tables, and in the help that ``make`` prints."""
     (phony,) = re.findall(r"^\.PHONY: (.*)$", MAKEFILE, re.MULTILINE)
     assert sorted([*RUN, *NOT_RUN]) == sorted(phony.split())
     helped = set(re.findall(r"^# make (\w+)|make (\w+): for", MAKEFILE, re.MULTILINE))
@@ -105,7 +105,7 @@ def test_every_target_is_run_or_says_why_not() -> None:
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The project in a folder with a space in its name, its environments set up; the folder of the tests' Python."""
+    """A copy of the project in a folder with a space in its name, with environments; and the folder of ``python``."""
     folder = tmp_path_factory.mktemp("make") / "the project"
     python = workplace.furnish(folder)
     given.small_batches(folder)
@@ -118,13 +118,13 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def without_figures(text: str) -> str:
-    """The text with # for numbers, also for those of which a document leaves out digits."""
+    """Return the text with # for numbers, also where a document leaves out digits."""
     return re.sub(r"\s+", " ", re.sub(r"[\d.…]+(e-?\d+)?", "#", text))
 
 
 @pytest.mark.parametrize("target", RUN)
 def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
-    """Every line of it, in its smallest form; and it writes nothing into the project itself."""
+    """Every line of a target runs in its smallest form, and writes nothing into the project itself."""
     run = RUN[target]
     for package in run.needs:
         if find_spec(package) is None:
@@ -140,7 +140,7 @@ def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
 
 @pytest.mark.parametrize("command", [*RUN, *NOT_RUN, "table1 HOURS=8", "faults SEED=7 ONLY=resume", "site SERVE=1"])
 def test_the_lines_of_a_target_parse(command: str, project: tuple[Path, Path]) -> None:
-    """As they are, and with the variables that the Makefile names: programs, options and extras are there."""
+    """The lines of a target parse, also with variables that the Makefile names: programs, options and extras exist."""
     folder, python = project
     lines = commands.run(f"make --dry-run {command}", folder, python)
     assert lines.strip()
@@ -148,7 +148,7 @@ def test_the_lines_of_a_target_parse(command: str, project: tuple[Path, Path]) -
 
 
 def test_the_environments_are_extras(project: tuple[Path, Path]) -> None:
-    """Each is an extra of setup.cfg, and installed by a command that names the extra."""
+    """Each environment of the Makefile is an extra of setup.cfg, installed by a command that names it."""
     folder, python = project
     environments = sorted(name for name in commands.targets() if name.startswith(".venv/"))
     assert environments
@@ -167,7 +167,7 @@ _UNFINISHED = ("arguments are required", "expected one argument", "train needs -
 
 
 def in_document(path: Path) -> list[str]:
-    """The commands in backticks in the paragraphs and tables of a document, without those of the reader's own files."""
+    """Return the commands in backticks in a document's text and tables, without those of the reader's own files."""
     text = path.read_text(encoding="utf-8")
     own = re.findall(r"<!-- file: (\S+\.py) -->", text)
     text = re.sub(r"^[ \t]*(`{3,}).*?^[ \t]*\1", "", text, flags=re.DOTALL | re.MULTILINE)
@@ -177,7 +177,7 @@ def in_document(path: Path) -> list[str]:
 
 @cache
 def in_source(path: Path) -> list[str]:
-    """The commands in the strings of a Python file: docstrings, which are help texts, and messages."""
+    """Return the commands in the strings of a Python file: docstrings, which are help texts, and messages."""
     found: list[str] = []
     text = path.read_text(encoding="utf-8")
     for node in ast.walk(ast.parse(text)) if "python " in text or "make " in text else ():
@@ -188,22 +188,22 @@ def in_source(path: Path) -> list[str]:
 
 
 def mistake(command: str) -> str:
-    """Why a command could not be typed. It may be cut short, by "..." or before its files."""
+    """Return the error of a command, which may be abbreviated with "..." or lack its files."""
     command = re.split(r" ?(?:\.{3}|…)", command)[0].rstrip(" .,;:")
     command = re.sub(r"^((?:tools|benchmarks)/)", r"python \1", command)
     found = commands.mistakes(command, ROOT)
-    return "\n".join(told for told in found if not any(words in told for words in _UNFINISHED))
+    return "\n".join(line for line in found if not any(words in line for words in _UNFINISHED))
 
 
 def test_commands_in_running_text_parse() -> None:
-    """Of every document but the changelog, which names what there was."""
+    """The commands in the text of every document but the changelog, which names old ones, are correct."""
     found = {path: in_document(path) for path in DOCUMENTS if path.name != "CHANGELOG.md"}
     assert "make bench" in found[ROOT / "docs" / "speed.md"]
     assert {path.name: wrong for path in found for command in found[path] if (wrong := mistake(command))} == {}
 
 
 def test_commands_in_help_texts_and_messages_parse() -> None:
-    """Of every file that is no test."""
+    """The commands in the strings of every source file but the tests are correct."""
     tops = (*CODE, "tests/faults", "tests/support")
     found = {path: in_source(path) for top in tops for path in (ROOT / top).rglob("*.py")}
     bench = found[ROOT / "benchmarks" / "bench.py"]
@@ -226,11 +226,11 @@ def test_commands_in_help_texts_and_messages_parse() -> None:
     ],
 )
 def test_a_mistake_is_found(command: str, what: str) -> None:
-    """Programs, targets and options that are gone; not arguments that are left out."""
+    """Removed programs, targets and options are reported; omitted arguments are not."""
     assert (what in mistake(command)) and bool(mistake(command)) == bool(what)
 
 
-# The test that runs a program; that of tools/NAME.py is tests/tools/test_NAME.py unless it is named here.
+# The test that runs each program; that of tools/NAME.py is tests/tools/test_NAME.py unless it is named here.
 RUN_BY = {
     "benchmarks.ablation": "tests/benchmarks/test_ablation.py",
     "benchmarks.bench": "tests/benchmarks/test_bench.py",
@@ -254,7 +254,7 @@ RUN_BY = {
     "tools.export_onnx": "tests/export/onnx/test_export_onnx.py",
     "tools.measure_fit": "tests/tools/test_package_model.py",
 }
-# What stands in the test of one that does not import it by its name and call its ``main``.
+# Text in the tests of programs that are not imported by name with a call of their ``main``.
 BY_COMMAND = {
     "benchmarks.parts": 'pytest.importorskip("benchmarks.parts")',
     "docs.book.nano": "COMMAND",
@@ -267,7 +267,7 @@ BY_COMMAND = {
 
 
 def program(words: list[str]) -> str:
-    """The module of this project that a command runs as a program; empty if there is none."""
+    """Return the module of this project that a command runs as a program, or an empty string."""
     while words and (commands._PYTHON.fullmatch(words[0]) or words[0] in ("-m", "mpi4py")):
         words = words[1:]
     at = next((at for at, word in enumerate(words) if commands._PYTHON.fullmatch(word)), None)
@@ -280,14 +280,14 @@ def program(words: list[str]) -> str:
 
 
 def named_programs() -> set[str]:
-    """By documents, the Makefile, help texts and messages; and every tool."""
+    """Return the programs named by documents, the Makefile, help texts and messages, and every tool."""
     texts = {MAKEFILE.replace("$(RUN)", "python")}
     for path in DOCUMENTS:
         if path.name != "CHANGELOG.md":
             texts |= set(in_document(path))
             texts |= set(re.findall(r"^```bash\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE))
     for path in [path for top in (*CODE, "tests") for path in (ROOT / top).rglob("*.py")]:
-        if path.name != "test_commands.py":  # it has commands that are wrong
+        if path.name != "test_commands.py":  # its commands are wrong on purpose
             texts |= set(in_source(path))
     found = {f"tools.{path.stem}" for path in ROOT.glob("tools/*.py") if "def main(" in path.read_text("utf-8")}
     for text in texts:
@@ -298,7 +298,7 @@ def named_programs() -> set[str]:
 
 
 def test_every_named_program_is_run_by_a_test() -> None:
-    """Each imports the program and runs it, or starts it as the table says."""
+    """The test of each named program imports and runs it, or starts it as BY_COMMAND requires."""
     named = named_programs()
     assert {"tools.train", "netlib.caffe", "tests.faults.campaign", "docs.making", "benchmarks.ranks"} <= named
     for name in sorted(named):

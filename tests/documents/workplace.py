@@ -1,4 +1,4 @@
-"""Where a document runs: a folder of its own that looks like the project, and a process that is left as it was."""
+"""A folder for running a document, which looks like the project, and a process whose state is restored afterwards."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ import netlib
 ROOT = Path(__file__).resolve().parents[2]
 CODE = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "benchmarks", "docs")
 LINKED = (*CODE, "tests", "setup.cfg", "Makefile")
-COPIED = ("prototxt", "models")  # what documents may write into
-LARGE = 100_000  # bytes; larger files are linked even there, and replaced, as all writers do
+COPIED = ("prototxt", "models")  # folders into which documents may write
+LARGE = 100_000  # bytes; larger files are linked even there, and replaced when written, as all writers do
 
 
 def furnish(folder: Path) -> Path:
-    """Put the project's files into a new folder, by links where nobody writes; where a folder with ``python`` is."""
+    """Fill a new folder with the project's files, as links where nothing is written; return ``python``'s folder."""
     folder.mkdir()
     for name in LINKED:
         if (ROOT / name).exists():  # fast/ may be deleted
@@ -47,7 +47,7 @@ def _small_copy(source: str, target: str) -> None:
 
 
 def state() -> dict[str, tuple[int, int]]:
-    """When each file that a document can reach was written, and how large it is."""
+    """Return the modification time and size of each file that a document can reach."""
     found = {}
     for top in (*LINKED, *COPIED):
         for place, folders, names in os.walk(ROOT / top):
@@ -59,19 +59,19 @@ def state() -> dict[str, tuple[int, int]]:
 
 
 def written(before: dict[str, tuple[int, int]]) -> list[str]:
-    """The files that are not as they were, or not there any more."""
+    """Return the files that were changed, added or removed."""
     now = state()
     return sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
 
 
 @contextlib.contextmanager
 def at_work_in(folder: Path) -> Iterator[None]:
-    """The working folder is ``folder``; afterwards the process is as it was: what it imported, set and drew there."""
+    """Use ``folder`` as the working folder; afterwards restore the imports, settings and random numbers."""
     before, modules = Path.cwd(), set(sys.modules)
     path, finders, argv, threads = list(sys.path), list(sys.meta_path), list(sys.argv), netlib.threads()
     drawn, numpys = random.getstate(), np.random.get_state()
     os.chdir(folder)
-    sys.path.append(str(folder))  # last: the project's own packages stay those of the tests
+    sys.path.append(str(folder))  # last: the project's packages are still those of the tests
     try:
         with mock.patch.dict(os.environ, {"MPLBACKEND": "Agg"}), np.printoptions(), np.errstate():
             yield
