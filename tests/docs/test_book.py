@@ -1,4 +1,4 @@
-"""The chapters of the book have one form."""
+"""The chapters of the book have a common form."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_WORDS = 2500
 
 
 def test_chapters_are_numbered_from_0() -> None:
-    """In their names and in their titles."""
+    """The chapters are numbered from 0 in their file names and titles."""
     assert [int(path.name.split("_")[0]) for path in CHAPTERS] == list(range(11))
     for number, path in enumerate(CHAPTERS):
         assert path.read_text(encoding="utf-8").startswith(f"# {number}. ")
@@ -21,7 +21,7 @@ def test_chapters_are_numbered_from_0() -> None:
 
 @pytest.mark.parametrize("path", CHAPTERS[1:], ids=lambda path: path.stem)
 def test_a_chapter_has_a_goal_a_recap_three_questions_and_a_picture(path: Path) -> None:
-    """The goal first; the questions, with their answers, last."""
+    """A chapter starts with its goal, ends with a recap and three questions with answers, and has a picture."""
     text = path.read_text(encoding="utf-8")
     assert text.split("\n\n")[1].startswith("> **Goal.**")
     assert text.count("## Recap") == 1
@@ -33,13 +33,13 @@ def test_a_chapter_has_a_goal_a_recap_three_questions_and_a_picture(path: Path) 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
 def test_a_chapter_is_short(path: Path) -> None:
-    """A maximum number of words outside code."""
+    """A chapter has at most 2500 words outside code."""
     prose = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     assert len(prose.split()) <= MAX_WORDS
 
 
 def test_every_picture_of_the_book_is_shown() -> None:
-    """No file in docs/images/book is left over."""
+    """Every file in docs/images/book is used."""
     text = "".join(path.read_text(encoding="utf-8") for path in BOOK.parent.rglob("*.md"))
     shown = set(re.findall(r"images/book/(\w+)\.svg", text))
     assert shown == {path.stem for path in (BOOK.parent / "images" / "book").glob("*.svg")}

@@ -1,4 +1,4 @@
-"""What the figures of the book are drawn from is what the nets are."""
+"""The figures of the book are drawn from the actual nets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def net() -> netlib.Net:
 
 
 def test_stages_count_what_a_layer_costs_for_one_picture() -> None:
-    """Parameters with biases; a multiplication for each weight of each value."""
+    """A stage counts parameters, including biases, and one multiplication per weight and output value."""
     found = {stage.blob: stage for stage in pictures.stages(net())}
     assert list(found) == ["x", "c", "p", "p_p_0_split_0", "ip", "s"]
     assert (found["c"].shape, found["c"].parameters, found["c"].multiplications) == ((4, 4, 3), 112, 48 * 27)
@@ -34,7 +34,7 @@ def test_stages_count_what_a_layer_costs_for_one_picture() -> None:
 
 
 def test_rows_hold_every_layer_once() -> None:
-    """Those in place beside the layer whose blob they overwrite, readers of a second copy in the next column."""
+    """Each layer is drawn once: in-place layers beside their predecessor, consumers of a copy in the next column."""
     rows = graph.rows_of(net())
     assert [(row.at.layer.name, row.column, [at.layer.name for at in row.in_place]) for row in rows] == [
         ("in", 0, []), ("c", 0, ["r"]), ("p", 0, []), ("p_p_0_split", 0, []), ("ip", 0, []), ("s", 1, []),
@@ -42,7 +42,7 @@ def test_rows_hold_every_layer_once() -> None:
 
 
 def test_the_graph_is_of_the_papers_training_net() -> None:
-    """All layers of the file in the phase TRAIN, the batch of its data layer."""
+    """The graph has all layers of the file in the phase TRAIN, and the batch size of its data layer."""
     drawn = graph.train_test()
     assert [layer.type for layer in drawn.layers].count("InnerProduct") == 3
     assert drawn.blobs["depth"].shape == (512, 1, 128, 128)
@@ -50,7 +50,7 @@ def test_the_graph_is_of_the_papers_training_net() -> None:
 
 
 def test_a_difference_has_a_best_step() -> None:
-    """Central in float64: near 1e-5, ten digits, and worse on both sides; in float32 never six; one-sided is worse."""
+    """Central differences in float64 are best near 1e-5; float32 and one-sided ones never reach six digits."""
     best = chain.error(np.float64, 1e-5, "central")
     assert best < 1e-9
     assert all(chain.error(np.float64, h, "central") > 10 * best for h in (1e-12, 1e-9, 1e-3, 1e-1))

@@ -1,4 +1,4 @@
-"""Documents that cannot be made: one line says which, and on which line; nothing of theirs is lost."""
+"""Documents with errors are reported in one line with file and line number, and are not changed."""
 
 from __future__ import annotations
 
@@ -35,33 +35,33 @@ F = "```"
     ],
 )  # fmt: skip
 def test_a_mark_that_is_wrong(text: str, said: str) -> None:
-    """The document, the line, and why."""
+    """A wrong mark is reported with the document, the line and the reason."""
     with pytest.raises(ValueError) as error:
         documents.current(text, ROOT / "docs" / "x.md")
     assert str(error.value).startswith(f"docs/{said}") and str(error.value).isprintable()
 
 
 def test_a_block_at_the_very_end() -> None:
-    """Its fence ends the file, without a line end."""
+    """A block whose closing fence ends the file without a newline is replaced."""
     made = documents.current(f"{RELU}{F}python\nold\n{F}", ROOT / "docs" / "x.md")
     assert "top[0].reshape(bottom[0].shape)" in made and made.endswith(f"\n{F}\n") and "old" not in made
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A project of its own, of which only documents are made."""
+    """A temporary project of which only documents are made."""
     monkeypatch.setattr(documents, "ROOT", tmp_path)
     monkeypatch.setattr(making, "PIECES", {"documents": documents.made})
     yield tmp_path
 
 
 def test_a_document_that_is_no_text(folder: Path) -> None:
-    """Its name, and the byte; it stays."""
+    """A document that is not UTF-8 is reported with its name and the position of the byte."""
     (folder / "x.md").write_bytes(b"caf\xe9\n" + RELU.encode())
     assert run_tool("docs.making.__main__", status=1).err == "error: x.md: cannot read: not UTF-8 (byte 3)\n"
 
 
 def test_a_folder_that_is_called_as_a_document(folder: Path) -> None:
-    """It is none."""
+    """A folder named like a document is ignored."""
     (folder / "x.md").mkdir()
     run_tool("docs.making.__main__")

@@ -1,4 +1,4 @@
-"""A figure is compared by what it shows."""
+"""Figures are compared by their contents."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from docs.making.figures.drawn import as_svg, new_figure, shows_the_same
 
 
 def drawn(value: float = 2.0, word: str = "here", pixel: float = 1.0, title: str = "a") -> bytes:
-    """A line, a word, a patch, points, an image, and a title above them."""
+    """Return a figure of a line, a word, a patch, points and an image, with a title above them."""
     from matplotlib.patches import Circle
 
     figure: Any = new_figure(2, 2)
@@ -26,18 +26,18 @@ def drawn(value: float = 2.0, word: str = "here", pixel: float = 1.0, title: str
 
 
 def test_the_same_figure_is_the_same() -> None:
-    """Also to the last byte, with one version of matplotlib."""
+    """The same figure is recognised; with one version of matplotlib it has the same bytes."""
     assert shows_the_same(drawn(), drawn())
     assert drawn() == drawn()
 
 
 @pytest.mark.parametrize("change", [{"value": 2.01}, {"word": "there"}, {"pixel": 0.9}, {"title": "b"}], ids=str)
 def test_another_value_or_word_is_another_figure(change: Any) -> None:
-    """A thousandth of the largest value is what may differ."""
+    """Other values, words, pixels or titles make another figure; values may differ by a thousandth of the largest."""
     assert not shows_the_same(drawn(), drawn(**change))
     assert shows_the_same(drawn(), drawn(value=2.0001))
 
 
 def test_a_file_that_says_nothing_is_another() -> None:
-    """One of another program, or a damaged one."""
+    """A file without a readable description, from another program or damaged, is another figure."""
     assert not shows_the_same(b"<svg/>", drawn())

@@ -1,4 +1,4 @@
-"""docs/making/line_links.py, and that it composes with what else is made in the same text"""
+"""docs/making/line_links.py, also in combination with the other generated text."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from docs.making import documents, line_links
 
 @pytest.fixture()
 def document(tmp_path: Path) -> Path:
-    """A place for a document, with a module beside it."""
+    """The path of a document, with a module beside it."""
     (tmp_path / "box.py").write_text("A = 1\n\n\nclass Box:\n    def fill(self) -> None: ...\n")
     return tmp_path / "page.md"
 
@@ -31,18 +31,18 @@ def document(tmp_path: Path) -> Path:
     ],
 )
 def test_lines_are_put(document: Path, text: str, made: str | None) -> None:
-    """Where a title names something of a file that is there, and not in code."""
+    """A link whose title names a definition in an existing file gets its line, except in code."""
     assert line_links.current(text, document) == (made or text)
 
 
 def test_a_name_that_is_gone(document: Path) -> None:
-    """The document and the file are told."""
+    """A name that does not exist is reported with the document and the file."""
     with pytest.raises(ValueError, match=r"page\.md:1: box\.py has no Bag, which a link names"):
         line_links.current('[it](box.py#L4 "Bag")', document)
 
 
 def test_code_and_links_of_one_document(document: Path) -> None:
-    """Both are made; a second time nothing changes; links in the code that is shown stay."""
+    """Code and links are both updated, a second run changes nothing, and links in the code shown keep their lines."""
     mark = "<!-- code: docs/making/line_links.py docstring -->\n"
     text = documents.current(f'{mark}\n[it](box.py "Box")\n', document)
     assert text.startswith(f'{mark}```python\n"""Links to a line') and text.endswith('[it](box.py#L4 "Box")\n')

@@ -1,4 +1,4 @@
-"""docs/live.md"""
+"""docs/live.md: its example program."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.support.tracked_hands import HEADER, tracked
 
 
 def test_the_example_for_programs(tmp_path: Path) -> None:
-    """Prints where the tip of the index finger is, of each hand in each frame, and ends with the recording."""
+    """The example prints the position of each hand's index fingertip in each frame, and ends with the recording."""
     pytest.importorskip("websockets")
     text = (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
     (program,) = re.findall(r"<!-- file: watch.py -->\n```python\n(.*?)```", text, re.DOTALL)

@@ -1,4 +1,4 @@
-"""What documents show of the code is what the code is now: ``make docs`` has been run."""
+"""The generated parts of documents are up to date: ``make docs`` has been run."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ FILES = [made for piece in making.PIECES.values() for made in piece()]
 
 @pytest.mark.parametrize("made", FILES, ids=lambda made: str(made.path.relative_to(ROOT)))
 def test_it_is_current(made: Made) -> None:
-    """The remedy is one command."""
+    """Each generated file is up to date."""
     assert made.is_current(), f"{made.path.relative_to(ROOT)} is not what the code makes of it: run make docs"
 
 
 def test_a_name_that_is_gone_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And the command fails."""
+    """A name that does not exist gives a one-line error and status 1."""
 
     def gone() -> bytes:
         raise ValueError("page.md: box.py has no Box")
@@ -35,7 +35,7 @@ def test_a_name_that_is_gone_is_one_line(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_what_is_not_current(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is named and left alone by --check, and written without it; other parts are left alone."""
+    """Outdated files are reported and kept with --check, and written without it; other parts are not touched."""
     page = tmp_path / "page.md"
     page.write_text("old")
     monkeypatch.setattr(making, "ROOT", tmp_path)
@@ -48,6 +48,6 @@ def test_what_is_not_current(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_part_that_does_not_exist() -> None:
-    """Is wrong usage."""
+    """An unknown part is a usage error."""
     done = run_tool("docs.making.__main__", "exercise", status=2)
     assert "no part exercise; expected some of documents, figures" in done.err

@@ -1,4 +1,4 @@
-"""docs/book/nano.py: the paper in one file computes what netlib computes."""
+"""docs/book/nano.py: the paper in one file computes the same as netlib."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def hand() -> nano.Skeleton:
 
 
 def test_it_is_short_and_needs_numpy_alone() -> None:
-    """At most 200 lines; it imports the standard library and NumPy."""
+    """nano.py has at most 200 lines and imports only the standard library and NumPy."""
     text = (BOOK / "nano.py").read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 200
     imported = {
@@ -42,7 +42,7 @@ def test_it_is_short_and_needs_numpy_alone() -> None:
 
 
 def test_the_hand_is_that_of_the_layer(hand) -> None:
-    """Joints and gradients of random poses."""
+    """Joints and gradients of random poses equal those of the hand layer."""
     rng = np.random.default_rng(0)
     inputs, dX = rng.normal(size=(3, 47)), rng.normal(size=(3, 31, 3))
     X, backward = nano.hand_model(inputs, hand)
@@ -53,7 +53,7 @@ def test_the_hand_is_that_of_the_layer(hand) -> None:
 
 
 def test_max_pool_rounds_up_and_gives_the_gradient_to_the_first_winner() -> None:
-    """5 columns in windows of 2: the third window has one."""
+    """Of 5 columns in windows of 2, the third window has one; equal maxima give the gradient to the first."""
     x = np.array([[[[1.0, 3, 2, 2, 5], [0, 3, 1, 2, 4]]]])
     y, backward = nano.max_pool(x, 2)
     np.testing.assert_array_equal(y, [[[[3, 2, 5]]]])
@@ -61,14 +61,14 @@ def test_max_pool_rounds_up_and_gives_the_gradient_to_the_first_winner() -> None
 
 
 def test_dropout_passes_the_gradient_where_it_passed_the_value() -> None:
-    """Zeros and 1 / (1 - p)."""
+    """Values and gradients are multiplied by the same mask of 0 and 1 / (1 - p)."""
     y, backward = nano.dropout(np.ones((100, 10)), 0.25, np.random.default_rng(0))
     assert set(np.unique(y)) == {0, 1 / 0.75}
     np.testing.assert_array_equal(backward(np.ones((100, 10)))[0], y)
 
 
 def test_training_lowers_the_loss(hand) -> None:
-    """Five updates, with dropout, on the first 8 frames."""
+    """Five updates with dropout on the first 8 frames lower the loss."""
     with np.load(nano.FRAMES) as data:
         depth, joints = data["depth"][:8] / 127, data["joints"][:8]
     network = nano.new_network(np.random.default_rng(1), p=0.3)
@@ -77,7 +77,7 @@ def test_training_lowers_the_loss(hand) -> None:
 
 
 def test_losses_are_those_of_netlib(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """``--check`` in float64, without dropout: 5 updates, more than there are batches, where a reader makes 20."""
+    """``--check`` compares the losses with netlib's in float64, without dropout: here 5 updates instead of 20."""
     monkeypatch.setattr(sys, "argv", ["nano.py", "--check"])
     monkeypatch.setattr(check_nano.largest_difference, "__defaults__", (5,))
     runpy.run_path(COMMAND[-1], run_name="__main__")
@@ -86,7 +86,7 @@ def test_losses_are_those_of_netlib(monkeypatch: pytest.MonkeyPatch, capsys: pyt
 
 
 def test_it_prints_losses() -> None:
-    """A line for each update; the first loss is that of the hand's initial pose, whatever the seed."""
+    """It prints a line for each update; the first loss is that of the hand's initial pose, for any seed."""
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(COMMAND, stdout=subprocess.PIPE, text=True, env=environment) as running:
         assert running.stdout is not None
@@ -96,5 +96,5 @@ def test_it_prints_losses() -> None:
 
 
 def test_frames_are_the_renderers() -> None:
-    """The file is what the generator draws now."""
+    """The file of frames is what the renderer generates."""
     assert all(made.is_current() for made in frames.made())

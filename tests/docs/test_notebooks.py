@@ -36,7 +36,7 @@ The end.
 
 
 def test_cells() -> None:
-    """Sessions lose prompts and outputs; blocks that are not run stay text."""
+    """Sessions become code cells without prompts and outputs; blocks that are not run stay text."""
     assert list(cells(DOCUMENT)) == [
         ("markdown", "# Title\n\n<!-- not run: it takes hours -->\n```python\nnever()\n```"),
         ("code", "for i in range(2):\n    print(i)\nx = 1"),
@@ -50,7 +50,7 @@ CHAPTERS = sorted(path.stem for path in (ROOT / "docs" / "book").glob("[0-9]*.md
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the notebooks."""
+    """The folder of the written notebooks."""
     folder = tmp_path_factory.mktemp("notebooks")
     (folder / "docs").symlink_to(ROOT / "docs")
     with pytest.MonkeyPatch.context() as patch:
@@ -61,7 +61,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_chapter_is_written(written: Path) -> None:
-    """One notebook for each, of a format that Jupyter reads, which starts in the project's folder."""
+    """Each chapter becomes a notebook in a format that Jupyter reads, which starts in the project's folder."""
     assert sorted(path.stem for path in written.glob("*.ipynb")) == CHAPTERS
     for path in written.glob("*.ipynb"):
         made = json.loads(path.read_text(encoding="utf-8"))
@@ -70,7 +70,7 @@ def test_every_chapter_is_written(written: Path) -> None:
 
 @pytest.mark.parametrize("chapter", CHAPTERS)
 def test_every_chapter_runs(chapter: str, written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From its first cell to its last; a cell raises an error if, and only if, it is tagged so."""
+    """All cells of a chapter run; those tagged so, and no others, raise an error."""
     monkeypatch.chdir(ROOT)
     space: dict[str, object] = {"__name__": "__main__"}
     cells = json.loads((written / f"{chapter}.ipynb").read_text(encoding="utf-8"))["cells"]

@@ -1,4 +1,4 @@
-"""docs/making/chromium.py, with the pictures of both pages"""
+"""docs/making/chromium.py and the pictures of both pages."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PAGES = [hand_picture, live_picture]
 
 @pytest.mark.parametrize("page", PAGES)
 def test_the_picture_of_the_documents(page: ModuleType) -> None:
-    """It is there, small, of the size that is said, and shows something."""
+    """The picture exists, is a small file of the declared size, and is not empty."""
     raw = page.PICTURE.read_bytes()
     image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR)
     assert len(raw) < LARGEST and image.shape == (page.SIZE["height"], page.SIZE["width"], 3)
@@ -32,7 +32,7 @@ def test_the_picture_of_the_documents(page: ModuleType) -> None:
 def test_without_a_browser(
     page: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line says what is missing, and the picture stays."""
+    """Without a browser, one line names the missing program, and the picture is kept."""
 
     def none() -> object:
         raise NetlibError("no Chromium: install it")
@@ -44,14 +44,14 @@ def test_without_a_browser(
 
 
 def test_without_playwright(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The line says how to get it."""
+    """Without playwright, the error has the command that installs it."""
     monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
     with pytest.raises(NoBrowserError, match=r"playwright is missing: pip install playwright"), chromium():
         pass
 
 
 def test_a_browser_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Is no missing one: tests fail then, and are not skipped."""
+    """A browser that does not start is an error of its own, so that tests fail instead of being skipped."""
     pytest.importorskip("playwright")
     (tmp_path / "chromium").write_text("#!/bin/sh\nexit 3\n")
     (tmp_path / "chromium").chmod(0o755)

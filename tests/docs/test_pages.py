@@ -1,4 +1,4 @@
-"""docs/making/pages: the pages of momentum, of windows and of the small net, as one uses them."""
+"""docs/making/pages: the pages on momentum, windows and the small net, operated as by a reader."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ LONGEST = 260  # lines of a source
 
 
 def page_of(name: str) -> Any:
-    """The file of a page."""
+    """Return the path of a page."""
     return ROOT / "docs" / f"{name}.html"
 
 
 @pytest.mark.parametrize("name", PAGES)
 def test_a_page_fits_a_phone_and_names_its_controls(visit: Visit, name: str) -> None:
-    """Nothing is wider than the window, and every control has a name."""
+    """No page is wider than a phone's window, and every control has a name."""
     tab = visit(page_of(name), **PHONE)
     assert tab.evaluate("document.documentElement.scrollWidth") <= 360
     unnamed = "(all) => all.filter((one) => !one.labels?.length && !one.ariaLabel && !one.textContent).length"
@@ -39,14 +39,14 @@ def test_a_page_fits_a_phone_and_names_its_controls(visit: Visit, name: str) -> 
 
 
 def test_the_sources_are_short() -> None:
-    """Each file can be read in one go."""
+    """Each source file is short enough to be read in one go."""
     for path in BROWSER.iterdir():
         lines = path.read_text(encoding="utf-8").splitlines()
         assert len(lines) <= LONGEST and all(len(line) <= 120 for line in lines), path.name
 
 
 def test_the_picture_of_the_hand(browser: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """``python -m docs.making.hand_picture`` takes it from the page; it has its size and shows something."""
+    """``python -m docs.making.hand_picture`` makes the picture from the page, in its declared size and not empty."""
     monkeypatch.setattr("docs.making.chromium.chromium", lambda: contextlib.nullcontext(browser))
     monkeypatch.setattr(hand_picture, "PICTURE", tmp_path / "hand.png")
     monkeypatch.setattr("docs.making.chromium.ROOT", tmp_path)
@@ -60,7 +60,7 @@ def test_the_picture_of_the_hand(browser: Any, monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_the_roots_are_those_of_the_path() -> None:
-    """Where the larger root is real and alone, every late step multiplies the error by it."""
+    """If the larger root is real, every late step multiplies the error by it."""
     data = momentum.data()
     m, r = data["momenta"].index(0.25), data["rates"].index(0.1)
     (first, _), path = data["roots"][m][r][0], data["paths"][m][r][0]
@@ -70,7 +70,7 @@ def test_the_roots_are_those_of_the_path() -> None:
 
 
 def test_momentum_in_use(visit: Visit) -> None:
-    """The keyboard moves a slider; what diverges is said; the path has as many places as steps."""
+    """The keyboard moves a slider, divergence is reported, and the path has one point per step."""
     tab = visit(page_of("momentum"))
     assert tab.locator("#root-y").inner_text() == "y (λ = 9): |z| = 0.8; a negative root: it changes sign in every step"
     tab.locator("#rate").press("ArrowRight")
@@ -88,7 +88,7 @@ def test_momentum_in_use(visit: Visit) -> None:
 
 @pytest.mark.parametrize("layer", windows.data()["layers"], ids=lambda layer: layer["title"])
 def test_shares_are_the_whole_layer(layer: dict[str, Any]) -> None:
-    """y (but a maximum) is their sum over x, dx that over dy; a window of a maximum has one winner."""
+    """Shares sum to y over x (except a maximum) and to dx over dy; each window of a maximum has one winner."""
     x, y, dy = (np.array(layer[name], dtype=float) for name in ("x", "y", "dy"))
     shares = np.zeros((y.size, x.size))
     for i, row in enumerate(layer["shares"]):
@@ -103,7 +103,7 @@ def test_shares_are_the_whole_layer(layer: dict[str, Any]) -> None:
 
 
 def test_windows_in_use(visit: Visit) -> None:
-    """An output marks its window, an input its readers; arrow keys walk; padding is no stop."""
+    """An output highlights its window, an input its consumers; arrow keys move between values and skip padding."""
     tab = visit(page_of("windows"))
     tab.locator("#y button").nth(5).hover()
     assert tab.locator("#x .marked").count() == 9 and tab.locator("#w .marked").count() == 9
@@ -128,7 +128,7 @@ def test_windows_in_use(visit: Visit) -> None:
 
 
 def test_the_passes_are_those_of_the_net(visit: Visit) -> None:
-    """With random numbers the page and netlib have the same loss, values and gradients."""
+    """For random numbers the page and netlib compute the same loss, values and gradients."""
     tab, rng = visit(page_of("small_net")), np.random.default_rng(0)
     for _ in range(5):
         net, data = small_net.net(), small_net.data()
@@ -151,7 +151,7 @@ def test_the_passes_are_those_of_the_net(visit: Visit) -> None:
 
 
 def test_the_small_net_in_use(visit: Visit) -> None:
-    """Steps tell the numbers of chapter 5; an edited weight makes the pass anew; an update lowers the loss."""
+    """Steps show the numbers of chapter 5, an edited weight repeats the pass, and an update lowers the loss."""
     tab = visit(page_of("small_net"))
     for _ in range(3):
         tab.get_by_role("button", name="Step").click()

@@ -1,4 +1,4 @@
-"""docs/paper.md: the figures that it repeats are those of their sources, and no claim goes without a test."""
+"""docs/paper.md: its figures are those of their sources, and every claim links to a test."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ FIGURES = sorted(
 )
 
 DAGGERED = re.compile(r'\(([^()\s]*)#L\d+ "(test_\w+)"\)(\s+†)?')
-FROM_FILES = {"nyu_data", "whole", "needs_real", "published_score"}  # of which a test has one that needs files
+FROM_FILES = {"nyu_data", "whole", "needs_real", "published_score"}  # fixtures of tests that need files
 
 
 def sections(text: str) -> dict[str, str]:
-    """What stands below each heading, down to the next, by the heading's anchor."""
+    """Return the text below each heading, up to the next, by the heading's anchor."""
     parts = re.split(r"^#+ (.*)\n", text, flags=re.MULTILINE)
     return dict(zip(map(anchor_of, parts[1::2]), parts[2::2]))
 
 
 def test_table_1_is_theirs() -> None:
-    """Rows of the networks that the paper has, with the figures that table1.md puts beside ours."""
+    """The table has the paper's networks with the figures that table1.md compares with this project's."""
     wanted = []
     for network in NETWORKS:
         if network.paper is not None:
@@ -47,14 +47,14 @@ def test_table_1_is_theirs() -> None:
 
 @pytest.mark.parametrize(("figure", "file", "anchor"), FIGURES)
 def test_a_figure_stands_where_its_link_leads(figure: str, file: str, anchor: str) -> None:
-    """In that section of that chapter, to the last digit."""
+    """Each linked figure occurs, with all its digits, in the section that its link leads to."""
     text = sections((DOCS / file).read_text(encoding="utf-8"))[anchor]
     amount = figure.removesuffix(" mm")  # a table may have the unit in its heading
     assert re.search(rf"(?<![\d.]){re.escape(amount)}(?![\d.]*\d)", text), figure
 
 
 def test_every_claim_is_pinned_by_a_test() -> None:
-    """Each item "Tests:" links to test functions only, to at least one."""
+    """Each item "Tests:" links to at least one test function, and to nothing else."""
     items = [item for item in re.split(r"\n(?=- |\n)", PAPER) if item.startswith("- Tests:")]
     assert len(items) >= 15
     for item in items:
@@ -63,7 +63,7 @@ def test_every_claim_is_pinned_by_a_test() -> None:
 
 
 def test_a_dagger_says_what_needs_files() -> None:
-    """It follows the links to tests that are skipped without them, and no others."""
+    """A dagger follows exactly the links to tests that are skipped without additional files."""
     marked = {(file, title): tail for file, title, tail in re.findall(DAGGERED, PAPER)}
     assert len(marked) > 40
     for (file, title), tail in marked.items():
@@ -74,6 +74,6 @@ def test_a_dagger_says_what_needs_files() -> None:
 
 
 def test_figures_are_found() -> None:
-    """The links that are checked are there."""
+    """The regular expressions of this file find the figures and sections."""
     assert len(FIGURES) >= 15
     assert sections("# A b\n\n1 mm\n\n## C: d\n2 mm\n") == {"a-b": "\n1 mm\n\n", "c-d": "2 mm\n"}

@@ -1,4 +1,4 @@
-"""Pictures of documents are compared by their pixels or, where a fit drew them, by the hands that they show."""
+"""Pictures in documents are compared by their pixels or, where a fit drew them, by the hands they show."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ PICTURE = np.random.default_rng(0).integers(0, 255, (40, 60, 3), np.uint8)
 
 
 def png(image: np.ndarray) -> bytes:
-    """The image as a file."""
+    """Return the image as a PNG file."""
     return cv2.imencode(".png", image)[1].tobytes()
 
 
 def shown(image: np.ndarray, hands: list[dict[str, Any]]) -> bytes:
-    """The image as a file that describes these hands."""
+    """Return the image as a file that describes these hands."""
     return with_description(png(image), json.dumps(hands))
 
 
 def test_pixels_decide() -> None:
-    """A few pixels may differ; another picture, another size, and no picture at all are others."""
+    """A few pixels may differ; another picture, another size or a missing picture is different."""
     moved = PICTURE.copy()
     moved[:2, :2] = 0
     assert alike(png(PICTURE), png(PICTURE))
@@ -40,7 +40,7 @@ def test_pixels_decide() -> None:
 
 
 def test_hands_decide() -> None:
-    """Pixels do not; the size, the number of hands, their sides, joints and figures do."""
+    """Pictures of hands differ by size, number of hands, sides, joints and figures, not by pixels."""
     there = shown(PICTURE, HANDS)
     assert described(there) == HANDS and described(png(PICTURE)) is None
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(there, np.uint8), cv2.IMREAD_UNCHANGED), PICTURE)

@@ -1,4 +1,4 @@
-"""docs/making/symbols.py"""
+"""docs/making/symbols.py: the lines of definitions."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ layer { name: "twice" }
 
 @pytest.fixture()
 def folder(tmp_path: Path) -> Path:
-    """With both files."""
+    """A folder with a Python file and a prototxt."""
     (tmp_path / "a.py").write_text(PYTHON)
     (tmp_path / "a.prototxt").write_text(PROTOTXT)
     return tmp_path
@@ -67,7 +67,7 @@ def folder(tmp_path: Path) -> Path:
     ],
 )
 def test_lines(folder: Path, file: str, wanted: str, line: int) -> None:
-    """A definition's own line, not its decorator's; a layer's first line; the right one of two fields."""
+    """A definition's line excludes its decorators, a layer's is its first; of equal fields, the named layer's."""
     assert line_of(folder / file, wanted) == line
 
 
@@ -85,7 +85,7 @@ def test_lines(folder: Path, file: str, wanted: str, line: int) -> None:
     ],
 )
 def test_names_that_are_not_there(folder: Path, file: str, wanted: str, message: str) -> None:
-    """What is inside a function has no name; of two layers of one name none is meant."""
+    """Names inside functions, missing names, and names of two layers are errors."""
     with pytest.raises(ValueError) as caught:
         line_of(folder / file, wanted)
     assert str(caught.value) == message

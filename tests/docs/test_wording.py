@@ -1,4 +1,4 @@
-"""docs/wording.txt and setup.cfg: codespell, which ``make lint`` runs, finds each word and phrase of the list."""
+"""docs/wording.txt and setup.cfg: codespell, run by ``make lint``, finds each word and phrase of the list."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PHRASES = [line.split("->")[0] for line in (ROOT / "docs/wording.txt").read_text
 
 
 def found_in(text: str, tmp_path: Path) -> list[str]:
-    """What codespell reports of a document, without its advice."""
+    """Return the words that codespell reports in a document, without its suggestions."""
     (tmp_path / "page.md").write_text(text, encoding="utf-8")
     command = [sys.executable, "-m", "codespell_lib", str(tmp_path / "page.md")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
@@ -24,7 +24,7 @@ def found_in(text: str, tmp_path: Path) -> list[str]:
 
 
 def test_each_phrase_is_found(tmp_path: Path) -> None:
-    """A phrase of two words needs a place in the regular expression of setup.cfg, too."""
+    """Each phrase is found; one of two words must also be in the regular expression of setup.cfg."""
     assert sorted(set(PHRASES), key=PHRASES.index) == PHRASES
     assert found_in("".join(f"It {phrase} here.\n" for phrase in PHRASES), tmp_path) == PHRASES
 

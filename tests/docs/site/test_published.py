@@ -1,4 +1,4 @@
-"""What is published of a small project: documents, what they lead to, the code; and where each of it is."""
+"""What is published of a small project: documents, the files they link to and the code, each at its place."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ CODE = ("layers", "fast")
 
 @pytest.fixture
 def site(project: Path) -> Published:
-    """All of it."""
+    """Everything that is published."""
     return published(project, CODE)
 
 
 def test_documents_and_what_they_lead_to(site: Published) -> None:
-    """Also a document that lies elsewhere; nothing that is gone, or outside."""
+    """All documents and the files they link to are published, also from other folders, but none outside the project."""
     assert set(site.documents) == {
         "README.md", "CHANGELOG.md", "docs/apart.md", "docs/data.md", "docs/net.md", "docs/book/README.md",
         "docs/book/1_one.md", "docs/book/2_two.md", "docs/book/10_ten.md", "tests/caffe/README.md",
@@ -27,7 +27,7 @@ def test_documents_and_what_they_lead_to(site: Published) -> None:
 
 
 def test_code_and_its_tests(site: Published) -> None:
-    """All of the folders of code, no compiled file, nothing of docs/making; a folder with a README is that."""
+    """All source files of the code folders and their tests are published; docs/making and compiled files are not."""
     layers = {f"layers/{name}.py" for name in ("__init__", "relu", "scale", "data/__init__", "data/labels")}
     tests = {"tests/layers/test_relu.py", "tests/layers/data/test_data_labels.py"}
     assert site.sources == layers | tests | {"fast/relu.py", "fast/scale.py"}
@@ -49,16 +49,16 @@ def test_code_and_its_tests(site: Published) -> None:
     ],
 )
 def test_links_lead_to_pages(site: Published, target: str, wanted: str) -> None:
-    """A source file and a folder are pages; whatever is not published stays as it is, for MkDocs to complain of."""
+    """Links to a source file or folder lead to its page; other links stay unchanged, so MkDocs reports broken ones."""
     assert site.link("docs/net.md", target) == wanted
 
 
 def test_who_tells_of_a_file(site: Published) -> None:
-    """A document that links to it, and one that shows its code."""
+    """A file is described in the documents that link to it and in those that show its code."""
     assert site.telling("layers/relu.py") == ["README.md", "docs/net.md"]
     assert site.telling("layers/scale.py") == ["docs/data.md"]
 
 
 def test_tests_of_a_file(project: Path) -> None:
-    """The file of the same place and name under tests/."""
+    """The tests of a file are in the file with the same folder and name under tests/."""
     assert its_tests(project, "layers/data/labels.py") == ["tests/layers/data/test_data_labels.py"]

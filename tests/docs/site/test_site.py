@@ -1,4 +1,4 @@
-"""The site: made as ``make site`` makes it; strictly, so that a link that leads nowhere fails."""
+"""The site as ``make site`` builds it, in strict mode, so that broken links are errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["browser"]
 
 pytest.importorskip("mkdocs", reason="the site needs: pip install -e '.[docs]'")
 pytest.importorskip("material", reason="the site needs: pip install -e '.[docs]'")
-# Pages of all documents, of what they link to, and of these; those of the rest are made alike, and take the longest.
+# Pages of all documents, the files they link to, and these folders; other pages are made alike and take the longest.
 CODE = ["layers/hand", "layers/common", "prototxt", "docs/exercises"]
 
 
@@ -42,7 +42,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_no_page_loads_anything_from_elsewhere(site: Path) -> None:
-    """The site needs no network. That every link leads somewhere is checked by MkDocs while it makes the site."""
+    """No page loads anything from a network. MkDocs checks all links while it builds the site."""
     pages = [path for path in site.rglob("*.html") if path.name != "404.html"]
     assert len(pages) > 60
     for page in pages:
@@ -51,7 +51,7 @@ def test_no_page_loads_anything_from_elsewhere(site: Path) -> None:
 
 
 def test_documents_and_code_have_pages(site: Path) -> None:
-    """At their own places; a layer with its first line, its tests and its code; what is no document is not there."""
+    """Documents and code have pages; that of a layer has its tests and its code; docs/making has none."""
     names = ("index", "CHANGELOG", "docs/layers", "docs/book/index", "layers/hand/index", "prototxt/hand/nyu.prototxt")
     assert [name for name in names if not (site / f"{name}.html").is_file()] == []
     page = (site / "layers/hand/kinematics.py.html").read_text(encoding="utf-8")
@@ -60,7 +60,7 @@ def test_documents_and_code_have_pages(site: Path) -> None:
 
 
 def test_lists_tables_and_prototxt_are_such(site: Path) -> None:
-    """The reading order of the source, the table of layers, a list in a list, a net in its colours."""
+    """Lists, tables, nested lists and prototxt with highlighting are rendered as such."""
     assert "<ol>" in (site / "docs/code.html").read_text(encoding="utf-8")
     assert "<td>vision</td>" in (site / "docs/layers.html").read_text(encoding="utf-8")
     assert "<ul>\n<li><code>case</code>" in (site / "tests/caffe/index.html").read_text(encoding="utf-8")
@@ -68,7 +68,7 @@ def test_lists_tables_and_prototxt_are_such(site: Path) -> None:
 
 
 def test_pages_are_embedded_in_their_chapters(site: Path) -> None:
-    """A comment on GitHub, a frame on the site, and the page is where the frame looks for it."""
+    """A comment, invisible on GitHub, becomes an iframe on the site, and the page it shows exists."""
     text = (site / "docs/book/9_gradient.html").read_text(encoding="utf-8")
     found = re.search(r'<iframe src="(.+?)" title="A force on the wrist" height="900" loading="lazy"></iframe>', text)
     assert found and found[1] == "../hand.html#body=arm&amp;shoulder=53.13&amp;elbow=36.87&amp;force=wrist,1,2,0"
@@ -76,7 +76,7 @@ def test_pages_are_embedded_in_their_chapters(site: Path) -> None:
 
 
 def test_formulas_are_set_without_a_network(site: Path) -> None:
-    """KaTeX, its fonts and the script that calls it are in the site; every formula is an element of its own."""
+    """KaTeX, its fonts and the script that calls it are part of the site; every formula is in its own element."""
     page = (site / "docs/book/6_descent.html").read_text(encoding="utf-8")
     assert page.count('<div class="arithmatex">') >= 8 and "$$" not in page
     assert "../../assets/katex/katex.min.js" in page and "../../assets/math.js" in page
@@ -86,16 +86,16 @@ def test_formulas_are_set_without_a_network(site: Path) -> None:
 
 
 def test_the_search_works_from_the_disk(site: Path) -> None:
-    """Its index is a script, and has the first line of each file; it has no code in it."""
+    """The search index is a script with the first line of each file, but without code."""
     text = (site / "search/search_index.js").read_text(encoding="utf-8").removeprefix("var __index = ")
-    told = {entry["location"]: entry["text"] for entry in json.loads(text)["docs"]}
-    assert "torques" in told["layers/hand/kinematics.py.html"]
-    assert "np.zeros" not in told["layers/hand/kinematics.py.html"]
+    texts = {entry["location"]: entry["text"] for entry in json.loads(text)["docs"]}
+    assert "torques" in texts["layers/hand/kinematics.py.html"]
+    assert "np.zeros" not in texts["layers/hand/kinematics.py.html"]
     assert "iframe-worker.js" in (site / "index.html").read_text(encoding="utf-8")
 
 
 def test_code_scrolls_on_a_narrow_screen(site: Path, browser: Any) -> None:
-    """No page is wider than a phone, with long lines of prototxt, Python sessions, tables and a source file."""
+    """No page is wider than a phone, even with long lines of prototxt, Python sessions, tables or source files."""
     tab = browser.new_page(viewport={"width": 400, "height": 800})
     for name in ("index", "docs/book/1_blob", "docs/book/8_hand", "docs/fit", "docs/exercises/relu.py"):
         tab.goto((site / f"{name}.html").as_uri())
@@ -105,7 +105,7 @@ def test_code_scrolls_on_a_narrow_screen(site: Path, browser: Any) -> None:
 
 
 def test_the_copy_button_takes_the_code_of_a_session(site: Path, browser: Any) -> None:
-    """Without prompts and output; the theme marks the block with this attribute while it reads the text."""
+    """The copy button copies a session without prompts and output; the theme sets the attribute while it copies."""
     tab = browser.new_page()
     tab.goto((site / "docs/book/1_blob.html").as_uri())
     copied = tab.evaluate("""() => {

@@ -1,4 +1,4 @@
-"""GitHub's Markdown, made ready for Python-Markdown: what is set apart, what is moved, and what stays."""
+"""GitHub's Markdown is adapted to Python-Markdown, and everything else stays unchanged."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ KEPT = {
 
 @pytest.mark.parametrize("text, wanted", CHANGED.values(), ids=CHANGED)
 def test_what_is_changed(text: str, wanted: str) -> None:
-    """Blank lines before lists and tables, four columns per level, Markdown in details."""
+    """Lists and tables get a blank line before them, nested lists four columns per level, and details Markdown."""
     assert for_python_markdown(text) == wanted
 
 
 @pytest.mark.parametrize("text", KEPT.values(), ids=KEPT)
 def test_what_is_kept(text: str) -> None:
-    """To the last space."""
+    """Text that needs no change is kept exactly."""
     assert for_python_markdown(text) == text

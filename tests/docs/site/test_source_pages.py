@@ -1,4 +1,4 @@
-"""The page of a source file: its first line, links to what belongs to it, every line with its anchor."""
+"""The page of a source file: its first line, links to related files, and an anchor for every line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def text_of(path: str, root: Path = ROOT) -> str:
 
 @pytest.mark.parametrize("path", ["layers/hand/kinematics.py", "prototxt/hand/nyu.prototxt", "Makefile", "LICENSE"])
 def test_every_line_has_one_anchor(path: str) -> None:
-    """As GitHub names it; and not a letter is lost."""
+    """Every line has exactly one anchor, named as on GitHub."""
     text = text_of(path)
     html = sources.code(path, text)
     count = text.rstrip("\n").count("\n") + 1
@@ -26,7 +26,7 @@ def test_every_line_has_one_anchor(path: str) -> None:
 
 
 def test_what_belongs_to_it(project: Path) -> None:
-    """Its first line, without marks of Markdown; its tests; the documents that link to it or show its code."""
+    """The page has the file's first line, escaped, its tests, and the documents that link to it or show its code."""
     site = published(project, ("layers", "fast"))
     assert sources.page("layers/relu.py", text_of("layers/relu.py", project), site) == (
         "# layers/relu.py\n\nReLU: cut off \\| what is &lt; 0.\n\n"
@@ -37,7 +37,7 @@ def test_what_belongs_to_it(project: Path) -> None:
 
 
 def test_prototxt_has_colours() -> None:
-    """Names of fields, strings, numbers, constants, comments; and not a letter is lost."""
+    """Field names, strings, numbers, constants and comments are highlighted, and no character is lost."""
     text = 'layer { type: "ReLU"  lr_mult: -1.5e-3 phase: TRAIN }  # "why"\n'
     tokens = list(sources.PrototxtLexer().get_tokens(text))
     assert [(str(kind), piece) for kind, piece in tokens if str(kind) not in ("Token.Text", "Token.Punctuation")] == [
@@ -49,13 +49,13 @@ def test_prototxt_has_colours() -> None:
 
 
 def test_the_comment_at_the_head_of_a_prototxt_is_its_first_line() -> None:
-    """It says what the file is."""
+    """The first comment of a prototxt describes the file."""
     path = "prototxt/hand/nyu.prototxt"
     assert sources.first_line(path, text_of(path)).startswith("The NYU hand")
 
 
 def test_the_page_of_a_folder(project: Path) -> None:
-    """Its own files first, then each folder with what it says of itself; marks of Markdown are none here."""
+    """The page of a folder lists its own files first, then each subfolder with its description; Markdown is escaped."""
     site = published(project, ("layers", "fast"))
     page = folders.page("layers", site, lambda path: text_of(path, project))
     assert "The layers, `all`. ([\\_\\_init\\_\\_.py](__init__.py))" in page
@@ -64,5 +64,5 @@ def test_the_page_of_a_folder(project: Path) -> None:
 
 
 def test_the_folders_of_code_are_there() -> None:
-    """A folder that is renamed would be missing without a word. Without fast/ every chapter but one is complete."""
+    """All code folders exist, since a renamed one would silently be missing; fast/ or docs/exercises may be absent."""
     assert [folder for folder in CODE if not (ROOT / folder).is_dir()] in ([], ["fast"], ["docs/exercises"])
