@@ -7,14 +7,14 @@ import pytest
 
 @pytest.fixture
 def solvers(caffe_data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of the recorded trainings, as the working directory: their files name each other from there."""
+    """The folder of the recorded trainings, as the working directory: their files refer to each other from there."""
     monkeypatch.chdir(caffe_data / "solvers")
     return caffe_data / "solvers"
 
 
 @pytest.fixture
 def whole(caffe_data: Path) -> Path:
-    """The whole recordings; skips the test where they are not."""
+    """The whole recordings; skips the test if they are not available."""
     folder = caffe_data.parents[2] / "shared/data/caffe"
     if not folder.is_dir():
         pytest.skip("needs the whole recordings, 33 MB, which a clone does not have")

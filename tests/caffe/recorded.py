@@ -1,4 +1,4 @@
-"""What Caffe recorded, as the tests of this folder read it, and how they compare with it."""
+"""Caffe's recordings, as the tests of this folder read them, and comparisons with them."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def distance(got: Any, want: Any) -> float:
 
 @dataclass(frozen=True)
 class Array:
-    """One array of a layer case. Of a few large ones only a part is kept; the rest of an input is then 0."""
+    """One array of a layer case. A few large arrays are only partly kept; the rest of an input is then 0."""
 
     shape: tuple[int, ...]
-    kept: Any  # what the whole array is indexed with
+    kept: Any  # the index of the kept part
     single: np.ndarray  # from Caffe's float32 net
     double: np.ndarray | None  # from its double net
 
@@ -56,7 +56,7 @@ class Array:
         target[self.kept] = self.single
 
     def differs(self, got: np.ndarray) -> float:
-        """How far a result of a net of this type is from Caffe's; 0 if Caffe's net of this type was not recorded."""
+        """Return the difference of a result from Caffe's; 0 if Caffe's net of this type was not recorded."""
         want = self.single if got.dtype == np.float32 else self.double
         if want is None:
             return 0.0
@@ -65,7 +65,7 @@ class Array:
 
 @dataclass(frozen=True)
 class Case:
-    """One layer case: a net, its inputs, and what Caffe made of them."""
+    """One layer case: a net, its inputs, and Caffe's results."""
 
     name: str
     phase: int
@@ -75,21 +75,21 @@ class Case:
     arrays: dict[str, Array]
 
     def of(self, kind: str) -> Iterator[tuple[list[str], Array]]:
-        """The arrays ``kind/...``: the rest of their names, and they."""
+        """Yield the arrays ``kind/...``: the rest of their names, and the arrays."""
         for name, array in self.arrays.items():
             first, *rest = name.split("/")
             if first == kind:
                 yield rest, array
 
     def results(self, dtype: Any) -> int:
-        """How many arrays of a net of this type can be compared."""
+        """Return the number of arrays of a net of this type that can be compared."""
         kinds = ("top", "indiff", "pdiff", "param_after")
         arrays = [array for kind in kinds for _, array in self.of(kind)]
         return sum(dtype == np.float32 or array.double is not None for array in arrays)
 
 
 def differences(case: Case, dtype: Any) -> dict[str, float]:
-    """Run a case forward and backward in a net of this type: result -> how far it is from Caffe's."""
+    """Run a case forward and backward in a net of this type; return result -> difference from Caffe's."""
     net = netlib.Net(prototxt.parse(case.prototxt, case.name), case.phase, dtype=dtype)
     for (layer, index), array in case.of("param"):
         array.put(net.params[layer][int(index)].data)
@@ -112,7 +112,7 @@ def differences(case: Case, dtype: Any) -> dict[str, float]:
 
 @functools.cache
 def layer_cases() -> list[Case]:
-    """All recorded layer cases, also those whose layer types are not here."""
+    """Return all recorded layer cases, including those with unknown layer types."""
     with h5py.File(FOLDER / "layers.h5") as file:
         single, difference = file["float32"][...], file["float64_bits_minus_float32"][...]
     cases = []
@@ -141,22 +141,22 @@ def layer_cases() -> list[Case]:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One training by Caffe."""
+    """A recorded training by Caffe."""
 
     weights: dict[tuple[str, int], dict[int, np.ndarray]]  # (layer, index) -> updates made -> array
     losses: np.ndarray  # of the last batch of every iteration
-    printed_losses: np.ndarray  # as the log has them, six digits
+    printed_losses: np.ndarray  # as in the log, six digits
     printed_rates: np.ndarray
 
 
 def solver_cases() -> list[str]:
-    """The names of the recorded trainings."""
+    """Return the names of the recorded trainings."""
     with h5py.File(FOLDER / "solvers/trajectories.h5") as file:
         return [name.decode() for name in file["cases"]]
 
 
 def trajectory(case: str) -> Trajectory:
-    """The weights after the updates of one training, its losses and its learning rates."""
+    """Return the weights after the updates of one training, its losses and its learning rates."""
     number = solver_cases().index(case)
     initial = snapshot.read_weights(FOLDER / "solvers/init.caffemodel.h5")
     weights = {}
@@ -170,7 +170,7 @@ def trajectory(case: str) -> Trajectory:
 
 
 class Follow:
-    """Compares the weights and the loss of a solver with what Caffe had, after every update."""
+    """Compare the weights and the loss of a solver with Caffe's after every update."""
 
     def __init__(self, solver: netlib.Solver, theirs: Trajectory) -> None:
         self.theirs = theirs
@@ -192,17 +192,17 @@ class Follow:
 
 
 def log_lines(name: str) -> list[str]:
-    """The texts of a recorded log."""
+    """Return the texts of a recorded log."""
     return texts((FOLDER / "logs" / name).read_text(encoding="utf-8").splitlines())
 
 
 def texts(lines: Iterable[str]) -> list[str]:
-    """The lines of a log from the text on: ``I20261121 01:57:02.956642 28053 caffe.cpp:197] Use CPU.``"""
+    """Return the texts of a log, without prefixes like ``I20261121 01:57:02.956642 28053 caffe.cpp:197] ``."""
     return [re.sub(r"^[IWE]\d+ [\d:.]+ +\d+ [\w.]+:\d+\] ", "", line) for line in lines]
 
 
 def solver_text(name: str, **changes: str) -> str:
-    """The solver that a recorded log prints, with fields of one's own."""
+    """Return the solver printed in a recorded log, with some fields changed."""
     lines = log_lines(name)
     begin = lines.index("Initializing solver from parameters: ") + 1
     end = next(i for i, line in enumerate(lines) if line.startswith("Creating training net"))
@@ -217,7 +217,7 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def said(lines: Iterable[str]) -> list[str]:
-    """The lines of a training's log that Caffe's has as well; without speed, snapshot format and folder."""
+    """Return the lines of a training's log that Caffe prints as well, without speed, snapshot format and folder."""
     found = []
     for line in lines:
         if COMPARED.match(line):
@@ -228,23 +228,23 @@ def said(lines: Iterable[str]) -> list[str]:
 
 
 def words(lines: Iterable[str]) -> list[str]:
-    """Lines without their numbers."""
+    """Return the lines with their numbers replaced."""
     return [NUMBER.sub("#", line) for line in lines]
 
 
 def numbers(lines: Iterable[str]) -> list[str]:
-    """The numbers of some lines, as they are printed."""
+    """Return the numbers in the lines, as printed."""
     return [number for line in lines for number in NUMBER.findall(line)]
 
 
 def same_print(ours: str | float, theirs: str | float) -> bool:
-    """Are two numbers the same, printed with six digits? The last digit may differ by one: 0.5 rounds either way."""
+    """Return whether two numbers agree to six digits. The last digit may differ by one: 0.5 rounds either way."""
     a, b = float(ours), float(theirs)
     return abs(a - b) <= 1.01 * 10 ** (np.floor(np.log10(abs(b))) - 5) if b else a == 0
 
 
 def check_same_log(mine: list[str], theirs: list[str]) -> None:
-    """Line by line the same text, and the same numbers in it."""
+    """Assert that the logs have the same text and the same numbers, line by line."""
     assert words(mine) == words(theirs)
     wrong = [(a, b) for a, b in zip(numbers(mine), numbers(theirs)) if not same_print(a, b)]
     assert wrong == []

@@ -19,8 +19,8 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 LIMIT = 3_000_000  # bytes, all recordings together
 
-# Of the largest layer cases a part is kept. What depends only on inputs that are kept can still be compared: pooling
-# looks at one channel at a time; a row of a 5x5 convolution's input gradient needs the five rows of the top diff above.
+# The largest layer cases are only partly kept. Results that depend only on kept inputs can still be compared: pooling
+# acts on one channel at a time; a row of a 5x5 convolution's input gradient needs the five rows of the top diff above.
 KEPT = {
     "conv_deepmodel_L1/top/y": "[:, :, ::9, ::5]",
     "conv_deepmodel_L1/topdiff/y": "[:, :, 112:]",
@@ -37,7 +37,7 @@ LARGE, ITERATIONS = "ip1/0", (1, 10, 20)  # 94% of the weights of the solvers' n
 
 
 def main(source: Path, out: Path = HERE) -> int:
-    """Write all recordings; returns their size in bytes."""
+    """Write all recordings and return their size in bytes."""
     made = [
         *layers(source, out),
         *copies(source, out, "hand_model.npz", "phys_limit.npz", "logs/*.log", "solvers/solver_*.prototxt"),
@@ -55,7 +55,7 @@ def main(source: Path, out: Path = HERE) -> int:
 
 
 def copies(source: Path, out: Path, *patterns: str) -> list[Path]:
-    """Files that are kept as they are."""
+    """Copy files unchanged."""
     made = []
     for path in sorted(path for pattern in patterns for path in source.glob(pattern)):
         made.append(out / path.relative_to(source))
@@ -65,7 +65,7 @@ def copies(source: Path, out: Path, *patterns: str) -> list[Path]:
 
 
 def layers(source: Path, out: Path) -> list[Path]:
-    """layers.json: a line for each case; layers.h5: the numbers of all cases, one after the other."""
+    """Write layers.json, a line for each case, and layers.h5, the numbers of all cases, one after the other."""
     recorded = dict(np.load(source / "layers.npz"))
     lines, single, double = [], [], []
     for entry in json.loads((source / "layers_index.json").read_text()):
@@ -97,19 +97,19 @@ def layers(source: Path, out: Path) -> list[Path]:
 
 
 def pack(file: h5py.File, name: str, array: np.ndarray) -> h5py.Dataset:
-    """Write an array in little room: the first bytes of all numbers, the second bytes, and so on, compressed."""
+    """Write an array compactly: the first bytes of all numbers, the second bytes, and so on, compressed."""
     return file.create_dataset(
         name, data=array, chunks=array.shape, shuffle=True, compression="gzip", compression_opts=9
     )
 
 
 def bits(array: np.ndarray) -> np.ndarray:
-    """The bits of float64 numbers as integers. Close numbers have close ones, whose difference takes little room."""
+    """Return the bits of float64 numbers as integers. Those of close numbers are close, so differences are small."""
     return array.view(np.int64)
 
 
 def slices(text: str) -> Any:
-    """``[:, ::2]`` as what an array is indexed with."""
+    """Convert a text such as ``[:, ::2]`` to an index."""
     if text == "[...]":
         return ...
     return tuple(
@@ -118,7 +118,7 @@ def slices(text: str) -> Any:
 
 
 def data_order(source: Path, out: Path) -> list[Path]:
-    """hdf5data.npz: the batches of a case and blob in one array, (iterations, batch, ...)."""
+    """Write hdf5data.npz: the batches of a case and blob in one array, (iterations, batch, ...)."""
     recorded = np.load(source / "hdf5data/hdf5data.npz")
     stacked = {}
     for entry in json.loads((source / "hdf5data/index.json").read_text()):
@@ -129,7 +129,7 @@ def data_order(source: Path, out: Path) -> list[Path]:
 
 
 def trajectories(source: Path, out: Path) -> list[Path]:
-    """trajectories.h5: all solver cases together, (cases, iterations, ...); iteration 0 is init.caffemodel."""
+    """Write trajectories.h5: all solver cases together, (cases, iterations, ...); iteration 0 is init.caffemodel."""
     cases = sorted(json.loads((source / "solvers/index.json").read_text()))
     recorded = [np.load(source / f"solvers/traj_{case}.npz") for case in cases]
     path = out / "solvers/trajectories.h5"
@@ -143,7 +143,7 @@ def trajectories(source: Path, out: Path) -> list[Path]:
             assert all(np.array_equal(one[key][0], init[f"data/{name}"]) for one in recorded)
             weights = pack(file, key, np.stack([one[key][list(kept)] for one in recorded]))
             weights.attrs["iterations"] = list(kept)
-    for one in recorded:  # the training that was resumed is the one that was not, from iteration 10 on
+    for one in recorded:  # the resumed training equals the uninterrupted one from iteration 10 on
         assert all(np.array_equal(one[key], one[key[7:]][-len(one[key]) :]) for key in one if key[:9] == "resume/w/")
     return [path]
 

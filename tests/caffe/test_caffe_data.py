@@ -1,4 +1,4 @@
-"""In which order HDF5Data reads rows, against real Caffe."""
+"""The order in which HDF5Data reads rows, compared with real Caffe."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ pytestmark = pytest.mark.both_engines
 
 @pytest.fixture
 def hdf5data(caffe_data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder with the data, as the working directory: nets and lists name their files from there."""
+    """The folder with the data, as the working directory: nets and lists refer to their files from there."""
     monkeypatch.chdir(caffe_data / "hdf5data")
     return caffe_data / "hdf5data"
 
 
 def test_rows_come_in_caffes_order(hdf5data: Path) -> None:
-    """Without shuffle: batches that run on over file ends, wrap, and are larger than the data."""
+    """Without shuffle, batches continue across file ends, wrap around, and may be larger than the data."""
     recorded = np.load("hdf5data.npz")
     ran = 0
     for case in json.loads(Path("index.json").read_text()):
@@ -40,7 +40,7 @@ def test_rows_come_in_caffes_order(hdf5data: Path) -> None:
 
 @pytest.mark.parametrize("case", ["shuffle_b7", "shuffle_one_b7"])
 def test_files_and_the_rows_of_a_file_are_shuffled(hdf5data: Path, case: str) -> None:
-    """Every pass is a permutation file by file, in what Caffe recorded and in what we read."""
+    """Every pass, in Caffe's recording and in netlib, is a permutation of the files and of the rows of each file."""
     index = {entry["case"]: entry for entry in json.loads(Path("index.json").read_text())}[case]
     files = {}
     for name in Path(index["source"]).read_text().split():
@@ -59,7 +59,7 @@ def test_files_and_the_rows_of_a_file_are_shuffled(hdf5data: Path, case: str) ->
 
 
 def check_pass(rows: list[float], files: list[list[float]]) -> None:
-    """One pass reads each file once, all rows of a file before those of the next."""
+    """Assert that a pass reads each file once, and all rows of a file before those of the next."""
     left = [sorted(rows) for rows in files]
     while rows:
         mine = next(file for file in left if rows[0] in file)

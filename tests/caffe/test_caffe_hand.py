@@ -1,4 +1,4 @@
-"""The hand against the released layers, compiled into real Caffe."""
+"""The hand model compared with the released layers, compiled into real Caffe."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ HAND = """
 def test_hand_model(
     caffe_data: Path, net_of: Callable[..., netlib.Net], type_name: str, dtype: Any, suffix: str, tolerance: float
 ) -> None:
-    """Joints and gradients of 32 poses, under our name and the released one.
+    """Joints and gradients of 32 poses agree with Caffe, under this project's type name and the released one.
 
-    Some of them turn by 900 rad, where neighbouring float32 numbers are 6e-5 rad apart.
+    Some poses have angles of 900 rad, where neighbouring float32 numbers are 6e-5 rad apart.
     """
     recorded = np.load(caffe_data / "hand_model.npz")
     net = net_of(HAND % type_name, dtype=dtype)
@@ -44,7 +44,7 @@ def test_hand_model(
 
 @pytest.mark.parametrize("layer", ['"DeepHandModelDofConstraintLoss"', '"PhysLimit" phys_limit_param { norm: L2 }'])
 def test_phys_limit(caffe_data: Path, net_of: Callable[..., netlib.Net], layer: str) -> None:
-    """The squared hinge of 64 poses. Caffe leaves the diffs of fixed DoFs unwritten; ours are 0."""
+    """The squared hinge of 64 poses agrees. Caffe leaves the diffs of fixed DoFs unwritten; netlib sets them to 0."""
     recorded = np.load(caffe_data / "phys_limit.npz")
     net = net_of(
         "force_backward: true "

@@ -1,4 +1,4 @@
-"""Every layer type against real Caffe, forward and backward."""
+"""Every layer type compared with real Caffe, forward and backward."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.both_engines
 
 KNOWN = set(netlib.layer_type_list())
 TOLERANCE = {np.float32: 1e-5, np.float64: 1e-12}
-# Of two cases Caffe's double net was not recorded: their results are the smallest float, and 0 / 0.
+# Caffe's double net was not recorded for two cases, with results of the smallest float and of 0 / 0.
 RUNNING = [
     pytest.param(case, dtype, id=f"{case.name}-{dtype.__name__}")
     for dtype in TOLERANCE
@@ -25,14 +25,14 @@ RUNNING = [
 
 @pytest.mark.parametrize(("case", "dtype"), RUNNING)
 def test_layer(case: Case, dtype: Any) -> None:
-    """Tops, input gradients, parameter gradients, and what a layer keeps in its parameters."""
+    """Tops, input gradients, parameter gradients and changed parameters of a layer agree with Caffe."""
     found = differences(case, dtype)
     assert len(found) >= case.results(dtype)
     assert {what: far for what, far in found.items() if not far <= TOLERANCE[dtype]} == {}
 
 
 def test_no_case_is_lost() -> None:
-    """All 122 cases run, forward and, where that was recorded, backward."""
+    """All 122 cases run forward and, if recorded, backward."""
     cases = layer_cases()
     assert len({case.name for case in cases}) == 122
     assert [case.name for case in cases if not case.types <= KNOWN] == []
@@ -42,7 +42,7 @@ def test_no_case_is_lost() -> None:
 
 
 def test_a_wrong_number_is_found() -> None:
-    """A result that differs, is infinite or has another shape does not pass."""
+    """A result that differs, is infinite or has another shape is detected."""
     (case,) = [case for case in layer_cases() if case.name == "conv_k5"]
     array = case.arrays["top/y"]
     assert array.differs(array.single) == 0

@@ -1,7 +1,7 @@
-"""Real Caffe's own logs against what is said here: a training, its resuming, signals, a test, timing; and plot_log.
+"""Real Caffe's logs compared with netlib's: a training, its resumption, signals, a test, timing; and plot_log.
 
-Only what follows ``] `` is compared. What cannot be: how long something took; the losses of sigint.log and time.log,
-whose trainings began with Caffe's own random weights; the lines that tell how a net is built, which are not ours.
+Only the text after ``] `` is compared. Three things are not: durations; the losses of sigint.log and time.log,
+whose trainings started with Caffe's own random weights; and the lines on how a net is built, which netlib lacks.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ROOT = FOLDER.parents[1]
 
 
 def solver_of(log: str, tmp_path: Path, **changes: str) -> netlib.Solver:
-    """The solver of a recorded log; it snapshots into a folder of the test's."""
+    """Return the solver of a recorded log, with snapshots in a temporary folder."""
     text = solver_text(log, snapshot_prefix=f'"{tmp_path}/a"', **changes)
     (tmp_path / "solver.prototxt").write_text(text)
     return netlib.get_solver(tmp_path / "solver.prototxt")
@@ -38,7 +38,7 @@ def trained(solvers: Path, tmp_path: Path) -> None:
 
 
 def test_the_log_of_a_training(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Display with average_loss, tests, learning rates, snapshots, the last test, the last line."""
+    """The log has Caffe's losses with average_loss, tests, learning rates, snapshots, last test and last line."""
     caplog.set_level("INFO", "netlib")
     trained(solvers, tmp_path)
     theirs = said(log_lines("a_avgloss.log"))[:-1]  # the last line is the command line's, not the solver's
@@ -50,7 +50,7 @@ def test_the_log_of_a_training(solvers: Path, tmp_path: Path, caplog: pytest.Log
 
 
 def test_the_log_file_of_a_training(solvers: Path, tmp_path: Path) -> None:
-    """What tools/train.py writes has Caffe's text after its time stamps, too."""
+    """The log file that tools/train.py writes has Caffe's text after its time stamps."""
     solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"')
     run_tool("train", tmp_path / "solver.prototxt", "--log", tmp_path / "train.log")
     lines = (tmp_path / "train.log").read_text(encoding="utf-8").splitlines()
@@ -58,10 +58,10 @@ def test_the_log_file_of_a_training(solvers: Path, tmp_path: Path) -> None:
 
 
 def test_the_log_of_a_resumed_training(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Caffe went on from iteration 8 with the data's first row and no losses to average; so do we from such a state."""
+    """Resumed from a state without data position and losses, like Caffe's, a training logs the same as Caffe."""
     trained(solvers, tmp_path)
     state = snapshot.read_state(tmp_path / "a_iter_8.solverstate")
-    state.extra = {}  # what Caffe does not write
+    state.extra = {}  # fields that Caffe does not write
     (tmp_path / "a_iter_8.solverstate").write_bytes(binary_format.state_image(state))
     caplog.clear()
     caplog.set_level("INFO", "netlib")
@@ -74,7 +74,7 @@ def test_the_log_of_a_resumed_training(solvers: Path, tmp_path: Path, caplog: py
 
 
 def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """SIGHUP writes a snapshot and goes on, SIGINT writes one and stops. A hundredth of Caffe's 30454 iterations."""
+    """SIGHUP writes a snapshot and continues, SIGINT writes one and stops, in a hundredth of Caffe's iterations."""
     solver = solver_of("sigint.log", tmp_path, display="20")
 
     def signals(solver: netlib.Solver) -> None:
@@ -89,12 +89,12 @@ def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCap
     assert [int(n) for n in when.findall("\n".join(mine))] == [int(n) // 100 for n in when.findall("\n".join(theirs))]
     rates = re.findall(r"Iteration (\d+), lr = (\S+)", "\n".join(theirs))
     assert len(rates) == 16
-    for iteration, rate in rates:  # Caffe's is a float32, in which 0.02 * 0.5^285 is 0
+    for iteration, rate in rates:  # Caffe's rate is a float32, in which 0.02 * 0.5^285 is 0
         assert same_print(float(np.float32(learning_rate(solver.param, int(iteration)))), rate)
 
 
 def test_the_log_of_a_test(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """``caffe test`` over three batches: every loss, and the mean as a solver's test says it."""
+    """Every loss of ``caffe test`` over three batches agrees, and so does the mean, as printed in a solver's test."""
     theirs = log_lines("test.log")
     net = netlib.Net("net.prototxt", "init.caffemodel.h5", netlib.TEST)
     losses = [float(net.forward()["loss"]) for _ in range(3)]
@@ -108,17 +108,17 @@ def test_the_log_of_a_test(solvers: Path, tmp_path: Path, caplog: pytest.LogCapt
 
 
 def test_the_log_of_timing(solvers: Path) -> None:
-    """tools/time.py says what ``caffe time`` says, in its order; not what each single iteration took."""
+    """tools/time.py prints the lines of ``caffe time`` in the same order, without those of single iterations."""
     mine = run_tool("time", "net.prototxt", "--iterations", "3").out.splitlines()
     theirs = [line for line in log_lines("time.log") if not line.startswith("Iteration: ")]
     theirs, mine = (lines[lines.index("*** Benchmark begins ***") :] for lines in (theirs, mine))
     assert len(theirs) == 3 + 2 * 8 + 5
-    spaces = re.compile(r"\s+")  # columns have another width here
+    spaces = re.compile(r"\s+")  # columns have different widths
     numberless = [[spaces.sub(" ", re.sub(r": \S+ ms", ": # ms", line)).strip() for line in w] for w in (mine, theirs)]
     assert numberless[0] == numberless[1]
 
 
-# Log -> how many losses, the first and the last of them; how many tests, the first and the last of them
+# Log -> number of losses, the first and the last; number of tests, the first and the last
 CURVES = {
     "a_avgloss.log": (7, (0, 2.5937), (18, 1.55806), 5, (0, 2.68399), (20, 2.04981)),
     "a_resume_from8.log": (4, (9, 1.45932), (18, 1.51269), 3, (10, 2.01221), (20, 2.19814)),
@@ -129,7 +129,7 @@ CURVES = {
 
 @pytest.mark.parametrize("name", CURVES)
 def test_plot_log_reads_caffes_trainings(name: str) -> None:
-    """All losses, tests and training outputs, with their iterations."""
+    """plot_log reads all losses, tests and training outputs of Caffe's logs, with their iterations."""
     log = plot_log.read_log(FOLDER / "logs" / name)
     ((_, test),) = log.test.items()
     assert (len(log.loss), log.loss[0], log.loss[-1], len(test), test[0], test[-1]) == CURVES[name]
@@ -144,6 +144,6 @@ def test_plot_log_reads_caffes_trainings(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["test.log", "time.log"])
 def test_plot_log_says_that_others_are_no_trainings(name: str) -> None:
-    """Of ``caffe test`` and ``caffe time`` there is no curve."""
+    """plot_log rejects the logs of ``caffe test`` and ``caffe time``, which have no curve."""
     with pytest.raises(DataError, match="expected a training log"):
         plot_log.read_log(FOLDER / "logs" / name)

@@ -1,6 +1,6 @@
-"""The paper's network against real Caffe: 50 iterations. The recording is too large for a clone.
+"""The paper's network compared with real Caffe for 50 iterations. The recording is too large for a clone.
 
-What a clone has of it: chain_deepmodel_small, a net of the same shape with fewer features, among the layer cases.
+A clone has chain_deepmodel_small among the layer cases, a net of the same form with fewer features.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.both_engines
 
 
 def test_a_clone_has_the_small_network() -> None:
-    """Convolutions, poolings, a fully connected layer and the loss, as in the paper's network."""
+    """A clone has a case with the convolutions, poolings, fully connected layer and loss of the paper's network."""
     (case,) = [case for case in layer_cases() if case.name == "chain_deepmodel_small"]
     assert case.types == {"Input", "Convolution", "ReLU", "Pooling", "InnerProduct", "EuclideanLoss"}
     assert case.backward

@@ -1,4 +1,4 @@
-"""Real Caffe's snapshots, in both of its formats, against ours."""
+"""Real Caffe's snapshots, in both formats, compared with netlib's."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tests.caffe.recorded import Follow, distance, trajectory
 
 pytestmark = pytest.mark.both_engines
 
-CASE = "snap_sgd_hdf5"  # the recorded training that snapshots, after 10 and after 20 updates
+CASE = "snap_sgd_hdf5"  # the recorded training with snapshots after 10 and after 20 updates
 ITERATIONS = pytest.mark.parametrize("iteration", [10, 20])
 
 
 @pytest.fixture
 def ours(solvers: Path, tmp_path: Path) -> Path:
-    """A folder with the snapshots that our solver writes of the same training."""
+    """A folder with the snapshots that netlib's solver writes in the same training."""
     prefix = tmp_path / "snap_sgd_hdf5"
     solver = netlib.get_solver(f"solver_{CASE}.prototxt", snapshot_prefix=str(prefix), display=0)
     solver.copy_weights("init.caffemodel.h5")
@@ -38,7 +38,7 @@ def ours(solvers: Path, tmp_path: Path) -> Path:
 
 @ITERATIONS
 def test_weights_load_from_caffes_hdf5_snapshot(solvers: Path, iteration: int) -> None:
-    """They are those of the trajectory."""
+    """Weights loaded from Caffe's HDF5 snapshot equal those of the recorded trajectory."""
     net = netlib.Net("net.prototxt", f"snap/{CASE}_iter_{iteration}.caffemodel.h5", netlib.TEST)
     compared = 0
     for (layer, index), after in trajectory(CASE).weights.items():
@@ -48,10 +48,10 @@ def test_weights_load_from_caffes_hdf5_snapshot(solvers: Path, iteration: int) -
 
 
 def test_training_goes_on_from_caffes_solver_state(solvers: Path, tmp_path: Path) -> None:
-    """Resumed from iteration 10, it follows Caffe's own resumed training to iteration 20 and its last snapshot.
+    """Resumed from iteration 10, training follows Caffe's own resumed training to iteration 20 and its last snapshot.
 
-    Caffe's training that was resumed and the one that was not are the same, number for number: after 10 batches of 8
-    the data, 40 rows, are at their first row in both.
+    Caffe's resumed and uninterrupted trainings are equal, number for number: after 10 batches of 8, the 40 rows of
+    data are at their first row in both.
     """
     solver = netlib.get_solver(f"solver_{CASE}.prototxt", snapshot_prefix=str(tmp_path / "ours"), display=0)
     solver.restore(f"snap/{CASE}_iter_10.solverstate.h5")
@@ -67,7 +67,7 @@ def test_training_goes_on_from_caffes_solver_state(solvers: Path, tmp_path: Path
 
 @ITERATIONS
 def test_our_snapshot_says_what_caffes_says(ours: Path, iteration: int) -> None:
-    """Weights, history, iteration and step of the same training."""
+    """Weights, history, iteration and step of the snapshots of the same training agree with Caffe's."""
     name = f"{CASE}_iter_{iteration}"
     theirs = snapshot.read_weights(f"snap/{name}.caffemodel.h5")
     mine = snapshot.read_weights(ours / f"{name}.caffemodel.h5")
@@ -79,7 +79,7 @@ def test_our_snapshot_says_what_caffes_says(ours: Path, iteration: int) -> None:
 
 
 def check_state(mine: str | Path, theirs: str | Path) -> None:
-    """Two solver states of the same training."""
+    """Assert that two solver states of the same training agree."""
     a, b = snapshot.read_state(mine), snapshot.read_state(theirs)
     assert (a.iter, a.current_step) == (b.iter, b.current_step)
     assert [h.shape for h in a.history] == [h.shape for h in b.history]
@@ -90,7 +90,7 @@ def check_state(mine: str | Path, theirs: str | Path) -> None:
 
 @pytest.mark.parametrize("kind", ["caffemodel", "solverstate"])
 def test_our_file_has_the_layout_of_caffes(ours: Path, kind: str) -> None:
-    """Names, shapes and types of all that is in it; a solver state has what an exact resume needs besides."""
+    """Names, shapes and types in the files are Caffe's; a solver state also has the data for an exact resumption."""
     name = f"{CASE}_iter_10.{kind}.h5"
     mine, theirs = layout(ours / name), layout(Path("snap") / name)
     assert set(mine) - set(theirs) == ({"netlib"} if kind == "solverstate" else set())
@@ -98,7 +98,7 @@ def test_our_file_has_the_layout_of_caffes(ours: Path, kind: str) -> None:
 
 
 def layout(path: Path) -> dict[str, Any]:
-    """Name -> shape and type; a string is a string, whatever its length."""
+    """Return name -> shape and type; strings of any length have the same type."""
     found: dict[str, Any] = {}
 
     def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
@@ -114,7 +114,7 @@ def layout(path: Path) -> dict[str, Any]:
 
 
 def test_both_formats_of_caffe_say_the_same(solvers: Path) -> None:
-    """The initial weights, bit for bit; both name every layer of the net."""
+    """The initial weights in both of Caffe's formats are equal, bit for bit; both name every layer of the net."""
     binary, hdf5 = wire.read_weights(Path("init.caffemodel")), snapshot.read_weights("init.caffemodel.h5")
     assert binary.keys() == hdf5.keys()
     for layer, arrays in hdf5.items():
@@ -125,7 +125,7 @@ def test_both_formats_of_caffe_say_the_same(solvers: Path) -> None:
 
 @ITERATIONS
 def test_our_weights_are_those_of_caffes_binary_snapshot(ours: Path, iteration: int) -> None:
-    """Of the same iteration of the same training."""
+    """Netlib's weights agree with Caffe's binary snapshot of the same iteration of the same training."""
     theirs = wire.read_weights(Path(f"snap/snap_sgd_binaryproto_iter_{iteration}.caffemodel"))
     mine = snapshot.read_weights(ours / f"{CASE}_iter_{iteration}.caffemodel.h5")
     assert mine.keys() == theirs.keys()
@@ -136,7 +136,7 @@ def test_our_weights_are_those_of_caffes_binary_snapshot(ours: Path, iteration: 
 
 @ITERATIONS
 def test_our_history_is_that_of_caffes_binary_snapshot(ours: Path, iteration: int) -> None:
-    """Its arrays, its iteration and its step."""
+    """The arrays, iteration and step of the history agree with Caffe's binary snapshot."""
     path = Path(f"snap/snap_sgd_binaryproto_iter_{iteration}.solverstate")
     iters, step, learned_net, history = wire.read_state(path)
     mine = snapshot.read_state(ours / f"{CASE}_iter_{iteration}.solverstate.h5")
@@ -147,7 +147,7 @@ def test_our_history_is_that_of_caffes_binary_snapshot(ours: Path, iteration: in
 
 
 def test_caffes_binary_files_are_read_and_written_byte_for_byte(solvers: Path) -> None:
-    """Weights with whole layers, states with histories: the same fields, numbers and order."""
+    """Binary weights and states are read and rewritten with the same fields, numbers and order as in Caffe's files."""
     files = [Path("init.caffemodel"), Path("init_shared.caffemodel"), *Path("snap").glob("*.caffemodel")]
     states = sorted(Path("snap").glob("*.solverstate"))
     assert (len(files), len(states)) == (4, 2)
@@ -160,7 +160,7 @@ def test_caffes_binary_files_are_read_and_written_byte_for_byte(solvers: Path) -
 
 @pytest.mark.parametrize(("net", "weights"), [("net", "init"), ("net_shared", "init_shared")])
 def test_what_a_net_saves_is_caffes_own_file(solvers: Path, tmp_path: Path, net: str, weights: str) -> None:
-    """Loaded and saved again, every byte is what Caffe wrote of the same net."""
+    """A net loaded and saved again gives Caffe's file, byte for byte."""
     made = netlib.Net(f"{net}.prototxt", netlib.TRAIN)
     made.copy_from(f"{weights}.caffemodel")
     made.save(tmp_path / "ours.caffemodel")
@@ -168,7 +168,7 @@ def test_what_a_net_saves_is_caffes_own_file(solvers: Path, tmp_path: Path, net:
 
 
 def test_our_reader_of_binary_weights_is_right(solvers: Path) -> None:
-    """It finds what the test's own few lines find."""
+    """netlib's reader of binary weights finds the same as the few lines of this test's own reader."""
     for path in (Path("init.caffemodel"), Path("init_shared.caffemodel")):
         mine, theirs = snapshot.read_weights(path), wire.read_weights(path)
         assert list(mine) == list(theirs)
@@ -177,7 +177,7 @@ def test_our_reader_of_binary_weights_is_right(solvers: Path) -> None:
 
 
 def test_training_goes_on_from_caffes_binary_state(solvers: Path, tmp_path: Path) -> None:
-    """As from its HDF5 state; the last snapshot, too, is one of Caffe's to whoever reads its fields."""
+    """Training resumes from Caffe's binary state as from HDF5; the last snapshot has the fields of Caffe's."""
     changes = {"snapshot_prefix": str(tmp_path / "ours"), "display": 0, "snapshot_format": "BINARYPROTO"}
     solver = netlib.get_solver(f"solver_{CASE}.prototxt", **changes)
     solver.restore("snap/snap_sgd_binaryproto_iter_10.solverstate")
@@ -210,7 +210,7 @@ LENET = """
 
 
 def test_a_real_lenet_reads_digits(whole: Path) -> None:
-    """Binary weights that Caffe trained read 1,952 of these 2,000 digits, as they do in PyTorch."""
+    """Binary weights trained by Caffe classify 1,952 of these 2,000 digits correctly, as in PyTorch."""
     folder = whole.parent / "lenet"
     digits = np.load(folder / "mnist_test_2000.npz")
     images = digits[next(name for name in digits if digits[name].ndim >= 3)]
@@ -225,7 +225,7 @@ def test_a_real_lenet_reads_digits(whole: Path) -> None:
 
 
 def test_shared_weights_load_from_caffes_snapshot(solvers: Path, tmp_path: Path) -> None:
-    """The HDF5 file has what ipA and ipB share once; our net has it once, too, and writes it once."""
+    """Caffe's HDF5 file has the weights shared by ipA and ipB once, and so does the file that netlib writes."""
     net = netlib.Net("net_shared.prototxt", "init_shared.caffemodel.h5", netlib.TEST)
     binary = wire.read_weights(Path("init_shared.caffemodel"))
     for layer, blobs in net.params.items():

@@ -1,4 +1,4 @@
-"""The recordings of this folder are true to the whole ones, and what they lack of those agrees as well."""
+"""The recordings of this folder agree with the whole ones, and netlib also agrees with the parts left out here."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ pytestmark = pytest.mark.both_engines
 
 
 def test_the_recordings_are_small() -> None:
-    """All that is not written by hand has less than 3 MB."""
+    """All files that are not written by hand have less than 3 MB together."""
     files = [path for path in FOLDER.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc", ".md")]
     assert sum(path.stat().st_size for path in files) <= reduce.LIMIT
 
 
 def test_every_number_is_one_that_caffe_recorded(whole: Path, tmp_path: Path) -> None:
-    """reduce.py makes what is in this folder, and its arrays are those of the whole recordings, bit for bit."""
+    """reduce.py reproduces the files of this folder; their arrays equal those of the whole recordings, bit for bit."""
     reduce.main(whole, tmp_path)
     made = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
     assert len(made) > 60
@@ -58,7 +58,7 @@ def test_every_number_is_one_that_caffe_recorded(whole: Path, tmp_path: Path) ->
 
 
 def contents(path: Path) -> dict[str, Any]:
-    """What a file holds; compressed arrays by their numbers, since their bytes are the compressor's choice."""
+    """Return the contents of a file; compressed arrays as numbers, since their bytes depend on the compressor."""
     if path.suffix == ".npz":
         return {key: array.tobytes() for key, array in np.load(path).items()}
     if path.name not in ("layers.h5", "trajectories.h5"):
@@ -71,7 +71,7 @@ def contents(path: Path) -> dict[str, Any]:
 
 
 def keys_of(file: h5py.File) -> list[str]:
-    """The names of all arrays."""
+    """Return the names of all arrays."""
     keys: list[str] = []
     file.visititems(lambda name, item: keys.append(name) if isinstance(item, h5py.Dataset) else None)
     return keys
@@ -79,7 +79,7 @@ def keys_of(file: h5py.File) -> list[str]:
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 1e-5), (np.float64, 1e-12)])
 def test_the_large_layer_cases_agree_in_whole(whole: Path, dtype: Any, tolerance: float) -> None:
-    """Also those parts of their arrays that a clone does not have."""
+    """The large layer cases agree in full, including the parts that a clone does not have."""
     recorded = dict(np.load(whole / "layers.npz"))
     names = {key.split("/")[0] for key in reduce.KEPT}
     assert len(names) == 4
@@ -99,7 +99,7 @@ def test_the_large_layer_cases_agree_in_whole(whole: Path, dtype: Any, tolerance
 
 
 def test_all_weights_agree_after_every_update(whole: Path, solvers: Path) -> None:
-    """Also the largest ones, of which a clone has three iterations of twenty."""
+    """All weights agree after every update, including the largest, of which a clone has three iterations of twenty."""
     for name in solver_cases():
         recorded = np.load(whole / f"solvers/traj_{name}.npz")
         weights = {

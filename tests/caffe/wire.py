@@ -1,8 +1,8 @@
-"""Caffe's binary snapshots, read for the tests: as much of protobuf's wire format as they need.
+"""A minimal reader of Caffe's binary snapshots for the tests, for the part of protobuf's wire format that they use.
 
-A message is a row of fields. A field is a key (its number * 8 + wire type) and a value: a varint (type 0), 8 bytes (1),
-a length and its bytes (2), or 4 bytes (5). A varint has seven bits in each byte, the lowest first; the high bit
-says that another byte follows. The numbers of the fields are those of caffe.proto.
+A message is a sequence of fields. A field is a key (its number * 8 + wire type) and a value: a varint (type 0),
+8 bytes (1), a length and its bytes (2), or 4 bytes (5). A varint has seven bits in each byte, the lowest first; the
+high bit is set if another byte follows. The numbers of the fields are those of caffe.proto.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Fields = dict[int, list[Any]]  # number -> values: int, or bytes
 
 
 def fields(data: bytes) -> Fields:
-    """The fields of one message."""
+    """Return the fields of one message."""
     found: Fields = {}
     at = 0
     while at < len(data):
@@ -38,7 +38,7 @@ def fields(data: bytes) -> Fields:
 
 
 def varint(data: bytes, at: int) -> tuple[int, int]:
-    """The number that begins at a byte, and where the next one begins."""
+    """Return the number that begins at a byte, and the position after it."""
     value = shift = 0
     while True:
         value |= (data[at] & 127) << shift
@@ -48,7 +48,7 @@ def varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def blob(data: bytes) -> np.ndarray:
-    """A BlobProto: data = 5 (packed floats), shape = 7 (BlobShape: dim = 1, packed varints)."""
+    """Read a BlobProto: data = 5 (packed floats), shape = 7 (BlobShape: dim = 1, packed varints)."""
     found = fields(data)
     sizes, shape, at = b"".join(fields(found[7][0]).get(1, [])), [], 0
     while at < len(sizes):
@@ -60,12 +60,12 @@ def blob(data: bytes) -> np.ndarray:
 
 
 def read_weights(path: Path) -> dict[str, list[np.ndarray]]:
-    """A .caffemodel: NetParameter (layer = 100), LayerParameter (name = 1, blobs = 7); layers without blobs too."""
+    """Read a .caffemodel: NetParameter (layer = 100), LayerParameter (name = 1, blobs = 7), also without blobs."""
     layers = [fields(layer) for layer in fields(path.read_bytes())[100]]
     return {layer[1][0].decode(): [blob(one) for one in layer.get(7, [])] for layer in layers}
 
 
 def read_state(path: Path) -> tuple[int, int, str, list[np.ndarray]]:
-    """A .solverstate: iter = 1, current_step = 4, learned_net = 2, history = 3."""
+    """Read a .solverstate: iter = 1, current_step = 4, learned_net = 2, history = 3."""
     found = fields(path.read_bytes())
     return found[1][0], found[4][0], found[2][0].decode(), [blob(one) for one in found[3]]
