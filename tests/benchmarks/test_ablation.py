@@ -1,4 +1,4 @@
-"""Ablation: each study changes what it says, and a finished training is used again only if it is the same."""
+"""Ablation: each study changes what its name says, and a finished training is reused only if it is the same."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.running import run_tool
 
 @pytest.mark.parametrize("name", ablation.STUDIES)
 def test_every_study_is_a_net_and_a_solver(name: str) -> None:
-    """That can be read; all but the first, which is the recipe, differ from it in data, net, solver or rampup."""
+    """Each study has a readable net and solver, and all but the first, the recipe, differ from the recipe."""
     recipe = ablation.STUDIES[name][0]
     assert recipe.recipe == recipes.recipe(name)
     assert len({study.name for study in ablation.STUDIES[name]}) == len(ablation.STUDIES[name])
@@ -37,7 +37,7 @@ def test_every_study_is_a_net_and_a_solver(name: str) -> None:
 def test_a_training_of_another_recipe_is_not_taken_for_this_one(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Not even under the same name: weights, net and solver stand beside each other and must belong together."""
+    """Weights of another recipe are not reused, even under the same name; net and solver beside them must match."""
     trained: list[str] = []
 
     def train(solver: Path) -> int:
@@ -61,7 +61,7 @@ def test_a_training_of_another_recipe_is_not_taken_for_this_one(
     ablation.trained(ablation.OF_NYU[0], *data, 1, args)
     assert len(trained) == 2
     assert "base_lr: 0.1\n" in trained[1]
-    for count in (3, 4):  # the data were made anew, as of another version of the generator
+    for count in (3, 4):  # the data were regenerated, as by another version of the generator
         for _ in range(2):
             with h5py.File(tmp_path / "data.h5", "w") as file:
                 file.attrs["recipe"] = f"version {count}"
@@ -71,7 +71,7 @@ def test_a_training_of_another_recipe_is_not_taken_for_this_one(
 
 
 def test_a_benchmark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threads: None) -> None:
-    """A row for a study, with the error of each seed; a second run trains nothing."""
+    """The table has a row for each study with the error of each seed; a second run trains nothing."""
     monkeypatch.setattr(ablation, "HELD_OUT", 2)
     monkeypatch.setattr(ablation, "NET", re.sub(r"batch_size: \d+", "batch_size: 2", ablation.NET))
     options = ["--work", str(tmp_path), "--frames", "2", "--iterations", "1", "--seeds", "1", "--only", "plain"]
@@ -83,6 +83,6 @@ def test_a_benchmark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threa
 
 
 def test_a_study_that_does_not_exist() -> None:
-    """Of this recipe: one line that says which there are."""
+    """An unknown study of this recipe is reported in one line with the known ones."""
     done = run_tool("benchmarks.ablation", "--recipe", "cameras", "--only", "sgd", status=2)
     assert "--only sgd: expected recipe, nyu, no_sensor" in done.err

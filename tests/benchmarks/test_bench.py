@@ -1,4 +1,4 @@
-"""benchmarks/bench.py: every comparison runs, with and without the peers, and the figures are those of the table."""
+"""benchmarks/bench.py: every comparison runs, with and without the peers, and the JSON has the figures of the table."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ SMALLEST = ["--rounds", "1", "--burst", "1e-9", "--batch", "16"]
 
 @pytest.fixture(autouse=True)
 def quiet(keep_threads: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The machine is not busy, nothing is stored yet, and the number of threads is as before afterwards."""
+    """The machine counts as idle, no results are stored, and the number of threads is restored afterwards."""
     monkeypatch.setattr(bench.os, "getloadavg", lambda: (0.0, 0.0, 0.0))
     monkeypatch.setattr(stored, "RESULTS", tmp_path / "results")
 
 
 @pytest.mark.parametrize("alone", [True, False], ids=["alone", "with the peers"])
 def test_a_benchmark(alone: bool, tmp_path: Path) -> None:
-    """The table has a row for every figure, and --json has the same."""
+    """The table has a row for every figure, and --json writes the same figures."""
     if bench.MISSING and not alone:
         pytest.skip(f"the peers need {bench.MISSING}: pip install -e '.[bench]'")
     file = tmp_path / "speed.json"
@@ -47,14 +47,14 @@ def test_a_benchmark(alone: bool, tmp_path: Path) -> None:
     ]
     lines = out.splitlines()[1 : 1 + len(rows)]
     assert [row["what"] for row in rows] == [line[:38].rstrip() for line in lines]
-    assert alone == (not stored.RESULTS.exists())  # what is stored are ratios
+    assert alone == (not stored.RESULTS.exists())  # the stored values are ratios
     assert alone == (not any("peer" in row for row in rows))
     assert all(value > 0 for row in rows for key in ("value", "netlib_ms", "peer_ms", "ratio")
                if (value := row.get(key)) is not None and row["what"] != "data, log and overhead")  # fmt: skip
 
 
 def test_what_is_slower_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    """The first ratios are stored; later ones are compared with them, until others are stored in their place."""
+    """Ratios are compared with the first stored ones, until others replace them, and slower parts are named."""
     facts = {"kind": "a processor; 2 threads; BLAS", "date": "2026-01-02"}
     row = {"what": "training step", "peer": "PyTorch", "ratio": 2.0, "noise": 0.01, "netlib_ms": 1.0, "peer_ms": 2.0}
     slow = {**row, "ratio": 1.5}
@@ -70,7 +70,7 @@ def test_what_is_slower_is_named(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_damaged_store_is_one_line() -> None:
-    """It is named, and left as it is."""
+    """A damaged store is reported in one line and kept."""
     path = stored.path_of("a kind")
     path.parent.mkdir()
     for content in ("", "[]", '{"rows": [{"what": "step"}]}'):
@@ -80,7 +80,7 @@ def test_a_damaged_store_is_one_line() -> None:
 
 
 def test_a_missing_peer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Which says how to go on."""
+    """A missing peer is reported in one line with the remedy."""
     monkeypatch.setattr(bench, "MISSING", "torch")
     done = run_tool("benchmarks.bench", *SMALLEST, status=1)
     error = "torch is missing: pip install -e '.[bench]', or use --alone to time only this project\n"
@@ -89,5 +89,5 @@ def test_a_missing_peer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("options", [["--rounds", "0"], ["--threads", "-1"], ["--burst", "0"]], ids=" ".join)
 def test_usage(options: list[str]) -> None:
-    """Wrong usage is argparse's own message, which names the option, and status 2."""
+    """Wrong usage gives argparse's message, which names the option, and status 2."""
     assert options[0] in run_tool("benchmarks.bench", *options, status=2).err.splitlines()[-1]

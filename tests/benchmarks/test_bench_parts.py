@@ -1,4 +1,4 @@
-"""benchmarks/parts.py: every part of fast/ can be switched off, and what it saves is a row of the table."""
+"""benchmarks/parts.py: every part of fast/ can be switched off, and the time it saves is a row of the table."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def paper(tmp_path_factory: pytest.TempPathFactory) -> Paper:
 
 
 def trained_and_predicted(paper: Paper) -> list[np.ndarray]:
-    """The weights of the first layer after a step, and joints of two frames."""
+    """Return the weights of the first layer after a step, and the joints of two frames."""
     solver = paper.solver(2, "fast")
     solver.step(1)
     pred = paper.deploy(2, "fast").forward(depth=paper.depth[:2])["pred"]
@@ -27,13 +27,13 @@ def trained_and_predicted(paper: Paper) -> list[np.ndarray]:
 
 @pytest.fixture(scope="module")
 def expected(paper: Paper) -> list[np.ndarray]:
-    """The same with all of fast/."""
+    """The same with all parts of fast/."""
     return trained_and_predicted(paper)
 
 
 @pytest.mark.parametrize("part", parts.PARTS)
 def test_without_a_part(part: str, paper: Paper, expected: list[np.ndarray], keep_threads: None) -> None:
-    """A net trains and predicts the same to rounding."""
+    """Without one part, a net trains and predicts the same up to rounding."""
     with parts.PARTS[part]():
         found = trained_and_predicted(paper)
     for ours, wanted in zip(found, expected):
@@ -41,7 +41,7 @@ def test_without_a_part(part: str, paper: Paper, expected: list[np.ndarray], kee
 
 
 def test_the_table(keep_threads: None) -> None:
-    """A row for a part that is named, with ms and a share for each job."""
+    """A named part has a row with ms and a share for each job."""
     options = ["--rounds", "1", "--burst", "1e-9", "--batch", "2", "--only", "single poses"]
     head, *rows = run_tool("benchmarks.parts", *options).out.splitlines()
     assert head.split()[3:] == ["step", "2", "forward", "2", "one", "image"]
@@ -53,5 +53,5 @@ def test_the_table(keep_threads: None) -> None:
     "options", [["--rounds", "0"], ["--threads", "-1"], ["--only", "slices", "nothing_such"]], ids=" ".join
 )
 def test_usage(options: list[str]) -> None:
-    """Wrong usage is argparse's own message, which names the option, and status 2."""
+    """Wrong usage gives argparse's message, which names the option, and status 2."""
     assert options[0] in run_tool("benchmarks.parts", *options, status=2).err.splitlines()[-1]

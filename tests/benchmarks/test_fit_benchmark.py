@@ -10,7 +10,7 @@ from tests.support.running import run_tool
 
 
 def test_a_benchmark(monkeypatch: pytest.MonkeyPatch, keep_threads: None) -> None:
-    """A row for each, with a time for each column."""
+    """Each plan has a row, with a time for each column."""
     monkeypatch.setattr(fit, "MAX_CROPS", 2)
     head, *rows = run_tool("benchmarks.fit", "--repeats", "1").out.splitlines()
     assert head.endswith("all, 2 together")

@@ -11,7 +11,7 @@ from tests.support.running import run_tool
 
 @needs_mpi
 def test_a_benchmark(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One process and two ranks on a machine with one processor; every network of the model has a row."""
+    """The table has one process and two ranks on a machine with one processor, and a row per network of the model."""
     monkeypatch.setattr(ranks.engine, "available_cpus", lambda: 1)
     lines = run_tool("benchmarks.ranks", "--steps", "2", "--batch", "2").out.splitlines()
     assert lines[1].startswith("batch 2, gradients 9.1 MB")
@@ -20,7 +20,7 @@ def test_a_benchmark(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_model() -> None:
-    """A network without latency, endlessly fast, costs the copies and rank 0's work; a slower one costs more."""
+    """A network without latency and of infinite speed costs the copies and rank 0's work; a slower one costs more."""
     alone = ranks.Step(whole=0.1, behind=0.05, agree=0.0, average=0.0)
     free = ranks.Network("free", 0.0, float("inf"))
     assert ranks.model(free, 2, alone, 0.01, 9_000_000) == pytest.approx(0.11 + 2e-6)
@@ -30,5 +30,5 @@ def test_the_model() -> None:
 
 @pytest.mark.parametrize("options", [["--steps", "0"], ["--batch", "none"]], ids=" ".join)
 def test_usage(options: list[str]) -> None:
-    """Wrong usage is argparse's own message, which names the option, and status 2."""
+    """Wrong usage gives argparse's message, which names the option, and status 2."""
     assert options[0] in run_tool("benchmarks.ranks", *options, status=2).err.splitlines()[-1]
