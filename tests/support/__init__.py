@@ -1,1 +1,1 @@
-"""What several tests share: cases, recordings, programs, plain computations to compare with."""
+"""Shared by several tests: cases, recordings, programs, plain computations to compare with."""

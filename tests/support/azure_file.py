@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-# cx cy fx fy k1 ... k6 codx cody p2 p1, as a device's calibration has them: of the size of real ones
+# cx cy fx fy k1 ... k6 codx cody p2 p1, as in a device's calibration and of realistic size
 NUMBERS = [0.51, 0.495, 0.4921, 0.4922, 3.13, 2.32, 0.13, 3.46, 3.35, 0.66, 0, 0, -5e-5, 8e-5]
 
 
 def calibration(numbers: list[float] = NUMBERS, **changes: Any) -> dict[str, Any]:
-    """What stands in calibration.json of the depth camera and of the colour camera."""
+    """Return the contents of calibration.json for the depth camera and the colour camera."""
     depth = {
         "Intrinsics": {
             "ModelParameterCount": 14,
@@ -39,7 +39,7 @@ def write(
     track: str = "DEPTH",
     rate: int = 30,
 ) -> Path:
-    """Frames (n, height, width) of whole millimetres, a track of infrared before them; ``said`` is the calibration."""
+    """Write frames (n, height, width) of whole millimetres after a track of infrared; ``said`` is the calibration."""
     import av
 
     with av.open(str(path), "w", format="matroska", options={"allow_raw_vfw": "1"}) as container:
@@ -60,7 +60,7 @@ def write(
                 picture = av.VideoFrame.from_ndarray(values, format="gray16be")
                 picture.pts, picture.time_base = i, Fraction(1, rate)
                 container.mux(stream.encode(picture))
-    width, height = depth.shape[2], depth.shape[1]  # in a bitmap's header FFmpeg names no codec for such pixels
+    width, height = depth.shape[2], depth.shape[1]  # for a bitmap's header FFmpeg has no codec for such pixels
     theirs, ours = (struct.pack("<IiiHH", 40, width, h, 1, 16) for h in (-height, height))
     path.write_bytes(path.read_bytes().replace(theirs + b"\0\0\0\0", ours + b"b16g"))
     return path

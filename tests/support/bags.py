@@ -1,4 +1,4 @@
-"""Bags of ROS as cameras' programs write them, with made-up depth."""
+"""ROS bags as written by cameras' programs, with made-up depth."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ REALSENSE = "/device_0/sensor_0"
 
 
 def stamp_of(i: int) -> int:
-    """Nanoseconds of frame i."""
+    """Return the time of frame i in nanoseconds."""
     return START_NS + i * STEP_NS
 
 
@@ -43,7 +43,7 @@ class Messages:
         return types["std_msgs/msg/Header"](stamp=time, frame_id="camera", **more)
 
     def image(self, values: Depth, ns: int, encoding: str = "16UC1", padding: int = 0, big: bool = False) -> bytes:
-        """Rows with this number of padding bytes, in either byte order."""
+        """Return an image whose rows have this number of padding bytes, in either byte order."""
         swapped = values.astype(values.dtype.newbyteorder(">" if big else "<"))
         rows = swapped.view(np.uint8).reshape(len(values), -1)
         data = np.hstack([rows, np.full((len(rows), padding), 99, np.uint8)])
@@ -54,7 +54,7 @@ class Messages:
         return self.encode("sensor_msgs/msg/Image", message)
 
     def packed(self, values: Depth, ns: int, form: str = "16UC1; compressedDepth png") -> bytes:
-        """As the plug-in compressedDepth does it: twelve bytes, then a PNG."""
+        """Return an image in the format of the plug-in compressedDepth: twelve bytes, then a PNG."""
         png = np.concatenate([np.zeros(12, np.uint8), cv2.imencode(".png", values)[1].reshape(-1)])
         message = self.store.types["sensor_msgs/msg/CompressedImage"](header=self.header(ns), format=form, data=png)
         return self.encode("sensor_msgs/msg/CompressedImage", message)
@@ -62,7 +62,7 @@ class Messages:
     def info(
         self, shape: tuple[int, int], model: str = "plumb_bob", d: tuple[float, ...] = (0,) * 5, **more: Any
     ) -> bytes:
-        """K, D and P; ``k`` and ``p`` replace the usual ones."""
+        """Return a CameraInfo with K, D and P; ``k`` and ``p`` replace the usual ones."""
         name = str.upper if self.is_ros1 else str.lower
         k = more.get("k", K)
         p = more.get("p", [k[0], 0, k[2], 0, 0, k[4], k[5], 0, 0, 0, 1, 0])
@@ -87,7 +87,7 @@ Content = list[tuple[str, str, int, bytes]]  # topic, type, nanoseconds of the b
 
 
 def write(writer: Any, messages: Messages, content: Content) -> None:
-    """Everything into a bag, in this order."""
+    """Write all messages to a bag, in this order."""
     connections: dict[tuple[str, str], Any] = {}
     with writer:
         for topic, kind, ns, message in content:
@@ -97,7 +97,7 @@ def write(writer: Any, messages: Messages, content: Content) -> None:
 
 
 def driver(messages: Messages, depth: Depth, topic: str = TOPIC, **info: Any) -> Content:
-    """What the ROS driver of a camera publishes: images of 16UC1 in mm, the camera beside them."""
+    """Return the messages of a camera's ROS driver: 16UC1 images in mm, and the camera beside them."""
     content = [
         (f"{topic.rpartition('/')[0]}/camera_info", "sensor_msgs/msg/CameraInfo", START_NS,
          messages.info(depth.shape[1:], **info))
@@ -108,7 +108,7 @@ def driver(messages: Messages, depth: Depth, topic: str = TOPIC, **info: Any) ->
 
 
 def write_ros1(path: Path, depth: Depth, compression: str = "", make: Callable[..., Content] = driver) -> Path:
-    """A .bag."""
+    """Write a .bag."""
     from rosbags.rosbag1 import Writer
 
     writer = Writer(path)
@@ -120,7 +120,7 @@ def write_ros1(path: Path, depth: Depth, compression: str = "", make: Callable[.
 
 
 def write_ros2(path: Path, depth: Depth, storage: str = "SQLITE3", make: Callable[..., Content] = driver) -> Path:
-    """A folder with a .db3 or an .mcap."""
+    """Write a folder with a .db3 or an .mcap."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     messages = Messages(False)
@@ -136,7 +136,7 @@ def realsense(
     option: str = "Depth_Units",
     **info: Any,
 ) -> Content:
-    """What RealSense's SDK records: mono16, its unit an option, images with four bytes more than ROS has."""
+    """Return messages as from RealSense's SDK: mono16, the unit in an option, images four bytes longer than in ROS."""
     topic = f"{REALSENSE}/Depth_0"
     more = struct.pack("<f", unit_m) if tail else b""
     info = {"model": "Brown Conrady", **info}
@@ -151,12 +151,12 @@ def realsense(
 
 
 def write_realsense(path: Path, depth: Depth, **more: Any) -> Path:
-    """RealSense's .bag, until version 2.57 or so of its SDK."""
+    """Write a .bag as RealSense's SDK did until about version 2.57."""
     return write_ros1(path, depth, "LZ4", lambda messages, images: realsense(messages, images, **more))
 
 
 def realsense_db3(messages: Messages, depth: Depth) -> Content:
-    """What its newer versions record: PNG, the unit a text."""
+    """Return the messages of newer versions of the SDK: PNG, and the unit as text."""
     topic = f"{REALSENSE}/Depth_0/image"
     content = [
         (f"{REALSENSE}/option/Depth_Units/value", "std_msgs/msg/String", 0, messages.text("0.000100")),

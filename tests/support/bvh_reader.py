@@ -1,5 +1,5 @@
-"""A reader of BVH, written from the format alone: joints stand at OFFSET and position from their parent, then turn by
-the channels in the order in which they are named; x, y and z turn by the right-hand rule.
+"""A reader of BVH, written from the format alone: joints are at OFFSET and position from their parent, then rotate by
+the channels in the order in which they are named; x, y and z rotate by the right-hand rule.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 @dataclass
 class Bone:
-    """A joint of the file, or the End Site of one."""
+    """A joint of the file, or its End Site."""
 
     name: str
     offset: np.ndarray
@@ -61,7 +61,7 @@ class Bvh:
         return bone
 
     def bones(self) -> list[Bone]:
-        """All of them, in the file's order."""
+        """Yield all bones in the file's order."""
 
         def walk(bone: Bone) -> list[Bone]:
             return [bone, *(found for child in bone.below for found in walk(child))]
@@ -69,7 +69,7 @@ class Bvh:
         return walk(self.root)
 
     def positions(self) -> dict[str, np.ndarray]:
-        """Where each joint stands, (N, 3); and under "NAME end" where its End Site is."""
+        """Return the position of each joint, (N, 3), and under "NAME end" that of its End Site."""
         found, numbers = {}, iter(self.motion.T)
 
         def walk(bone: Bone, parent: str, place: np.ndarray, frame: np.ndarray) -> None:
@@ -95,6 +95,6 @@ class Bvh:
 
 
 def turn(axis: int, angle: np.ndarray) -> np.ndarray:
-    """By Rodrigues' formula, (N, 3, 3)."""
+    """Return a rotation by Rodrigues' formula, (N, 3, 3)."""
     cross = np.array([np.cross(np.eye(3)[axis], e) for e in np.eye(3)]).T
     return np.eye(3) + np.sin(angle)[:, None, None] * cross + (1 - np.cos(angle))[:, None, None] * (cross @ cross)

@@ -1,4 +1,4 @@
-"""Writes Caffe's binary messages for tests, byte by byte as protocol buffers have them: Datum and BlobProto."""
+"""Write Caffe's binary messages for tests, byte by byte as in protocol buffers: Datum and BlobProto."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def varint(number: int) -> bytes:
-    """Seven bits in each byte, the lowest first; a negative number as 64 bits."""
+    """Return a varint: seven bits in each byte, the lowest first; a negative number as 64 bits."""
     number %= 2**64
     out = bytearray()
     while number > 127:
@@ -18,22 +18,22 @@ def varint(number: int) -> bytes:
 
 
 def number(field: int, value: int) -> bytes:
-    """A field that is a number."""
+    """Return a field that is a number."""
     return varint(field << 3) + varint(value)
 
 
 def content(field: int, value: bytes) -> bytes:
-    """A field that is a string, a message, or packed numbers."""
+    """Return a field that is a string, a message, or packed numbers."""
     return varint(field << 3 | 2) + varint(len(value)) + value
 
 
 def one_by_one(field: int, values: np.ndarray) -> bytes:
-    """A field of floats that is not packed."""
+    """Return a field of floats that is not packed."""
     return b"".join(varint(field << 3 | 5) + np.float32(value).tobytes() for value in np.ravel(values))
 
 
 def datum(image: np.ndarray | bytes, label: int) -> bytes:
-    """An image (C, H, W) of bytes or floats, or the bytes of a picture file."""
+    """Return a Datum: an image (C, H, W) of bytes or floats, or the bytes of a picture file."""
     if isinstance(image, bytes):
         return content(4, image) + number(5, label) + number(7, 1)
     shape = b"".join(number(field, size) for field, size in zip((1, 2, 3), image.shape))
@@ -43,13 +43,13 @@ def datum(image: np.ndarray | bytes, label: int) -> bytes:
 
 
 def blob(values: np.ndarray) -> bytes:
-    """A BlobProto, of floats or doubles."""
+    """Return a BlobProto of floats or doubles."""
     shape = content(7, content(1, b"".join(map(varint, values.shape))))
     field, dtype = (8, "<f8") if values.dtype == np.float64 else (5, "<f4")
     return content(field, values.astype(dtype).tobytes()) + shape
 
 
 def write_blob(path: Path, values: np.ndarray) -> Path:
-    """A mean file."""
+    """Write a mean file."""
     path.write_bytes(blob(values))
     return path

@@ -1,4 +1,4 @@
-"""Pages in a Chromium, which may fetch nothing and has nothing to complain about: fixtures for the tests of pages."""
+"""Fixtures for tests of pages in a Chromium without network access, whose console must stay empty."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from docs.making.chromium import NoBrowserError, chromium
 
 @contextlib.contextmanager
 def browsing() -> Iterator[Any]:
-    """A browser, for tests that do not fork; skips where there is none."""
+    """A browser for tests that do not fork; skips if there is none."""
     try:
         with chromium() as opened:
             yield opened
@@ -24,15 +24,15 @@ def browsing() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """The browser of a module's pages."""
+    """The browser for a module's pages."""
     with browsing() as opened:
         yield opened
 
 
 @contextlib.contextmanager
 def visits(browser: Any) -> Iterator[Callable[..., Any]]:
-    """``visit(path)``: the page of a file, as from disk, or of an address. In the end nothing else was fetched, and no
-    line is in the console.
+    """``visit(path)``: open a page from a file, as from disk, or from an address. In the end, no other address was
+    fetched, and the console is empty.
     """
     contexts, fetched, said, files = [], [], [], []
 
@@ -59,6 +59,6 @@ def visits(browser: Any) -> Iterator[Callable[..., Any]]:
 
 @pytest.fixture
 def visit(browser: Any) -> Iterator[Callable[..., Any]]:
-    """``visit(path)``: a page in a tab of its own; its options are the browser's."""
+    """``visit(path)``: open a page in its own tab; the options are the browser's."""
     with visits(browser) as opened:
         yield opened

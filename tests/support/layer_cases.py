@@ -14,16 +14,16 @@ RNG = np.random.default_rng(0)
 
 
 def off_zero(*shape: int) -> np.ndarray:
-    """Random numbers away from 0."""
+    """Return random numbers away from 0."""
     return RNG.choice([-1.0, 1.0], shape) * RNG.uniform(0.2, 1, shape)
 
 
 def different(*shape: int) -> np.ndarray:
-    """Numbers far apart from each other."""
+    """Return numbers far apart from each other."""
     return RNG.permutation(int(np.prod(shape))).reshape(shape) / 7.0
 
 
-# type -> options, makers of the bottoms for N items, number of tops; ``wanted``: bottoms that get a gradient
+# type -> options, functions that make the bottoms for N items, number of tops; ``wanted``: bottoms with a gradient
 CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "AbsVal": ("", lambda N: [off_zero(N, 3)], {}),
     "Accuracy": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [False, False]}),
@@ -133,19 +133,19 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Threshold": ("", lambda N: [off_zero(N, 3)], {"wanted": [False]}),
     "Tile": ("tile_param { tiles: 3 }", lambda N: [off_zero(N, 2, 2)], {}),
 }
-# No bottoms, or a file that is written once: their own tests say all there is.
+# Types without bottoms, or with a file that is written once, are covered by their own tests.
 SOURCES = {"Data", "DummyData", "HDF5Data", "HDF5Output", "ImageData", "Input", "MemoryData", "Parameter", "WindowData"}
 
 
 def made(name: str, N: int = 2) -> tuple[Layer, list[np.ndarray]]:
-    """A layer of this type, and bottoms for N items."""
+    """Return a layer of this type, and bottoms for N items."""
     options, bottoms, more = CASES[name]
     arrays = bottoms(N)
     return gradcheck.make_layer(f'type: "{name}" {options}', arrays, more.get("tops", 1)), arrays
 
 
 def forward(layer: Layer, arrays: list[np.ndarray], tops: int, in_place: bool) -> list[np.ndarray]:
-    """The tops, each its own blob or all the bottoms'."""
+    """Run the layer forward and return the tops: new blobs, or the bottoms."""
     bottom = Blobs([Blob(np.shape(x), np.float64) for x in arrays])
     for blob, x in zip(bottom, arrays):
         blob.data[...] = x

@@ -1,4 +1,4 @@
-"""A store of Table 1 whose figures are made up, by a rule that a test can know."""
+"""A store of Table 1 with figures made up by a rule that tests can reproduce."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from handpose.experiments.table1.recipes import PAPER, Recipe
 from handpose.experiments.table1.settings import ONE_HAND, Setting
 from handpose.experiments.table1.store import DRAWN, JOINTS, ROTATIONS, THRESHOLDS_MM, Entry, Figures, Shown
 
-# Joint error in mm, angle error in degrees, frames out of limits: as the paper has them, and of the others anything.
+# Joint error in mm, angle error in degrees, frames out of limits: the paper's for its networks, made up for others.
 PAPERS = {
     "direct_joint": (17.2, 21.4, np.nan), "direct_parameter": (26.7, 12.2, 0.0), "no_limit": (16.9, 12.0, 0.186),
     "ours": (16.9, 12.2, 0.009), "bottleneck": (18.0, 22.0, np.nan), "direct_parameter_exact": (26.0, 12.3, 0.0),
@@ -22,7 +22,7 @@ PAPERS = {
 def figures(
     subject: str, error: float, angle: float = 12.0, broken: float = 0.1, frames: int = 100, own: float = np.nan
 ) -> Figures:
-    """The figures of one subject."""
+    """Return the figures of one subject."""
     return Figures(
         subject, frames, error, error + 1, angle - 1, angle, broken, 0.5, own, own, [error] * JOINTS,
         [float(x) for x in np.linspace(0, 1, len(THRESHOLDS_MM))], [angle] * ROTATIONS,
@@ -39,7 +39,7 @@ def entry(
     angle: float = 12.0,
     broken: float = 0.1,
 ) -> Entry:
-    """An entry whose two subjects have the error and 2 mm more."""
+    """Return an entry with this error for one subject and 2 mm more for the other."""
     own = error - 3 if None in setting.subjects.values() and not np.isnan(broken) else np.nan
     subjects = [figures(name, error + 2 * i, angle, broken, 100, own) for i, name in enumerate(setting.subjects)]
     return Entry(setting.name, network, recipe.name, seed, iterations, error + len(subjects) - 1, 3600.0, 2,
@@ -53,7 +53,7 @@ def trained(
     seeds: tuple[int, ...] = (1, 2),
     figures_of: Mapping[str, tuple[float, float, float]] = PAPERS,
 ) -> Iterator[Entry]:
-    """Every network of the setting, twice as long as needed: two lengths of nearly one error, 0.02 mm more by seed."""
+    """Yield every network of the setting at two lengths with nearly equal errors, 0.02 mm more per seed."""
     for network in NETWORKS:
         if network.is_for(setting):
             error, angle, broken = figures_of[network.name]
@@ -63,6 +63,6 @@ def trained(
 
 
 def shown() -> Shown:
-    """Frames that are drawn: a slope of depth, and a hand in one point."""
+    """Return frames to draw: a slope of depth, and a hand in one point."""
     crop = np.tile(np.linspace(-1, 1, 128, dtype=np.float32), (128, 1))
     return Shown(list(range(DRAWN)), np.full(DRAWN, 150.0), np.zeros((DRAWN, JOINTS, 3)), [crop] * DRAWN)

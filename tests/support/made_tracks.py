@@ -1,4 +1,4 @@
-"""Bodies and tracks of chance, for tests of what writes and reads them."""
+"""Random bodies and tracks, for tests of writing and reading them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ AXES = ("X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z")
 
 
 def skeleton_of(text: str) -> Skeleton:
-    """The skeleton of a file with this text."""
+    """Return the skeleton of a file with this text."""
     return Skeleton(schema.read(prototxt.parse(text, "body.prototxt"), SkeletonParameter, "a skeleton"))
 
 
 def any_skeleton(seed: int, joints: int = 7) -> Skeleton:
-    """Several roots, children before parents, up to five turns and two slides of a joint, about any axes, some fixed,
-    joints with bones and without.
+    """Return a random skeleton: several roots, children before parents, up to five rotations and two translations of a
+    joint about any axes, some fixed, joints with and without bones.
     """
     rng = np.random.default_rng(seed)
     names = [f"joint {i}" for i in range(joints)]
@@ -40,13 +40,13 @@ def any_skeleton(seed: int, joints: int = 7) -> Skeleton:
 
 
 def header_of(skeleton: Skeleton, unit_mm: float = 150.0) -> TrackHeader:
-    """Of a recording by NYU's camera."""
+    """Return the header of a recording by NYU's camera."""
     return TrackHeader("wave.mkv", NYU, skeleton, unit_mm)
 
 
 def any_hand(header: TrackHeader, rng: np.random.Generator, id: int = 0, hand: str = "right",
              bones: np.ndarray | None = None) -> TrackedHand:  # fmt: skip
-    """A pose of chance; bones a little longer or shorter than the skeleton's, unless they are given."""
+    """Return a random pose; bones a little longer or shorter than the skeleton's, unless given."""
     sk = header.skeleton
     inputs = rng.uniform(-1.5, 1.5, len(sk.initial)) * ~sk.fixed
     if bones is None:
@@ -58,7 +58,7 @@ def any_hand(header: TrackHeader, rng: np.random.Generator, id: int = 0, hand: s
 
 
 def any_track(header: TrackHeader, seed: int, frames: int = 5) -> list[TrackedFrame]:
-    """A right hand and a left one, 30 frames a second; each is lost in some frames after its first, and grows once."""
+    """Return a right and a left hand at 30 frames a second; each is lost in some frames after its first, and grows."""
     rng = np.random.default_rng(seed)
     made, known = [], {}
     for n in range(frames):

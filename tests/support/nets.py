@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def inputs(**shapes: Sequence[int]) -> str:
-    """Input layers: ``inputs(x=(2, 3), t=(2,))``."""
+    """Return input layers: ``inputs(x=(2, 3), t=(2,))``."""
     return "".join(
         f'layer {{ name: "{name}" type: "Input" top: "{name}" '
         f"input_param {{ shape {{ {' '.join(f'dim: {n}' for n in shape)} }} }} }} "
@@ -18,7 +18,7 @@ X = inputs(x=(2, 3))
 
 
 def ip(name: str, bottom: str, top: str, more: str = "", outputs: int = 3) -> str:
-    """An InnerProduct layer."""
+    """Return an InnerProduct layer."""
     return (
         f'layer {{ name: "{name}" type: "InnerProduct" bottom: "{bottom}" top: "{top}" {more} '
         f'inner_product_param {{ num_output: {outputs} weight_filler {{ type: "xavier" }} }} }} '
@@ -26,14 +26,14 @@ def ip(name: str, bottom: str, top: str, more: str = "", outputs: int = 3) -> st
 
 
 def loss(bottom: str, more: str = "") -> str:
-    """A loss on a blob of 2 x 3, against an input ``t``."""
+    """Return a loss on a blob of 2 x 3, compared with an input ``t``."""
     return inputs(t=(2, 3)) + (
         f'layer {{ name: "loss" type: "EuclideanLoss" bottom: "{bottom}" bottom: "t" top: "loss" {more} }} '
     )
 
 
 def shared(mode: str = "", more: str = "") -> str:
-    """Two layers whose weights have one name."""
+    """Return two layers whose weights have the same name."""
     return (
         X
         + ip("a", "x", "a", 'param { name: "w" lr_mult: 2 decay_mult: 1 }')

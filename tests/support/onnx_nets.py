@@ -1,4 +1,4 @@
-"""Small nets as ONNX files: what their tests share."""
+"""Small nets as ONNX files, shared by the tests of the export."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ Files = Callable[..., tuple[str, str]]  # the fixture of this name
 
 
 def net_text(layers: str, *shapes: tuple[int, ...]) -> str:
-    """A net with inputs x0, x1 ... of these shapes before its layers."""
+    """Return a net with inputs x0, x1 ... of these shapes before its layers."""
     lines = [inputs(**{f"x{i}": shape}) for i, shape in enumerate(shapes)]
     return "\n".join(['name: "small"', *lines, layers, ""])
 
 
 def run_onnx(image: bytes, **inputs: np.ndarray) -> dict[str, np.ndarray]:
-    """All outputs."""
+    """Run an ONNX file and return all outputs."""
     onnxruntime = pytest.importorskip("onnxruntime")
     session = onnxruntime.InferenceSession(image, providers=["CPUExecutionProvider"])
     names = [output.name for output in session.get_outputs()]
@@ -38,17 +38,17 @@ def run_onnx(image: bytes, **inputs: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def examples(cases: Cases) -> list[Any]:
-    """One parameter set for each."""
+    """Return a test parameter for each example."""
     return [pytest.param(name, *case, id=f"{name}{i}") for name, of_it in cases.items() for i, case in enumerate(of_it)]
 
 
 def types_of(room: str) -> set[str]:
-    """The layer types with a form in ONNX that stand in this folder of layers/."""
+    """Return the layer types of this folder of layers/ that have a form in ONNX."""
     return {name for name in LAYERS if layer_types()[name].__module__.split(".")[1] == room}
 
 
 def check(files: Files, name: str, shapes: Shapes, options: str, tops: int) -> None:
-    """One layer, batches of 1 and 3: what netlib computes, to 1e-5 of the largest value."""
+    """Check one layer with batches of 1 and 3: it agrees with netlib to 1e-5 of the largest value."""
     bottoms = " ".join(f'bottom: "x{i}"' for i in range(len(shapes) if name != "Parameter" else 0))
     names = " ".join(f'top: "y{i}"' for i in range(tops))
     also = 'layer { name: "read" type: "Sigmoid" bottom: "x0" top: "z" }' if name == "Parameter" else ""

@@ -1,10 +1,10 @@
-"""Layers by their definitions, as loops over single numbers: what every other way is compared with."""
+"""Layers by their definitions, as loops over single numbers, to compare the other implementations with."""
 
 import numpy as np
 
 
 def convolve(x, w, b, stride=(1, 1), pad=(0, 0), dilation=(1, 1), group=1):
-    """Convolution by its definition, as six loops."""
+    """Compute a convolution by its definition, as six loops."""
     N, C, H, W = x.shape
     O, _, kh, kw = w.shape
     Ho = (H + 2 * pad[0] - dilation[0] * (kh - 1) - 1) // stride[0] + 1
@@ -22,7 +22,7 @@ def convolve(x, w, b, stride=(1, 1), pad=(0, 0), dilation=(1, 1), group=1):
 
 
 def check_transpose(dy, x, w, b, dx, dw, db, convolve):
-    """y is linear in x, in w and in b: for any direction v, <dy, y(v)> is <dx, v>."""
+    """Check that y is linear in x, w and b: for any direction v, <dy, y(v)> is <dx, v>."""
     rng, zero = np.random.default_rng(2), np.zeros_like(b)
     for _ in range(3):
         v, u = rng.normal(size=x.shape), rng.normal(size=w.shape)
@@ -32,14 +32,14 @@ def check_transpose(dy, x, w, b, dx, dw, db, convolve):
 
 
 def outputs(size, kernel, stride, pad, ceil=True):
-    """Number of windows along one axis."""
+    """Return the number of windows along one axis."""
     extent = size + 2 * pad - kernel
     count = (-(-extent // stride) if ceil else extent // stride) + 1
     return count - 1 if pad and (count - 1) * stride >= size + pad else count
 
 
 def pool(x, kernel, stride, pad, mean=False, ceil=True):
-    """Pooling by its definition: the value of each output, and which inputs have which part of it, as (y, weights)."""
+    """Compute a pooling by its definition: the outputs and the share of each input in each output, as (y, weights)."""
     H, W = x.shape[2:]
     Ho, Wo = (outputs(n, k, s, p, ceil) for n, k, s, p in zip((H, W), kernel, stride, pad))
     y, share = np.zeros((*x.shape[:2], Ho, Wo)), np.zeros((*x.shape[:2], Ho, Wo, H, W))
@@ -55,6 +55,6 @@ def pool(x, kernel, stride, pad, mean=False, ceil=True):
             share[n, c, h, w, rows, columns] = 1 / area
         else:
             y[n, c, h, w] = window.max()
-            i, j = np.unravel_index(window.argmax(), window.shape)  # the first of equal ones
+            i, j = np.unravel_index(window.argmax(), window.shape)  # the first of equal values
             share[n, c, h, w, rows.start + i, columns.start + j] = 1
     return y, share

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 AXES = ("X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z")
-LONGEST = 0.8  # half-cubes from the root to the farthest end, so that the body stays in its cube
+LONGEST = 0.8  # half-cubes from the root to the farthest end, so that the body fits in its cube
 
 
 def write_body(folder: Path, seed: int, joints: int = 8) -> Path:
-    """Write a skeleton, children before parents, and its prior; the prior's path."""
+    """Write a skeleton, children before parents, and its prior; return the prior's path."""
     rng = np.random.default_rng(seed)
     parents = [-1] + [int(rng.integers(max(i - 3, 0), i)) for i in range(1, joints)]
     length = np.append(0.0, rng.uniform(0.3, 0.5, joints - 1))

@@ -63,9 +63,9 @@ class NetText:
     def __init__(self, rng: Random) -> None:
         self.rng = rng
         self.lines: list[str] = []
-        self.shapes: dict[str, tuple[int, int, int]] = {}  # of blobs that a layer may still read
-        self.fixed_size = False  # an inner product takes images of one size only
-        self.window = 0  # of the pooling of a depth image, whose sides are multiples of it
+        self.shapes: dict[str, tuple[int, int, int]] = {}  # of blobs that a later layer may still read
+        self.fixed_size = False  # an inner product only takes images of one size
+        self.window = 0  # of the pooling of a depth image, whose sides are multiples of this
         self.inputs: list[str] = []
         self.read: set[str] = set()  # blobs that some layer reads: a later one cannot overwrite them
         if rng.random() < 0.25:
@@ -79,10 +79,10 @@ class NetText:
                 self.lines.append(LOSS % (name, name, name, rng.choice([1, 2])))
 
     def _depth_image(self) -> None:
-        """A convolution and a pooling that fit together, as the first ones of the hand's network: the fast engine skips
-        their windows of background.
+        """A convolution and a pooling that fit together, like the first ones of the hand's network: the fast engine
+        skips their windows of background.
 
-        No second max pooling: of values that are equal but for rounding it would choose any.
+        There is no second max pooling: its choice between values that differ only by rounding would be arbitrary.
         """
         T = self.window = self.rng.choice([2, 4])
         self._input("x0", (1, T * self.rng.randint(2, 5), T * self.rng.randint(2, 5)))
@@ -232,14 +232,14 @@ class Program:
 
         self.nets = build(1)
         self.others = functools.cache(lambda: build(2))  # built by the first program that shares parameters
-        for name, value in self._arrays().items():  # of constant images, rounding would choose the winners of a pooling
+        for name, value in self._arrays().items():  # on constant images, rounding would decide the maxima of a pooling
             for net in self.nets:
                 net.blobs[name].data[...] = value
         self.diffs_known = self.ended = False
         self.done: Counter[str] = Counter()
 
     def run(self) -> None:
-        """All operations, with a comparison after each."""
+        """Run all operations, with a comparison after each."""
         for _ in range(self.rng.randint(3, 12)):
             name = self.rng.choices(list(OPERATIONS), list(OPERATIONS.values()))[0]
             if name == "read diff" and not self.diffs_known:
@@ -256,7 +256,7 @@ class Program:
                 self._same(f"diff of {name}", [net.blobs[name].diff for net in self.nets])
 
     def _each(self, use: Callable[[netlib.Net], Any]) -> bool:
-        """Do the same with each net; did it succeed? All must return, or raise, the same."""
+        """Apply an operation to each net and return whether it succeeded. All must return, or raise, the same."""
         found: list[Any] = []
         for net, threads in zip(self.nets, (1, 1, 4)):
             netlib.set_threads(threads)
@@ -287,8 +287,8 @@ class Program:
             assert not np.isfinite(one).all(), f"{what}: not finite in the plain engine only"
 
     def has_ties(self) -> bool:
-        """Does any max pooling read values, other than zeros, that are equal to rounding? Those of the background of a
-        depth image are exactly equal in every engine, and decide nothing.
+        """Return whether a max pooling reads values, other than zeros, that are equal up to rounding. The background of
+        a depth image is exactly equal in every engine, and decides nothing.
         """
         for at in self.nets[0].executor.connections:
             if isinstance(at.layer, Pooling) and at.layer.is_max:
@@ -311,7 +311,7 @@ class Program:
         for name in self.nets[0].outputs:
             self._same(name, [net.blobs[name].data for net in self.nets])
 
-    # Operations. Values are drawn once, and the same go to every net.
+    # Operations. Values are drawn once and used for every net.
 
     def _shape(self, name: str) -> tuple[int, ...]:
         return self.nets[0].blobs[name].shape
@@ -320,7 +320,7 @@ class Program:
         return {name: self._image(self._shape(name)) for name in self.nets[0].inputs}
 
     def _image(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Noise; of a depth image, in front of a background of zeros, of which every product is exact."""
+        """Return noise; for a depth image, in front of a background of zeros, whose products are exact."""
         image = self.values.normal(size=shape)
         if self.window:
             image = -np.abs(image)
@@ -400,7 +400,7 @@ class Program:
         self.diffs_known = self._each(lambda net: net.backward(**slopes))
 
     def _forward_write_input_backward(self) -> None:
-        """Gradients of an input that forward has not read, before anything else is looked at."""
+        """Compute the gradients of an input that forward has not read, before reading anything else."""
         self._forward()
         if not self.ended:
             self._write_input()
@@ -408,7 +408,7 @@ class Program:
 
     def _backward_part(self) -> None:
         end, start = self._part()
-        if not self.diffs_known:  # gradients of another pass, which the middle of the net may no longer have
+        if not self.diffs_known:  # gradients of another pass, which may no longer exist in the middle of the net
             start = None
         self._each(lambda net: net.backward(start=start, end=end))
 
@@ -469,8 +469,8 @@ class Program:
 
 
 def check(seed: int, show: Callable[[str], object] = lambda line: None) -> Counter[str]:
-    """Run the program of a seed; every second one in slices of two items, so that there are several. Returns which
-    operations it ran. Raises AssertionError where the engines differ, UndecidedError if rounding decides there.
+    """Run the program of a seed; every second one in slices of two items, so that there are several. Return the
+    operations that ran. Raises AssertionError where the engines differ, UndecidedError if rounding decides.
     """
     before, threads = slices.MAX_SLICE, netlib.threads()
     slices.MAX_SLICE = 2 if seed % 2 else before

@@ -23,7 +23,7 @@ from netlib.distributed.mpi import MPIRanks
 
 
 def caught(kind, function, *arguments):
-    """The text of the error that it raises, exactly of this kind."""
+    """Return the text of the error raised, which must be of exactly this kind."""
     try:
         function(*arguments)
     except NetlibError as error:
@@ -33,7 +33,7 @@ def caught(kind, function, *arguments):
 
 
 def sums(ranks):
-    """In the order of the ranks, bit for bit, for any number of elements; and nothing else is touched."""
+    """Sums are made in the order of the ranks, bit for bit, for any number of elements, and change nothing else."""
     for dtype in (np.float32, np.float64):
         for shapes in ([(1,)], [(5,), (3, 7), ()], [(1000,), (2, 2)]):
             all_ranks = [
@@ -51,7 +51,7 @@ def sums(ranks):
 
 
 def three_layers():
-    """A net with six parameters, and its gradients in three parts."""
+    """Return a net with six parameters, and its gradients in three parts."""
     text = 'layer { name: "in" type: "Input" top: "x0" input_param { shape { dim: 2 dim: 9 } } }' + "".join(
         f'layer {{ name: "fc{i}" type: "InnerProduct" bottom: "x{i}" top: "x{i + 1}" '
         "inner_product_param { num_output: 9 } }"
@@ -62,8 +62,8 @@ def three_layers():
 
 
 def overlapped(ranks):
-    """Means do not depend on when a rank knows that parts are complete, nor on how often it looks."""
-    ranks.on_machine = 1  # else nothing is averaged before the end
+    """Means do not depend on when a rank learns that parts are complete, nor on how often it checks."""
+    ranks.on_machine = 1  # else no averages are made before the end
     net, gradients = three_layers()
     ranks.begin_steps(gradients)
     diffs = [param.blob.diff for param in net.learnable]
@@ -85,12 +85,12 @@ def overlapped(ranks):
 
 
 def agreement(ranks):
-    """What every rank hears of the others."""
+    """Every rank receives the decisions of the others."""
     N, rank = ranks.count, ranks.rank
     assert ranks.of_root(2**62 + rank) == 2**62
     ranks.introduce({"data": [1, 2], "net": "x"})
     assert ranks.agree(float(rank), "snapshot" if rank == 1 else None, 7) == (N - 1) / 2
-    assert ranks.asked(None) is None  # a snapshot is asked of rank 0
+    assert ranks.asked(None) is None  # only rank 0 is asked for a snapshot
     ranks.agree(0.0, "snapshot" if rank == 0 else None, None)
     assert ranks.asked(None) == "snapshot"
     ranks.agree(0.0, "stop" if rank == N - 1 else "snapshot", None)
@@ -102,7 +102,7 @@ def agreement(ranks):
 
 
 def errors(ranks):
-    """An error of one rank is that of all, with its kind; they go on together afterwards."""
+    """An error of one rank is raised on all, with its type; afterwards all continue together."""
     mean = lambda: ranks.agree(1.0, None, None)  # noqa: E731
 
     def failing(error):
@@ -111,7 +111,7 @@ def errors(ranks):
 
     of_one = failing, DataError("no rows")
     assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
-    assert caught(NetlibError, failing, NetlibError("no file")) == "no file"  # of all
+    assert caught(NetlibError, failing, NetlibError("no file")) == "no file"  # on all ranks
     lacking = isinstance(ranks.fail(MemoryError()) if ranks.rank == 1 else None, NetlibError)
     assert lacking if ranks.rank == 1 else caught(NetlibError, mean) == "rank 1: MemoryError: MemoryError"
     said = caught(NetlibError, ranks.introduce, {"net": "a" if ranks.rank < 3 else "b"})
@@ -122,7 +122,7 @@ def errors(ranks):
     net, gradients = three_layers()
     ranks.begin_steps(gradients)
     ranks.on_machine = 1
-    if ranks.rank != 2:  # the others have begun to average
+    if ranks.rank != 2:  # the others have started to average
         ranks.begin_gradients()(net.layers[2])
     assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
     assert mean() == 1.0
@@ -130,7 +130,7 @@ def errors(ranks):
 
 
 def cut_off(ranks):
-    """Rank 1 is not heard of any more, and MPI cannot end the others because it cannot reach it, either."""
+    """Rank 1 stops responding, and MPI cannot end the others, because it cannot reach rank 1 either."""
 
     class CutOff:
         def __getattr__(self, name):
@@ -142,14 +142,14 @@ def cut_off(ranks):
 
     comm, ranks._comm = ranks._comm, CutOff()
     mpi.ABORT_S = 1
-    mpi.START_S = ranks.patience = 0.1  # the larger one holds before the first step
+    mpi.START_S = ranks.patience = 0.1  # the larger one applies before the first step
     if ranks.rank == 1:
         time.sleep(60)
     ranks.agree(0.0, None, None)
 
 
 def two_solvers(ranks):
-    """They take turns on the same ranks; an error of one rank is that of all, and both solvers go on."""
+    """Two solvers take turns on the same ranks; an error of one rank is raised on all, and both solvers continue."""
     ranks.on_machine = 1
     one, other = (netlib.get_solver(f"{name}.prototxt", ranks=ranks) for name in ("exact", "small_solver"))
     one.step(1)
@@ -171,7 +171,7 @@ def two_solvers(ranks):
 
 
 def losses(ranks):
-    """Those of every solver file losses*.prototxt, 20 iterations each, into a .json beside it."""
+    """Write the losses of every solver file losses*.prototxt, 20 iterations each, into a .json beside it."""
     for path in sorted(Path().glob("losses*.prototxt")):
         got = train(netlib.get_solver(path, ranks=ranks), 20)
         if ranks.rank == 0:
@@ -179,7 +179,7 @@ def losses(ranks):
 
 
 def train(solver, iterations):
-    """The loss of each."""
+    """Return the loss of each iteration."""
     got = []
     for _ in range(iterations):
         solver.step(1)
@@ -188,8 +188,9 @@ def train(solver, iterations):
 
 
 def resume(ranks):
-    """The same again, and from the middle on, bit for bit, whether averages are taken at the end, as on one machine, or
-    meanwhile; all ranks have the same bits."""
+    """Repeated and resumed trainings are equal, bit for bit, whether averages are made at the end, as on one machine,
+    or during the pass; all ranks have the same bits.
+    """
     bits = []
     for begin, beside in ((None, ranks.count), (None, 1), ("snapshots/exact_iter_3.solverstate", 1)):
         ranks.on_machine = beside
@@ -204,7 +205,7 @@ def resume(ranks):
 
 
 def checksum(ranks):
-    """A weight that changes on one rank is found."""
+    """A weight that changes on one rank only is detected."""
     consistency.COMPARED_EVERY = 4
     solver = netlib.get_solver("exact.prototxt", ranks=ranks)
 
@@ -222,4 +223,4 @@ if __name__ == "__main__":
     ranks = MPIRanks(MPI.COMM_WORLD)
     for name in sys.argv[1:]:
         globals()[name](ranks)
-        sys.stdout.write(f"rank {ranks.rank} {name}\n")  # in one piece
+        sys.stdout.write(f"rank {ranks.rank} {name}\n")  # in a single write

@@ -1,4 +1,4 @@
-"""Real ``mpiexec``: programs of several ranks are run, or started and followed. Skips where there is none."""
+"""Real ``mpiexec``: programs of several ranks are run, or started and watched. Skips if there is none."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ needs_mpi = pytest.mark.skipif(
 
 
 def command(count: int, *words: object, by: tuple[str, ...] = ("-m", "mpi4py")) -> list[str]:
-    """A Python program on several ranks. Each writes its process id into pid.RANK of the working directory, and runs
-    in the folder rank.RANK of it, if there is one."""
+    """Return the command for a Python program on several ranks. Each writes its process id into pid.RANK of the working
+    directory, and runs in the folder rank.RANK of it, if there is one.
+    """
     shell = 'echo $$ > pid.$PMI_RANK; if [ -d rank.$PMI_RANK ]; then cd rank.$PMI_RANK; fi; exec "$0" "$@"'
     return [str(MPIEXEC), "-n", str(count), "sh", "-c", shell, sys.executable, *by, *map(str, words)]
 
 
 def run(count: int, *words: object, by: tuple[str, ...] = ("-m", "mpi4py")) -> subprocess.CompletedProcess[str]:
-    """To its end; standard output and error apart."""
+    """Run it to its end, with standard output and error separate."""
     return subprocess.run(command(count, *words, by=by), capture_output=True, text=True, timeout=TIMEOUT_S)
 
 
 @contextlib.contextmanager
 def started(count: int, *words: object) -> Iterator[subprocess.Popen[str]]:
-    """While it runs, both outputs in one; ended with all its ranks when the block ends."""
+    """Start it with both outputs in one; it ends with all its ranks when the block ends."""
     with subprocess.Popen(
         command(count, *words), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
     ) as process:
@@ -55,7 +56,7 @@ def started(count: int, *words: object) -> Iterator[subprocess.Popen[str]]:
 
 
 def lines_until(process: subprocess.Popen[str], wanted: str) -> list[str]:
-    """What it writes, up to a line with these words."""
+    """Return the lines it writes, up to one with these words."""
     lines = []
     for line in process.stdout or ():
         lines.append(line.rstrip("\n"))
@@ -65,5 +66,5 @@ def lines_until(process: subprocess.Popen[str], wanted: str) -> list[str]:
 
 
 def ours(text: str) -> list[str]:
-    """The lines of a program's own, without those of a log and of the launcher."""
+    """Return a program's own lines, without those of the log and of the launcher."""
     return [line for line in text.splitlines() if line.startswith(("rank", "no response", "usage", "train.py"))]

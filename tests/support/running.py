@@ -1,4 +1,4 @@
-"""Commands and programs that tests run: in this process, or in one of their own where the process is what is tested."""
+"""Run commands and programs for tests: in this process, or in a separate one where the process itself is tested."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def wait_until(condition: Callable[[], object], process: subprocess.Popen[str]) 
 
 
 class Done(NamedTuple):
-    """How a program ended, and what it wrote to standard output and standard error."""
+    """The exit status of a program, and its standard output and standard error."""
 
     status: int
     out: str
@@ -33,7 +33,7 @@ class Done(NamedTuple):
 def run_tool(name: str, *argv: object, status: int | None = 0) -> Done:
     """Run ``main`` of a command in this process; it must end with ``status``, unless that is None.
 
-    ``run_tool("train", "solver.prototxt")`` is tools/train.py; a name with a dot is that of another module.
+    ``run_tool("train", "solver.prototxt")`` runs tools/train.py; a name with a dot is that of another module.
     """
     main = importlib.import_module(name if "." in name else f"tools.{name}").main
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="") for _ in range(2))
@@ -58,9 +58,9 @@ def run_python(
     preexec_fn: Callable[[], None] | None = None,
     **changes: str | None,
 ) -> Done:
-    """Run Python in a process of its own, with this project on its path; it must end with ``status``.
+    """Run Python in a separate process, with this project on its path; it must end with ``status``.
 
-    ``preexec_fn`` runs in the process before Python does, ``changes`` are those of the environment; None removes one.
+    ``preexec_fn`` runs in the process before Python starts; ``changes`` are environment variables (None removes one).
     """
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **changes}
     ended = subprocess.run(

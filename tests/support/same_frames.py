@@ -1,4 +1,4 @@
-"""Frames compared."""
+"""Comparison of frames."""
 
 import numpy as np
 
@@ -6,6 +6,6 @@ from handpose.data.frames import Frames
 
 
 def assert_equal(one: Frames, two: Frames) -> None:
-    """Every array is the same."""
+    """Assert that all arrays are equal."""
     for name, array in one.arrays().items():
         np.testing.assert_array_equal(array, two.arrays()[name], name)

@@ -1,4 +1,4 @@
-"""What a source file imports."""
+"""The imports of a source file."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from pathlib import Path
 
 @cache
 def parsed(path: Path) -> ast.Module:
-    """The syntax tree of a file."""
+    """Return the syntax tree of a file."""
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
 @cache
 def imports(path: Path) -> frozenset[str]:
-    """Full names of all that a file imports, wherever in it."""
+    """Return the full names of all imports of a file, at any place."""
     return frozenset(imports_of(parsed(path)))
 
 
 def imports_of(tree: ast.AST) -> set[str]:
-    """The same of a syntax tree."""
+    """Return the full names of all imports in a syntax tree."""
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""Blobs in tiles for tests, and how to write and read them in the plain order."""
+"""Blobs in tiles for tests, and functions to write and read them in the plain order."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from fast.tiles import FastBlob, tile_into, untile
 
 
 class TiledBlob(FastBlob):
-    """Stored as tiles, as in a slice."""
+    """A blob stored in tiles, as in a slice."""
 
     @property
     def data(self):
@@ -22,7 +22,7 @@ class TiledBlob(FastBlob):
 
 
 def tiled(shape, tile, spare=0, dtype=np.float64):
-    """A blob of this shape, in tiles of ``tile`` with spare windows in each row; plain if ``tile`` is None."""
+    """Return a blob of this shape, in tiles of ``tile`` with spare windows in each row; plain if ``tile`` is None."""
     blob = TiledBlob(shape, dtype)
     if tile is not None:
         blob.tile, blob.pitch = tile, (-(-shape[3] // tile) + spare) * tile
@@ -30,7 +30,7 @@ def tiled(shape, tile, spare=0, dtype=np.float64):
 
 
 def store(blob, half, values):
-    """Write values (N, C, H, W) in the order that the blob has."""
+    """Write values (N, C, H, W) in the blob's own order."""
     if blob.tile is None:
         getattr(blob, half)[...] = values
     else:
@@ -38,6 +38,6 @@ def store(blob, half, values):
 
 
 def load(blob, half):
-    """The values as (N, C, H, W)."""
+    """Return the values as (N, C, H, W)."""
     array = getattr(blob, half)
     return array if blob.tile is None else untile(array, *blob.shape[2:])

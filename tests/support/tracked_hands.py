@@ -1,4 +1,4 @@
-"""Tracked hands without a tracker: an open hand with its surface, and what a camera sees of it."""
+"""Tracked hands without a tracker: an open hand with its surface, and its depth image."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MODEL = CapsuleModel(HEADER.skeleton, HEADER.unit_mm)
 def tracked(
     hand: Side = "right", at: ArrayLike = (0.0, 0.0, 600.0), id: int = 1, confidence: float = 0.93
 ) -> TrackedHand:
-    """An open hand at a place in mm, camera axes."""
+    """Return an open hand at a position in mm, camera axes."""
     sk, origin = HEADER.skeleton, np.array(at, dtype=np.float64)
     x, side = np.zeros((1, _MODEL.variables)), mirror_of(hand)
     a, b, *radii = _MODEL.capsules(x, np.zeros((1, 3)))
@@ -36,7 +36,7 @@ def tracked(
 
 
 def seen(hands: Sequence[TrackedHand], camera: Camera = CAMERA, wall: float = 1500.0) -> NDArray[np.float32]:
-    """The depth image (height, width) in mm of some hands before a wall."""
+    """Return the depth image (height, width) in mm of some hands in front of a wall."""
     image = np.full((camera.height, camera.width), wall, dtype=np.float32)
     x, y = (np.arange(camera.width) - camera.u0) / camera.fx, (np.arange(camera.height) - camera.v0) / camera.fy
     for hand in hands:
