@@ -1,4 +1,4 @@
-"""What all tests share: the recorded data, nets and solvers from text, and a deterministic hypothesis."""
+"""Fixtures of all tests: the recorded data, nets and solvers from text, and a deterministic hypothesis."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from netlib.snapshots import hdf5_format  # noqa: E402
 
 ENGINES = ("plain", "fast") if engine.has_fast() else ("plain",)
 
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it, and tests send it
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores SIGINT, which tests send
 
 settings.register_profile("deterministic", derandomize=True, deadline=None, database=None, max_examples=60)
 settings.load_profile("deterministic")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Tests with the marker ``both_engines`` run under every engine that differs."""
+    """Run tests with the marker ``both_engines`` under every engine that makes a difference."""
     if metafunc.definition.get_closest_marker("both_engines"):
         path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
         engines = ENGINES if has_fast_class(path) else ENGINES[-1:]
@@ -41,7 +41,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def has_fast_class(path: Path) -> bool:
-    """Does the fast engine compute something of this test file otherwise? Not of a layer that has no class in fast/."""
+    """Return whether the fast engine affects this test file: false for a layer without a class in fast/."""
     source = ROOT / path.with_name(path.name.removeprefix("test_"))
     if path.parts[0] != "layers" or len(ENGINES) == 1 or not source.exists():
         return True
@@ -51,13 +51,13 @@ def has_fast_class(path: Path) -> bool:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The minutes come first: at the end the other process would have nothing to do meanwhile."""
+    """Run test_without_fast first: it takes minutes, during which other processes run the other tests."""
     items.sort(key=lambda item: item.path.stem != "test_without_fast")
 
 
 @pytest.fixture(autouse=True, scope="module")
 def engine_in_use(request: pytest.FixtureRequest) -> Iterator[str | None]:
-    """The engine of this run of the test, for child processes too."""
+    """The engine of this run of the test, also for child processes."""
     name = getattr(request, "param", None)
     with pytest.MonkeyPatch.context() as patch:
         if name is not None:
@@ -67,9 +67,9 @@ def engine_in_use(request: pytest.FixtureRequest) -> Iterator[str | None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def forget_weights() -> Iterator[Callable[[], None]]:
-    """The same content of a file gives the same weights: hundreds of tests take those of a packaged model.
+    """Cache the weights of equal file contents: hundreds of tests read those of a packaged model.
 
-    After ``forget_weights()`` they are read again.
+    ``forget_weights()`` clears the cache.
     """
     read = hdf5_format.read_weights
     known = functools.lru_cache(maxsize=4)(read)
@@ -80,7 +80,7 @@ def forget_weights() -> Iterator[Callable[[], None]]:
 
 @pytest.fixture(scope="session")
 def caffe_data() -> Path:
-    """What real Caffe computed, and was recorded: tests/caffe/README.md."""
+    """The folder of real Caffe's recorded results: tests/caffe/README.md."""
     return ROOT / "tests/caffe"
 
 
@@ -114,7 +114,7 @@ def write_rows(tmp_path: Path) -> Callable[..., Path]:
 
 @pytest.fixture
 def keep_threads() -> Iterator[None]:
-    """Puts the number of threads back after a test that changes it."""
+    """Restore the number of threads after a test that changes it."""
     before = netlib.threads()
     yield
     netlib.set_threads(before)
@@ -122,5 +122,5 @@ def keep_threads() -> Iterator[None]:
 
 @pytest.fixture
 def rng() -> np.random.Generator:
-    """Random numbers, the same for every test."""
+    """A random generator with the same seed for every test."""
     return np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""The size of what stands in front. Who may import what is checked by ``make lint`` (setup.cfg, ruff.toml)."""
+"""The size of the core. Allowed imports are checked by ``make lint`` (setup.cfg, ruff.toml)."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ def lines_of(path: Path) -> int:
 
 
 def test_the_core_can_be_read_in_an_afternoon() -> None:
-    """At most 14 files and 2,200 lines."""
+    """The core has at most 14 files and 2,200 lines."""
     core = sorted((ROOT / "netlib").glob("*.py"))
     assert 8 < len(core) <= 14
     assert sum(map(lines_of, core)) <= 2200
 
 
 def test_the_training_loop_is_short() -> None:
-    """22 lines."""
+    """The training loop has at most 22 lines."""
     assert len(inspect.getsource(Solver.step).splitlines()) <= 22
 
 
 def test_the_contract_of_a_layer_is_short() -> None:
-    """12 methods, with the constructor."""
+    """A layer has at most 12 methods, including the constructor."""
     assert len([name for name, value in vars(Layer).items() if inspect.isfunction(value)]) <= 12
 
 
 def test_convolution_and_pooling_are_short() -> None:
-    """120 lines each."""
+    """Convolution and pooling have at most 120 lines each."""
     assert max(lines_of(ROOT / f"layers/vision/{name}.py") for name in ("convolution", "pooling")) <= 120

@@ -1,4 +1,4 @@
-"""Documents: every link between files of this project leads somewhere, and the commands named are there."""
+"""Documents: every link between files of this project has a target, and the commands named in them exist."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TOOL = re.compile(r"(?<!tests/)\b((?:tools|benchmarks)/\w+\.py)\b")
 
 
 def fault_of(link: markdown.Link, document: Path) -> str:
-    """Why a link leads nowhere: its file, its heading, or the line of what its title names; empty if it does lead."""
+    """Return the fault of a link: its file, its heading, or the line of the name in its title; empty if none."""
     target, _, anchor = link.target.partition("#")
     file = (document.parent / unquote(target)).resolve() if target else document
     if not file.exists():
@@ -37,10 +37,10 @@ def fault_of(link: markdown.Link, document: Path) -> str:
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_lead_somewhere(path: Path) -> None:
-    """To a file that is there, and to a heading of it, or to the line on which the name in the link's title stands."""
+    """A link leads to an existing file, to a heading of it, or to the line that defines the name in its title."""
     for link in markdown.links(path.read_text(encoding="utf-8")):
         if ROOT / "fast" in (path.parent / link.target).resolve().parents and not engine.has_fast():
-            continue  # the folder may be deleted; the chapter on speed then speaks of what is gone
+            continue  # the folder may be deleted; the chapter on speed then has links to missing files
         assert not fault_of(link, path), f'{link.target} "{link.title}": {fault_of(link, path)}'
 
 
@@ -56,7 +56,7 @@ def test_links_lead_somewhere(path: Path) -> None:
     ],
 )
 def test_a_link_that_leads_nowhere(tmp_path: Path, text: str, fault: str) -> None:
-    """Is found, and its fault is told."""
+    """A link without a target is found, and its fault is named."""
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs/box.py").write_text("A = 1\nclass Box: ...\n")
     for page in (tmp_path / "page.md", tmp_path / "docs/page.md"):
@@ -67,13 +67,13 @@ def test_a_link_that_leads_nowhere(tmp_path: Path, text: str, fault: str) -> Non
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_tools_that_are_named_are_there(path: Path) -> None:
-    """A document must not speak of a command that is gone."""
+    """Every tool and benchmark named in a document exists."""
     for tool in TOOL.findall(path.read_text(encoding="utf-8")):
         assert (ROOT / tool).is_file(), tool
 
 
 def test_every_layer_type_is_told() -> None:
-    """In the chapter on layers by its folder, in the one on Caffe by what is the same and what is not."""
+    """Every layer type is in the document on Caffe and, except the old DeepHandModel names, in that on layers."""
     layers, caffe = ((ROOT / f"docs/{name}.md").read_text(encoding="utf-8") for name in ("layers", "caffe"))
     for name in LAYER_TYPES:
         assert re.search(rf"\b{name}\b", caffe), name
@@ -81,7 +81,7 @@ def test_every_layer_type_is_told() -> None:
 
 
 def test_all_of_pycaffe_is_told() -> None:
-    """Every name of the module, every public name of its Net and solvers."""
+    """Every name of the module and every public name of its Net and solvers is in the document on Caffe."""
     text = (ROOT / "docs/caffe.md").read_text(encoding="utf-8")
     names = {*caffe.__all__, *(n for cls in (pycaffe.Net, pycaffe.Solver) for n in vars(cls) if not n.startswith("_"))}
     ours = {"Solver", "TRAIN", "TEST", "net_class", "update_rule", "solver_count", "solver_rank", "set_multiprocess"}
@@ -89,7 +89,7 @@ def test_all_of_pycaffe_is_told() -> None:
 
 
 def test_the_changelog_has_the_version() -> None:
-    """Its first release is the version that setup.cfg reads in handpose/__init__.py."""
+    """The changelog's first release is the version in handpose/__init__.py, which setup.cfg reads."""
     headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     releases = [heading for heading in headings if heading != "Unreleased"]
     assert re.fullmatch(rf"{re.escape(handpose.__version__)} \(\d{{4}}-\d\d-\d\d\)", releases[0])

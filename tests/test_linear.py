@@ -1,4 +1,4 @@
-"""Twice the input costs twice the work: counted in function calls, not in seconds."""
+"""The work grows linearly with the input, counted in function calls instead of seconds."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CONVOLUTION = "convolution_param { num_output: 1 kernel_size: 1 }"
 
 
 def calls(work: Callable[[], object]) -> int:
-    """How many functions are called, Python's and C's."""
+    """Return the number of function calls, in Python and C."""
     count = 0
 
     def note(frame: FrameType, event: str, argument: Any) -> None:
@@ -46,19 +46,19 @@ def calls(work: Callable[[], object]) -> int:
 
 
 def assert_linear(work_on: Callable[[int], Callable[[], object]]) -> None:
-    """Four times the input costs at most 4.4 times the calls; what the first run only does is not counted."""
+    """Assert that four times the input costs at most 4.4 times the calls, not counting work of the first run only."""
     work_on(2)()
     small, large = calls(work_on(SIZE)), calls(work_on(4 * SIZE))
     assert large <= 4.4 * small, (small, large)
 
 
 def encoded(text: str) -> bytes:
-    """A net in binary."""
+    """Return a net in binary."""
     return wire.encode(prototxt.parse(text), NetParameter)
 
 
 def layer(i: int, bottom: str, top: str, kind: str = "ReLU", more: str = "") -> str:
-    """One layer."""
+    """Return the text of one layer."""
     return f'layer {{ name: "l{i}" type: "{kind}" bottom: "{bottom}" top: "{top}" {more} }}\n'
 
 
@@ -87,7 +87,7 @@ NETS: dict[str, Callable[[int], str]] = {
 @pytest.mark.parametrize("name", engine.NAMES if engine.has_fast() else ["plain"])
 @pytest.mark.parametrize("kind", NETS)
 def test_building_a_net(kind: str, name: str) -> None:
-    """Of many layers, or of one with many blobs, and one pass forwards."""
+    """Building nets with many layers, or a layer with many blobs, and running them forward is linear."""
 
     def work_on(n: int) -> Callable[[], object]:
         tree = prototxt.parse(INPUT + NETS[kind](n))
@@ -102,7 +102,7 @@ def test_building_a_net(kind: str, name: str) -> None:
      'state { stage: "a" } '],
 )  # fmt: skip
 def test_text_and_bytes(text: str) -> None:
-    """A net is parsed, read, printed, written in binary and read again."""
+    """Parsing, reading, printing, and writing and reading binary nets is linear."""
     assert_linear(lambda n: partial(prototxt.parse, text * n))
     assert_linear(lambda n: prototxt.parse(text * n).__str__)
     if "name" not in text.split()[0]:
@@ -120,12 +120,12 @@ def test_text_and_bytes(text: str) -> None:
     ids=["V1", "V0", "V0 with padding"],
 )  # fmt: skip
 def test_older_nets(text: str) -> None:
-    """As today's."""
+    """Upgrading the older formats of nets is linear."""
     assert_linear(lambda n: partial(upgraded, prototxt.parse(text * n)))
 
 
 def test_weights_by_name() -> None:
-    """From one net into another."""
+    """Copying weights by name from one net to another is linear."""
 
     def work_on(n: int) -> Callable[[], object]:
         one, other = (netlib.Net(prototxt.parse(INPUT + NETS["whole ones"](n)), engine="plain") for _ in range(2))
@@ -136,7 +136,7 @@ def test_weights_by_name() -> None:
 
 @pytest.mark.parametrize("parent", ["joint {i}", "root"])
 def test_a_skeleton(parent: str) -> None:
-    """A chain, or all on one."""
+    """Building a skeleton is linear, whether it is a chain or all joints have one parent."""
 
     def work_on(n: int) -> Callable[[], object]:
         joints = "".join(
@@ -151,11 +151,11 @@ def test_a_skeleton(parent: str) -> None:
     assert_linear(work_on)
 
 
-# What follows is done by one call of C's: it takes a moment, or else minutes.
+# The following work is a single C call, which takes either a moment or minutes.
 
 
 def test_long_texts() -> None:
-    """Many strings that are one, and numbers and strings that do not end."""
+    """Many adjacent strings, and unfinished numbers and strings, are read quickly."""
     [field] = prototxt.parse("name: " + '"' + "a" * 100 + '" ' * 1 + ('"' + "a" * 100 + '" ') * 100_000).fields
     assert len(str(field.value)) == 100 * 100_001 + 2
     for text in ("1" * 200_000 + "x", "-" + " " * 200_000 + "x", '"' + '\\"' * 200_000):
@@ -167,14 +167,14 @@ def test_long_texts() -> None:
     "line", ["Iteration 1 (", "Iteration 1 (x), ", "Iteration 1 " + ")" * 9, "Test net output #1: ", "1"]
 )
 def test_a_long_line_of_a_log(tmp_path: Path, line: str) -> None:
-    """It is no line of a log."""
+    """A long line that is not one of a log is skipped quickly."""
     path = tmp_path / "train.log"
     path.write_text("Iteration " + line * 50_000 + "\nIteration 7 (2 iter/s, 1s/2 iters), loss = 0.5\n")
     assert read_log(path).loss == [(7, 0.5)]
 
 
 def test_the_depth_of_a_skeleton_says_who_carries_whom() -> None:
-    """Parents first, whatever the order of the file."""
+    """Parents come before children, in any order of the file, and each joint has its descendants."""
     text = 'joint { name: "tip" parent: "middle" } joint { name: "root" } joint { name: "middle" parent: "root" }'
     skeleton = Skeleton(schema.read(prototxt.parse(text), SkeletonParameter))
     assert skeleton.order == [1, 2, 0]

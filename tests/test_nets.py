@@ -1,4 +1,4 @@
-"""prototxt/: the nets that come with the project fit each other"""
+"""prototxt/: the nets of the project fit together."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LEARNED = {"Convolution": "convolution_param", "InnerProduct": "inner_product_pa
 
 
 def learned(net: str, phase: Phase) -> dict[str, str]:
-    """How many outputs the layers with weights have, by name."""
+    """Return the number of outputs of the layers with weights, by name."""
     layers = select_layers(load_parameter(PROTOTXT / net), NetState(phase))
     return {
         layer.name: str(layer.blocks[LEARNED[layer.type]].values("num_output")[0])
@@ -30,7 +30,7 @@ def learned(net: str, phase: Phase) -> dict[str, str]:
 
 @pytest.mark.parametrize("net", ["nyu_train_test.prototxt", "synthetic_train_test.prototxt"])
 def test_weights_fit_the_net_that_predicts(net: str) -> None:
-    """Tests and predictions want the same weights, and a training makes all of them."""
+    """Testing and prediction need the same weights, and training makes all of them."""
     wanted = learned("nyu_deploy.prototxt", "TEST")
     assert len(wanted) == 6
     assert learned(net, "TEST") == wanted
@@ -38,7 +38,7 @@ def test_weights_fit_the_net_that_predicts(net: str) -> None:
 
 
 def test_the_locator_that_is_trained_is_the_one_that_looks() -> None:
-    """The packaged net has the same layers with weights as the training."""
+    """The packaged locator has the same layers with weights as its training net."""
     wanted = learned("../models/hand_locator/deploy.prototxt", "TEST")
     assert len(wanted) == 6
     assert learned("locator_train_test.prototxt", "TEST") == learned("locator_train_test.prototxt", "TRAIN") == wanted
@@ -62,17 +62,17 @@ limit_loss PhysLimit norm: L1
 
 
 def test_the_papers_network_has_the_sizes_that_were_released() -> None:
-    """And a ReLU after each layer with weights but the last."""
+    """The layers have the released sizes, with a ReLU after each layer with weights except the last."""
     layers = select_layers(load_parameter(PROTOTXT / "nyu_train_test.prototxt"), NetState("TRAIN"))[1:]
-    told = [" ".join([x.name, x.type, *" ".join(map(str, x.blocks.values())).split()]) for x in layers]
-    assert [line for line in told if " ReLU" not in line] == PAPER.split("\n")[1:-1]
+    described = [" ".join([x.name, x.type, *" ".join(map(str, x.blocks.values())).split()]) for x in layers]
+    assert [line for line in described if " ReLU" not in line] == PAPER.split("\n")[1:-1]
     learning = [layer.name for layer in layers if layer.type in LEARNED]
     rectified = [(layer.bottom, layer.top) for layer in layers if layer.type == "ReLU"]
     assert rectified == [((name,), (name,)) for name in learning[:-1]]
 
 
 def test_the_papers_losses() -> None:
-    """The distance of all 31 joints, and the limits of what HandModel reads, with lambda 1."""
+    """The losses are the distance of all 31 joints and the limits of HandModel's input, with lambda 1."""
     layers = {x.name: x for x in load_parameter(PROTOTXT / "nyu_train_test.prototxt").layer}
     hand, joints, limits = (layers[name] for name in ("HandModel", "joint_loss", "limit_loss"))
     assert joints.bottom == (hand.top[0], "joint") and limits.bottom == hand.bottom == layers["DoF"].top
@@ -81,7 +81,7 @@ def test_the_papers_losses() -> None:
 
 @pytest.mark.parametrize("name", ["nyu", "icvl"])
 def test_the_papers_training(name: str) -> None:
-    """SGD, learning rate 0.003, momentum 0.9, no weight decay, batches of 512; lowered at most in the end."""
+    """SGD, learning rate 0.003, lowered at most at the end, momentum 0.9, no weight decay, batches of 512."""
     solver = solver_parameter.read(PROTOTXT / f"{name}_solver.prototxt")
     assert (solver_parameter.type_of(solver), solver.base_lr, solver.momentum) == ("SGD", approx(0.003), approx(0.9))
     assert solver.weight_decay == 0 and solver.iter_size == 1

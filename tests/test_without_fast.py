@@ -1,4 +1,4 @@
-"""Delete the folder fast/, and all else works: it imports, trains, and passes its tests on the plain engine."""
+"""Without the folder fast/, everything else works: the project imports, trains, and passes its tests."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ sys.path[:] = [folder for folder in sys.path if folder != {str(ROOT)!r}]
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project without fast/ and its tests. Compiled files are copied, too: they save seconds."""
+    """A copy of the project without fast/ and its tests. Compiled files are copied as well to save time."""
     copy = tmp_path_factory.mktemp("bare") / "project"
 
     def ignored(folder: str, names: list[str]) -> set[str]:
@@ -38,32 +38,32 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(folder: Path, *argv: str) -> Done:
-    """A fresh Python in the copy."""
+    """Run a fresh Python in the copy."""
     unset = dict.fromkeys(name for name in os.environ if name.startswith(("NETLIB", "PYTEST")))
     return run_python(*argv, cwd=folder, **unset, PYTHONPATH=str(folder))
 
 
 def test_fast_is_gone(bare: Path) -> None:
-    """Else the other tests would say nothing."""
+    """The copy has no fast engine, which the other tests here assume."""
     done = run(bare, "-c", "import netlib; from netlib import engine; print(netlib.__file__, engine.has_fast())")
     assert done.out == f"{bare}/netlib/__init__.py False\n"
 
 
 def test_a_solver_trains(bare: Path) -> None:
-    """By the command line, with the plain engine because there is no other."""
+    """A solver trains from the command line with the plain engine, the only one there."""
     run(bare, "tools/make_synthetic.py", "--out", "data/nyu", "--train", "64", "--test", "64", "--workers", "1")
     net = bare / "prototxt" / "nyu_train_test.prototxt"
     whole = net.read_text()
     net.write_text(whole.replace("batch_size: 512", "batch_size: 8").replace("batch_size: 250", "batch_size: 8"))
     done = run(bare, "tools/train.py", "prototxt/nyu_solver.prototxt", "--max-iter", "2")
-    net.write_text(whole)  # other tests take it as it is
+    net.write_text(whole)  # other tests need the original net
     assert "1 thread, engine plain. BLAS: as NumPy sets it up" in done.err
     assert (bare / "snapshots" / "nyu_iter_2.caffemodel.h5").is_file()
     shutil.rmtree(bare / "data")
 
 
-# Tests that ask which engine there is, or take the one there is. The rest knows no engine, or runs on the plain one in
-# the whole suite as well; that nothing imports fast/ by name is one of the contracts of `make lint`.
+# Tests that query or use the default engine. The others do not depend on it, or run on the plain engine in the
+# whole suite as well; a contract of `make lint` ensures that nothing imports fast/ by name.
 WHERE_IT_COUNTS = (
     "test_nets.py", "netlib/engine/test_engine.py", "netlib/caffe/test_pycaffe.py",
     "tools/test_time.py", "tools/test_tools.py::test_main", "tools/test_tools.py::test_engine",
@@ -72,7 +72,7 @@ WHERE_IT_COUNTS = (
 
 
 def test_tests_of_nets_pass(bare: Path) -> None:
-    """On the plain engine alone."""
+    """The tests of nets pass on the plain engine alone."""
     tests = [f"tests/{name}" for name in WHERE_IT_COUNTS]
     done = run(bare, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests)
     summary = done.out.splitlines()[-1]
