@@ -1,7 +1,7 @@
-"""Makes the recordings in this folder from the whole ones: python tests/caffe/reduce.py FOLDER
+"""Make the recordings in this folder from the whole ones: python tests/caffe/reduce.py FOLDER
 
-The whole recordings are 33 MB. A clone carries what its tests need, in less than 3 MB; README.md says what is left
-out. Nothing is computed here: every number is one that Caffe recorded. The same input gives the same bytes.
+The whole recordings are 33 MB. A clone carries what its tests need, in less than 3 MB; README.md lists the parts left
+out. Nothing is computed here: every number was recorded from Caffe. The same input gives the same bytes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What documents assume a reader to have: camera frames, a crop, trained weights, joints, a data set, a log."""
+"""Files that documents assume a reader to have: camera frames, a crop, trained weights, joints, a data set, a log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A folder for running a document, which looks like the project, and a process whose state is restored afterwards."""
+"""A folder like the project's for running a document, in a process whose state is restored afterwards."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def test_a_stub_is_our_source_without_the_bodies(exercise: Exercise) -> None:
 
 @exercises
 def test_a_stub_says_what_is_to_be_done(exercise: Exercise) -> None:
-    """Comments in the stub describe the task, its first line says how to go on, and np is imported."""
+    """Comments in the stub describe the task, its first line describes the next step, and np is imported."""
     text = stub(exercise)
     first = f"# Replace each NotImplementedError, then run: python tools/exercise.py {exercise.name}"
     assert text.splitlines()[0] == first

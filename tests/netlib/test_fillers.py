@@ -49,7 +49,7 @@ def test_bounds() -> None:
 
 
 def test_fans_of_a_transposed_inner_product() -> None:
-    """The fan-in is count / shape[0], whatever the meaning of the axes, as in Caffe."""
+    """The fan-in is count / shape[0], regardless of the meaning of the axes, as in Caffe."""
     assert np.abs(filled(Filler("xavier"), (100, 10))).max() == pytest.approx(np.sqrt(3 / 10), rel=0.01)
     assert np.abs(filled(Filler("xavier"), (10, 100))).max() == pytest.approx(np.sqrt(3 / 100), rel=0.01)
 

@@ -252,7 +252,7 @@ def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, poli
         solver.step(1)
 
 
-# ---------------------------------------------------------------------------------------------- what a net is built for
+# ---------------------------------------------------------------------------------------------- net states
 
 
 @pytest.mark.parametrize(
@@ -319,7 +319,7 @@ def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, rows: Non
 
 
 def test_a_test_net_that_is_not_finite_is_said(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """With the place where it begins."""
+    """A value of a test net that is not finite is logged with the place where it first occurs."""
     solver = solver_of(ONE_WEIGHT % "", "test_iter: 1 test_interval: 1")
     for weight, where in ((1, []), (np.nan, ["parameter 0 of layer 'ip'"])):
         solver.net.params["ip"][0].data[...] = weight

@@ -1,14 +1,14 @@
 """Random nets, used at random, under the plain engine and the fast one on 1 and on 4 threads.
 
 A *program* is a net and a list of operations: passes over images of changing sizes, parts of passes, values written
-between them, blobs read, parameters shared. After every operation the three nets must agree: on what was returned or
-raised, on all parameters and their gradients, on all outputs. Plain and fast agree to rounding in float64, fast on 1
-and on 4 threads to the bit.
+between them, blobs read, parameters shared. After every operation the three nets must agree: on the values returned or
+errors raised, on all parameters and their gradients, on all outputs. Plain and fast agree to rounding in float64, fast on 1
+and on 4 threads bit for bit.
 
     python -m tests.support.random_programs --count 20000 --first 0     a campaign; prints the seeds that fail
     python -m tests.support.random_programs --show 123                  one program and what it does
 
-What the documents exclude is not generated: a hidden diff read after another forward pass (docs/net.md), writing
+Uses that the documents exclude are not generated: a hidden diff read after another forward pass (docs/net.md), writing
 through an array that was taken before a pass, and inputs given as views of each other. A program in which rounding
 decides the maximum of a pooling window (a constant part of an image behind a convolution) is undecided: the engines
 may differ.
@@ -357,7 +357,7 @@ class Program:
         self._forward_of(given)
 
     def _forward_of(self, given: dict[str, np.ndarray]) -> None:
-        """Arrays of new shapes, given to the pass, or written before it into blobs that are reshaped by hand."""
+        """Run forward on arrays of new shapes, passed as arguments or written into blobs reshaped before."""
         by_hand = self.rng.random() < 0.3
         for net in self.nets if by_hand else []:
             for name, value in given.items():
@@ -375,7 +375,7 @@ class Program:
         self._write_input()
         if self.rng.random() < 0.5:
             self._pass(lambda net: net.forward())
-        else:  # as a solver
+        else:  # like a solver
             self._pass(lambda net: {"loss": np.array(net.run_forward())})
 
     def _forward_of_a_view(self) -> None:
@@ -514,5 +514,5 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    logging.getLogger("netlib").setLevel(logging.ERROR)  # layers in place that overwrite what a gradient needs
+    logging.getLogger("netlib").setLevel(logging.ERROR)  # in-place layers that overwrite values needed by a gradient
     sys.exit(main())

@@ -124,7 +124,7 @@ def test_mistakes(files, arguments, message):
 
 @pytest.mark.parametrize("plot", ["truth.png", "near.png"])
 def test_joints_are_not_drawn_over(files, plot):
-    """Neither annotations nor predictions are overwritten by a plot, whatever their names."""
+    """Neither annotations nor predictions are overwritten by a plot, regardless of their names."""
     for name in ("truth", "near"):
         (files / f"{name}.txt").rename(f"{name}.png")
     before = (files / plot).read_bytes()

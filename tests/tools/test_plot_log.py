@@ -130,7 +130,7 @@ def test_a_format_that_is_not_known(tmp_path):
 
 
 def test_a_log_is_not_drawn_over(tmp_path):
-    """A log is not overwritten by a plot, whatever its name or path."""
+    """A log is not overwritten by a plot, regardless of its name or path."""
     (tmp_path / "a.svg").write_text(LOG)
     (tmp_path / "folder").mkdir()
     done = run_tool("plot_log", tmp_path / "a.svg", "--out", f"{tmp_path}/folder/../a.svg", status=1)

@@ -87,7 +87,7 @@ def write_frame(path: Path, depth: np.ndarray) -> None:
     assert cv2.imwrite(str(path), pack_depth(depth))
 
 
-# ------------------------------------------------------------------------------------------- what it makes
+# ------------------------------------------------------------------------------------------- written files
 
 
 def test_raw_equals_direct(tmp_path):

@@ -47,7 +47,7 @@ def test_table_and_picture(work, snapshot):
 
 
 def test_engine(work, snapshot, monkeypatch):
-    """--engine selects the engine, whatever NETLIB_ENGINE; the errors agree to rounding."""
+    """--engine selects the engine, regardless of NETLIB_ENGINE; the errors agree to rounding."""
     names, nets, found = ["plain"] + (["fast"] if engine.has_fast() else []), [], []
 
     def built(*args, **options):

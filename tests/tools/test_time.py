@@ -28,7 +28,7 @@ def test_memory(work, monkeypatch, name):
 
 
 def test_engine(work):
-    """--engine selects the engine, whatever NETLIB_ENGINE."""
+    """--engine selects the engine, regardless of NETLIB_ENGINE."""
     done = run_tool("time", "net.prototxt", "--iterations", "1", "--engine", "plain")
     assert done.out.startswith("Engine plain; BLAS: ")
 

@@ -63,7 +63,7 @@ def stopped_at(monkeypatch: pytest.MonkeyPatch, number: int, stop: Any) -> None:
     monkeypatch.setattr(Tracker, "step", interrupted)
 
 
-# ------------------------------------------------------------------------------------------------ what it does
+# ------------------------------------------------------------------------------------------------ results
 
 
 def test_without_any_output_named() -> None:
@@ -152,7 +152,7 @@ def test_a_first_look() -> None:
     assert "frame 0: right hand, " in done.out
 
 
-# ------------------------------------------------------------------------------------------------ what goes wrong
+# ------------------------------------------------------------------------------------------------ errors
 
 
 @pytest.mark.parametrize(

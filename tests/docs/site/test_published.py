@@ -1,4 +1,4 @@
-"""What is published of a small project: documents, the files they link to and the code, each at its place."""
+"""The published files of a small project: documents, the files they link to, and the code, each at its place."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def test_what_a_skeleton_knows(skeleton, arm_text):
 
 
 def test_parents_come_first_and_motions_know_their_rows(skeleton, arm_text):
-    """Parents come first, whatever the order in the file; fixed motions have no row in a Jacobian."""
+    """Parents come first, in any order of the file; fixed motions have no row in a Jacobian."""
     body = skeleton(arm_text.replace("initial: 0.25", "initial: 0.25 fixed: true"))
     assert body.order == [2, 1, 0]
     assert [[(m.kind, m.axis, m.dof, m.row) for m in own] for own in body.motions] == [

@@ -111,7 +111,7 @@ def test_a_window_far_larger_than_its_bottom(run):
 
 
 def test_a_window_as_large_as_its_bottom_that_begins_in_the_padding(run):
-    """It reads neither the last row nor the last column."""
+    """Such a window reads neither the last row nor the last column."""
     done = run(text(kernel_size=3, stride=5, pad=1), np.arange(9.0).reshape(1, 1, 3, 3))
     assert done.y.tolist() == [[[[4]]]]
     assert done.backward([[[[1]]]])[0][0, 0].tolist() == [[0, 0, 0], [0, 1, 0], [0, 0, 0]]

@@ -291,7 +291,7 @@ def test_a_layer_that_the_net_does_not_have(squares: None) -> None:
 
 
 def test_a_process_without_python_layers(squares: None) -> None:
-    """Within ``allowed(False)`` no net may have a Python layer, whatever its argument; the setting is then restored."""
+    """Within ``allowed(False)`` no inner setting or argument allows Python layers; the setting is then restored."""
     with python_layer.allowed(False), python_layer.allowed(True), pytest.raises(netlib.PrototxtError, match=REFUSED):
         netlib.Net(text_with(python("Square")), netlib.TRAIN, python_layers=True)
     with pytest.raises(KeyError), python_layer.allowed(False):

@@ -153,7 +153,7 @@ def test_a_picture(net, tmp_path):
         draw.draw_net_to_file(net, tmp_path / "net.xyz")
 
 
-# ---------------------------------------------------------------------------------------------- what is missing
+# ---------------------------------------------------------------------------------------------- missing programs
 
 
 def test_without_pydot(net, monkeypatch):

@@ -308,7 +308,7 @@ def test_colour(tmp_path):
 
 
 def test_alpha_is_dropped(tmp_path):
-    """The alpha channel is dropped, whatever its values."""
+    """The alpha channel is dropped, regardless of its values."""
     path = written(tmp_path / "a.png", np.dstack([BGR, [[0, 128]]]).astype(np.uint8))
     np.testing.assert_allclose(io.load_image(path), RGB)
     np.testing.assert_allclose(io.load_image(path, color=False), LUMA, rtol=1e-6)

@@ -143,7 +143,7 @@ def test_hooks_are_called_around_every_layer(net: pycaffe.Net) -> None:
 
 
 def test_weights_in_both_formats(net: pycaffe.Net) -> None:
-    """``save_hdf5`` writes HDF5 whatever the name of the file; ``load_hdf5`` reads it."""
+    """``save_hdf5`` writes HDF5 regardless of the file name; ``load_hdf5`` reads it."""
     net.save_hdf5("weights")
     assert Path("weights").read_bytes().startswith(b"\x89HDF")
     other = pycaffe.Net("net.prototxt", netlib.TRAIN)
@@ -167,7 +167,7 @@ def test_images_in_memory() -> None:
 
 
 def test_the_class_of_a_solver() -> None:
-    """A solver class uses its own update rule whatever the file's type; get_solver uses the file's type."""
+    """A solver class uses its own update rule regardless of the file's type; get_solver uses the file's type."""
     adam = Path("adam.prototxt")
     adam.write_text(SOLVER + ' type: "Adam" momentum: 0.9')
     assert type(pycaffe.get_solver(adam)) is pycaffe.AdamSolver

@@ -36,7 +36,7 @@ NET = """
 
 
 def test_plain_is_always_there(net_of: MakeNet) -> None:
-    """The plain engine is selected by name, whatever the default of the process."""
+    """The plain engine is selected by name, regardless of the default of the process."""
     net = net_of(NET, engine="plain")
     assert net.engine.name == "plain"
     assert type(net.engine) is Engine

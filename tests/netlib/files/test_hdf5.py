@@ -52,7 +52,7 @@ def pretender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
     state.end()
 
 
-# ---------------------------------------------------------------------------------------------- what is refused
+# ---------------------------------------------------------------------------------------------- rejected files
 
 
 def test_what_is_wrong_says_what_was_wanted(tmp_path: Path) -> None:

@@ -178,7 +178,7 @@ def test_a_solver(tmp_path: Path, machine: Callable[[float], None]) -> None:
     netlib.get_solver(solver)
 
 
-# ---------------------------------------------------------------------------------------------- what there is
+# ---------------------------------------------------------------------------------------------- available memory
 
 
 @pytest.fixture

@@ -95,7 +95,7 @@ def test_inputs_of_a_thread_that_is_told_change_nothing(net_of: MakeNet, rng: np
 
 
 def test_slopes_of_a_thread_that_is_told_change_nothing(net_of: MakeNet) -> None:
-    """The diffs of outputs stay as they are."""
+    """A refused backward pass does not write the given slopes into the diffs of the outputs."""
     net = net_of(NET)
     slopes = np.ones_like(net.forward()["f"])
     with net.executor.one_thread:
@@ -117,7 +117,7 @@ def test_looking_at_a_hidden_blob_is_use(net_of: MakeNet) -> None:
 
 @pytest.mark.parametrize("use", ["forward", "backward"])
 def test_a_part_of_a_second_thread_changes_nothing(net_of: MakeNet, use: str) -> None:
-    """A net that is run in parts gets other steps, which the first thread would meet in the middle of a pass."""
+    """A refused partial pass does not replace the steps of the net, which the first thread may be running."""
     net = net_of(NET)
     net.forward()
     steps = net.executor.steps
@@ -275,7 +275,7 @@ def test_a_child_of_a_child_does_so_too(solver: netlib.Solver) -> None:
 
 @needs_fork
 def test_a_batch_that_is_being_read_at_the_fork_is_read_again(solver: netlib.Solver) -> None:
-    """The thread that reads it ahead does not exist in the child."""
+    """A child without the reading thread reads the batch itself."""
     [data] = [layer for layer in solver.net.layers if layer.type == "HDF5Data"]
     read, parent, forked = data.read, os.getpid(), threading.Event()
 
