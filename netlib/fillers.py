@@ -5,7 +5,7 @@
     msra       N(0, 2 / n)                    positive_unitball, bilinear: as in Caffe
 
 with n the fan-in, the fan-out or their mean (``variance_norm``). As in Caffe, fan-in is count / shape[0]
-and fan-out is count / shape[1], whatever the layer does with the axes.
+and fan-out is count / shape[1], regardless of how the layer uses the axes.
 """
 
 from __future__ import annotations

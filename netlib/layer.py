@@ -53,7 +53,7 @@ class Layer:
     reads_top: bool = False  # backward reads the data of the tops, so no layer in place may overwrite them
     reads_signs: bool = False  # backward reads which values of the tops are positive
     keeps_signs: ClassVar[bool] = False  # where a gradient flows, a value is positive after the layer iff it was before
-    loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt sets it
+    loss_weight: ClassVar[float] = 0.0  # default loss weight of the first top
     is_input: ClassVar[bool] = False  # the caller writes the tops
     moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 

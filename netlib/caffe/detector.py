@@ -100,7 +100,7 @@ class Detector(Net):
         return crop
 
     def configure_crop(self, context_pad: int | None) -> None:
-        """Set ``context_pad`` and what depends on it: the crop size, and the mean in the layout of an image.
+        """Set ``context_pad`` and the values that depend on it: the crop size, and the mean in the layout of an image.
 
         Raises ShapeError if the border does not fit the net's input.
         """

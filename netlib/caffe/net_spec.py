@@ -124,7 +124,7 @@ def _layer(fn: Function, made: Made, names: Names, counts: Counter[str]) -> Any:
 
 
 def _holder(layer: Any, option: str) -> Any:
-    """The message that an option of a layer belongs to: the block of the layer's type, or the layer."""
+    """The message that contains an option of a layer: the block of the layer's type, or the layer."""
     fields = layer.DESCRIPTOR.fields_by_name
     if option.endswith("param"):
         return layer

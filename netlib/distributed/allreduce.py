@@ -25,10 +25,10 @@ from netlib.params import Param
 from netlib.system import memory
 
 POLL_S = 2e-4  # shorter moves little data between two layers; longer delays the layers on slow networks
-Requests = list[Any]  # of MPI
-ROUNDS = 2  # per mean
+Requests = list[Any]  # MPI requests
+ROUNDS = 2  # rounds of messages per mean
 
-MIN_BYTES = 2**20  # of a bucket: with this size, transfer time exceeds the overhead of a message
+MIN_BYTES = 2**20  # minimum size of a bucket: from this size on, transfer time exceeds the overhead of a message
 
 
 class Wait(Protocol):
@@ -90,13 +90,13 @@ class Means:
 
 
 class Averaging:
-    """Averages buckets of gradients one after the other while later ones are still computed."""
+    """Averages buckets of gradients one after the other while the gradients of later buckets are still computed."""
 
     def __init__(self, means: Means, parts: Sequence[Sequence[Blob]]) -> None:
         self._wait = means.wait
         self._rounds = (requests for blobs in parts for requests in means.rounds([blob.diff for blob in blobs]))
         self._requests: Requests = []
-        self._begun = self._complete = 0  # in rounds
+        self._begun = self._complete = 0  # numbers of rounds that were started, and that may be started
 
     def poll(self, complete: int | None = None) -> None:
         """Let MPI move data briefly and start the next round if its bucket is complete.

@@ -1,4 +1,4 @@
-"""Consistency checks between ranks: what must be equal on all of them for a mean to be valid."""
+"""Consistency checks between ranks: values that must be equal on all ranks for their means to be valid."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def get(name: str | None = None, default: str | None = None) -> Engine:
 
 
 def for_each(items: Iterable[T], job: Callable[[T], None]) -> None:
-    """Do the job for every item, in any order, on the threads of the default engine; the plain engine has one."""
+    """Call ``job`` with every item, in any order, on the threads of the default engine; the plain engine has one."""
     get().run([functools.partial(job, item) for item in items])
 
 

@@ -55,7 +55,7 @@ class Step:
             guarded(self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
 
     def pieces(self) -> list[list[Connection]]:
-        """The layers as they run, for a timer: a list per shard of the batch; here there is one shard."""
+        """The layers in execution order, for a timer: one list per shard of the batch; this engine has one shard."""
         return [[self.at]]
 
 
@@ -72,7 +72,7 @@ class Executor:
         self.one_thread = OneThread(name)
         self._fits = False  # whether the check for memory has passed
         self._outside = list(outside)
-        self._shapes: list[tuple[int, ...]] = []  # of ``outside`` in the last forward
+        self._shapes: list[tuple[int, ...]] = []  # shapes of ``outside`` in the last forward
         self._has_run = [False] * len(self.connections)
         self.steps: Sequence[Step] = [Step(at) for at in connections]
 

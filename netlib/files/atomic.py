@@ -23,7 +23,7 @@ from netlib.files import locks
 from netlib.files.paths import names_in
 
 TEMPORARY = re.compile(r"\..+\.[0-9a-f]{8}\.netlib\.tmp")
-BACKUP = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.old")  # of a file that is being replaced; group 1 is its name
+BACKUP = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.old")  # backup name of a replaced file; group 1 is its name
 
 
 @contextlib.contextmanager

@@ -147,7 +147,7 @@ class Rows:
     """The rows of a data set, read on access or kept in memory.
 
     shape  (rows, ...)
-    dtype  of the values in the file
+    dtype  dtype of the values in the file
     """
 
     def __init__(self, source: Source, dataset: h5py.Dataset) -> None:
@@ -169,7 +169,7 @@ class Rows:
             return
         target = out if out.dtype == self.dtype and out.flags.c_contiguous else np.empty(out.shape, self.dtype)
         view = target.reshape(-1).view(np.uint8).data
-        ends = [*(np.flatnonzero(np.diff(rows) != 1) + 1).tolist(), len(rows)]  # of runs of consecutive rows
+        ends = [*(np.flatnonzero(np.diff(rows) != 1) + 1).tolist(), len(rows)]  # ends of runs of consecutive rows
         begin = 0
         for end in ends:
             at = self._offset + int(rows[begin]) * self._row

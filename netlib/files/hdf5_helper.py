@@ -37,7 +37,7 @@ def fault_of(path: str, content: Identity) -> str:
             return ""
         try:
             answer = helper.ask(str(Path(path).absolute()), seconds)
-        except BaseException:  # Ctrl-C: the answer would be taken for that to the next question
+        except BaseException:  # Ctrl-C: the pending answer would be read as the answer to the next question
             _state.end()
             raise
         if answer is None:

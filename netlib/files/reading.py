@@ -121,7 +121,7 @@ def identity(descriptor: int) -> Identity:
 class Content(NamedTuple):
     """The content of a file that is read once and used several times.
 
-    identity  of the file, to which the check of HDF5 files refers
+    identity  identity of the file, for which the result of the HDF5 check is cached
     """
 
     path: Path

@@ -29,7 +29,7 @@ class BlobProto:
     diff: Floats | None = numbered(6, None, packed=True)
     double_data: Doubles | None = numbered(8, None, packed=True)
     double_diff: Doubles | None = numbered(9, None, packed=True)
-    num: int = numbered(1, 0)  # before there was ``shape``: always four axes
+    num: int = numbered(1, 0)  # older form of ``shape``, always four axes
     channels: int = numbered(2, 0)
     height: int = numbered(3, 0)
     width: int = numbered(4, 0)

@@ -140,7 +140,7 @@ def changed(message: T, **changes: Any) -> T:
 
 
 def placed(made: T, origin: object) -> T:
-    """Give ``made`` the position that ``origin`` has in its file, and return it."""
+    """Set the position of ``made`` to that of ``origin`` in its file, and return ``made``."""
     object.__setattr__(made, "_tree", tree_of(origin))
     return made
 
@@ -209,7 +209,7 @@ def kind_of(hint: Any) -> tuple[Any, bool]:
 
 @functools.cache
 def is_message(kind: Any) -> bool:
-    """Whether it is a dataclass or an unparsed tree."""
+    """Whether a kind is a nested message: a dataclass or an unparsed tree."""
     return kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind))
 
 

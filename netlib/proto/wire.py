@@ -55,7 +55,7 @@ class FieldInfo:
 
     number: int
     name: str
-    kind: Any  # of one value (schema.kind_of); the dataclass of a nested message
+    kind: Any  # kind of one value (schema.kind_of); the dataclass of a nested message
     repeated: bool
     packed: bool
 

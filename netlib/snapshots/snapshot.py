@@ -70,7 +70,7 @@ def _max_bytes(path: str | Path) -> float:
 
 @contextlib.contextmanager
 def prefix_in_use(prefix: Path) -> Iterator[None]:
-    """Reserve this prefix within the block: repair what a killed training left, and reject a second training.
+    """Reserve this prefix within the block: clean up after a killed training, and reject a second training.
 
     Raises WeightsError, also if snapshots cannot be written there, before the training starts.
     """

@@ -1,4 +1,4 @@
-"""Memory checks before allocation, with error messages that name what the memory is for.
+"""Memory checks before allocation, with error messages that name the purpose of the memory.
 
 Operating systems overcommit memory and kill processes that use it. Requests that certainly cannot fit are therefore
 rejected: more than the machine has, free or not, or more than this process may use. Other requests are tried.
@@ -35,7 +35,7 @@ class OutOfMemoryError(LayerError, MemoryError):
 
 
 def check(size: int, what: str, blob: object = None) -> None:
-    """Raise OutOfMemoryError if ``size`` bytes cannot fit. ``what`` says what they are for, as in "for parameters"."""
+    """Raise OutOfMemoryError if ``size`` bytes cannot fit. ``what`` is their purpose, for example "for parameters"."""
     limit, owner = available()
     if size > limit:
         message = f"{format_bytes(size)} {what}; {owner} {format_bytes(int(limit))}"
