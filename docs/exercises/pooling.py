@@ -10,8 +10,8 @@ AVE   y = sum of x over the window / area      dx[all of the window] += dy / are
 
 Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so the last window, even if it is the
 only one, may extend beyond the edge; with pad > 0 in any direction, a last window that starts beyond the image is
-dropped. MAX takes the first of equal values and never a pad. The area of AVE includes padding but nothing beyond it. A
-window without values (stride > kernel) gives -FLT_MAX or NaN. The mask has no gradient.
+dropped. MAX selects the first of equal values and never padding. The area of AVE includes padding but nothing beyond
+it. A window without values (stride > kernel) gives -FLT_MAX or NaN. The mask has no gradient.
 
 Kept for backward: ``winners``, for each output of MAX its index in the window, in row-major order.
 """
@@ -25,7 +25,7 @@ import numpy as np
 from layers.vision.windows import PoolingParameter, SlidingWindow
 from netlib.blob import Array, Blobs
 
-NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum of no values
+NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum of an empty window
 
 
 class Pooling(SlidingWindow):

@@ -1,7 +1,7 @@
 # Replace each NotImplementedError, then run: python tools/exercise.py resume
-"""Exact resume from a solver state: what the state holds, and how it is restored.
+"""Exact resume from a solver state: collecting the state of a training and restoring it.
 
-For a resume that is exact to the bit, a state holds, in addition to Caffe's iteration and histories, the random
+For a resume that is exact to the bit, a state contains, in addition to Caffe's iteration and histories, the random
 generators and data positions of all layers and the losses being averaged. States written by Caffe have none of these.
 """
 

@@ -74,7 +74,7 @@ class Kinematics:
                     p = p + a * theta[:, motion.dof, None]
                 else:
                     F = F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])
-            along_bone = F[:, :, sk.bone_axes[j]]  # a joint without a bone has length 0, so any axis will do
+            along_bone = F[:, :, sk.bone_axes[j]]  # a joint without a bone has length 0, so its axis has no effect
             pose.joints[:, j], pose.frames[:, j] = p + along_bone * lengths[:, j, None], F
         return pose
 

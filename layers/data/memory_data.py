@@ -3,9 +3,9 @@
 top[0]  data   (batch_size, channels, height, width)
 top[1]  label  (batch_size, 1, 1, 1)
 
-``set_input_arrays`` sets the arrays; the number of items must be a multiple of ``batch_size``. Every forward takes the
-next batch, starting over after the last. As in Caffe, the arrays are not transformed. They are not copied, so changes
-show in the next batch.
+``set_input_arrays`` sets the arrays; the number of items must be a multiple of ``batch_size``. Every forward reads the
+next batch, starting over after the last. As in Caffe, the arrays are not transformed. They are not copied, so later
+changes to them affect the following batches.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Articulated bodies such as hands: augmentation, forward kinematics, physical limits."""
+"""Layers for articulated bodies such as hands: augmentation, forward kinematics, physical limits."""

@@ -81,7 +81,7 @@ class HandAugment(Layer):
             [[np.deg2rad(p.rotation)], [p.scale], [p.shift], [p.shift], [p.depth]]
         )
         s += 1
-        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]).transpose(2, 0, 1)  # of (column, row)
+        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]).transpose(2, 0, 1)  # (column, row)
         move = np.stack([u, v], axis=1)
         self.move_joints(bottom[1].data, top[1].data, turn, s, move / (S / 2), d)
         self.move_crops(bottom[0].data[:, 0], top[0].data[:, 0], _source_of(turn, s, move, S), s, d)
@@ -96,7 +96,7 @@ class HandAugment(Layer):
     def move_joints(self, x: Array, y: Array, turn: Array, s: Array, move: Array, d: Array) -> None:
         """Write the transformed joints (n, 3 K) to y."""
         joints = x.reshape(len(s), -1, 3).astype(np.float64)
-        plane = joints[..., :2] * (1, -1) @ turn.transpose(0, 2, 1)  # in (column, row)
+        plane = joints[..., :2] * (1, -1) @ turn.transpose(0, 2, 1)  # (column, row)
         moved = np.concatenate([plane * (1, -1), joints[..., 2:]], axis=2) * s[:, None, None]
         moved += np.stack([move[:, 0], -move[:, 1], d], axis=1)[:, None]
         y[...] = np.clip(moved, -1, 1).reshape(y.shape)

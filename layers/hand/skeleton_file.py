@@ -6,7 +6,7 @@ in radians. ``dof`` and ``joint`` are explained in skeleton.py.
 ``flesh`` is the surface around the bones: convex hulls of two spheres at joints (capsules) or of three (wedges). It is
 not used where only joints are computed.
 
-    dof, joint  additional ones of the surface, which are not predicted but visible to the camera (an arm)
+    dof, joint  additional DoFs and joints of the surface: not predicted, but visible to the camera (an arm)
     offset      displacement of spheres from their joint
     capsule     round cones with a sphere at either end, for limbs
     wedge       convex hulls of three spheres, for flat parts
@@ -25,10 +25,10 @@ from netlib.proto.prototxt import Position, Scalar
 from netlib.proto.schema import Double
 
 Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
-MAX_VALUE = 1e9  # of a length or angle: its square fits in float32
-MAX_LENGTH = 10.0  # half-cubes, of a part of a body, which must fit in its cube
+MAX_VALUE = 1e9  # limit of lengths and angles: their squares fit in float32
+MAX_LENGTH = 10.0  # limit of lengths of body parts in half-cubes; a body must fit in its cube
 LENGTHS = f"half-cubes, at most {MAX_LENGTH:g} (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
-DECIMALS = 6  # of numbers in a file, as in the packaged hand
+DECIMALS = 6  # digits after the decimal point in written files, as in the packaged hand
 
 
 @dataclass(frozen=True)

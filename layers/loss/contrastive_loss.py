@@ -2,7 +2,7 @@
 
 bottom[0]  a        (N, C), or with more axes of size 1
 bottom[1]  b        (N, C)
-bottom[2]  similar  (N,): is pair n similar? 0 (also 0.5, as fractions are truncated) means no, other values yes
+bottom[2]  similar  (N,)       0 (also 0.5, as fractions are truncated): pair n is not similar; other values: it is
 top[0]     L        scalar
 
 d = |a - b|, one distance per pair

@@ -4,8 +4,8 @@ bottoms    x (T, N, ...), cont (T, N), static (N, ...) optional; with ``expose_h
 params     w_x (4 D, I), b (4 D,), w_s (4 D, S) only with static, w_h (4 D, D)
 top[0]     h  (T, N, D)       with ``expose_hidden``, followed by h and c after the last step, (1, N, D)
 
-z is the contribution of x and static, computed for all steps at once (recurrent.py, which has what the layer shares
-with RNN), and r = cont[t] h[t - 1]. Each step t is an LSTMUnit (lstm_unit.py: the gates, their order and gradients),
+z is the contribution of x and static, computed for all steps at once (recurrent.py, the base class shared with RNN),
+and r = cont[t] h[t - 1]. Each step t is an LSTMUnit (lstm_unit.py: the gates, their order and gradients),
 
     c[t], h[t] = unit(c[t - 1], z[t] + w_h r, cont[t])
 

@@ -43,7 +43,7 @@ class RecurrentParameter:
     num_output: UInt = numbered(1, 0)  # D
     weight_filler: Filler = numbered(2, Filler())
     bias_filler: Filler = numbered(3, Filler())
-    debug_info: bool = numbered(4, False)  # for the net that Caffe builds inside; accepted, ignored
+    debug_info: bool = numbered(4, False)  # debug_info of the net that Caffe unrolls; accepted, ignored
     expose_hidden: bool = numbered(5, False)  # read initial states from bottoms and write final states to tops
 
 

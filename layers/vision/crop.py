@@ -21,7 +21,7 @@ from netlib.proto.schema import UInt, numbered
 class CropParameter:
     """The ``crop_param { ... }`` block."""
 
-    axis: int = numbered(1, 2)  # first axis to crop; by default rows and columns of images are
+    axis: int = numbered(1, 2)  # first axis to crop; the default crops rows and columns of images
     offset: tuple[UInt, ...] = numbered(2, ())  # start of y in x
 
 
