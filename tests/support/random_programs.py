@@ -2,8 +2,8 @@
 
 A *program* is a net and a list of operations: passes over images of changing sizes, parts of passes, values written
 between them, blobs read, parameters shared. After every operation the three nets must agree: on the values returned or
-errors raised, on all parameters and their gradients, on all outputs. Plain and fast agree to rounding in float64, fast on 1
-and on 4 threads bit for bit.
+errors raised, on all parameters and their gradients, on all outputs. Plain and fast agree to rounding in float64, fast
+on 1 and on 4 threads bit for bit.
 
     python -m tests.support.random_programs --count 20000 --first 0     a campaign; prints the seeds that fail
     python -m tests.support.random_programs --show 123                  one program and what it does
