@@ -1,11 +1,11 @@
-"""Everything that exists for speed only. Without this folder all results are the same to rounding, and slower.
+"""The fast engine: code that exists only for speed. Without this folder all results are the same up to rounding.
 
     engine        the table of fast layers, and other parts of this engine
-    executor      runs a net: rows of layers slice by slice (slices, slice_blobs), others whole; plan decides which, and
-                  traits has the properties of each layer type
-    tiles         blobs stored in the order in which products write and poolings read
+    executor      runs a net: sequences of layers slice by slice (slices, slice_blobs), other layers on the whole batch;
+                  plan selects them by the properties of the layer types in traits
+    tiles         blobs stored in the order in which matrix products write and pooling layers read
     convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
-                  the fast layers: each inherits from the plain layer of the same name and replaces its computation
+                  the fast layers: each is a subclass of the plain layer of the same name with another computation
     row_tiles, window_tiles, max_tiles
                   algorithms for convolution and pooling on tiles
     parallel, blas

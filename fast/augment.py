@@ -1,7 +1,7 @@
-"""FastHandAugment: crops in blocks on all threads, without new arrays.
+"""FastHandAugment: transforms blocks of crops on all threads, without allocating arrays.
 
-All random numbers are drawn before the work is shared out, so results do not depend on the number of threads. OpenCV's
-own threads are kept out: the crops are shared out already, and more threads would fight for the same processors.
+All random numbers are drawn before the blocks are distributed, so results do not depend on the number of threads.
+OpenCV's own threads are disabled, because they would compete with this engine's threads for the same processors.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from layers.hand.augment import HandAugment
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
-BLOCK = 16  # crops per job, 1 MB: few enough to stay in the cache, many enough to hide the call
+BLOCK = 16  # crops per job, 1 MB: they fit in the cache, and the overhead of a call is small
 
 
 class FastHandAugment(FastLayer, HandAugment):
-    """HandAugment on several threads."""
+    """HandAugment computed on several threads."""
 
     def move_crops(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
-        """Block by block."""
+        """Write the transformed crops to ``y``, one block per job."""
         s, d = (a.astype(self.dtype)[:, None, None] for a in (s, d))
         theirs = cv2.getNumThreads()
         cv2.setNumThreads(1)
@@ -34,7 +34,7 @@ class FastHandAugment(FastLayer, HandAugment):
             cv2.setNumThreads(theirs)
 
     def _move_block(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
-        """The plain layer's arithmetic, written into y."""
+        """Transform one block with the arithmetic of the plain layer; writes to ``y``."""
         S, how, old = x.shape[-1], cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, x
         if self.warps:
             old = self.buffer("warped", x.shape)

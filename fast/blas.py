@@ -1,15 +1,15 @@
-"""Choose BLAS kernels and threads.
+"""Configuration of OpenBLAS: the number of threads and the kernels.
 
-NumPy's OpenBLAS decides when it is loaded, from the environment:
+NumPy's OpenBLAS reads the environment when it is loaded:
 
-- Threads: the net cuts a batch into slices and gives every slice its own thread (slices.py); a product
-  inside a slice should then use one thread. BLAS threads on top of that only get in the way: ten times slower and
-  more. This can still be corrected after NumPy was imported.
-- Kernels: OpenBLAS knows processors by model number and takes its AVX2 kernels for a model that is too new for it,
-  even where AVX-512 is available. Naming a known model can double the speed of a product. This cannot be changed
-  once NumPy is there, so import netlib first.
+- Threads: the net splits a batch into slices and runs each slice on one thread (slices.py), so a product inside a
+  slice should use one thread. Additional BLAS threads compete with them and make a net at least ten times slower. The
+  number can also be set after NumPy was imported.
+- Kernels: OpenBLAS identifies processors by model number and selects its AVX2 kernels for an unknown, newer model,
+  even if AVX-512 is available. Naming a known model can double the speed of a product. The kernels cannot be changed
+  after NumPy was imported, so netlib must be imported first.
 
-Settings of the user are not changed.
+Variables that the user has set are not changed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-_AVX512 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}  # what OpenBLAS's SkylakeX kernels use
+_AVX512 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}  # used by OpenBLAS's SkylakeX kernels
 _SETTERS = ("scipy_openblas_set_num_threads64_", "scipy_openblas_set_num_threads", "openblas_set_num_threads64_",
             "openblas_set_num_threads")  # fmt: skip
 
@@ -47,7 +47,7 @@ def configure() -> str:
 
 
 def _is_amd_with_avx512() -> bool:
-    """Only AMD's: on Intel processors OpenBLAS detects AVX-512."""
+    """Whether this is an AMD processor with AVX-512. On Intel processors OpenBLAS detects AVX-512 itself."""
     try:
         info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
@@ -57,7 +57,7 @@ def _is_amd_with_avx512() -> bool:
 
 
 def _set_threads(count: int) -> None:
-    """Tell every OpenBLAS that is loaded how many threads to use."""
+    """Set the number of threads of every loaded OpenBLAS."""
     for library in _loaded("openblas"):
         for name in _SETTERS:
             if setter := getattr(library, name, None):
@@ -66,7 +66,7 @@ def _set_threads(count: int) -> None:
 
 
 def _loaded(name: str) -> Iterator[ctypes.CDLL]:
-    """The shared libraries of this process whose file name contains ``name``."""
+    """Yield the shared libraries of this process whose file name contains ``name``."""
     try:
         maps = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace")
     except OSError:

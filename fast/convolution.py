@@ -1,7 +1,7 @@
-"""FastConvolution: stride 1, no padding, one group, as the hand network has it, with less copying than im2col.
+"""FastConvolution: convolutions with stride 1, no padding and one group, with less copying than im2col.
 
-Two ways, both by matrix products: row_tiles.py for any such convolution, window_tiles.py for the first one of a depth
-image, whose background needs no product. Other options are the plain layer's.
+Two algorithms use matrix products: row_tiles.py for all such convolutions, window_tiles.py for the first layer on a
+depth image, where the background needs no product. Other options are computed by the plain layer.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from netlib.blob import Blobs
 
 
 class FastConvolution(FastLayer, Convolution):
-    """Convolution on tiles."""
+    """Convolution computed on tiles."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Prepare both ways."""
+        """Create both algorithms."""
         super().setup(bottom, top)
         self.row_tiles, self.window_tiles = RowTiles(), WindowTiles()
         self.way: RowTiles | WindowTiles = self.row_tiles
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
-        """What makes a product of a good shape, if the top leaves the choice."""
+        """The tile of the top, or a size for which the matrix product is fast; None for options of the plain layer."""
         return self.row_tiles.tile(top_tile, self.weight.shape) if self.simple else None
 
     def writes_tiles(self) -> bool:
-        """Of any size."""
+        """Whether RowTiles or WindowTiles computes the layer; they write tiles of any size."""
         return self.simple
 
     def writes_sparse(self) -> bool:
-        """True if the gradient of the image is not needed."""
+        """Whether the top can be sparse: True if the gradient of the bottom is not needed."""
         return self.simple and not self.needs_bottom_diff
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Choose between the plain layer and the two ways."""
+        """Reshape the tops and select the plain layer or one of the two algorithms."""
         super().reshape(bottom, top)
         options = self.stride == self.dilation == (1, 1) and self.pad == (0, 0) and self.param.group == 1
         self.simple = options and len(bottom[0].shape) == 4
@@ -49,7 +49,7 @@ class FastConvolution(FastLayer, Convolution):
             self.way = self.window_tiles if fits else self.row_tiles
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Bottom by bottom."""
+        """Compute each top from its bottom."""
         if not self.simple:
             super().forward(bottom, top)
             return
@@ -58,7 +58,7 @@ class FastConvolution(FastLayer, Convolution):
             self.way.forward(self, x, y, self.weight.data, bias)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Bottom by bottom."""
+        """Compute the gradients for each bottom; the diffs of the parameters are summed."""
         if not self.simple:
             super().backward(top, propagate_down, bottom)
             return

@@ -1,7 +1,7 @@
-"""The fast engine: what it does in its own way, and the table of its classes.
+"""The fast engine: the overridden methods of the engine interface, and the table of fast layer classes.
 
-A fast class is a plain class with its computation replaced. It inherits setup, reshape, options and messages, and
-leaves options that it cannot serve to the plain layer.
+A fast class is a subclass of a plain class with another computation. It inherits setup, reshape, options and messages,
+and calls the plain computation for options that it does not support.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from netlib.engine.plain import Connection, Engine, Executor
 from netlib.system.memory import blocks
 
 T = TypeVar("T")
-LARGE = 1 << 20  # bytes from which a copy takes longer than handing it out (some 0.1 ms)
-COPIES = 16  # parts of a large copy, for up to as many threads
+LARGE = 1 << 20  # bytes; larger copies take longer than starting jobs on threads (about 0.1 ms)
+COPIES = 16  # parts of a large copy, and so the maximum number of threads that share it
 
 FAST_CLASSES: dict[type, type] = {
     Convolution: FastConvolution,
@@ -54,28 +54,28 @@ FAST_CLASSES: dict[type, type] = {
 
 
 class FastEngine(Engine):
-    """Slices of the batch on several threads, own classes for the layers that cost most."""
+    """Engine that runs slices of the batch on several threads, with fast classes for the most expensive layers."""
 
     name = "fast"
 
     def implementation(self, cls: type[T]) -> type[T]:
-        """The fast class for ``cls``, otherwise ``cls``."""
+        """The fast class for ``cls``, or ``cls`` if there is none."""
         return FAST_CLASSES.get(cls, cls)
 
     def blob(self, dtype: DTypeLike) -> Blob:
-        """One that can be hidden."""
+        """Create a blob that can be hidden."""
         return FastBlob((), dtype)
 
     def executor(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> Executor:
-        """Slices where that pays."""
+        """Create an executor that runs layers in slices where this is faster."""
         return SlicedExecutor(connections, outside, name)
 
     def run(self, jobs: Sequence[Callable[[], None]]) -> None:
-        """On all threads."""
+        """Run independent jobs on all threads and return when all are done."""
         parallel.run(jobs)
 
     def copy(self, source: Array, target: Array) -> None:
-        """On all threads if it is large; parts of arrays that share memory would overwrite each other's sources."""
+        """Copy an array; large ones on all threads, unless the arrays share memory: parts could overwrite sources."""
         if target.nbytes < LARGE or np.may_share_memory(source, target):
             target[...] = source
             return
@@ -86,9 +86,9 @@ class FastEngine(Engine):
         parallel.run([functools.partial(job, rows) for rows in blocks(len(target), -(-len(target) // COPIES))])
 
     def threads(self) -> int:
-        """Of the one pool (parallel.py)."""
+        """Number of threads in use, all from the pool in parallel.py."""
         return parallel.threads()
 
     def set_threads(self, count: int) -> None:
-        """Of the one pool (parallel.py)."""
+        """Set the number of threads of the pool in parallel.py."""
         parallel.set_threads(count)

@@ -1,12 +1,12 @@
-"""The fast executor: rows of layers in slices (slices.py), others whole.
+"""The fast executor: runs sequences of layers in slices (slices.py), and other layers on the whole batch.
 
-A blob inside a slice is *hidden*: it does not exist for the whole batch. On the first access to its ``data`` or
-``diff``, it is stored from then on, and the values of the last pass are computed again: by the weights of that pass,
-and by its inputs, which are copied when a caller first accesses them after the pass and so may write them. An array
-that the caller obtained before the pass is not copied: writing to it changes the values that are computed again. A
-hidden diff can be computed again until the next forward pass.
+A blob inside a slice is *hidden*: it is not stored for the whole batch. At the first access to its ``data`` or
+``diff``, its values of the last pass are computed again, and it is stored in all later passes. The computation uses the
+weights and the inputs of the last pass. An input is copied when the caller first accesses it after the pass, because
+the caller may then modify it. An array that the caller obtained before the pass is not copied: modifying it changes the
+values that are computed again. A hidden diff can be computed again until the next forward pass.
 
-After the access to a second hidden blob none is hidden any more, so a loop over all blobs costs two passes at most.
+After the access to a second hidden blob no blob is hidden any more, so a loop over all blobs costs at most two passes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from netlib.blob import Array, Blob
 from netlib.engine.plain import BackwardHook, Connection, Executor, Step, guarded
 from netlib.errors import NetlibError
 
-Halves = tuple["Array | None", "Array | None"]  # data and diff, as far as there is memory for them
+Halves = tuple["Array | None", "Array | None"]  # data and diff; None if not allocated
 
 
 class SlicedExecutor(Executor):
@@ -43,15 +43,15 @@ class SlicedExecutor(Executor):
         self._stored = {id(blob) for blob in self._outside}
         self._looked = False
         self._by_layer = False
-        self._seen = [False, False]  # has forward, has backward run
+        self._seen = [False, False]  # whether forward and backward have run
         self._watched: list[FastBlob] = []
-        self._kept: dict[int, tuple[Blob, Array]] = {}  # by id: blobs a caller has accessed, their data in forward
-        self._kept_back: dict[int, Halves] = {}  # the same of the last backward, data and diff
+        self._kept: dict[int, tuple[Blob, Array]] = {}  # id -> blob that a caller accessed, its data in forward
+        self._kept_back: dict[int, Halves] = {}  # id -> data and diff in the last backward
         self._planned_for: list[tuple[bool, tuple[int, ...]]] = []
         self._plan()
 
     def _plan(self) -> None:
-        """Decide what runs in slices, and watch the blobs that are hidden by it."""
+        """Select the layers that run in slices, and register callbacks for accesses to the hidden blobs."""
         for at in self.connections:
             for blob in at.top:
                 if isinstance(blob, FastBlob):
@@ -65,16 +65,16 @@ class SlicedExecutor(Executor):
             blob.on_look = partial(_look, weakref.ref(self), blob)
 
     def _item_shapes(self) -> list[tuple[bool, tuple[int, ...]]]:
-        """What a plan depends on: the shape of an item of each blob, and whether it has as many items as the first."""
+        """Values that determine a plan: for each blob, whether it has as many items as the first, and their shape."""
         blobs = [blob for at in self.connections for blob in [*at.bottom, *at.top]]
         return [(blob.shape[:1] == blobs[0].shape[:1], blob.shape[1:]) for blob in blobs]
 
     def hidden(self) -> list[Blob]:
-        """Blobs that do not exist for the whole batch."""
+        """Blobs that are not stored for the whole batch."""
         return [blob for step in self.steps if isinstance(step, SlicedStep) for blob in step.run.hidden]
 
     def forward(self, first: int = 0, last: int | None = None) -> None:
-        """Run layers ``first`` to before ``last`` forwards."""
+        """Run the layers from ``first`` up to but not including ``last`` forwards."""
         with self.one_thread:
             if self._is_part(first, last):
                 self._run_by_layer()
@@ -85,8 +85,8 @@ class SlicedExecutor(Executor):
                 self._watch()
 
     def in_order(self, first: int, last: int | None) -> Iterator[WholeStep | SlicedStep]:
-        """What runs the layers. Where the layers before have left blobs of unequal numbers of items, a step that would
-        cut them all alike is first divided into steps that can."""
+        """Yield the steps that run the layers. A sliced step is first divided into several if earlier layers have
+        changed the number of items of some of its blobs, because one division into slices must fit all of them."""
         number, end = first, len(self.steps) if last is None else last
         while number < end:
             step = self.steps[number]
@@ -100,7 +100,7 @@ class SlicedExecutor(Executor):
             number += 1
 
     def _divided(self, step: SlicedStep) -> list[WholeStep | SlicedStep]:
-        """Steps for the same layers, by the shapes that their blobs have now."""
+        """Plan new steps for the same layers from the current shapes of their blobs."""
         hidden = {id(blob): blob for blob in step.run.hidden}
         runs = plan(step.run.connections, lambda blob: id(blob) not in hidden)
         for key in hidden.keys() - {id(blob) for run in runs for blob in run.hidden}:
@@ -108,7 +108,7 @@ class SlicedExecutor(Executor):
         return [_step_of(run) for run in runs]
 
     def backward(self, first: int = 0, last: int | None = None, on_done: BackwardHook | None = None) -> None:
-        """Run layers ``first`` to before ``last`` backwards."""
+        """Run the layers from ``first`` up to but not including ``last`` backwards."""
         with self.one_thread:
             if self._is_part(first, last) or self._is_rewritten():
                 self._run_by_layer()
@@ -120,12 +120,12 @@ class SlicedExecutor(Executor):
             self._watch()
 
     def reshape(self) -> bool:
-        """Shape all blobs again; without a changed shape nothing happens."""
+        """Reshape all blobs after an input was reshaped. Returns whether any shape changed."""
         with self.one_thread:
             try:
                 changed = super().reshape()
             except NetlibError:
-                self._seen = [False, False]  # half of the blobs have new shapes: nothing can be computed again
+                self._seen = [False, False]  # some blobs have new shapes, so no values can be computed again
                 raise
             if changed:
                 self._seen = [False, False]
@@ -139,11 +139,11 @@ class SlicedExecutor(Executor):
         return (first, last) != (0, None)
 
     def _is_rewritten(self) -> bool:
-        """Has a caller written into what forward read? Slices may no longer hold what backward needs of it."""
+        """Whether a caller has modified an input of forward. Slices may no longer have the values for backward."""
         return any(not np.array_equal(data, blob.data) for blob, data in self._kept.values())
 
     def _run_by_layer(self) -> None:
-        """A net that is run in parts runs layer by layer from then on: indices of steps are those of layers."""
+        """Switch permanently to one step per layer, so that a part of the net can be run by the indices of layers."""
         if not self._by_layer:
             self._by_layer = True
             self._replan()
@@ -151,7 +151,7 @@ class SlicedExecutor(Executor):
     # ------------------------------------------------------------------------------------------ hidden blobs
 
     def reveal(self, blob: Blob) -> None:
-        """Store a hidden blob from now on, with its values of the last pass."""
+        """Compute the values of a hidden blob in the last pass, and store it in all later passes."""
         with self.one_thread:
             self._stored |= {id(b) for b in self.hidden()} if self._looked else {id(blob)}
             self._looked = True
@@ -159,7 +159,7 @@ class SlicedExecutor(Executor):
             self._watch()
 
     def _replan(self) -> None:
-        """Plan again, and pass the state of the old steps to the new ones: values, winners, masks."""
+        """Plan again, and restore the state of the old steps in the new ones: values, winners, masks."""
         old = [step for step in self.steps if isinstance(step, SlicedStep)]
         self._unwatch()
         self._plan()
@@ -168,7 +168,7 @@ class SlicedExecutor(Executor):
                 self._repeat(step)
 
     def _repeat(self, old: SlicedStep) -> None:
-        """Compute again what ``old`` computed in the last pass; whatever a caller can see stays as it is."""
+        """Repeat the last pass of ``old`` with the new steps, without changing any value that a caller can access."""
         inside = {id(at) for at in old.run.connections}
         steps = [step for step in self.steps if id(step.at) in inside]
         read, written = old.run.outside("bottom"), old.run.outside("top")
@@ -196,10 +196,10 @@ class SlicedExecutor(Executor):
         for param, values in weights:
             stack.enter_context(param.holding(data=values))
 
-    # What the last pass read is kept from the moment when a caller may write it.
+    # Inputs of the last pass are copied before a caller can modify them.
 
     def _watch(self) -> None:
-        """Have a copy made of whatever is read to compute hidden blobs again, once it is accessed."""
+        """Register callbacks that copy the inputs of sliced steps before a caller's first access."""
         kept = self._kept_back if self._seen[1] else self._kept
         for step in self.steps:
             if isinstance(step, SlicedStep):
@@ -207,7 +207,7 @@ class SlicedExecutor(Executor):
                     if isinstance(blob, FastBlob) and blob.on_look is None and id(blob) not in kept:
                         blob.on_look = partial(_keep, weakref.ref(self), blob)
                         self._watched.append(blob)
-                for blob in step.run.outside("bottom"):  # backward writes their diffs, and reads none of them
+                for blob in step.run.outside("bottom"):  # backward does not read their diffs
                     if isinstance(blob, FastBlob) and blob.on_look is None and id(blob) not in kept:
                         blob.on_look_data = partial(_keep, weakref.ref(self), blob)
                         self._watched.append(blob)
@@ -218,7 +218,7 @@ class SlicedExecutor(Executor):
         self._watched.clear()
 
     def keep(self, blob: FastBlob) -> None:
-        """Copy a blob that a caller is going to access."""
+        """Copy a blob that a caller is about to access."""
         data, diff = blob.copies(of_diff=blob.on_look is not None)
         blob.on_look = blob.on_look_data = None
         if data is not None:
@@ -227,7 +227,7 @@ class SlicedExecutor(Executor):
             self._kept_back[id(blob)] = data, diff
 
     def forget_last_pass(self) -> None:
-        """Drop the copies."""
+        """Discard the copies of inputs of the last pass."""
         self._unwatch()
         self._kept.clear()
         self._kept_back.clear()
@@ -238,7 +238,7 @@ def _step_of(run: Run) -> WholeStep | SlicedStep:
 
 
 def _look(executor: weakref.ref[SlicedExecutor], blob: Blob) -> None:
-    """Before the first access to a hidden blob."""
+    """Callback of a hidden blob before its first access: store its values. Raises NetlibError if the net is gone."""
     owner = executor()
     if owner is None:
         raise NetlibError("this blob was computed in slices and its net is gone; look at it, or copy it, before")
@@ -246,7 +246,7 @@ def _look(executor: weakref.ref[SlicedExecutor], blob: Blob) -> None:
 
 
 def _keep(executor: weakref.ref[SlicedExecutor], blob: FastBlob) -> None:
-    """Before the first access, after a pass, to a blob that the pass has read."""
+    """Callback of an input of a pass before its first access after the pass: copy it."""
     owner = executor()
     if owner is None:
         blob.on_look = blob.on_look_data = None
@@ -255,21 +255,21 @@ def _keep(executor: weakref.ref[SlicedExecutor], blob: FastBlob) -> None:
 
 
 class WholeStep(Step):
-    """One layer, run on the whole batch. Our own layers need a reshape only where a shape has changed."""
+    """One layer, run on the whole batch. Layers of this project are reshaped only after a shape has changed."""
 
     def __init__(self, at: Connection) -> None:
         super().__init__(at)
-        self._steady = at.layer.type != "Python"  # a Python layer may do what it likes
+        self._steady = at.layer.type != "Python"  # reshape of a Python layer may depend on more than shapes
         self._blobs = [*at.bottom, *at.top]
         self._shapes: list[tuple[int, ...]] | None = None
 
     def forward(self) -> None:
-        """Shape the tops and compute them."""
+        """Reshape the tops if necessary and compute them."""
         if self._shapes != self._now() or not self._steady:
             guarded(self.at.layer, "reshape", self.at.bottom, self.at.top)
             self._shapes = self._now()
         guarded(self.at.layer, "forward", self.at.bottom, self.at.top)
 
     def _now(self) -> list[tuple[int, ...]]:
-        """The shapes of all its blobs, which a caller may have changed."""
+        """The current shapes of all bottoms and tops, which a caller may have changed."""
         return [blob.shape for blob in self._blobs]

@@ -1,4 +1,4 @@
-"""What all fast layers have: working memory, and what is asked of them backwards."""
+"""Base class of all fast layers: working memory, needed gradients, and support for tiles."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from netlib.layer import Layer
 
 
 class FastLayer(Layer):
-    """A layer that computes what its plain class computes, faster.
+    """A layer that computes the same as its plain class, but faster.
 
-    needs_backward     will backward be called at all; set by the executor before the first pass
-    needs_bottom_diff  will the diff of any bottom be needed
+    needs_backward     whether backward will be called; set by the executor before the first pass
+    needs_bottom_diff  whether the diff of any bottom will be needed
     """
 
     needs_backward: bool = True
@@ -27,23 +27,23 @@ class FastLayer(Layer):
         self._buffers = threading.local()
 
     def buffer(self, key: str, shape: tuple[int, ...], dtype: DTypeLike | None = None) -> Array:
-        """Working memory of the calling thread: zeros at first, then whatever was left in it."""
+        """Working memory of the calling thread: initially zeros, later the values of its last use."""
         return buffer_of(self._buffers, key, shape, dtype or self.dtype)
 
-    # For layers that can handle tiles (tiles.py)
+    # Layers that support tiles (tiles.py) override these methods.
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
-        """The tile in which this layer would like its bottoms if its top has ``top_tile``; None: plain."""
+        """The tile of the bottoms with which this layer is fastest if its top has ``top_tile``; None: not tiled."""
         return None
 
     def writes_tiles(self) -> bool:
-        """Can the tops be tiled, whatever the tile?"""
+        """Whether the tops can be tiled, with any tile."""
         return False
 
     def writes_sparse(self) -> bool:
-        """Can a tiled top be sparse?"""
+        """Whether a tiled top can be sparse."""
         return False
 
     def reads_sparse(self) -> bool:
-        """Can a tiled bottom be sparse?"""
+        """Whether a tiled bottom can be sparse."""
         return False

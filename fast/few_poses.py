@@ -1,4 +1,4 @@
-"""Forward kinematics for a few poses, where the number of NumPy calls counts and not the arithmetic."""
+"""Forward kinematics for a few poses, where the time depends on the number of NumPy calls, not on the arithmetic."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from netlib.blob import Array
 
 
 class FewPoses:
-    """All turns of a pose at once, then all joints at once.
+    """Computes all rotations of a pose together, then the transforms of all joints together.
 
-    A turn about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so all turns of a pose
-    come from three operations. All joints multiply their own turns and their bone to a 4 x 4 transform at once. Then
-    everyone multiplies the transform of its parent from the left, next that of its grandparent, then of the fourth
-    before it: as often as the depth has bits.
+    A rotation about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so three
+    operations compute all rotations of a pose. The rotations and the bone of each joint give a 4 x 4 transform. It is
+    multiplied from the left by the transform of the parent, then by the result of the grandparent, then of the fourth
+    ancestor, and so on (pointer doubling): the number of products is the number of bits of the depth.
     """
 
     def __init__(self, skeleton: Skeleton, steps: Sequence[Sequence[Part]]) -> None:
         K, M = len(steps), sum(step.kind != "constant" for own in steps for step in own)
         most = max(1, *(sum(step.kind != "translate" for step in own) for own in steps))
-        self.P, self.C, self.S = np.zeros((3, most, K, 3, 3))  # of every joint's turns, padded with the identity
+        self.P, self.C, self.S = np.zeros((3, most, K, 3, 3))  # rotations of every joint, padded with the identity
         self.P[:] = np.eye(3)
-        self.angle = np.full((most, K), M)  # which motion's; M: none
+        self.angle = np.full((most, K), M)  # index of the motion of each rotation; M: none
         self.slides: list[tuple[int, int, float, int]] = []  # joint, axis, sign, motion
-        motions = []  # per motion its joint, how many of the joint's turns come before it, axis and sign
+        motions = []  # per motion: joint, number of the joint's rotations before it, axis, sign
         for j, own in enumerate(steps):
             turned = 0
             for step in own:
@@ -48,18 +48,18 @@ class FewPoses:
         has_bone = np.flatnonzero(skeleton.bone_axes >= 0)
         self.bone_axes[has_bone, skeleton.bone_axes[has_bone], 0] = 1
         self.bones = self.bone_axes * skeleton.bones[:, None, None]
-        before = np.append(np.where(skeleton.parents < 0, K, skeleton.parents), K)  # K: the world
+        before = np.append(np.where(skeleton.parents < 0, K, skeleton.parents), K)  # K is the world
         self.parents, self.before = before, []
         while (before < K).any():
             self.before.append(before)
             before = before[before]
 
     def joints(self, value: Array, bones: Array | None) -> Array:
-        """Positions (N, K, 3) for the values (N, M) of the motions; ``bones`` (N, K) are each pose's own lengths."""
+        """Positions (N, K, 3) for the values (N, M) of the motions; ``bones`` (N, K) are bone lengths per pose."""
         return self._world(value, bones)[0][:, :-1, :3, 3]
 
     def pose(self, value: Array, free: Array, bones: Array | None, dtype: DTypeLike) -> Pose:
-        """Joints, frames, and the axes of the motions ``free`` (Q,); ``bones`` (N, K) are each pose's own lengths."""
+        """Joints, frames, and the axes of the motions ``free`` (Q,); ``bones`` (N, K) are bone lengths per pose."""
         world, turns, start = self._world(value, bones)
         joint, slot, axis, sign = self.motions[:, free]
         parent = world[:, self.parents[joint]]
@@ -73,10 +73,10 @@ class FewPoses:
         return pose
 
     def _world(self, value: Array, bones: Array | None) -> tuple[Array, Array, Array]:
-        """World transforms (N, K + 1, 4, 4), the last one the world's own, and in the frame of each joint's parent
+        """World transforms (N, K + 1, 4, 4), the last one the identity, and in the frame of each joint's parent
 
-        turns  (F + 1, N, K, 3, 3) of the joint, before every one of its factors and after all
-        start  (N, K, 3) how far it has slid before it turns
+        turns  (F + 1, N, K, 3, 3) rotation of the joint before each of its F factors, and after all of them
+        start  (N, K, 3) translation of the joint before its rotations
         """
         N, K = len(value), len(self.bone_axes)
         angle = np.zeros((N, value.shape[1] + 1))
@@ -105,7 +105,7 @@ class FewPoses:
 
 
 def _rodrigues(step: Part) -> tuple[Array, Array, Array]:
-    """P, C, S (3, 3) of a turn: R(t) = P + cos t C + sin t S."""
+    """P, C, S (3, 3) of a rotation R(t) = P + cos t C + sin t S."""
     start, quarter, half = (rotation(step.axis, step.sign * angle) for angle in (0.0, np.pi / 2, np.pi))
     P = (start + half) / 2
     return P, start - P, quarter - P

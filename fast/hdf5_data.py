@@ -1,7 +1,7 @@
-"""FastHDF5Data: reads a batch ahead, by a thread, while the net computes.
+"""FastHDF5Data: a thread reads the next batch while the net computes.
 
-Two batches are in memory, the one in the tops and the one that is being read. They change places, so an array taken
-from a top is good until the next forward.
+Two batches are in memory: the one in the tops and the one being read. Each forward swaps them, so an array obtained
+from a top is valid until the next forward.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from netlib.system.one_thread import call_after_fork
 
 
 class FastHDF5Data(FastLayer, HDF5Data):
-    """Batches, one ahead."""
+    """HDF5Data that reads one batch ahead."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Start the reader."""
+        """Set up the layer and start the thread that reads."""
         super().setup(bottom, top)
         self._reader = Workers(1, "hdf5_data")
         self._ahead: Future[Cursor] | None = None
@@ -31,18 +31,18 @@ class FastHDF5Data(FastLayer, HDF5Data):
         call_after_fork(self)
 
     def after_fork(self) -> None:
-        """The batch that was being read ahead stays unread; the next forward reads it again."""
+        """Discard the batch being read; the next forward reads it again."""
         self._ahead = None
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Have room for the next batch."""
+        """Reshape the tops and allocate the next batch."""
         super().reshape(bottom, top)
         if [array.shape for array in self._next] != [blob.shape for blob in top]:
             self._drop_ahead()
             self._next = [np.empty(blob.shape, self.dtype) for blob in top]
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Take what was read ahead, and have the next batch read."""
+        """Move the batch read ahead to the tops, and start reading the next one."""
         ahead = self._ahead or self._reader.submit(self.read, self.cursor, self._next)
         self._ahead = None  # if it failed, the next forward tries again
         self.cursor = ahead.result()
@@ -56,21 +56,21 @@ class FastHDF5Data(FastLayer, HDF5Data):
         self._ahead = self._reader.submit(self.read, self.cursor, self._next)
 
     def restore(self, state: dict[str, Any]) -> None:
-        """What was read ahead no longer comes next."""
+        """Restore a position in the data, and discard the batch read ahead."""
         self._drop_ahead()
         super().restore(state)
 
     def rewind(self) -> None:
-        """Also forgets what was read ahead."""
+        """Continue with the first row, and discard the batch read ahead."""
         self._drop_ahead()
         super().rewind()
 
     def use_batch_size(self, size: int) -> None:
-        """Also forgets what was read ahead."""
+        """Read ``size`` rows at a time from now on, and discard the batch read ahead."""
         self._drop_ahead()
         super().use_batch_size(size)
 
     def _drop_ahead(self) -> None:
         if self._ahead is not None:
-            self._ahead.exception()  # waits; the batch, or the reason why it could not be read, is not needed
+            self._ahead.exception()  # waits; the result and any exception are discarded
             self._ahead = None

@@ -1,10 +1,9 @@
-"""FastInnerProduct: each product in nearly equal blocks of features, one per thread: of outputs for y and dw, of inputs
-for dx.
+"""FastInnerProduct: computes each matrix product in nearly equal blocks of features on several threads.
 
-Blocks do not depend on the number of threads, so neither does the rounding of a sum; they are large, because every
-product packs its factors again. For a few items that takes longer than the product: they are computed one at a time,
-since a product with one row reads the weights in place, limited by memory bandwidth. The blocks are then so small that
-the second item finds the weights of the first in the cache.
+The blocks are blocks of outputs for y and dw, and of inputs for dx. They do not depend on the number of threads, so
+rounding does not depend on it either. They are large, because BLAS packs both factors of every product. For a few items
+packing takes longer than the product, so items are computed one at a time: a product with one row reads the weights in
+place, limited by memory bandwidth. These blocks are so small that their weights stay in the cache between items.
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ from layers.common.inner_product import InnerProduct
 from netlib.blob import Blobs
 from netlib.system.memory import blocks
 
-MAX_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
-FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/parts.py shows both
-CACHED_BYTES = 1 << 20  # of the weights of a block, which stay in the cache from item to item
-ALIGNED = 64  # outputs; blocks of multiples are rounded as one product of all outputs is
+MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
+FEW_ITEMS = 8  # up to this number, items are faster one at a time (measured by benchmarks/parts.py)
+CACHED_BYTES = 1 << 20  # size of a block's weights, so that they stay in the cache between items
+ALIGNED = 64  # outputs; blocks of multiples of this size round like one product of all outputs
 
 
 class FastInnerProduct(FastLayer, InnerProduct):
-    """Fully connected layer in blocks."""
+    """Fully connected layer computed in blocks."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """y = x wᵀ + b by blocks of outputs, or item by item."""
+        """Compute y = x wᵀ + b in blocks of outputs, for a few items one at a time."""
         x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.weight.data)
 
         few = len(x) <= FEW_ITEMS
@@ -48,7 +47,7 @@ class FastInnerProduct(FastLayer, InnerProduct):
             parallel.run(_by_blocks(job, len(w)))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """dw = dyᵀ x and db by blocks of outputs, dx = dy w by blocks of inputs."""
+        """Compute dw = dyᵀ x and db in blocks of outputs, and dx = dy w in blocks of inputs."""
         x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.weight.data)
         dw = self.output_first(self.weight.diff)
 
@@ -69,6 +68,6 @@ class FastInnerProduct(FastLayer, InnerProduct):
 
 
 def _by_blocks(job: Callable[[slice], None], count: int) -> list[Callable[[], None]]:
-    """``job`` for each of as few blocks of the features as there can be, nearly equal ones."""
+    """Return one call of ``job`` per block, for the smallest possible number of nearly equal blocks of features."""
     number = -(-count // MAX_BLOCK)
     return [partial(job, features) for features in blocks(count, -(-count // number))]

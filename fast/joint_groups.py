@@ -1,6 +1,6 @@
-"""The motions of a skeleton's joints, with all that is fixed multiplied out beforehand, and joints in groups.
+"""The motions of a skeleton's joints, with fixed rotations precomputed, and groups of joints computed as one array.
 
-Joints of the same depth and the same motions, like those of limbs, are computed as one array.
+A group has joints of the same depth with the same kinds of motions, such as corresponding joints of fingers.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from netlib.blob import Array
 
 
 class Part(NamedTuple):
-    """One motion of one joint, or several fixed turns multiplied out."""
+    """One motion of one joint, or the product of consecutive fixed rotations."""
 
     kind: Literal["translate", "rotate", "constant"]
     axis: int = -1  # local axis of a motion
     sign: float = 1.0  # -1: about or along the negative axis
-    number: int = -1  # of the motion among the M that are not constants
+    number: int = -1  # index of the motion among the M that are not constants
     dof: int = -1
-    matrix: Array | None = None  # of a constant: fixed rotations, multiplied out
+    matrix: Array | None = None  # for a constant: the product of fixed rotations
 
 
 def parts_of(skeleton: Skeleton) -> list[list[Part]]:
-    """Every joint's operations in order; fixed rotations are multiplied out."""
+    """The operations of each joint in order; consecutive fixed rotations are one operation."""
     row, result = 0, []
     for motions in skeleton.motions:
         own: list[Part] = []
@@ -47,31 +47,31 @@ def parts_of(skeleton: Skeleton) -> list[list[Part]]:
 
 
 class Operation(NamedTuple):
-    """The same part of n joints."""
+    """The parts of n joints that are computed together."""
 
     kind: Literal["translate", "rotate", "constant"]
     axis: int
-    rows: slice | list[int]  # of the motions
+    rows: slice | list[int]  # indices of the motions
     sign: Array  # (n, 1, 1)
-    matrices: Array  # (n, 3, 3) of the constants
+    matrices: Array  # (n, 3, 3) matrices of the constants
 
 
 @dataclass
 class Group:
-    """Joints of one depth whose parts have the same kinds and axes: they are computed as one array."""
+    """Joints of one depth whose parts have the same kinds and axes, so that they are computed as one array."""
 
     joints: list[int]
-    parent: int  # the group of their parents, -1 for roots
-    slots: slice | list[int]  # where the parents stand in that group
+    parent: int  # index of the parents' group; -1 for roots
+    slots: slice | list[int]  # indices of the parents in that group
     operations: list[Operation]
     bone_axis: int
-    bodies: list[slice | list[int]]  # of roots: the joints of each one's body, itself too
+    bodies: list[slice | list[int]]  # for roots: indices of each root and its descendants
 
 
 def groups_of(
     skeleton: Skeleton, steps: Sequence[Sequence[Part]], dtype: DTypeLike
 ) -> tuple[list[Group], dict[int, tuple[int, int]]]:
-    """Joints that can be computed together, parents first; and the (group, slot) of every joint."""
+    """Group the joints, parents first. Returns the groups, and for each joint its group and its index in it."""
     parents, depth = skeleton.parents, skeleton.descendants.sum(axis=0)
     alike: dict[object, list[int]] = {}
     places: dict[int, tuple[int, int]] = {}
@@ -79,7 +79,7 @@ def groups_of(
         kinds = tuple((step.kind, step.axis) for step in steps[j])
         alike.setdefault((depth[j], kinds, max(skeleton.bone_axes[j], 0)), []).append(j)
     groups: list[Group] = []
-    for same in alike.values():  # depth by depth
+    for same in alike.values():  # in the order of depth
         by_parent: dict[int, list[int]] = {}
         for j in same:
             by_parent.setdefault(places[int(parents[j])][0] if parents[j] >= 0 else -1, []).append(j)
@@ -105,7 +105,7 @@ def _together(steps: Sequence[Part], dtype: DTypeLike) -> Operation:
 
 
 def _as_slice(indices: list[int]) -> slice | list[int]:
-    """Consecutive indices as a slice, so that indexing with them copies nothing."""
+    """Convert consecutive indices to a slice, so that indexing with them returns a view."""
     if indices == list(range(indices[0], indices[0] + len(indices))):
         return slice(indices[0], indices[0] + len(indices))
     return indices

@@ -1,16 +1,16 @@
 """FastKinematics and FastHandModel: forward kinematics and its gradient for many poses at once, and for a few.
 
-Many poses. Everything is batch last, (..., N): the innermost loop of every operation is then the batch. Joints of the
-same depth and the same sequence of operations (like limbs) go together as one array (joint_groups.py). Turns about
-fixed angles are multiplied out beforehand (joint_groups.py). The sums over the joints that a motion moves are products
-with the 0/1 matrix ``Skeleton.moves``:
+Many poses: all arrays have the batch last, (..., N), so that it is the innermost loop of every operation. Joints of the
+same depth with the same sequence of operations (like fingers) are computed as one array, and fixed rotations are
+multiplied in advance (joint_groups.py). The sums over the joints that a motion moves are products with the 0/1 matrix
+``Skeleton.moves``:
 
     dL/dtheta  =  a . ( sum_k X_k x f_k  -  P x sum_k f_k )
 
-Positions are kept relative to where the root has moved to, and moved there last: the gradient of a hand far away loses
-no digits, so float32 is enough (``dtype``), and takes half the time.
+Positions are computed relative to the translated root, and the translation is added last. The gradient of a distant
+hand therefore loses no digits, and float32 (``dtype``) is sufficient and takes half the time.
 
-A few poses. There the number of NumPy calls counts and not the arithmetic (few_poses.py).
+A few poses: the time depends on the number of NumPy calls, not on the arithmetic (few_poses.py).
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array, Blobs
 
-FEW = 16  # poses up to which fewer calls are faster than fewer operations (benchmarks/parts.py: one image)
+FEW = 16  # up to this number of poses, few_poses.py is faster (measured by benchmarks/parts.py: one image)
 
 
 class FastPose(Pose):
-    """A pose of many hands, batch last.
+    """Result of ``FastKinematics.forward`` for many poses, batch last.
 
     X       (K, 3, N) positions; ``joints`` is a view of them
-    local   (K, 3, N) positions from where the joint's root has moved to
+    local   (K, 3, N) positions relative to the joint's translated root
     axis    (M, 3, N) world direction of each motion
-    pivot   (M, 3, N) a point on each axis, from there too
-    columns per group the columns of world_from_joint, each (joints, 3, N)
-    work    what backward needs for a while
+    pivot   (M, 3, N) a point on each axis, relative to the translated root
+    columns per group, the columns of world_from_joint, each (joints, 3, N)
+    work    working memory of backward
     """
 
     def __init__(self, N: int, K: int, M: int, dtype: DTypeLike) -> None:
@@ -52,13 +52,13 @@ class FastPose(Pose):
 
 
 class FastKinematics(Kinematics):
-    """Kinematics by groups of joints, all poses in one array.
+    """Kinematics computed by groups of joints, with all poses in one array.
 
-    M motions are computed one by one: the free ones, and fixed translations.
+    There are M variable motions: the free ones, and fixed translations. Fixed rotations are precomputed.
 
-    dof_of  (M,) the DoF of each
-    free    (Q,) which of them are free: the rows of a Jacobian
-    spare   a pose whose memory the next forward may reuse; large arrays are slow to allocate
+    dof_of  (M,) the DoF of each motion
+    free    (Q,) indices of the free motions, the rows of a Jacobian
+    spare   a pose whose memory the next forward may reuse, because large arrays are slow to allocate
     """
 
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
@@ -83,7 +83,7 @@ class FastKinematics(Kinematics):
         return self.forward(inputs, bones).joints
 
     def forward(self, inputs: Array, bones: Array | None = None) -> FastPose:
-        """Group by group, parents first."""
+        """Compute the pose for each row of ``inputs``, group by group, parents first."""
         N, sk = len(inputs), self.skeleton
         theta = np.array(inputs.T, dtype=self.dtype, order="C")
         theta[sk.fixed] = 0.0
@@ -113,7 +113,7 @@ class FastKinematics(Kinematics):
                     start = start + axis[rows] * value[rows][:, None]
                 elif kind == "translate":
                     p = p + axis[rows] * value[rows][:, None]
-                else:  # right-multiplying by R_k(angle) mixes the two other columns
+                else:  # right-multiplication by R_k(angle) combines the two other columns
                     i, j = (k + 1) % 3, (k + 2) % 3
                     c, s = cos[rows][:, None], sin[rows][:, None] * sign
                     frame[i], frame[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
@@ -125,13 +125,13 @@ class FastKinematics(Kinematics):
         return pose
 
     def forward_pose(self, inputs: Array, bones: Array | None = None) -> Pose:
-        """Of a few poses, with few calls."""
+        """Like ``forward``, but without the data that ``backward`` needs; fast for a few poses."""
         if len(inputs) > FEW:
             return self.forward(inputs, bones)
         return self._few.pose(self.skeleton.theta(inputs)[:, self.dof_of], self.free, bones, self.dtype)
 
     def backward(self, pose: Pose, dX: Array) -> Array:
-        """Force and torque of all motions in two products."""
+        """Gradient (N, D) with respect to the inputs; two products give the forces and torques of all motions."""
         assert isinstance(pose, FastPose)
         K, _, N = pose.X.shape
         f = np.ascontiguousarray(dX.transpose(1, 2, 0), dtype=self.dtype)
@@ -152,13 +152,13 @@ class FastKinematics(Kinematics):
         return gradient.T
 
     def backward_bones(self, pose: Pose, dX: Array) -> Array:
-        """All forces in one product."""
+        """Gradient (N, K) with respect to the signed bone lengths; one product gives all forces."""
         f = np.ascontiguousarray(dX.transpose(1, 2, 0), dtype=self.dtype)
         force = (self._descendants @ f.reshape(len(f), -1)).reshape(f.shape)
         return np.asarray((self.bone_directions(pose).transpose(1, 2, 0) * force).sum(axis=1).T)
 
     def jacobian(self, pose: Pose, joints: Sequence[int] | None = None) -> Array:
-        """Component by component of the cross product; of a few poses, as products with skew-symmetric matrices."""
+        """Jacobian (N, Q, 3 k), by components of the cross product; for a few poses by skew-symmetric matrices."""
         sk = self.skeleton
         chosen = list(range(len(sk.parents))) if joints is None else list(joints)
         if not isinstance(pose, FastPose):
@@ -178,7 +178,7 @@ class FastKinematics(Kinematics):
         return J.reshape(Q, 3 * len(chosen), N).transpose(2, 0, 1)
 
     def bone_directions(self, pose: Pose) -> Array:
-        """From the frames of the groups."""
+        """Direction of each bone (N, K, 3), from the frames of the groups."""
         assert isinstance(pose, FastPose)
         directions = np.zeros_like(pose.X)
         for group, frame in zip(self.groups, pose.columns):
@@ -187,14 +187,14 @@ class FastKinematics(Kinematics):
         return directions.transpose(2, 0, 1)
 
     def axes(self, pose: Pose) -> tuple[Array, Array]:
-        """Pivots are moved to where the roots are."""
+        """Axes of the free motions and points on them, both (N, Q, 3); the translations of the roots are added."""
         if not isinstance(pose, FastPose):
             return super().axes(pose)
         start = (pose.X - pose.local)[self._joint_of[self.free]]
         return pose.axis[self.free].transpose(2, 0, 1), (pose.pivot[self.free] + start).transpose(2, 0, 1)
 
     def rotation_of(self, pose: Pose, joint: int) -> Array:
-        """From the frame of its group."""
+        """The rotation world_from_joint of one joint, (N, 3, 3), from the frames of its group."""
         if not isinstance(pose, FastPose):
             return super().rotation_of(pose, joint)
         group, slot = self._places[joint]
@@ -204,7 +204,7 @@ class FastKinematics(Kinematics):
 
 def _turn_constant(frame: list[Array], matrices: Array) -> list[Array]:
     """Right-multiply the frames, three columns of (1 or n, 3, N), by constant ``matrices`` (n, 3, 3)."""
-    if len(frame[0]) == 1:  # one parent: all columns of all joints are one product
+    if len(frame[0]) == 1:  # one parent: one product for all columns of all joints
         N = frame[0].shape[-1]
         columns = matrices.transpose(0, 2, 1).reshape(-1, 3) @ np.concatenate(frame).reshape(3, 3 * N)
         return list(columns.reshape(len(matrices), 3, 3, N).transpose(1, 0, 2, 3))
@@ -212,7 +212,7 @@ def _turn_constant(frame: list[Array], matrices: Array) -> list[Array]:
 
 
 def _combine(weights: Array, columns: list[Array]) -> Array:
-    """weights[:, 0] columns[0] + ...: (n, 3) and three (n, 3, N) → (n, 3, N)."""
+    """Sum weights[:, k] columns[k] over k = 0, 1, 2, from (n, 3) and three (n, 3, N) to (n, 3, N)."""
     a, b, c = (weights[:, m, None, None] * columns[m] for m in range(3))
     return a + b + c
 
@@ -226,22 +226,22 @@ def _cross(a: Array, b: Array, out: Array) -> Array:
 
 
 class FastHandModel(FastLayer, HandModel):
-    """Forward kinematics, batch last."""
+    """HandModel with FastKinematics."""
 
     kinematics_type = FastKinematics
     kinematics: FastKinematics
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Positions; the pose only for backward."""
+        """Compute the joints; the pose is stored only if backward needs it."""
         body = self._body(bottom)
         y = top[0].data.reshape(len(body[0]), len(self.skeleton.joint_names), 3)
         if self.needs_backward:
             self.pose = self.kinematics.forward(*body)
             y[...] = self.pose.joints
-            self.kinematics.spare = self.pose  # backward is done with it before the next forward
+            self.kinematics.spare = self.pose  # not used after backward
         else:
             y[...] = self.kinematics.joints(*body)
 
 
 class FastSizedHandModel(FastHandModel, SizedHandModel):
-    """The same of bodies of different sizes."""
+    """SizedHandModel with FastKinematics."""

@@ -1,10 +1,10 @@
-"""MaxTiles: max pooling with T x T windows side by side, on blobs that are stored as tiles (tiles.py).
+"""MaxTiles: max pooling with adjacent T x T windows, on blobs that are stored as tiles (tiles.py).
 
-The T T values of a window then stand in T T slabs, each contiguous over channels, images and the windows of a row. So
-the maximum is taken between long vectors, and a winner is a small integer.
+The T T values of a window are then in T T slabs, each contiguous over channels, images and the windows of a row, so the
+maximum is computed between long vectors, and a winner is a small integer.
 
-The bottom may be sparse: only some windows are stored, all others hold one value, so it is their maximum too, and their
-first place wins.
+The bottom may be sparse: only some windows are stored. All others have one constant value, which is their maximum, and
+the winner is their first element.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from netlib.blob import Array, Blob
 
 
 class MaxTiles:
-    """Works for one layer on one pair of blobs, and keeps the winners between forward and backward.
+    """Max pooling of one layer from one blob to another. Keeps the winners between forward and backward.
 
-    winners   (R, L) for R rows of L = C N P windows, or (C A,) for A stored windows: the place that won, row by row
+    winners   (R, L) for R rows of L = C N P windows, or (C A,) for A stored windows: row-major index in the window
     """
 
     def __init__(self, layer: FastLayer, T: int, bottom: Blob, top: Blob) -> None:
@@ -31,11 +31,11 @@ class MaxTiles:
         if isinstance(top, FastBlob) and top.tile is not None:
             top.pitch = -(-self.columns // top.tile) * top.tile
         self.R, self.L = -(-H // T), C * N * self.columns
-        self.rank = np.arange(T * T, 0, -1, dtype=np.uint8)[:, None]  # the first place ranks highest
+        self.rank = np.arange(T * T, 0, -1, dtype=np.uint8)[:, None]  # the first element has the highest rank
         self.winners = np.empty((self.R, self.L), np.uint8)
 
     def forward(self, bottom: Blob, top: Blob) -> None:
-        """Write the top's data."""
+        """Write the data of the top."""
         if (sparse := sparse_of(bottom)) is not None:
             self._forward_sparse(sparse, top)
             return
@@ -43,19 +43,19 @@ class MaxTiles:
         storage = (self.R * T, T, C, N, self.columns)
         out = bottom.data if tile_of(bottom) == T else self.layer.buffer("x", storage)
         x = tiles_of(bottom, bottom.data, T, self.columns * T, out)
-        self._fill_overhang(x, H, W, -np.inf)  # must never win
+        self._fill_overhang(x, H, W, -np.inf)  # never the maximum
         slabs = x.reshape(self.R, T * T, self.L)
         y = self._rows(top, top.data)
         np.max(slabs, axis=1, out=y.reshape(self.R, self.L))
         if self.layer.needs_backward:
             self._find_winners(slabs, y.reshape(self.R, 1, self.L), self.winners)
-        self._fill_overhang(x, H, W, 0)  # finite again: a layer in place multiplies by it backwards
-        y[..., -(-W // T) :] = 0  # windows of padding only
+        self._fill_overhang(x, H, W, 0)  # finite, because the backward of a layer in place multiplies by it
+        y[..., -(-W // T) :] = 0  # windows that are only padding
         if not self._is_rows(top):
             self._from_rows(y, top, top.data)
 
     def backward(self, top: Blob, bottom: Blob) -> None:
-        """Write the bottom's diff."""
+        """Write the diff of the bottom."""
         if (sparse := sparse_of(bottom)) is not None:
             self._backward_sparse(top, sparse)
             return
@@ -66,7 +66,7 @@ class MaxTiles:
         direct = tile_of(bottom) == T
         dx = bottom.diff if direct else self.layer.buffer("dx", (self.R * T, T, C, N, self.columns))
         dx.fill(0)
-        index = self.winners.astype(np.intp)  # where each winner stands in dx
+        index = self.winners.astype(np.intp)  # position of each winner in dx
         index *= self.L
         index += (np.arange(self.R)[:, None] * (T * T * self.L)) + np.arange(self.L)
         dx.reshape(-1)[index.reshape(-1)] = dy.reshape(-1)
@@ -74,20 +74,20 @@ class MaxTiles:
             bottom.diff[...] = untile(dx, H, W)
 
     def _fill_overhang(self, x: Array, H: int, W: int, value: float) -> None:
-        """Set what lies beyond the image in the windows that hang over its edge."""
+        """Set the elements of windows beyond the edge of the image."""
         x[H:] = value
         if W % self.T:
             x[:, W % self.T :, ..., W // self.T] = value
 
     def _find_winners(self, slabs: Array, maximum: Array, winners: Array) -> None:
-        """Of (..., T T, L) values the first place that holds the maximum."""
+        """Write the index of the first maximum of (..., T T, L) values to ``winners``."""
         first = self.layer.buffer("first", slabs.shape, np.uint8)
         np.equal(slabs, maximum, out=first.view(bool))
         first *= self.rank
         np.subtract(np.uint8(len(self.rank)), first.max(axis=-2), out=winners)
-        np.minimum(winners, np.uint8(len(self.rank) - 1), out=winners)  # a NaN equals nothing, not even itself
+        np.minimum(winners, np.uint8(len(self.rank) - 1), out=winners)  # no value equals a NaN maximum
 
-    # The top as rows of windows, (R, C, N, P): itself if it is stored so, else a buffer.
+    # The top as rows of windows, (R, C, N, P): its own array if it has this layout, else a buffer.
 
     def _is_rows(self, top: Blob) -> bool:
         return tile_of(top) == 1 and pitch_of(top) == self.columns
@@ -131,12 +131,12 @@ class MaxTiles:
         x.diff, x.winner = gradient, self.winners.reshape(C, A)
 
     def _tiles(self, top: Blob, array: Array) -> Array:
-        """The top as tiles: as it is stored, or a buffer for tiles of 1."""
+        """The top as tiles: its own array if tiled, else a buffer for tiles of size 1."""
         N, C, Ho, Wo = top.shape
         return array if tile_of(top) else self.layer.buffer("top", (Ho, 1, C, N, Wo))
 
     def _index(self, tiles: Array, x: SparseTiles, top: Blob) -> Array:
-        """Where every stored window and channel, (C A,), stands in the top as tiles (R, T, C, N, P)."""
+        """Flat index (C A,) of every channel and stored window in the top as tiles (R, T, C, N, P)."""
         _, T, C, N, P = tiles.shape
         first = _places(N, *top.shape[2:], T, C, P)[x.window]
         return (np.arange(C)[:, None] * (N * P) + first).reshape(-1)
@@ -144,7 +144,7 @@ class MaxTiles:
 
 @functools.lru_cache(maxsize=16)
 def _places(N: int, rows: int, columns: int, T: int, C: int, P: int) -> Array:
-    """Where the first channel of each window stands in tiles (rows, T, C, N, P)."""
+    """Flat index of the first channel of each window in tiles (rows, T, C, N, P)."""
     image, row, column = np.indices((N, rows, columns)).reshape(3, -1)
     t, phase = np.divmod(column, T)
     return np.asarray(((row * T + phase) * (C * N) + image) * P + t)

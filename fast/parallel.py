@@ -1,9 +1,9 @@
-"""One pool of threads for the whole process, and one knob: ``set_threads``.
+"""The pool of threads of the process; ``set_threads`` sets its size.
 
 NumPy releases the interpreter lock inside its loops and products, so Python threads run in parallel there.
-``run`` is the only interface; called from one of its jobs it does the work in the same thread.
+``run`` executes jobs; a nested call from one of the jobs executes them in the same thread.
 
-Threads do not survive a fork, so a forked process gets others (``Workers``).
+Threads do not survive a fork, so a forked process starts new ones (``Workers``).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Workers:
         self._executor = ThreadPoolExecutor(self.count, self._name) if self.count else None
 
     def submit(self, job: Callable[..., T], *args: Any) -> Future[T]:
-        """Have a thread do it."""
+        """Call ``job(*args)`` on a thread; returns its future."""
         assert self._executor is not None
         return self._executor.submit(job, *args)
 
@@ -63,16 +63,16 @@ def _threads_from_environment() -> int:
 
 
 def set_threads(count: int) -> None:
-    """Use ``count`` threads from now on. Results do not depend on it, not in one bit."""
+    """Use ``count`` threads from now on. Results do not depend on it: they are bit-for-bit the same."""
     global _helpers
     if count < 1:
         raise ValueError(f"the number of threads must be at least 1, not {count}")
     if _helpers is None or count != _helpers.count + 1:
-        _helpers = Workers(count - 1, "netlib")  # the old ones end with the last run that uses them
+        _helpers = Workers(count - 1, "netlib")  # the old threads end with the last run that uses them
 
 
 def run(jobs: Sequence[Callable[[], None]]) -> None:
-    """Do all jobs, in any order, and return when the last is done. The first exception is raised."""
+    """Run all jobs, in any order, and return when all are done. Raises the first exception of a job."""
     pool = _pool()
     helpers = min(pool.count, len(jobs) - 1)
     if helpers < 1 or getattr(_here, "inside", False):
@@ -85,7 +85,7 @@ def run(jobs: Sequence[Callable[[], None]]) -> None:
     def work() -> None:
         _here.inside = True
         try:
-            with np.errstate(all="ignore"):  # which is a thread's own: as in netlib/engine/plain.py's Executor
+            with np.errstate(all="ignore"):  # set per thread; as in Executor in netlib/engine/plain.py
                 for job in queue:
                     if failed:
                         return
@@ -104,7 +104,7 @@ def run(jobs: Sequence[Callable[[], None]]) -> None:
 
 
 def buffer_of(buffers: threading.local, key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Memory of the calling thread under a name: zeros at first and in a new shape, else what was left in it."""
+    """Memory of the calling thread by name: zeros at first and in a new shape, else the values of its last use."""
     kept: dict[str, NDArray[Any]] = buffers.__dict__
     found = kept.get(key)
     if found is None or found.shape != shape:

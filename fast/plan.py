@@ -1,11 +1,11 @@
-"""Which layers of a net run slice by slice together, in which order, and how the blobs between them are stored.
+"""Plans of nets: the layers that run slice by slice together, their order, and the storage of blobs between them.
 
-A *run* is a row of batchwise layers. Blobs that are read inside the run only are *hidden*: they never exist for the
+A *run* is a sequence of batchwise layers. Blobs that only its layers read are *hidden*: they are not stored for the
 whole batch. Two optimisations apply to hidden blobs, both exact:
 
-- A blob whose writer and readers agree on it is tiled (tiles.py).
-- A monotone layer in place (ReLU) before a max pooling runs after it, on a sixteenth of the values:
-  max(f(a), f(b)) = f(max(a, b)), and the gradient takes the same way.
+- A blob is tiled (tiles.py) if its writer and all its readers prefer the same tile.
+- A monotone layer in place (ReLU) before a max pooling is moved behind it, where it has a sixteenth of the values:
+  max(f(a), f(b)) = f(max(a, b)), and the gradient is the same.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from netlib.engine.plain import Connection
 class Run:
     """Layers to run slice by slice, or one layer to run whole.
 
-    order   the connections as they run
+    order   the connections in execution order
     hidden  blobs that only this run reads and writes
     tiles   id of a hidden blob -> its tile
     """
@@ -44,7 +44,7 @@ class Run:
 def plan(connections: Sequence[Connection], stored: Callable[[Blob], bool]) -> list[Run]:
     """Arrange the layers of a net. Blobs for which ``stored`` is true are never hidden."""
     runs: list[Run] = []
-    row: list[Connection] = []  # layers that could run in slices together
+    row: list[Connection] = []  # consecutive layers that could run in slices together
     users = {key: len(uses) for key, uses in uses_of(connections).items()}
     for at in connections:
         if _fits(row, at):
@@ -67,7 +67,7 @@ class Use:
 
 
 def uses_of(connections: Sequence[Connection]) -> dict[int, list[Use]]:
-    """Id of a blob -> the layers that use it, in their order."""
+    """Map the id of each blob to the layers that use it, in order."""
     uses: dict[int, list[Use]] = {}
     for at in connections:
         for half, blobs in (("reads", at.bottom), ("writes", at.top)):
@@ -80,43 +80,43 @@ def uses_of(connections: Sequence[Connection]) -> dict[int, list[Use]]:
 
 
 def whole(at: Connection) -> Run:
-    """One layer for itself, on the whole batch."""
+    """Create a run of one layer on the whole batch."""
     return Run([at], [at], [], {}, sliced=False)
 
 
 def _fits(row: list[Connection], at: Connection) -> bool:
-    """May this layer join the row?"""
+    """Whether a layer can be appended to a row of layers that run in slices."""
     if not traits_of(at.layer).batchwise or not at.bottom:
         return False
     items = {blob.shape[0] if blob.shape else None for blob in [*at.bottom, *at.top]}
     if len(items) != 1 or items == {None}:
         return False
-    if not row:  # a first layer in place would change its own input, which could then not be read twice
+    if not row:  # a first layer in place would overwrite its input, which must remain readable
         return all(blob is not top for blob in at.bottom for top in at.top)
     return row[0].bottom[0].shape[0] == at.bottom[0].shape[0]
 
 
 def _runs_for(row: list[Connection], users: Mapping[int, int], stored: Callable[[Blob], bool]) -> list[Run]:
-    """A run for the layers that could run in slices, if that gains anything. ``users`` counts those of each blob."""
+    """Plan the runs of a row of layers, in slices if this is faster. ``users`` is the number of users of each blob."""
     end = _end_of_run(row, users, stored)
     row, rest = row[:end], row[end:]
     hidden = _hidden_blobs(row, users, stored)
-    if all(traits_of(at.layer).elementwise for at in row):  # nothing to gain; also the empty row
+    if all(traits_of(at.layer).elementwise for at in row):  # slices are not faster; includes the empty row
         return [whole(at) for at in [*row, *rest]]
     order = _pool_first(row, hidden)
     return [Run(row, order, hidden, _agree_on_tiles(order, hidden), sliced=True), *map(whole, rest)]
 
 
 def _end_of_run(row: list[Connection], users: Mapping[int, int], stored: Callable[[Blob], bool]) -> int:
-    """How many layers of the row may run in slices.
+    """Number of layers at the start of the row that may run in slices.
 
-    A layer that overwrites a stored blob in place must not run twice (the executor may repeat a pass), unless that
-    changes nothing. So the run ends before such a layer, and from it on the layers are whole. In a shorter run fewer
-    blobs are hidden, only those that are unused after its end, so it may have to end earlier still.
+    A layer that overwrites a stored blob in place must not run twice (the executor may repeat a pass), unless the
+    second time changes nothing. The run therefore ends before such a layer, and later layers run on the whole batch. A
+    shorter run has fewer hidden blobs, only those that are unused after its end, so it may have to end even earlier.
     """
     uses = uses_of(row)
     place = {id(at): i for i, at in enumerate(row)}
-    last_use: list[int] = []  # of all blobs that layers up to this one overwrite
+    last_use: list[int] = []  # per layer: last use of the blobs overwritten up to it
     for at in row:
         last = last_use[-1] if last_use else -1
         if not traits_of(at.layer).monotone:
@@ -150,8 +150,8 @@ def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
             and id(at.top[0]) in secret
             and traits_of(pool.layer).takes_maximum
             and pool.bottom[0] is at.top[0]
-            and id(pool.top[0]) in secret  # else its diff would be seen with the layer's gradient in it
-            and not _is_overwritten(pool.top[0], order[i + 2 :])  # backward reads the signs of what the layer wrote
+            and id(pool.top[0]) in secret  # else a caller would find the wrong gradient in its diff
+            and not _is_overwritten(pool.top[0], order[i + 2 :])  # backward reads the signs of the layer's output
         ):
             moved = Connection(at.layer, Blobs(pool.top[:1]), Blobs(pool.top[:1]), at.propagate_down, at.needs_backward)
             order[i], order[i + 1] = pool, moved
@@ -159,15 +159,15 @@ def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
 
 
 def _is_overwritten(blob: Blob, later: list[Connection]) -> bool:
-    """Does a later layer in place change which values of the blob are positive?"""
+    """Whether a later layer in place changes which values of the blob are positive."""
     return any(top is blob and not traits_of(at.layer).monotone for at in later for top in at.top)
 
 
 def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[int, int]:
-    """The tile of every hidden blob for which its writer and all its readers want the same one."""
+    """Map hidden blobs to their tiles; a blob is tiled if its writer and all its readers prefer the same tile."""
     tiles: dict[int, int] = {}
     uses = uses_of(order)
-    for blob in reversed(hidden):  # readers first: what they want may depend on their own tops
+    for blob in reversed(hidden):  # readers first, because their preference may depend on their tops
         wishes = [_wish(use, tiles) for use in uses[id(blob)]]
         wanted = [wish for wish in wishes if wish != ANY]
         if wanted and wanted[0] is not None and all(wish == wanted[0] for wish in wanted):
@@ -175,11 +175,11 @@ def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[int, in
     return tiles
 
 
-ANY = 0  # a layer that takes a blob in any order
+ANY = 0  # preference of a layer that supports all layouts of a blob
 
 
 def _wish(use: Use, tiles: dict[int, int]) -> int | None:
-    """The layout that a layer prefers for a blob: the size of tiles, plain (None), or ``ANY``."""
+    """The layout that is fastest for a layer: the size of tiles, plain (None), or ``ANY``."""
     at = use.at
     if use.reads and use.writes:
         return ANY if traits_of(at.layer).elementwise else None

@@ -1,18 +1,18 @@
-r"""RowTiles: T neighbouring outputs of a row of a convolution come from one matrix product.
+r"""RowTiles: convolution in which one matrix product computes T neighbouring outputs of a row.
 
-Im2col copies each value of x kh * kw times and multiplies by a matrix of O rows only, far too flat for a fast
+Im2col copies each value of x kh * kw times and multiplies by a matrix with only O rows, which is too flat for a fast
 product. Here the T outputs y[h, T t : T t + T] all read the J = T + kw - 1 inputs x[h + i, T t : T t + J], so
 
     Y[h]  (T O, L)  =  M (T O, kh J C)  @  X[h : h + kh]  (kh J C, L)        L = N * W / T
 
-M[p, o, i, p + j, c] = w[o, c, i, j] and zero elsewhere (a Toeplitz matrix): some products with zero, but T
-times the rows, and x copied only J / T times: X[h, j, c, (n, t)] = x[n, c, h, T t + j]. The kh rows of X that
-an output row needs lie one after the other, so all right factors are one strided view of X, and the
-result is y as tiles of T (tiles.py): as a T x T max pooling reads them.
+M[p, o, i, p + j, c] = w[o, c, i, j] and zero elsewhere (a Toeplitz matrix). Some products are with zero, but M has T
+times the rows, and x is copied only J / T times: X[h, j, c, (n, t)] = x[n, c, h, T t + j]. The kh rows of X for an
+output row are contiguous, so all right factors are one strided view of X, and the result is y as tiles of T
+(tiles.py), the layout that a T x T max pooling reads.
 
-The gradient of the kernel is the same product transposed, folded back from M to w. The gradient of x is again such a
-convolution: of dy with the flipped kernel, with kh - 1 rows of zeros above and below and kw - 1 columns on the left.
-Images stand side by side in a row; the zero columns that dy has at the end of every image serve the next one.
+The gradient of the kernel is the same product transposed, folded back from M to w. The gradient of x is a convolution
+of the same form: of dy with the flipped kernel, with kh - 1 rows of zeros above and below and kw - 1 columns on the
+left. Images are adjacent in a row, and the zero columns at the end of each image of dy are also those before the next.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ class RowTiles:
         self._matrices: tuple[Array, int, Array, Array] | None = None
 
     def tile(self, top_tile: int | None, w: tuple[int, ...]) -> int:
-        """T: what the top is stored in, else a guess from w (O, C, kh, kw).
+        """Return T: the tile of the top if it is tiled, else a heuristic for w (O, C, kh, kw).
 
-        A product has T O rows and J C = (T + kw - 1) C columns of M per row of the kernel: the flatter w is, the more a
-        larger T gains. The bounds were chosen for the hand network's layers, C kw = 5, 40 and 24, each of which was
-        fastest with the tile that its pooling reads.
+        M has T O rows, and J C = (T + kw - 1) C columns per row of the kernel, so a larger T helps more if C kw is
+        small. The bounds were chosen for the layers of the hand network, C kw = 5, 40 and 24, each of which was fastest
+        with the tile that its pooling reads.
         """
         if top_tile is not None:
             return top_tile
         return 4 if w[1] * w[3] <= 8 else 2 if w[1] * w[3] <= 40 else 1
 
     def pitch(self, x: Blob, y: Blob, T: int) -> int:
-        """Columns stored per row."""
+        """Number of columns stored per row."""
         return pitch_of(y) if tile_of(y) else -(-(pitch_of(x) or x.width) // T) * T
 
     def matrices(self, w: Array, T: int) -> tuple[Array, Array]:
@@ -54,7 +54,7 @@ class RowTiles:
         return found[2], found[3]
 
     def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
-        """y from x."""
+        """Compute y from x."""
         T = self.tile(tile_of(y), w.shape)
         N, O, Ho, Wo = y.shape
         pitch = self.pitch(x, y, T)
@@ -68,7 +68,7 @@ class RowTiles:
             y.data[...] = untile(out, Ho, Wo)
 
     def lower(self, layer: FastLayer, x: Blob, w: tuple[int, ...], T: int, pitch: int) -> Array:
-        """X as (H, J C, L): ``stacked_rows`` of it are all right factors."""
+        """Copy x to X (H, J C, L), of which ``stacked_rows`` gives all right factors."""
         (N, C, H, _), kw = x.shape, w[3]
         J, P = T + kw - 1, pitch // T
         X = layer.buffer("X", (H, J, C, N, P))
@@ -77,12 +77,12 @@ class RowTiles:
         else:
             tiles_of(x, x.data, T, pitch, X[:, :T])
         rows = X.reshape(H, J, C, N * P)
-        for j in range(T, J):  # the last column of an image then comes from the next one; no valid output reads it
+        for j in range(T, J):  # the last column is that of the next image, but no valid output reads it
             rows[:, j, :, :-1] = rows[:, j - T, :, 1:]
         return rows.reshape(H, J * C, N * P)
 
     def backward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
-        """Adds to dw and db; writes dx if ``down``."""
+        """Add to dw and db, and write dx if ``down``."""
         T = self.tile(tile_of(y), w.shape)
         (N, O, Ho, _), kh = y.shape, w.shape[2]
         pitch = self.pitch(x, y, T)
@@ -101,19 +101,19 @@ class RowTiles:
             self.backward_x(layer, x, dy.reshape(Ho, T, O, -1), w, T, pitch)
 
     def backward_x(self, layer: FastLayer, x: Blob, dy: Array, w: Array, T: int, pitch: int) -> None:
-        """dx from dy (Ho, T, O, L)."""
+        """Compute dx from dy (Ho, T, O, L)."""
         (N, C, H, W), (O, _, kh, kw), (Ho, _, _, L) = x.shape, w.shape, dy.shape
         J = T + kw - 1
-        D = layer.buffer("D", (H + kh - 1, J, O, L))  # zero rows above and below stay zero
+        D = layer.buffer("D", (H + kh - 1, J, O, L))  # the rows above and below remain zero
         rows = D[kh - 1 : kh - 1 + Ho]
-        for j in range(J):  # column T t + j - (kw - 1) of dy
+        for j in range(J):  # of column T t + j - (kw - 1) of dy
             back, phase = divmod(j - (kw - 1), T)
             rows[:, j, :, -back:] = dy[:, phase, :, : L + back]
         direct = tile_of(x) == T and pitch_of(x) == pitch
         dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
         multiply(self.matrices(w, T)[1], D.reshape(H + kh - 1, J * O, L), kh, dx.reshape(H, T * C, L))
         if direct:
-            x.diff[H:] = 0  # padding, which may hold the rows of a higher image
+            x.diff[H:] = 0  # padding, which may have values of a higher image
             return
         plain, own = untile(dx, H, W), tile_of(x)
         if own is None:
@@ -123,7 +123,7 @@ class RowTiles:
 
 
 def toeplitz(w: Array, T: int) -> Array:
-    """M (T O, kh J C) of a kernel w (O, C, kh, kw): the kernel T times, each one column further right."""
+    """Build M (T O, kh J C) from a kernel w (O, C, kh, kw): T copies of it, each shifted right by one column."""
     O, C, kh, kw = w.shape
     M = np.zeros((T, O, kh, T + kw - 1, C), w.dtype)
     for p in range(T):
@@ -132,7 +132,7 @@ def toeplitz(w: Array, T: int) -> Array:
 
 
 def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
-    """The adjoint of ``toeplitz``: what M's gradient (T O, kh J C) is for the kernel."""
+    """Adjoint of ``toeplitz``: convert the gradient of M (T O, kh J C) to that of the kernel."""
     O, C, kh, kw = w
     M = M.reshape(T, O, kh, T + kw - 1, C)
     total = np.zeros((O, kh, kw, C), M.dtype)
@@ -141,20 +141,20 @@ def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
     return total.transpose(0, 3, 1, 2)
 
 
-UNPACKED = 1_000_000  # operations of a product up to which OpenBLAS does not copy its factors first
-MAX_PARTS = 4  # beyond, the copies are worth their time
+UNPACKED = 1_000_000  # operations; OpenBLAS copies the factors of larger products first
+MAX_PARTS = 4  # with more parts, copying the factors is faster
 
 
 def unpacked_parts(rows: int, inner: int, columns: int) -> int:
-    """Into how many parts a product's longest side is cut, so that OpenBLAS takes each without copying."""
+    """Number of parts to split the longest side of a product into, so that OpenBLAS does not copy factors."""
     parts = max(1, -(-rows * inner * columns // UNPACKED))
     return parts if parts <= MAX_PARTS and columns % parts == 0 else 1
 
 
 def stacked_rows(X: Array, kh: int, parts: int) -> Array:
-    """(H, R, L) → (H - kh + 1, parts, kh R, L / parts): every kh rows in a row, the columns in parts; a view.
+    """View X (H, R, L) as (H - kh + 1, parts, kh R, L / parts): each kh consecutive rows, with the columns in parts.
 
-    X is C-contiguous. NumPy's as_strided would do, and take 3 us for each of the hundreds of views of a batch.
+    X must be C-contiguous. NumPy's as_strided takes 3 us for each of the hundreds of views per batch and is not used.
     """
     (H, R, L), item = X.shape, X.itemsize
     shape = (H - kh + 1, parts, kh * R, L // parts)
@@ -162,6 +162,6 @@ def stacked_rows(X: Array, kh: int, parts: int) -> Array:
 
 
 def multiply(M: Array, X: Array, kh: int, out: Array) -> None:
-    """out (H - kh + 1, M rows, L) = M @ X (H, R, L), every kh rows of X in a row."""
+    """Compute out (H - kh + 1, rows of M, L) = M @ each kh consecutive rows of X (H, R, L)."""
     parts = unpacked_parts(M.shape[0], M.shape[1], X.shape[2])
     np.matmul(M, stacked_rows(X, kh, parts), out=stacked_rows(out, 1, parts))

@@ -1,4 +1,4 @@
-"""Blobs of one slice of the batch (slices.py): a window on a whole blob, a hidden one, a parameter of a lane."""
+"""Blobs of one slice of the batch (slices.py): a view of a whole blob, a hidden blob, a parameter of a lane."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from netlib.blob import Array, Blob
 
 
 class Window(Blob):
-    """Some items of a whole blob."""
+    """A view of some items of a whole blob."""
 
     def __init__(self, whole: Blob, rows: slice, shape: tuple[int, ...]) -> None:
         super().__init__(shape, whole.dtype)
@@ -31,7 +31,7 @@ class Window(Blob):
 
 
 class Hidden(FastBlob):
-    """A blob of one slice. Its diff, and its data unless kept, are only good until the thread's next slice."""
+    """A blob of one slice. Its diff, and its data unless kept, are valid only until the thread's next slice."""
 
     def __init__(self, shape: tuple[int, ...], dtype: Any, buffers: threading.local, key: int, keep: bool) -> None:
         super().__init__(shape, dtype)
@@ -39,7 +39,7 @@ class Hidden(FastBlob):
 
     @property
     def data(self) -> Array:
-        """With the slice if backward reads it again, else working memory of the thread."""
+        """The values: memory of the slice if backward reads them again, else working memory of the thread."""
         if self._keep:
             if self._data is None:
                 self._data = np.zeros(self.storage_shape, self.dtype)
@@ -48,7 +48,7 @@ class Hidden(FastBlob):
 
     @property
     def diff(self) -> Array:
-        """Working memory of the thread."""
+        """The gradient, in working memory of the thread."""
         return self._buffer("diff")
 
     def _buffer(self, half: str) -> Array:
@@ -56,7 +56,7 @@ class Hidden(FastBlob):
 
 
 class ParamOfLane(Blob):
-    """A parameter with the values of another and a separate diff."""
+    """A parameter of one lane, which shares the values of the original and has its own diff."""
 
     def __init__(self, original: Blob) -> None:
         super().__init__(original.shape, original.dtype)
@@ -64,5 +64,5 @@ class ParamOfLane(Blob):
 
     @property
     def data(self) -> Array:
-        """The values of the other."""
+        """The values of the original parameter."""
         return self._original.data

@@ -1,18 +1,18 @@
 """Run layers slice by slice: a few images at a time, one slice per thread.
 
-The first convolution of the paper's network writes 252 MB for a batch of 512, and every layer that touches
-such a blob pays for main memory. So the net runs a row of *batchwise* layers (item n of a top depends only on
-item n of the bottoms) on one slice of the batch after the other: a slice's blobs stay in the processor's cache.
+The first convolution of the paper's network writes 252 MB for a batch of 512, and every layer that uses such a blob is
+limited by main memory. A sequence of *batchwise* layers (item n of a top depends only on item n of the bottoms)
+therefore runs on one slice of the batch after the other, so that the blobs of a slice stay in the processor's cache.
 
 Each slice has copies of the layers, with the same parameter values and with small blobs:
 
-- a blob that only this run reads and writes is *hidden*: its values live in the working memory of the thread,
-  or with the slice if backward needs them again; the whole blob never exists;
-- any other blob is a window on the whole one.
+- a blob that only this run reads and writes is *hidden*: its values are in working memory of the thread, or in memory
+  of the slice if backward needs them again, and it is not stored for the whole batch;
+- any other blob is a view of the whole one.
 
-Slices are dealt to a fixed number of *lanes*. A lane's slices share parameter gradients and run one after the other;
-a thread takes the next lane when it is free; the lanes are summed in order. So results do not depend on the number
-of threads.
+Slices are assigned to a fixed number of *lanes* in turn. The slices of a lane share parameter gradients and run one
+after the other. A free thread runs the next lane. The gradients of the lanes are summed in order, so results do not
+depend on the number of threads.
 
     batch   0..16 | 17..33 | 34..50 | ...       slices, one piece (copies of the layers) each
     lane    0     | 1      | 2      | ...  15 | 0 | 1 ...
@@ -37,7 +37,7 @@ from netlib.engine.plain import BackwardHook, Connection, Step, guarded
 from netlib.layer import Layer
 from netlib.system.memory import blocks
 
-# Aim for the largest blob of a slice; less is more calls, and threads wait for each other in calls.
+# Target size of the largest blob of a slice. Smaller slices need more calls, in which threads wait for each other.
 SLICE_BYTES = 16 << 20
 MAX_SLICE = 64
 LANES = 16
@@ -47,7 +47,7 @@ Lane = list[Piece]  # slices that share parameter gradients
 
 
 class SlicedStep(Step):
-    """Several layers in a row, run slice by slice."""
+    """Several consecutive layers, run slice by slice."""
 
     def __init__(self, run: Run) -> None:
         super().__init__(run.connections[0])
@@ -58,16 +58,16 @@ class SlicedStep(Step):
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
-        self.weights: list[tuple[Blob, Array]] = []  # parameters, and their values in the last forward ...
-        self.weights_back: list[tuple[Blob, Array]] = []  # ... and backward
+        self.weights: list[tuple[Blob, Array]] = []  # parameters, their values in the last forward
+        self.weights_back: list[tuple[Blob, Array]] = []  # parameters, their values in the last backward
         self._inputs, self._outputs = run.outside("bottom"), run.outside("top")
         down = {id(b) for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
         self._whole = [*self._inputs, *self._outputs]
-        self._gradients = [b for b in self._inputs if id(b) in down] + self._outputs  # whose diff is written or read
+        self._gradients = [b for b in self._inputs if id(b) in down] + self._outputs  # whose diff is used
         self._user = {id(b): at for at in reversed(run.connections) for b in [*at.bottom, *at.top]}
 
     def pieces(self) -> list[Piece]:
-        """The layers for every slice, in the order in which they run."""
+        """The layers of every slice in execution order."""
         self._reshape()
         return [piece for lane in self._lanes for piece in lane]
 
@@ -76,7 +76,7 @@ class SlicedStep(Step):
         self._reshape()
         self.weights = self._weights_now()
         for blob in self._outputs:
-            self._ensure(blob, "data")  # memory is taken here, not by several threads at once
+            self._ensure(blob, "data")  # allocate here, not on several threads at once
         parallel.run([partial(self._forward, lane) for lane in self._lanes])
 
     def _forward(self, lane: Lane) -> None:
@@ -85,7 +85,7 @@ class SlicedStep(Step):
                 guarded(at.layer, "forward", at.bottom, at.top)
 
     def backward(self, on_done: BackwardHook | None = None) -> None:
-        """Run the layers backwards on all slices, and add up the gradients of the parameters."""
+        """Run the layers backwards on all slices, and sum the gradients of the parameters."""
         if not self._needs_backward:
             return
         self.weights_back = self._weights_now()
@@ -110,7 +110,7 @@ class SlicedStep(Step):
                     between()
 
     def _ensure(self, blob: Blob, half: str) -> None:
-        """Take the memory of ``data`` or ``diff`` now. Raises OutOfMemoryError."""
+        """Allocate ``data`` or ``diff`` of a blob. Raises OutOfMemoryError."""
         try:
             getattr(blob, half)
         except MemoryError as error:
@@ -121,11 +121,11 @@ class SlicedStep(Step):
         return [(p, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
 
     def _is_cut(self) -> bool:
-        """Is the batch cut into slices, for the shapes that the inputs have now?"""
+        """Whether the batch is divided into slices for the current shapes of the inputs."""
         return bool(self._lanes) and [b.shape for b in self._whole] == self._shapes
 
     def is_even(self) -> bool:
-        """Shape the blobs again if shapes of inputs have changed; True if all still have the same number of items."""
+        """Reshape the blobs if inputs have new shapes. Returns whether all blobs have the same number of items."""
         if self._is_cut():
             return True
         self._shape_blobs()
@@ -136,7 +136,7 @@ class SlicedStep(Step):
             guarded(at.layer, "reshape", at.bottom, at.top)
 
     def _reshape(self) -> None:
-        """Cut the batch into slices, if that is not done yet for these shapes."""
+        """Divide the batch into slices unless this was done for the current shapes."""
         if self._is_cut():
             return
         self._shape_blobs()
@@ -153,7 +153,7 @@ class SlicedStep(Step):
         self._lanes, self._shapes = lanes, [b.shape for b in self._whole]
 
     def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
-        """The layers for one slice."""
+        """Create the layers of one slice."""
         blobs: dict[int, Blob] = {}
 
         def on_slice(whole: Blob) -> Blob:
@@ -181,7 +181,7 @@ class SlicedStep(Step):
 
 
 def _can_be_sparse(use: Use) -> bool:
-    """Can a layer write, or read, a blob of which only some windows are stored?"""
+    """Whether a layer can write or read a blob of which only some windows are stored."""
     layer = use.at.layer
     if not isinstance(layer, FastLayer):
         return False
@@ -189,7 +189,7 @@ def _can_be_sparse(use: Use) -> bool:
 
 
 def _with_params(layer: Layer, params: Blobs) -> Layer:
-    """The layer for one slice of a batch: same options, parameters with separate diffs."""
+    """Copy a layer for one slice of a batch, with the same options and the given parameters."""
     other = copy.copy(layer)
     other.blobs = params
     of_layer = {id(param): of_lane for param, of_lane in zip(layer.blobs, params)}

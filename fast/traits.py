@@ -1,7 +1,7 @@
 """Properties of layer types that the fast engine may use.
 
-Defaults are always safe, so a type that is not in the table, such as a user's own, simply runs whole. So does an
-InnerProduct: one product for the whole batch is faster than many small ones.
+The defaults are safe for all layers. A type that is not in the table, such as a user's own, runs on the whole batch.
+So does an InnerProduct: one product for the whole batch is faster than many small ones.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from netlib.layer import Layer
 
 @dataclass(frozen=True)
 class LayerTraits:
-    """About one layer.
+    """Properties of one layer.
 
-    batchwise      item n of a top depends only on item n of the bottoms, so it may run on a slice of the batch; such a
-                   layer reaches its parameters by self.blobs or their names, which are others for every slice
-    elementwise    every value for itself, f(0) finite: tiled blobs are welcome
-    monotone       elementwise, non-decreasing and f(f(x)) = f(x): may as well run after a max pooling
-    takes_maximum  a max pooling: every top value is one of the bottom values
+    batchwise      item n of a top depends only on item n of the bottoms, so the layer may run on a slice of the batch;
+                   it must access its parameters by self.blobs or by name, because these differ in every slice
+    elementwise    each top value depends only on one bottom value, and f(0) is finite, so blobs may be tiled
+    monotone       elementwise, non-decreasing and f(f(x)) = f(x), so it may be moved behind a max pooling
+    takes_maximum  max pooling in which every top value is one of the bottom values
     reads_bottom   backward reads bottom data
     reads_top      backward reads top data
     """
@@ -50,14 +50,14 @@ def _convolution(layer: Convolution) -> LayerTraits:
 
 
 def _pooling(layer: Pooling) -> LayerTraits:
-    full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))  # no window without values
-    alone = len(layer.spec.top) == 1  # a mask is that of the values before a layer that would be moved behind
+    full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))  # no empty windows
+    alone = len(layer.spec.top) == 1  # a mask depends on a layer in place that would be moved
     return LayerTraits(
         batchwise=True, takes_maximum=layer.is_max and full and alone, reads_bottom=False, reads_top=False
     )
 
 
-# A type's traits, or a function of the layer where options matter.
+# Traits of a layer type, or a function of the layer if they depend on its options.
 TABLE: dict[type[Layer], LayerTraits | Callable[..., LayerTraits]] = {
     Convolution: _convolution,
     Pooling: _pooling,

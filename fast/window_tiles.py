@@ -1,21 +1,21 @@
-r"""WindowTiles: the first convolution of a depth image, only where there is something to see.
+r"""WindowTiles: the first convolution of a depth image, computed only where the image is not background.
 
-Most of a depth crop is background, one constant value b. Where all that a T x T window of outputs reads is b, the
-output is known without a product: bias + b * (sum of the kernel). So the windows that see anything else are looked up,
-the inputs of each are copied into a row of X, and all of them go through one large product,
+Most of a depth crop is background with one constant value b. If a T x T window of outputs reads only b, its outputs
+are bias + b * (sum of the kernel), without a product. For each of the other windows the inputs are copied to a row of
+X, and one large product computes all of them,
 
     Y (T T O, A)  =  M (T T O, S S)  @  Xᵀ (S S, A)         A windows, kernel T + 1, S = 2 T
 
-with M[p, q, o, p + i, q + j] = w[o, 0, i, j]. It is done in two halves, for the upper and the lower T / 2 rows of
-outputs: each needs only T / 2 + k - 1 of the S rows of inputs, which saves a quarter of the operations. The top is a
-sparse blob (tiles.py): the windows, and the constant of all others. The bias is left to the max pooling that
-reads it, which adds it to one value in T T. It is exact for any image and any b; the time saved depends on how much of
-the image is b.
+with M[p, q, o, p + i, q + j] = w[o, 0, i, j]. The product is computed in two halves, for the upper and the lower T / 2
+rows of outputs: each reads only T / 2 + k - 1 of the S rows of inputs, which saves a quarter of the operations. The top
+is a sparse blob (tiles.py): the computed windows, and the constant of all others. The max pooling that reads the top
+adds the bias, to one value in T T. The result is exact for any image and any b; the time saved depends on the part of
+the image that is b.
 
-Backward: dM (T T O, S S) = dY X, folded back to the kernel. dY is what a max pooling passes down: of the T T places of
-a window only one has a gradient, so dY is kept as a sparse matrix, and the product has 1 / (T T) of the operations of a
-dense one. Every output over the background saw b under the whole kernel, so together they add b * (sum of their dy) to
-each element of dw.
+Backward: dM (T T O, S S) = dY X, folded back to the kernel. dY is the gradient from a max pooling: only one of the T T
+elements of a window has a gradient, so dY is a sparse matrix, and the product has 1 / (T T) of the operations of a
+dense one. Every output over the background reads b under the whole kernel, so together they add b * (sum of their dy)
+to each element of dw.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from fast.fast_layer import FastLayer
 from fast.tiles import FastBlob, SparseTiles, tile_of
 from netlib.blob import Array, Blob
 
-FLAGS = {2: np.uint16, 4: np.uint32, 8: np.uint64}  # T flags of a row as one number
+FLAGS = {2: np.uint16, 4: np.uint32, 8: np.uint64}  # T -> integer type with T bytes, one per flag
 
 
 class WindowTiles:
-    """A convolution of one channel with stride 1, without padding, whose bottom needs no gradient."""
+    """A convolution of one channel with stride 1 and no padding, whose bottom needs no gradient."""
 
     def __init__(self) -> None:
         self._matrix: tuple[Array, int, Array] | None = None
 
     @staticmethod
     def fits(x: Blob, T: int | None, w: Blob) -> bool:
-        """Does each T x T window of the top, with a kernel of T + 1, read exactly 2 x 2 blocks of T x T inputs?"""
+        """Whether each T x T window of the top, with a kernel of T + 1, reads exactly 2 x 2 blocks of T x T inputs."""
         _, C, kh, kw = w.shape
         if T not in FLAGS or tile_of(x) is not None or C != 1 or not kh == kw == T + 1:
             return False
         return x.shape[2] % T == x.shape[3] % T == 0 and T * x.dtype.itemsize % 8 == 0
 
     def matrix(self, w: Array, T: int) -> Array:
-        """M of one half. Computed again when the weights have changed."""
+        """M of one half; computed again only if the weights have changed."""
         found = self._matrix
         if found is None or found[1] != T or not np.array_equal(found[0], w):
             O, _, k, _ = w.shape
@@ -59,12 +59,12 @@ class WindowTiles:
 
     @staticmethod
     def halves(X: Array, T: int) -> Array:
-        """(2, A, rows) views of X (A, S S), C-contiguous: what the upper and the lower half of the outputs read."""
+        """View X (A, S S), C-contiguous, as (2, A, rows): the inputs of the upper and the lower half of the outputs."""
         S, item = 2 * T, X.itemsize
         return np.ndarray((2, len(X), 3 * T // 2 * S), X.dtype, X, 0, (T // 2 * S * item, S * S * item, item))
 
     def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
-        """y from x."""
+        """Compute y from x."""
         assert isinstance(y, FastBlob) and y.tile is not None
         T = y.tile
         b = self.background(x)
@@ -80,25 +80,25 @@ class WindowTiles:
 
     @staticmethod
     def background(x: Blob) -> Array:
-        """b: the far plane of a depth crop. Any other number is as right, only slower; it must be finite, or one bad
-        pixel would reach every image.
+        """Return b, the far plane of a depth crop. Any finite number gives the same result, but is slower; with NaN or
+        infinity one invalid pixel would affect every image.
         """
         b = x.data.max()
         return b if np.isfinite(b) else np.zeros_like(b)
 
     def windows(self, x: Array, b: Array, T: int) -> Array:
-        """(A,) every window that reads anything but b, as in SparseTiles."""
+        """Return the indices (A,) of all windows that read a value other than b, as in SparseTiles."""
         N, _, H, W = x.shape
         seen = (x != b).view(FLAGS[T])
-        block = np.bitwise_or.reduce(seen.reshape(N, H // T, T, W // T), axis=2)  # of T x T inputs
+        block = np.bitwise_or.reduce(seen.reshape(N, H // T, T, W // T), axis=2)  # per T x T inputs
         reads = block[:, :-1] | block[:, 1:]
         reads = reads[:, :, :-1] | reads[:, :, 1:]
         return np.flatnonzero(reads)
 
     def patches(self, layer: FastLayer, x: Array, window: Array, T: int) -> Array:
-        """X (A, S S): what each window reads.
+        """Return X (A, S S), the inputs of each window.
 
-        Copied in units of 8 or 16 bytes, called complex numbers because these are the widest that ``np.take`` knows.
+        They are copied in units of 8 or 16 bytes, viewed as complex numbers, the widest type that ``np.take`` supports.
         """
         N, _, H, W = x.shape
         S, A = 2 * T, len(window)
@@ -112,14 +112,14 @@ class WindowTiles:
         return out.view(x.dtype).reshape(A, S * S)
 
     def backward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
-        """Adds to dw and db."""
+        """Add to dw and db."""
         assert isinstance(y, FastBlob) and y.tile is not None and not down
         found = y.sparse
         assert found is not None and found.diff is not None and found.winner is not None
         T, S, k = y.tile, 2 * y.tile, w.shape[2]
         O, A = found.diff.shape
         X = self.patches(layer, x.data, found.window, T)
-        # Column a of dY holds O numbers, in the rows (winner, o).
+        # Column a of dY has O numbers, in the rows (winner, o).
         rows = found.winner.T.astype(np.int32) * O + np.arange(O, dtype=np.int32)
         columns = np.arange(0, O * A + 1, O, dtype=np.int32)
         dY = scipy.sparse.csc_array((found.diff.T.reshape(-1), rows.reshape(-1), columns), shape=(T * T * O, A))
@@ -133,6 +133,6 @@ class WindowTiles:
 
 @functools.lru_cache(maxsize=16)
 def _first_inputs(N: int, H: int, W: int, rows: int, columns: int) -> Array:
-    """Where in an image (N, H, W) the inputs of each window begin; the next window is some rows or columns further."""
+    """Flat index in images (N, H, W) of the first input of each window; windows are ``rows`` and ``columns`` apart."""
     image, row, column = np.indices((N, H // rows - 1, W // columns - 1)).reshape(3, -1)
     return np.asarray((image * H + row * rows) * W + column * columns)
