@@ -1,4 +1,4 @@
-"""These tests are of the fast engine, whatever the process has chosen."""
+"""The tests in this folder use the fast engine, regardless of NETLIB_ENGINE."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 @pytest.fixture(autouse=True, scope="module")
 def engine_in_use() -> Iterator[None]:
-    """Fast."""
+    """Use the fast engine."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("NETLIB_ENGINE", "fast")
         yield

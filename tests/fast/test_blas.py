@@ -1,4 +1,4 @@
-"""BLAS threads and kernels are chosen, whoever imports NumPy first, and never against the user."""
+"""BLAS threads and kernels are configured, before or after NumPy is imported, and the user's settings are kept."""
 
 import os
 from pathlib import Path
@@ -12,7 +12,7 @@ OURS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_
 
 
 def run(code: str, **environment: str) -> str:
-    """What a fresh Python prints."""
+    """Run code in a new Python process and return its output."""
     return run_python("-c", code, **(dict.fromkeys(OURS) | environment)).out.strip()
 
 
@@ -29,7 +29,7 @@ for library in blas._loaded("openblas"):
 
 @pytest.mark.parametrize("first", ["import netlib, numpy", "import numpy, netlib"])
 def test_one_thread_a_product(first: str) -> None:
-    """OpenBLAS itself says that it uses one thread."""
+    """OpenBLAS reports that it uses one thread."""
     counts = run(first + THREADS).split()
     if not counts:
         pytest.skip("NumPy has no OpenBLAS here")
@@ -37,20 +37,20 @@ def test_one_thread_a_product(first: str) -> None:
 
 
 def test_the_user_decides() -> None:
-    """What is set in the environment stays, and the log says so."""
+    """Variables set in the environment are not changed, and the log reports them."""
     note = run("import netlib; print(netlib.BLAS_NOTE)", OPENBLAS_NUM_THREADS="2", OPENBLAS_CORETYPE="Haswell")
     assert note == "BLAS: kernels Haswell (OPENBLAS_CORETYPE), threads per product: 2 (OPENBLAS_NUM_THREADS)"
 
 
 def test_late_import_is_told() -> None:
-    """After NumPy, kernels cannot be changed any more."""
+    """If NumPy was imported first, the log reports that the kernels cannot be changed."""
     note = run("import numpy, netlib, os; print(netlib.BLAS_NOTE, os.environ.get('OPENBLAS_CORETYPE'))")
     assert "kernels chosen by OpenBLAS" in note and note.endswith("None")
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="Linux lists the files that a process has mapped")
 def test_a_mapped_file_with_an_odd_name(tmp_path: Path) -> None:
-    """One whose name is not UTF-8 is passed over, and the libraries after it are found."""
+    """A mapped file whose name is not UTF-8 is skipped, and the libraries after it are found."""
     (tmp_path / os.fsdecode(b"a_openblas\xe9.so")).write_bytes(b"no library")
     code = (
         "import mmap, os, sys, netlib; from fast import blas\n"

@@ -1,4 +1,4 @@
-"""Running slice by slice: the same numbers as layer by layer, for any number of threads, and no blob that lies."""
+"""Running slice by slice gives the same values in all blobs as layer by layer, for any number of threads."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ HIDDEN = ["c1", "p1", "c2", "p2"]
 
 
 def batch(count: int, seed: int = 0, flat: bool = True) -> Arrays:
-    """Images like depth crops, a constant background with something in front, and labels. One is background only.
+    """Images like depth crops with an object before a constant background, and labels. One image is only background.
 
-    If it is not ``flat``, the background is rough. Of flat ones a convolution makes values that are equal but for
-    rounding, and a max pooling behind it hands the gradient to any of them.
+    Unless ``flat``, the background is rough. On a flat background the values of a convolution are equal except for
+    rounding, so a max pooling after it may pass the gradient to any of them.
     """
     rng = np.random.default_rng(seed)
     x = np.ones((count, 1, 128, 128), np.float32)
@@ -65,20 +65,20 @@ def batch(count: int, seed: int = 0, flat: bool = True) -> Arrays:
 
 
 def hidden(net: netlib.Net) -> list[str]:
-    """Names of the blobs that do not exist for the whole batch."""
+    """Names of the blobs that are not stored for the whole batch."""
     assert isinstance(net.executor, SlicedExecutor)
     secret = {id(blob) for blob in net.executor.hidden()}
     return [name for name, blob in net.blobs.items() if id(blob) in secret]
 
 
 def layer_by_layer(net: netlib.Net) -> netlib.Net:
-    """A net that was run in parts goes on layer by layer."""
+    """Run a part of a net, so that it runs layer by layer from then on; returns the net."""
     net.forward(end=net.layers[-1].name)
     return net
 
 
 def feed(net: netlib.Net, inputs: Arrays) -> None:
-    """Forward of a batch of any size."""
+    """Run a batch of any size forwards."""
     for name, array in inputs.items():
         net.blobs[name].reshape(array.shape)
     net.reshape()
@@ -96,27 +96,27 @@ def everything(net: netlib.Net, inputs: Arrays, diffs: Arrays | None = None) -> 
 
 
 def difference(got: np.ndarray, want: np.ndarray) -> float:
-    """max |got - want| / max |want|."""
+    """Relative difference max |got - want| / max |want|."""
     assert got.shape == want.shape
     return float(np.abs(got - want).max(initial=0) / max(np.abs(want).max(initial=0), 1e-30))
 
 
 def assert_close(got: Arrays, want: Arrays, tolerance: float) -> None:
-    """max |got - want| / max |want| of every array."""
+    """Assert that the relative difference of every array is within the tolerance."""
     assert got.keys() == want.keys()
     for name, array in want.items():
         assert difference(got[name], array) <= tolerance, name
 
 
 def assert_equal(got: Arrays, want: Arrays) -> None:
-    """Equal in every bit."""
+    """Assert that all arrays are bitwise equal."""
     assert got.keys() == want.keys()
     for name, array in want.items():
         assert np.array_equal(got[name], array), name
 
 
 def is_sliced(net: netlib.Net) -> bool:
-    """Does any part of the net run in slices?"""
+    """Whether any part of the net runs in slices."""
     return any(isinstance(step, SlicedStep) for step in net.executor.steps)
 
 
@@ -127,8 +127,8 @@ def is_sliced(net: netlib.Net) -> bool:
 @pytest.mark.parametrize("start", ["", "force_backward: true "], ids=["training", "with the image's gradient"])
 @pytest.mark.parametrize("engine", ["plain", "fast"])
 def test_slices_give_what_layer_by_layer_gives(net_of: MakeNet, start: str, items: int, engine: str) -> None:
-    """In float64 to rounding, under either engine. In training, the first convolution looks only at what is not
-    background.
+    """Results in float64 are equal up to rounding, with both engines. In training, the first convolution computes only
+    windows that are not background.
     """
     sliced = net_of(start + PAPER, dtype=np.float64)
     plain = layer_by_layer(net_of(start + PAPER, engine=engine, dtype=np.float64))
@@ -140,7 +140,7 @@ def test_slices_give_what_layer_by_layer_gives(net_of: MakeNet, start: str, item
 
 
 def test_slices_in_float32(net_of: MakeNet) -> None:
-    """The same, but where two values of a pooling window are equal to rounding: there the gradient goes elsewhere."""
+    """Results agree in float32, except for gradients where two values of a pooling window are equal up to rounding."""
     inputs = batch(37)
     got, want = everything(net_of(PAPER), inputs), everything(layer_by_layer(net_of(PAPER)), inputs)
     assert got.keys() == want.keys()
@@ -150,7 +150,7 @@ def test_slices_in_float32(net_of: MakeNet) -> None:
 
 @pytest.mark.parametrize("background", ["none", "nothing else", "another value", "nothing else, and zero"])
 def test_any_background_gives_the_same(net_of: MakeNet, background: str) -> None:
-    """What is skipped is found by looking at the image: images without background, or with nothing else."""
+    """Results are the same for images without background and for images with only background."""
     inputs = batch(4)
     if background == "none":
         inputs["depth"] = np.random.default_rng(0).normal(size=inputs["depth"].shape).astype(np.float32)
@@ -164,7 +164,7 @@ def test_any_background_gives_the_same(net_of: MakeNet, background: str) -> None
 def test_results_do_not_depend_on_the_number_of_threads(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, keep_threads: None
 ) -> None:
-    """Not in one bit: 1, 2, 3 and 5 threads, more slices than lanes, a last slice that is smaller."""
+    """Results are bitwise equal for 1, 2, 3 and 5 threads, with more slices than lanes and a smaller last slice."""
     monkeypatch.setattr(slices, "MAX_SLICE", 2)
     found = []
     for threads in (1, 2, 3, 5):
@@ -175,7 +175,7 @@ def test_results_do_not_depend_on_the_number_of_threads(
 
 
 def test_a_second_pass_gives_the_same_as_the_first(net_of: MakeNet) -> None:
-    """No memory of a thread carries anything over, also when the batch changes its size and back."""
+    """Working memory of a thread does not affect the next pass, also after the batch size changed and changed back."""
     net = net_of(PAPER)
     first = everything(net, batch(20))
     everything(net, batch(7, seed=5))
@@ -185,7 +185,7 @@ def test_a_second_pass_gives_the_same_as_the_first(net_of: MakeNet) -> None:
 def test_who_follows_a_backward_pass_hears_of_it_often(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, keep_threads: None
 ) -> None:
-    """Between the layers of slices, too, but always by the thread that runs the net."""
+    """The callback of backward is called between the layers of slices too, always on the thread that runs the net."""
     monkeypatch.setattr(slices, "MAX_SLICE", 2)
     netlib.set_threads(2)
     net = net_of(PAPER)
@@ -203,7 +203,7 @@ def test_who_follows_a_backward_pass_hears_of_it_often(
 
 @pytest.fixture
 def expected(net_of: MakeNet) -> dict[str, Arrays]:
-    """What is expected of ``batch(19)``."""
+    """Expected values of all blobs and gradients for ``batch(19)``."""
     return expected_of(net_of, batch(19))
 
 
@@ -219,14 +219,14 @@ def expected_of(net_of: MakeNet, inputs: Arrays) -> dict[str, Arrays]:
 
 
 def check_blob(net: netlib.Net, name: str, half: str, expected: dict[str, Arrays]) -> None:
-    """A blob holds what it holds layer by layer."""
+    """Check that a blob has the values of a layer-by-layer run."""
     assert difference(getattr(net.blobs[name], half), expected[half][name]) <= 2e-5, (name, half)
 
 
 @pytest.mark.parametrize("when", ["before forward", "after forward", "after backward"])
 @pytest.mark.parametrize("name", HIDDEN)
 def test_a_hidden_blob_is_true_when_somebody_looks(net_of: MakeNet, name: str, when: str) -> None:
-    """Whenever the first look is; looking changes no other number, and stays right in later passes."""
+    """A hidden blob is correct whenever it is first accessed and in later passes; the access changes no other value."""
     net, inputs = net_of(PAPER), batch(19, flat=name != "c2")
     expected = expected_of(net_of, inputs)
     if when == "before forward":
@@ -248,7 +248,7 @@ def test_a_hidden_blob_is_true_when_somebody_looks(net_of: MakeNet, name: str, w
 
 
 def test_all_hidden_blobs_are_true_one_after_the_other(net_of: MakeNet, expected: dict[str, Arrays]) -> None:
-    """Looked at from the last to the first, after one pass."""
+    """All hidden blobs are correct if they are accessed after one pass, from the last to the first."""
     net = net_of(PAPER)
     everything(net, batch(19))
     for name in reversed(HIDDEN):
@@ -257,7 +257,7 @@ def test_all_hidden_blobs_are_true_one_after_the_other(net_of: MakeNet, expected
 
 
 def test_looking_at_all_shapes_costs_two_passes(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A habit of pycaffe users: the first look stores one blob, the second one all that are left."""
+    """Accessing all blobs costs two passes: the first access stores one blob, the second all others."""
     net = net_of(PAPER)
     everything(net, batch(3))
     assert hidden(net) == HIDDEN
@@ -265,13 +265,13 @@ def test_looking_at_all_shapes_costs_two_passes(net_of: MakeNet, monkeypatch: py
     repeat = SlicedExecutor._repeat
     monkeypatch.setattr(SlicedExecutor, "_repeat", lambda self, old: (passes.append(old), repeat(self, old)))
     assert [blob.data.shape for blob in net.blobs.values()] == [blob.shape for blob in net.blobs.values()]
-    assert len(passes) <= 3  # one run, then the two parts that are left of it
+    assert len(passes) <= 3  # one run, then the two parts that remain of it
     assert hidden(net) == []
 
 
 @pytest.mark.parametrize("how", ["a look", "a part"])
 def test_what_overflows_is_computed_again_without_a_warning(net_of: MakeNet, how: str) -> None:
-    """The pass itself gives none: what is not finite is the solver's to find. (A warning fails the tests.)"""
+    """Computing infinite values again gives no warning, as in the pass itself. (A warning fails the tests.)"""
     net = net_of(PAPER)
     for params in net.params.values():
         params[0].data[...] = 1e30
@@ -282,7 +282,7 @@ def test_what_overflows_is_computed_again_without_a_warning(net_of: MakeNet, how
 
 
 def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet, expected: dict[str, Arrays]) -> None:
-    """A hidden blob still shows the last pass."""
+    """After a reshape to the same shapes, a hidden blob still has the values of the last pass."""
     net = net_of(PAPER)
     everything(net, batch(19))
     net.reshape()
@@ -291,7 +291,7 @@ def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet, expected:
 
 
 def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
-    """Which depends on the shape of an item alone. The results are those of a net that has seen no other batch."""
+    """The plan depends only on the shape of an item. The results are those of a net that has run no other batch."""
     net, other = net_of(PAPER), net_of(PAPER)
     everything(net, batch(5))
     steps = net.executor.steps
@@ -303,7 +303,7 @@ def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
 
 
 def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
-    """It says so; zeros would be a lie."""
+    """Accessing a hidden blob after its net was deleted raises an error instead of returning zeros."""
 
     def blobs() -> dict[str, Any]:
         net = net_of(PAPER)
@@ -318,7 +318,7 @@ def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
 
 
 def test_one_bad_pixel_spoils_its_own_image_only(net_of: MakeNet) -> None:
-    """NaN or infinity: the others come out as without it."""
+    """A NaN or infinite pixel changes the results of its own image only."""
     for value in (np.nan, np.inf):
         inputs = batch(5)
         want = net_of(PAPER)
@@ -342,7 +342,7 @@ IN_PLACE = """
 
 @pytest.mark.parametrize("function", ['type: "Power" power_param { shift: -0.5 }', 'type: "Sigmoid"', 'type: "TanH"'])
 def test_a_layer_in_place_behind_a_relu(net_of: MakeNet, rng: np.random.Generator, function: str) -> None:
-    """It writes over y; the ReLU's gradient goes by x."""
+    """The gradient of a ReLU depends on x, although the layer in place overwrites y."""
     x, dy = {"x": rng.normal(size=(4, 6))}, {"r": rng.normal(size=(4, 6))}
     fast, plain = (net_of(IN_PLACE % function, engine=name) for name in ("fast", "plain"))
     assert_close(everything(fast, x, dy), everything(plain, x, dy), 1e-6)
@@ -362,7 +362,7 @@ SHARED = """
 def test_nets_of_any_engines_share_parameters(
     net_of: MakeNet, rng: np.random.Generator, owner: str, sharer: str, clear: str
 ) -> None:
-    """Gradients stay each net's own, whoever clears and whoever looks."""
+    """Each net keeps its own gradients, whichever net clears them or accesses blobs."""
     one, two = net_of(SHARED, engine=owner), net_of(SHARED, engine=sharer, seed=5)
     x, dy = rng.normal(size=(4, 6)), rng.normal(size=(4, 3))
     for net in (one, two):
@@ -405,7 +405,7 @@ OF_X, OF_Y = (CONV % (name, bottom, name, name, name, name) for name, bottom in 
 
 @pytest.mark.parametrize("order", [OF_X + OF_Y, OF_Y + OF_X], ids=["filtered first", "filtered last"])
 def test_blobs_of_different_numbers_of_items(net_of: MakeNet, rng: np.random.Generator, order: str) -> None:
-    """As a Filter leaves them, other numbers in every pass, or whoever reshapes one of two inputs."""
+    """Numbers of items differ between blobs after a Filter, in every pass, or if one of two inputs is reshaped."""
     fast, plain = (net_of(TWO_SIZES % order, engine=name) for name in ("fast", "plain"))
     x, y = rng.normal(size=(2, 4, 1, 8, 8)).astype(np.float32)
     for chosen in ([1, 1, 1, 1], [1, 0, 0, 1], [0, 1, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1]):
@@ -431,7 +431,7 @@ def test_blobs_of_different_numbers_of_items(net_of: MakeNet, rng: np.random.Gen
 def test_two_convolutions_in_a_row(
     net_of: MakeNet, rng: np.random.Generator, kernels: tuple[int, int], frozen: bool
 ) -> None:
-    """The second needs all of what the first writes, although the gradient of the image is not needed."""
+    """The second convolution reads all values of the first, although the gradient of the image is not needed."""
     text = inputs(x=(2, 1, 28, 28))
     for name, bottom, size in zip(("c1", "c2"), ("x", "c1"), kernels):
         rate = "param { lr_mult: 0 } param { lr_mult: 0 }" if name == "c1" else ""
@@ -449,7 +449,7 @@ def test_two_convolutions_in_a_row(
 
 
 def test_a_reshape_to_the_same_shapes_keeps_the_winners(net_of: MakeNet) -> None:
-    """Of a net that runs layer by layer, too."""
+    """A reshape to the same shapes keeps the winners of poolings, also in a net that runs layer by layer."""
     net = layer_by_layer(net_of(PAPER))
     feed(net, batch(3))
     net.backward()
@@ -461,14 +461,14 @@ def test_a_reshape_to_the_same_shapes_keeps_the_winners(net_of: MakeNet) -> None
 
 
 def test_a_top_that_was_reshaped_by_hand(net_of: MakeNet) -> None:
-    """Is shaped anew by the next pass."""
+    """A top that the caller reshaped gets its shape back in the next pass."""
     net = net_of(SHARED)
     net.blobs["y"].reshape(2, 2)
     assert net.forward()["y"].shape == (4, 3)
 
 
 def test_a_hidden_diff_is_by_the_weights_of_backward(net_of: MakeNet) -> None:
-    """Though they were changed since forward."""
+    """A hidden diff is computed with the weights of backward, even if they were changed after forward."""
     sliced, plain = net_of(PAPER), layer_by_layer(net_of(PAPER))
     for net in (sliced, plain):
         feed(net, batch(3, flat=False))
@@ -478,7 +478,7 @@ def test_a_hidden_diff_is_by_the_weights_of_backward(net_of: MakeNet) -> None:
 
 
 def test_a_blob_that_was_written_is_used(net_of: MakeNet) -> None:
-    """A hidden blob set by hand feeds the layers behind it."""
+    """Values that a caller writes to a hidden blob are read by the layers after it."""
     net = net_of(PAPER)
     feed(net, batch(3))
     net.blobs["p2"].data[...] = 0
@@ -488,7 +488,7 @@ def test_a_blob_that_was_written_is_used(net_of: MakeNet) -> None:
 
 
 def test_a_hidden_blob_shows_the_last_pass_after_an_update(net_of: MakeNet) -> None:
-    """A first look after the weights have changed shows what the pass before the change computed."""
+    """The first access after the weights have changed returns the values of the pass before the change."""
     sliced, plain = net_of(PAPER), layer_by_layer(net_of(PAPER))
     for net in (sliced, plain):
         everything(net, batch(3))
@@ -501,7 +501,7 @@ def test_a_hidden_blob_shows_the_last_pass_after_an_update(net_of: MakeNet) -> N
 
 
 def test_relu_after_max_pooling_is_relu_before_it(net_of: MakeNet) -> None:
-    """The two change places on a hidden blob: the same values, winners and gradients, zeros and ties included."""
+    """Exchanging the two layers on a hidden blob changes no value, winner or gradient, including zeros and ties."""
     text = """
         force_backward: true
         layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 6 dim: 6 } } }
@@ -516,7 +516,7 @@ def test_relu_after_max_pooling_is_relu_before_it(net_of: MakeNet) -> None:
     rng = np.random.default_rng(0)
     for net in (sliced, plain):
         net.params["c"][0].data[...] = np.array([[1, 0], [0, 1], [-1, -1]])[:, :, None, None]
-    x = {"x": rng.integers(-2, 2, (3, 2, 6, 6))}  # many equal values, whole windows below or at zero
+    x = {"x": rng.integers(-2, 2, (3, 2, 6, 6))}  # many equal values, and windows without positive values
     dy = {"d": rng.normal(size=(3, 2, 3, 3))}
     step = next(step for step in sliced.executor.steps if isinstance(step, SlicedStep))
     assert [at.layer.name for at in step.run.order] == ["c", "p", "r", "d"]
@@ -524,7 +524,7 @@ def test_relu_after_max_pooling_is_relu_before_it(net_of: MakeNet) -> None:
 
 
 def test_a_relu_that_changed_places_leaves_the_diff_of_a_pooled_output_alone(net_of: MakeNet) -> None:
-    """What the caller wrote into the diff of an output is still there after backward."""
+    """Backward does not change the values that the caller wrote to the diff of an output."""
     text = """
         force_backward: true
         layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 6 dim: 6 } } }
@@ -553,7 +553,7 @@ ODD = """
     "function", ['type: "TanH"', 'type: "Sigmoid"', 'type: "ReLU" relu_param { negative_slope: 0.1 }']
 )
 def test_windows_that_hang_over_the_edge_leave_no_trace(net_of: MakeNet, function: str) -> None:
-    """The convolution's 8 x 7 outputs are pooled 3 x 3: what stands beyond the edge enters no value and no gradient."""
+    """With 8 x 7 outputs pooled 3 x 3, memory beyond the edge affects no value and no gradient."""
     sliced, plain = net_of(ODD % function), layer_by_layer(net_of(ODD % function))
     rng = np.random.default_rng(0)
     x, dy = {"x": rng.normal(size=(3, 1, 9, 8))}, {"p": rng.normal(size=(3, 2, 3, 3))}
@@ -561,7 +561,7 @@ def test_windows_that_hang_over_the_edge_leave_no_trace(net_of: MakeNet, functio
 
 
 def test_only_a_monotone_layer_changes_places_with_a_max_pooling(net_of: MakeNet) -> None:
-    """The maximum of -x is not minus the maximum of x."""
+    """A layer such as -x is not exchanged with a max pooling: the maximum of -x is not minus the maximum of x."""
     text = (
         ODD % 'type: "Power" power_param { scale: -1 }'
         + """
@@ -575,7 +575,7 @@ def test_only_a_monotone_layer_changes_places_with_a_max_pooling(net_of: MakeNet
 
 
 def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(net_of: MakeNet) -> None:
-    """Their value, minus infinity, is the pooling's, and no ReLU makes zero of it."""
+    """A ReLU before the pooling does not change the value of an empty window, minus infinity, to 0."""
     text = (ODD % 'type: "ReLU"').replace("kernel_size: 3 stride: 3", "kernel_size: 1 stride: 4")
     text += """layer { name: "d" type: "Convolution" bottom: "p" top: "d"
                        convolution_param { num_output: 1 kernel_size: 1 } }"""
@@ -587,7 +587,7 @@ def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(net_of
 
 @pytest.mark.parametrize("half", ["data", "diff"])
 def test_a_blob_with_a_layer_in_place_is_true_when_somebody_looks(net_of: MakeNet, half: str) -> None:
-    """A leaky ReLU in place cannot run twice: the row of layers is cut there, and all of it is computed again."""
+    """A leaky ReLU in place cannot run twice: the run ends before it, and all of the run is computed again."""
     text = ODD % 'type: "ReLU" relu_param { negative_slope: 0.1 }'
     sliced, plain = net_of(text), layer_by_layer(net_of(text))
     for net in (sliced, plain):
@@ -615,7 +615,7 @@ LAYERS = {
 
 @st.composite
 def stacks(draw: st.DrawFn) -> str:
-    """Nets of a few layers, some in place, some branching and joining again."""
+    """Generate nets of a few layers, some in place, some branching and joining again."""
     height, width = draw(st.integers(9, 20)), draw(st.integers(9, 20))
     text = "force_backward: true " + inputs(b0=(1, draw(st.integers(1, 3)), height, width))
     blob = "b0"
@@ -638,7 +638,7 @@ def stacks(draw: st.DrawFn) -> str:
 
 @pytest.fixture(scope="module")
 def tiny_slices() -> Iterator[None]:
-    """Slices of two items, so that a few items make several."""
+    """Limit slices to two items, so that a few items give several slices."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(slices, "MAX_SLICE", 2)
         yield
@@ -647,13 +647,13 @@ def tiny_slices() -> Iterator[None]:
 @settings(max_examples=300)
 @given(text=stacks(), items=st.integers(0, 5))
 def test_any_stack_of_layers_gives_the_same_in_slices(tiny_slices: None, text: str, items: int) -> None:
-    """As the plain engine: output and gradients within rounding of float64; then every blob, looked at afterwards."""
+    """Outputs, gradients and then all blobs agree with the plain engine up to rounding in float64."""
     tree = prototxt.parse(text)
     try:
         sliced, plain = (
             netlib.Net(tree, netlib.TRAIN, dtype=np.float64, seed=2, engine=name) for name in ("fast", "plain")
         )
-    except netlib.LayerError:  # a window larger than what is left of the image
+    except netlib.LayerError:  # a window larger than the remaining map
         assume(False)
     rng = np.random.default_rng(0)
     x = {"b0": rng.normal(size=(items, *plain.blobs["b0"].shape[1:]))}

@@ -11,7 +11,7 @@ from netlib import gradcheck
 
 
 def test_a_buffer_keeps_its_memory_for_each_thread() -> None:
-    """Zeros at first and in a new shape; another thread has its own."""
+    """A buffer has zeros at first and in a new shape, and each thread has its own."""
     layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
     assert isinstance(layer, FastLayer)
     buffer = layer.buffer("b", (2, 3))

@@ -18,7 +18,7 @@ TEXT = f'type: "InnerProduct" inner_product_param {{ num_output: {OUTPUTS} weigh
 
 
 def forward(x: Array) -> Array:
-    """The output (N, OUTPUTS) for x (N, INPUTS)."""
+    """Compute the output (N, OUTPUTS) for x (N, INPUTS)."""
     layer = gradcheck.make_layer(TEXT, [x], engine="fast", dtype=np.float32)
     assert isinstance(layer, FastInnerProduct)
     bottom, top = Blobs([Blob(x.shape, np.float32)]), Blobs([Blob((), np.float32)])
@@ -33,9 +33,9 @@ def forward(x: Array) -> Array:
 def test_an_item_does_not_depend_on_the_others(
     rng: np.random.Generator, keep_threads: None, count: int, threads: int
 ) -> None:
-    """Several items, by blocks of outputs, give what each gives alone, by all outputs at once.
+    """Several items, in blocks of outputs, give the same results as each item alone, in one product.
 
-    Bit for bit with OpenBLAS's kernels for x86; other libraries may round by the position in a block.
+    They are bitwise equal with OpenBLAS's kernels for x86; in other libraries rounding may depend on the position.
     """
     assert 4 * INPUTS * OUTPUTS > 3 * CACHED_BYTES
     netlib.set_threads(threads)

@@ -1,4 +1,4 @@
-"""MaxTiles: max pooling on tiles gives what plain loops give, whatever the blobs are stored in."""
+"""MaxTiles: max pooling on tiles gives the same results as plain loops, for all layouts of the blobs."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from tests.support.tiled import load, store, tiled
 
 
 def compare(T, x, y, share, bottom_tile=None, top_tile=None):
-    """Value and gradient of a layer with the definition's."""
+    """Compare the values and gradients of a layer with the definition."""
     layer = gradcheck.make_layer(f'type: "Pooling" pooling_param {{ kernel_size: {T} stride: {T} }}', [x])
     bottom, top = Blobs([tiled(x.shape, bottom_tile)]), Blobs([tiled(y.shape, top_tile)])
     layer.reshape(bottom, top)
@@ -27,7 +27,7 @@ def compare(T, x, y, share, bottom_tile=None, top_tile=None):
 @pytest.mark.parametrize("N", range(1, 10))
 @pytest.mark.parametrize("T", [2, 3, 4])
 def test_any_number_of_images(rng, N, T):
-    """13 x 11, which no T divides; rounded so that there are equal values."""
+    """Any number of 13 x 11 images is pooled, a size that no T divides; values are rounded so that some are equal."""
     x = np.round(rng.normal(size=(N, 2, 13, 11)))
     for top_tile in (None, 1, 2, 4):
         compare(T, x, *pool(x, (T, T), (T, T), (0, 0)), T, top_tile)
@@ -37,7 +37,7 @@ def test_any_number_of_images(rng, N, T):
 @pytest.mark.parametrize("tiled_bottom", [False, True])
 @pytest.mark.parametrize("T", [2, 4])
 def test_any_size(rng, size, tiled_bottom, T):
-    """From a plain bottom or one in tiles of the same size."""
+    """Images of any size are pooled, from a plain bottom or from one in tiles of the same size."""
     x = rng.normal(size=(3, 2, *size))
     for top_tile in (None, 1, 2):
         compare(T, x, *pool(x, (T, T), (T, T), (0, 0)), T if tiled_bottom else None, top_tile)

@@ -1,4 +1,4 @@
-"""Threads: every job is done once, errors arrive, and nesting works."""
+"""Threads: every job runs once, errors are raised, and jobs can run jobs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("keep_threads")
 @pytest.mark.parametrize("threads", [1, 2, 5])
 @pytest.mark.parametrize("count", [0, 1, 2, 40])
 def test_every_job_is_done_once(threads: int, count: int) -> None:
-    """More jobs than threads, fewer, or none."""
+    """Every job runs once if there are more jobs than threads, fewer, or none."""
     netlib.set_threads(threads)
     done: list[int] = []
     parallel.run([lambda i=i: done.append(i) for i in range(count)])
@@ -24,7 +24,7 @@ def test_every_job_is_done_once(threads: int, count: int) -> None:
 
 
 def test_two_threads_work_at_the_same_time() -> None:
-    """Two jobs that wait for each other both come to their end."""
+    """Two jobs that wait for each other both end."""
     netlib.set_threads(2)
     both = threading.Barrier(2, timeout=30)
     parallel.run([both.wait, both.wait])
@@ -32,7 +32,7 @@ def test_two_threads_work_at_the_same_time() -> None:
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_the_first_error_is_raised(threads: int) -> None:
-    """And the pool works on afterwards."""
+    """The first error of a job is raised, and the pool can be used afterwards."""
     netlib.set_threads(threads)
 
     def fail() -> None:
@@ -46,7 +46,7 @@ def test_the_first_error_is_raised(threads: int) -> None:
 
 
 def test_a_job_may_run_jobs() -> None:
-    """It does them itself, whatever the number of threads."""
+    """A job that runs jobs executes them on its own thread, for any number of threads."""
     netlib.set_threads(2)
     done: list[int] = []
     parallel.run([lambda: parallel.run([lambda: done.append(1)] * 3)] * 4)
@@ -54,7 +54,7 @@ def test_a_job_may_run_jobs() -> None:
 
 
 def test_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Set, or from NETLIB_NUM_THREADS, or one for each processor."""
+    """The number of threads is the one set, else NETLIB_NUM_THREADS, else one per processor."""
     netlib.set_threads(3)
     assert netlib.threads() == 3
     with pytest.raises(ValueError, match="at least 1, not 0"):

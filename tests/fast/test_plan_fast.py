@@ -1,4 +1,4 @@
-"""What the fast engine decides for the paper's network. A decision that gets lost makes it slow, never wrong."""
+"""The plan of the fast engine for the paper's network. A lost optimization would make it slower, but not wrong."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INPUT = """layer {
     input_param { shape { dim: 512 dim: 1 dim: 128 dim: 128 } shape { dim: 512 dim: 93 } }
 }"""
 
-# In the order in which they run: the poolings before the ReLUs, on a sixteenth and a quarter of the values.
+# In execution order: the ReLUs run after the poolings, on a sixteenth and a quarter of the values.
 LAYERS_OF_A_SLICE = [
     ("convL1", "FastConvolution"), ("poolL1", "FastPooling"), ("ReLUconvL1", "FastReLU"),
     ("convL2", "FastConvolution"), ("poolL2", "FastPooling"), ("ReLUconvL2", "FastReLU"),
@@ -28,21 +28,21 @@ WHOLE_LAYERS = [
     ("DoF_DoF_0_split", "Split"), ("HandModel", "FastHandModel"), ("joint_loss", "EuclideanLoss"),
     ("limit_loss", "PhysLimit"),
 ]  # fmt: skip
-TILES = {"convL1": 4, "poolL1": 2, "convL2": 2, "poolL2": 2}  # of all hidden blobs
+TILES = {"convL1": 4, "poolL1": 2, "convL2": 2, "poolL2": 2}  # tiles of all hidden blobs
 SPARSE = {"convL1"}  # stored only where the image is not background
-WAYS = {"convL1": "WindowTiles", "convL2": "RowTiles", "convL3": "RowTiles"}  # of the convolutions
+WAYS = {"convL1": "WindowTiles", "convL2": "RowTiles", "convL3": "RowTiles"}  # algorithms of the convolutions
 ITEMS_PER_SLICE = 32
 
 
 def paper_network() -> netlib.Net:
-    """The network in training, a batch of 512 images, fed by the caller."""
+    """The network in training, with a batch of 512 images from the caller."""
     text = TRAIN_TEST.read_text()
     first = text.index("# Rows of the HDF5 files")
     return netlib.Net(prototxt.parse(INPUT + text[text.index("# Features", first) :]), netlib.TRAIN, engine="fast")
 
 
 def test_the_plan_of_the_papers_network() -> None:
-    """The convolutional layers run together, 32 images at a time; what they hand on is hidden, in tiles."""
+    """The convolutional layers run together, 32 images at a time; the blobs between them are hidden and tiled."""
     net = paper_network()
     [sliced] = [step for step in net.executor.steps if isinstance(step, SlicedStep)]
     pieces = sliced.pieces()

@@ -1,4 +1,4 @@
-"""Random nets used at random: the plain engine, the fast one on 1 and on 4 threads agree after every operation."""
+"""Random operations on random nets: the plain engine and the fast one on 1 and on 4 threads agree after each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ PER_TEST = 80
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("block", range(20))
 def test_the_engines_agree(block: int, caplog: pytest.LogCaptureFixture) -> None:
-    """After every operation; ``python -m tests.support.random_programs --show SEED`` shows a program that fails."""
+    """The engines agree after every operation.
+
+    ``python -m tests.support.random_programs --show SEED`` shows a program that fails.
+    """
     caplog.set_level("ERROR", "netlib")
     undecided = 0
     for seed in range(block * PER_TEST, (block + 1) * PER_TEST):
@@ -29,7 +32,7 @@ def test_the_engines_agree(block: int, caplog: pytest.LogCaptureFixture) -> None
 
 
 def test_the_campaign(capsys: pytest.CaptureFixture[str]) -> None:
-    """Counts programs and operations, and leaves the log as it is; one program alone shows what it does."""
+    """The campaign prints the numbers of programs and operations and does not log; --show prints one program."""
     level = logging.getLogger("netlib").level
     assert random_programs.main(["--count", "2", "--first", "100000"]) == 0
     assert re.match(r"2 programs, \d+ operations, 0 failed, 0 undecided, ", capsys.readouterr().out)

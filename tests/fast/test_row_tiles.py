@@ -1,4 +1,4 @@
-"""RowTiles: the fast convolution gives what plain loops give, whatever its top is stored in."""
+"""RowTiles: the fast convolution gives the same results as plain loops, for all layouts of its top."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from tests.support.tiled import load, store, tiled
 
 
 def fast(x, w, b, dy, tile=None, bottom_tile=None):
-    """y, dx, dw, db of RowTiles, with a top in tiles of ``tile`` and a bottom in tiles of ``bottom_tile``."""
+    """Compute y, dx, dw, db by RowTiles, with a top in tiles of ``tile`` and a bottom in tiles of ``bottom_tile``."""
     _N, _C, _H, W = x.shape
     O, _, kh, kw = w.shape
     layer = gradcheck.make_layer(
@@ -30,7 +30,7 @@ def fast(x, w, b, dy, tile=None, bottom_tile=None):
 @pytest.mark.parametrize("N", range(1, 10))
 @pytest.mark.parametrize("tile", [None, 1, 2, 3, 4])
 def test_any_number_of_images(rng, N, tile):
-    """Images stand side by side in a row: none sees its neighbour. 7 x 6 outputs, which 4 and 3 do not divide."""
+    """Images that are adjacent in a row do not affect each other. There are 7 x 6 outputs, not divisible by 4."""
     compare(rng, (N, 2, 9, 8), (3, 2, 3, 3), tile, None)
 
 
@@ -41,12 +41,12 @@ def test_any_number_of_images(rng, N, tile):
     [((5, 5), (1, 1)), ((5, 5), (5, 5)), ((8, 12), (5, 5)), ((7, 4), (2, 3)), ((3, 11), (3, 1)), ((6, 9), (1, 4))],
 )
 def test_any_size(rng, image, kernel, tile, bottom_tile):
-    """Kernels as large as the image, not square, and images that the tile does not divide."""
+    """Results agree for kernels as large as the image, kernels that are not square, and sizes not divisible by T."""
     compare(rng, (3, 2, *image), (2, 2, *kernel), tile, bottom_tile)
 
 
 def compare(rng, x_shape, w_shape, tile, bottom_tile):
-    """Forward with the definition, backward with its transpose."""
+    """Compare forward with the definition, and backward with its transpose."""
     x, w, b = rng.normal(size=x_shape), rng.normal(size=w_shape), rng.normal(size=w_shape[0])
     want = convolve(x, w, b)
     dy = rng.normal(size=want.shape)
@@ -57,14 +57,14 @@ def compare(rng, x_shape, w_shape, tile, bottom_tile):
 
 @pytest.mark.parametrize("T", [1, 2, 4])
 def test_toeplitz_and_fold_are_adjoint(rng, T):
-    """<M(w), G> = <w, fold(G)>, for any G."""
+    """For any G, <M(w), G> = <w, fold(G)>."""
     w = rng.normal(size=(3, 2, 3, 2))
     G = rng.normal(size=toeplitz(w, T).shape)
     assert np.isclose((toeplitz(w, T) * G).sum(), (w * fold(G, w.shape, T)).sum())
 
 
 def test_new_weights_make_new_matrices(rng):
-    """The matrices are kept for equal weights only, also when the same array was changed."""
+    """The matrices are computed again if the weights differ, also if the same array was modified."""
     way, w = RowTiles(), rng.normal(size=(2, 1, 2, 2))
     before = way.matrices(w, 2)[0].copy()
     assert np.array_equal(way.matrices(w, 2)[0], before)

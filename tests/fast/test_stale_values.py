@@ -1,4 +1,4 @@
-"""Memory that is used again, and blobs that are computed again, hold nothing of another pass."""
+"""Memory that is reused, and blobs that are computed again, have no values of another pass."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ TWO_SIZES = """
 
 
 def both(net_of: MakeNet, text: str, **options: int) -> tuple[netlib.Net, netlib.Net]:
-    """The same net under the fast and the plain engine, in float64."""
+    """Create the same net with the fast and the plain engine, in float64."""
     fast, plain = (net_of(text, engine=engine, dtype=np.float64, **options) for engine in ("fast", "plain"))
     return fast, plain
 
 
 def assert_same_gradients(fast: netlib.Net, plain: netlib.Net, **inputs: np.ndarray) -> None:
-    """Of the parameters, after one more pass."""
+    """Assert that the gradients of the parameters are equal after one more pass."""
     for net in (fast, plain):
         net.clear_param_diffs()
         net.forward(**inputs)
@@ -58,14 +58,14 @@ def assert_same_gradients(fast: netlib.Net, plain: netlib.Net, **inputs: np.ndar
 def test_narrower_and_lower_images_after_wider_and_higher_ones(
     net_of: MakeNet, rng: np.random.Generator, between: str, loss: str
 ) -> None:
-    """The padding of tiles, which have the same shape for both, is that of the present images."""
+    """The padding of tiles has no values of larger images whose tiles had the same shape."""
     fast, plain = both(net_of, CONVOLUTION % (between, loss))
     for height, width in [(9, 6), (9, 5), (9, 6), (8, 6), (8, 5), (9, 5)]:
         assert_same_gradients(fast, plain, x=rng.normal(size=(3, 1, height, width)))
 
 
 def test_a_convolution_of_two_bottoms_of_different_sizes(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """One bottom's gradients leave nothing in the memory that the other's use. The other may have fewer items."""
+    """Gradients of one bottom leave no values in the memory for the other, which may have fewer items."""
     fast, plain = both(net_of, TWO_SIZES)
     for items in (3, 3, 3, 2, 3):
         assert_same_gradients(fast, plain, x=rng.normal(size=(3, 1, 9, 5)), y=rng.normal(size=(items, 1, 7, 6)))
@@ -77,14 +77,14 @@ def test_a_convolution_of_two_bottoms_of_different_sizes(net_of: MakeNet, rng: n
      'type: "Sigmoid"', 'type: "TanH"', 'type: "ReLU" relu_param { negative_slope: 0.1 }', 'type: "ReLU"'],
 )  # fmt: skip
 def test_a_layer_that_overwrites_pooled_values(net_of: MakeNet, rng: np.random.Generator, function: str) -> None:
-    """A ReLU before the pooling needs their signs if it runs behind the pooling, so there it does not."""
+    """A ReLU is not moved behind a pooling whose values are overwritten, because its backward reads their signs."""
     fast, plain = both(net_of, CONVOLUTION % (POOLING + IN_PLACE % function, "d"))
     assert_same_gradients(fast, plain, x=rng.normal(size=(3, 1, 9, 6)))
 
 
 @pytest.mark.parametrize("start", ["c", "p", "l"])
 def test_a_part_runs_on_from_the_last_pass(net_of: MakeNet, rng: np.random.Generator, start: str) -> None:
-    """Whatever was written into the input since."""
+    """A part of a net continues with the values of the last pass, even if the input was modified since."""
     fast, plain = both(net_of, CONVOLUTION % (POOLING, "p"))
     for net in (fast, plain):
         net.forward(x=np.arange(162.0).reshape(3, 1, 9, 6) % 7)
@@ -95,7 +95,7 @@ def test_a_part_runs_on_from_the_last_pass(net_of: MakeNet, rng: np.random.Gener
 @pytest.mark.parametrize("change", ["input", "parameters", "shared parameters", "output"])
 @pytest.mark.parametrize("half", ["data", "diff"])
 def test_a_first_look_shows_the_last_pass(net_of: MakeNet, rng: np.random.Generator, half: str, change: str) -> None:
-    """Whatever was written or shared since."""
+    """The first access returns the values of the last pass, even if blobs were modified or shared since."""
     text = CONVOLUTION % (POOLING + IN_PLACE % 'type: "Sigmoid"', "d")
     fast, plain = both(net_of, text)
     x, value = rng.normal(size=(3, 1, 9, 6)), rng.normal(size=(3, 1, 4, 3))
@@ -116,7 +116,7 @@ def test_a_first_look_shows_the_last_pass(net_of: MakeNet, rng: np.random.Genera
 
 
 def test_a_look_leaves_shared_parameters_alone(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """Values of the last pass are never written into parameters that another net may be using."""
+    """Computing a blob again does not write to parameters, which another net may be using."""
     fast, _ = both(net_of, CONVOLUTION % (POOLING, "p"))
     fast.forward(x=rng.normal(size=(3, 1, 9, 6)))
     weights = fast.params["c"][0].data
@@ -126,7 +126,7 @@ def test_a_look_leaves_shared_parameters_alone(net_of: MakeNet, rng: np.random.G
 
 
 def test_input_written_between_forward_and_backward(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """The gradient of the kernel is that of the new values, also where forward saw background."""
+    """The gradient of the kernel is that of the new values, also where the old ones were background."""
     text = CONVOLUTION.replace("dim: 9 dim: 6", "dim: 8 dim: 8").replace("kernel_size: 2", "kernel_size: 3")
     fast, plain = both(net_of, text % (POOLING + IN_PLACE % 'type: "Sigmoid"', "d"))
     x = np.zeros((3, 1, 8, 8))
@@ -140,7 +140,7 @@ def test_input_written_between_forward_and_backward(net_of: MakeNet, rng: np.ran
 
 
 def test_part_backward_through_a_pooling_whose_bottom_was_written(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """The winners are those of the last forward pass, also where the pooling alone ran in slices and hid no blob."""
+    """The winners are those of the last forward, also if only the pooling ran in slices and no blob was hidden."""
     text = """
         force_backward: true
         layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 9 dim: 6 } } }
@@ -160,7 +160,7 @@ def test_part_backward_through_a_pooling_whose_bottom_was_written(net_of: MakeNe
 
 
 def test_a_pooling_of_no_items(net_of: MakeNet) -> None:
-    """Of one window over the whole image."""
+    """A pooling with one window over the whole image accepts a batch without items."""
     net = net_of(
         inputs(x=(2, 3, 4, 4))
         + 'layer { name: "p" type: "Pooling" bottom: "x" top: "p" pooling_param { kernel_size: 4 } }'
@@ -170,7 +170,7 @@ def test_a_pooling_of_no_items(net_of: MakeNet) -> None:
 
 @pytest.mark.parametrize("items", [2, 64])
 def test_an_input_given_as_a_view_of_itself(net_of: MakeNet, rng: np.random.Generator, items: int) -> None:
-    """Copied as NumPy copies it, also when it is large enough to be copied by several threads."""
+    """Overlapping memory is copied as by NumPy, also if the array is large enough for several threads."""
     net = net_of(inputs(x=(1, 100, 100)) + 'layer { name: "y" type: "Power" bottom: "x" top: "y" }')
     x = rng.normal(size=(items, 100, 100)).astype(np.float32)
     net.forward(x=x)

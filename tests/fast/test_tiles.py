@@ -1,4 +1,4 @@
-"""Blobs of the fast engine: in tiles, adopted."""
+"""Blobs of the fast engine: tiles, and adopted arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.support.tiled import load, store, tiled
 
 
 def test_adopt_takes_an_array_of_the_right_kind_only() -> None:
-    """Without a copy."""
+    """``adopt`` uses an array of the right shape and dtype without a copy, and rejects others."""
     blob, array = FastBlob((2, 3)), np.ones((2, 3), np.float32)
     blob.adopt(array)
     assert blob.data is array
@@ -23,7 +23,7 @@ def test_adopt_takes_an_array_of_the_right_kind_only() -> None:
 
 
 def test_where_a_value_stands_in_tiles() -> None:
-    """Row h, column w, channel c, image n at [h, w % T, c, n, w // T]."""
+    """The value of row h, column w, channel c, image n is at [h, w % T, c, n, w // T]."""
     N, C, H, W, T = 2, 3, 5, 7, 3
     x = np.arange(N * C * H * W, dtype=np.float32).reshape(N, C, H, W)
     blob = tiled(x.shape, T)
@@ -40,18 +40,18 @@ def test_where_a_value_stands_in_tiles() -> None:
     spare=st.integers(0, 2),
 )
 def test_tiles_and_back(shape: tuple[int, ...], one: int, other: int, spare: int) -> None:
-    """Plain to tiles, to other tiles, to plain: the same values, for sizes that do not divide too."""
+    """Converting plain arrays to tiles, to other tiles and back keeps the values, also for sizes not divisible by T."""
     x = np.random.default_rng(0).normal(size=shape)
     first, second = tiled(shape, one, spare), tiled(shape, other)
     store(first, "data", x)
     tiles_of(first, first.data, other, second.pitch, second.data)
     assert np.array_equal(load(first, "data"), x)
-    if (first.tile, first.pitch) != (second.tile, second.pitch):  # else there is nothing to copy
+    if (first.tile, first.pitch) != (second.tile, second.pitch):  # else nothing is copied
         assert np.array_equal(load(second, "data"), x)
 
 
 def test_tiles_of_the_same_kind_are_not_copied() -> None:
-    """A layer that wants what is there gets it."""
+    """Tiles of the requested size and pitch are returned without a copy."""
     blob = tiled((2, 3, 4, 4), 2)
     out = np.empty(blob.storage_shape)
     assert tiles_of(blob, blob.data, 2, blob.pitch, out) is blob.data

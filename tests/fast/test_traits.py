@@ -1,4 +1,4 @@
-"""What the fast engine takes for granted about layer types is true."""
+"""The traits of layer types, which the fast engine relies on, are true."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from tests.support.layer_cases import CASES, forward, made
 
 
 def test_every_entry_is_a_layer_type() -> None:
-    """An entry for a class that no net has would never be looked up."""
+    """Every entry of the table is the class of a layer type; others would never be used."""
     assert set(TABLE) <= set(LAYER_TYPES.values())
 
 
 def test_a_fast_class_is_its_plain_class_with_another_computation() -> None:
-    """It inherits options and messages, and has the traits of its plain class."""
+    """A fast class inherits options and messages, and has the traits of its plain class."""
     for plain, fast in FAST_CLASSES.items():
         assert issubclass(fast, plain)
     assert traits_of(gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])).monotone
 
 
 def test_a_users_subclass_of_a_known_type_is_not_taken_for_it() -> None:
-    """It may compute anything, so only what is always safe is assumed."""
+    """A user's subclass may compute anything, so it has the default traits."""
 
     class Own(ReLU):
-        """Not a ReLU any more."""
+        """A subclass that may compute anything."""
 
     layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
     assert traits_of(Own(layer.spec, "TRAIN", layer.rng, np.float64)) == LayerTraits()
@@ -38,7 +38,7 @@ def test_a_users_subclass_of_a_known_type_is_not_taken_for_it() -> None:
 
 @pytest.mark.parametrize("name", [name for name in CASES if traits_of(made(name)[0]).batchwise])
 def test_a_batchwise_layer_treats_every_item_alone(name: str) -> None:
-    """Item n of a top depends on item n of the bottoms only; that is what slices rely on."""
+    """Item n of a top depends only on item n of the bottoms, as slices require."""
     layer, bottoms = made(name, 5)
     tops = CASES[name][2].get("tops", 1)
     whole = forward(layer, bottoms, tops, False)
@@ -49,7 +49,7 @@ def test_a_batchwise_layer_treats_every_item_alone(name: str) -> None:
 
 @pytest.mark.parametrize("name", CASES)
 def test_backward_reads_only_what_it_says(name: str) -> None:
-    """With ``reads_bottom`` or ``reads_top`` false, the data may be gone by then."""
+    """If ``reads_bottom`` or ``reads_top`` is false, backward does not read these data, which may be overwritten."""
     layer, arrays = made(name)
     options = CASES[name][2]
     wanted = options.get("wanted", [True] * len(arrays))

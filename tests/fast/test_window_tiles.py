@@ -1,4 +1,4 @@
-"""WindowTiles: the convolution that skips the background gives what the plain one gives."""
+"""WindowTiles: the convolution that skips the background gives the same results as the plain one."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tests.support.tiled import tiled
 
 
 def images(rng, N, size, seen):
-    """Background 1, and random values in a square of ``seen`` pixels."""
+    """Images with background 1, and random values in a square with sides of ``seen`` pixels."""
     x = np.ones((N, 1, size, size))
     for i in range(N):
         top, left = rng.integers(0, size - seen + 1, 2)
@@ -20,7 +20,7 @@ def images(rng, N, size, seen):
 
 
 def blobs(x, O, k, T):
-    """Bottom, and a top in tiles of T."""
+    """Create the bottom, and a top in tiles of T."""
     bottom = Blob(x.shape, x.dtype)
     top = tiled((len(x), O, x.shape[2] - k + 1, x.shape[3] - k + 1), T, dtype=x.dtype)
     bottom.data[...], top.pitch = x, x.shape[3]
@@ -34,7 +34,7 @@ def corners(sparse, shape, T):
 
 
 def dense(sparse, shape, T, values, rest):
-    """A plain array from stored windows and the value of all others."""
+    """Build a plain array from the stored windows and the value of all others."""
     y = np.empty(shape)
     y[...] = np.asarray(rest)[:, None, None]
     for a, (n, r, c) in enumerate(corners(sparse, shape, T)):
@@ -46,7 +46,7 @@ def dense(sparse, shape, T, values, rest):
 @pytest.mark.parametrize(("T", "k", "size"), [(4, 5, 16), (2, 3, 8), (4, 5, 20), (8, 9, 32)])
 @pytest.mark.parametrize("seen", [0, 1, 5, "all"])
 def test_forward_and_backward(rng, seen, T, k, size, dtype):
-    """For images with nothing but background, with a little, and without background."""
+    """Results agree for images with only background, with some background, and without background."""
     x = images(rng, 3, size, size if seen == "all" else seen).astype(dtype)
     w, b = rng.normal(size=(2, 1, k, k)).astype(dtype), rng.normal(size=2).astype(dtype)
     bottom, top = blobs(x, 2, k, T)
@@ -67,7 +67,7 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     for a, (n, r, c) in enumerate(corners(found, want.shape, T)):
         mark[n, :, r : r + T, c : c + T] = 1
         dy[n, :, r : r + T, c : c + T] = 0
-        for o, place in enumerate(found.winner[:, a]):  # as a max pooling passes it down
+        for o, place in enumerate(found.winner[:, a]):  # as from a max pooling
             dy[n, o, r + place // T, c + place % T] = found.diff[o, a]
     found.rest_diff = (dy * (1 - mark)).sum(axis=(0, 2, 3)).astype(dtype)
     dw, db = np.ones_like(w), np.ones_like(b)
@@ -83,13 +83,13 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     ids=["another kernel", "another size", "another tile", "two channels", "no tiles"],
 )
 def test_what_does_not_fit(T, k, size, channels):
-    """A window must read exactly 2 x 2 blocks of one channel, T a power of two up to 8."""
+    """Other shapes are rejected: a window must read exactly 2 x 2 blocks of one channel, with T of 2, 4 or 8."""
     bottom, kernel = Blob((1, channels, size, size)), Blob((2, channels, k, k))
     assert not WindowTiles.fits(bottom, T, kernel)
 
 
 def test_only_windows_that_see_something_are_stored():
-    """One pixel in front, in block (2, 2) of 4 x 4 pixels, is read by the four windows that read this block."""
+    """One foreground pixel, in block (2, 2) of 4 x 4 pixels, gives the four windows that read this block."""
     x = np.ones((1, 1, 16, 16), np.float32)
     x[0, 0, 9, 9] = 0
     bottom, top = blobs(x, 1, 5, 4)
