@@ -1,4 +1,4 @@
-"""A random body is used like a hand: drawn, trained on, fitted to joints and to depth."""
+"""A random body can be used like a hand: drawn, trained on, and fitted to joints and to depth."""
 
 from __future__ import annotations
 
@@ -62,19 +62,19 @@ layer {{
 
 
 def exact_recipe(prior: Path) -> Recipe:
-    """Bodies of the file's own size and surface, before a camera without faults."""
+    """A recipe for bodies with the size and surface in the file, and a camera without noise."""
     own = prior_file.load(prior).but(scale_std=0.0, center_jitter=0.0)
     return Recipe(own, SurfacePrior(thickness_std=0.0), (View(KINECT2, None),))
 
 
 def net_text(folder: Path, skeleton: Skeleton) -> str:
-    """A net of few channels for a body of this folder."""
+    """Prototxt of a net with few channels for a body in this folder."""
     return NET.format(folder=folder, skeleton=folder / "body.prototxt", dofs=len(skeleton.dof_names))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_frames(tmp_path: Path, seed: int) -> None:
-    """Every joint is inside the surface as the camera sees it, nothing floats before the body, limits are kept."""
+    """Every joint is inside the visible surface, nothing is detached from the body, and the limits are kept."""
     recipe = exact_recipe(write_body(tmp_path, seed))
     frames, skeleton = Generator(seed, "train", recipe).block(0), recipe.prior.body()
     assert frames.dof is not None
@@ -87,14 +87,14 @@ def test_frames(tmp_path: Path, seed: int) -> None:
     pixels = crop_pixels(seen, uvd, 2 * HALF, KINECT2, 128)
     columns, rows = np.rint(pixels).astype(int).clip(0, 127).transpose(2, 0, 1)
     surface = frames.depth[:, 0][np.arange(len(frames))[:, None], rows, columns]
-    assert (surface < joints[..., 2]).all()  # each joint has surface before it
+    assert (surface < joints[..., 2]).all()  # the surface is in front of each joint
     assert (frames.depth.min(axis=(1, 2, 3)) > joints[..., 2].min(axis=1) - radius - 0.02).all()
     assert len({frame.tobytes() for frame in frames.depth}) == len(frames)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_net_learns_it(tmp_path: Path, seed: int) -> None:
-    """The solver's loss falls, of a model and limits of this body, and the scores are of this body's joints."""
+    """The loss decreases with the model and the limits of this body, and the scores are those of its joints."""
     prior = write_body(tmp_path, seed)
     skeleton = prior_file.load(prior).body()
     data = DataSet(tmp_path, [(Generator(0, "train", recipe_of(prior)), 64)])
@@ -126,7 +126,7 @@ def test_a_net_learns_it(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_fits_to_joints(tmp_path: Path, seed: int) -> None:
-    """Poses within the limits are found that put all joints where they were, in nearly all frames."""
+    """The fit finds poses within the limits that reproduce all joints in nearly all frames."""
     recipe = exact_recipe(write_body(tmp_path, seed))
     bodies = Generator(seed, "train", recipe).scene(0).bodies
     skeleton = recipe.prior.body()
@@ -137,7 +137,7 @@ def test_fits_to_joints(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
-    """From the true pose, disturbed, a fit comes back nearer to it."""
+    """A fit that starts at a disturbed pose ends nearer to the true pose."""
     recipe = exact_recipe(write_body(tmp_path, seed))
     scene = Generator(seed, "train", recipe).scene(0)
     model, n = CapsuleModel(recipe.prior.body(), HALF), 16
@@ -153,7 +153,7 @@ def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
 
 
 def test_parts_that_are_about_hands(tmp_path: Path) -> None:
-    """Say in one line that this is no hand: nothing is searched for, mirrored or followed."""
+    """Features for hands, such as detection, mirroring and tracking, reject other bodies with a one-line error."""
     prior = write_body(tmp_path, 1)
     text = net_text(tmp_path, prior_file.load(prior).body())
     start, end = text.index("layer {"), text.index('layer {\n  name: "small"')

@@ -1,4 +1,4 @@
-"""prototxt/body: the person and the planar arm"""
+"""prototxt/body: the person and the planar arm."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def sampler_of(name: str) -> BodySampler:
 
 
 def held(name: str, pose: str, **degrees: float) -> dict[str, np.ndarray]:
-    """Where the joints are (mm) in a pose with a name, or at rest, with some angles in degrees."""
+    """Joint positions in mm in a named pose, or at rest, with some angles in degrees."""
     sampler = sampler_of(name)
     skeleton = sampler.skeleton
     inputs = (sampler.poses[pose] if pose else np.zeros(len(skeleton.dof_names)))[None].copy()
@@ -42,7 +42,7 @@ def held(name: str, pose: str, **degrees: float) -> dict[str, np.ndarray]:
 
 
 def test_a_person_of_adult_size() -> None:
-    """21 joints and 40 DoFs; hips, shoulders and head are as high as those of an adult of 1.75 m; both sides alike."""
+    """The person has 21 joints and 40 DoFs, the proportions of an adult of 1.75 m, and symmetric sides."""
     skeleton = skeletons.load(BODY / "person.prototxt")
     assert (len(skeleton.joint_names), len(skeleton.dof_names)) == (21, 40)
     rest = held("person", "")
@@ -53,14 +53,14 @@ def test_a_person_of_adult_size() -> None:
     for joint, place in rest.items():
         if joint.endswith("_left"):
             np.testing.assert_allclose(place * (-1, 1, 1), rest[joint.replace("_left", "_right")], atol=1e-9)
-            assert place[0] > 0  # the own left, which the camera sees on its right
+            assert place[0] > 0  # the person's left, which is the camera's right
         elif not joint.endswith("_right"):
             assert place[0] == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
     ("dof", "joint", "moves"),
-    [  # what a positive angle does: forward is to the camera, -z
+    [  # motion at a positive angle; forward is towards the camera, -z
         ("knee_{}_flexion", "ankle_{}", (0, 1, 1)),  # the lower leg goes up and backward
         ("elbow_{}_flexion", "wrist_{}", (0, 1, -1)),
         ("hip_{}_flexion", "knee_{}", (0, 1, -1)),
@@ -73,7 +73,7 @@ def test_a_person_of_adult_size() -> None:
 )
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_which_way_limbs_bend(side: str, dof: str, joint: str, moves: tuple[object, ...]) -> None:
-    """Alike on both sides: and what has one way only, a knee and an elbow, has limits that keep to it."""
+    """Limbs bend in the same direction on both sides; the limits of knees and elbows allow only one direction."""
     out = 1 if side == "left" else -1
     wanted = [{"out": out, "in": -out}.get(move, move) if isinstance(move, str) else move for move in moves]
     before = held("person", "", **{dof.format(side): 0.0, f"shoulder_{side}_abduction": 0.0})
@@ -88,7 +88,7 @@ def test_which_way_limbs_bend(side: str, dof: str, joint: str, moves: tuple[obje
 
 @pytest.mark.parametrize("name", NAMES)
 def test_poses_with_a_name(name: str) -> None:
-    """Keep the limits, and no part runs through another."""
+    """Named poses are within the limits, and no body parts intersect."""
     sampler = sampler_of(name)
     skeleton, surface = sampler.skeleton, sampler.surface
     assert len(sampler.poses) > 2
@@ -102,7 +102,7 @@ def test_poses_with_a_name(name: str) -> None:
 
 
 def test_a_person_in_poses() -> None:
-    """Who raises both arms has hands above the head; who sits has the knees before the hips and as high."""
+    """Raised arms have the hands above the head; seated persons have knees in front of the hips at their height."""
     up = held("person", "arms_raised")
     assert min(up["hand_left"][1], up["hand_right"][1]) > up["head"][1] + 200
     sits = held("person", "sit")
@@ -116,7 +116,7 @@ def test_a_person_in_poses() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_frames_show_the_whole_body(name: str) -> None:
-    """Its joints are in the cube, and the camera sees as much of it as there is; a sensor leaves most of that."""
+    """All joints are in the cube and the camera sees the whole body; with a sensor's noise most pixels remain."""
     recipe = recipe_of(BODY / f"{name}_prior.prototxt")
     frames = Generator(1, "train", recipe).block(2)
     clear = Generator(1, "train", Recipe(recipe.prior, DEFAULT_SURFACE, (View(recipe.views[0].camera, None),))).block(2)
@@ -128,7 +128,7 @@ def test_frames_show_the_whole_body(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_nets_fit_their_bodies(name: str) -> None:
-    """The net's outputs are the skeleton's DoFs and joints, in training, in tests, and where it predicts."""
+    """The outputs of the nets are the skeleton's DoFs and joints, in training, testing and prediction."""
     skeleton = skeletons.load(BODY / f"{name}.prototxt")
     nets = {phase: select_layers(load_parameter(BODY / f"{name}_train_test.prototxt"), NetState(phase))
             for phase in ("TRAIN", "TEST")}  # fmt: skip
@@ -144,7 +144,7 @@ def test_nets_fit_their_bodies(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Frames, two iterations, a score with each joint, and pictures: the commands of docs/bodies.md."""
+    """The commands of docs/bodies.md run: frames, two iterations, a score with each joint, and pictures."""
     monkeypatch.chdir(tmp_path)
     prior = str(BODY / f"{name}_prior.prototxt")
     done = run_tool("make_synthetic", "--body", prior, "--train", "64", "--test", "20", "--workers", "1")
@@ -185,7 +185,7 @@ def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_page_of_a_person() -> None:
-    """Its camera is as many times farther away as its cube is larger."""
+    """On the page of a person, the distance of the camera grows with the size of the cube."""
     skeleton = skeletons.load(BODY / "person.prototxt")
     place = content(skeleton, unit_mm=1200.0)["place"]
     assert place["center_uvd"][2] == 5600 and place["unit_mm"] == 1200
@@ -201,14 +201,14 @@ def test_a_page_of_a_person() -> None:
     ],
 )
 def test_what_is_not_for_a_body(arguments: list[str], message: str, tmp_path: Path) -> None:
-    """Wrong usage, one line."""
+    """Options that are only for hands are wrong usage and give a one-line error."""
     prior = str(BODY / "arm_prior.prototxt")
     assert message in run_tool("make_synthetic", "--body", prior, *arguments, "--out", tmp_path / "x", status=2).err
     assert not (tmp_path / "x").exists()
 
 
 def test_a_body_without_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Has no folder of its own; a skeleton is no prior."""
+    """A body without a name has no folder, and a skeleton is not accepted as a prior."""
     monkeypatch.chdir(tmp_path)
     for name in ("arm", "arm_prior"):
         text = (BODY / f"{name}.prototxt").read_text().replace('name: "arm"', 'name: "../arm"', 1)
