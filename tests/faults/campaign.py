@@ -32,9 +32,9 @@ BEGIN, END = "<!-- the campaign's table begins -->", "<!-- the campaign's table 
 class Promise:
     """A row of the table.
 
-    promise, how  what users read
-    module        whose cases test it, those whose names begin with one of ``begin``
-    dice          where cases are thrown, how many there are for each of --cases; None where they are counted off
+    promise, how  text of the row in docs/reliability.md
+    module        module with the cases that test it, in the groups whose names start with one of ``begin``
+    dice          for random cases, their number relative to --cases; None if the cases are enumerated
     """
 
     promise: str
@@ -44,7 +44,7 @@ class Promise:
     dice: float | None = None
 
     def names(self) -> list[str]:
-        """Of its groups of cases."""
+        """Names of its groups of cases."""
         module = importlib.import_module(self.module)
         names = [r.name for r in module.READERS] if self.module.endswith("readers") else list(module.NAMES)
         others = [b for p in PROMISES if p.module == self.module and p is not self for b in p.begin if b]
@@ -86,7 +86,7 @@ PROMISES = (
 
 @dataclass
 class Group:
-    """The cases of one name, and what became of them."""
+    """The cases with one name, and their outcomes."""
 
     promise: Promise
     name: str
@@ -94,14 +94,14 @@ class Group:
     failures: list[tuple[int, Outcome]] = field(default_factory=list)
 
     def numbers(self, cases: int) -> Iterator[int]:
-        """As many as there are dice to be thrown, or until a case says that it is over."""
+        """Yield the numbers of the cases: a given number of random ones, or until the outcome of a case is "over"."""
         number = 0
         while not self.counts["over"] and (self.promise.dice is None or number < self.promise.dice * cases):
             yield number
             number += 1
 
     def run(self, seed: int, cases: int, only: int | None = None) -> Group:
-        """All of its cases, in a process of their own."""
+        """Run all cases in a separate process."""
         with Worker() as worker:
             for number in self.numbers(cases) if only is None else (only,):
                 outcome = worker.run(self.promise.module, self.name, seed, number)
@@ -114,17 +114,17 @@ class Group:
 
     @property
     def cases(self) -> int:
-        """How many were run."""
+        """Number of cases that were run."""
         return self.counts.total() - self.counts["over"]
 
 
 def groups(only: str = "") -> list[Group]:
-    """All groups, or those with a word in their names; the longest first."""
+    """All groups, or those with ``only`` in their names; the longest first."""
     return [Group(promise, name) for promise in PROMISES for name in promise.names() if only in name]
 
 
 def table(done: list[Group]) -> str:
-    """Markdown: what is promised, and what was found."""
+    """Markdown table of the promises and the results."""
     lines = ["| guarantee | how it is tested | cases | failures |", "|---|---|---:|---:|"]
     for promise in PROMISES:
         own = [group for group in done if group.promise is promise]
@@ -136,7 +136,7 @@ def table(done: list[Group]) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run it; returns the exit status."""
+    """Run the campaign; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=CASES, metavar="N", help="for each reader (default: %(default)s)")
     parser.add_argument(
@@ -147,7 +147,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.relative_to(ROOT)}")
     parser.add_argument("--verbose", action="store_true", help="show every failure, not only different ones")
     args = parser.parse_args(argv)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs ignore it
     begun, todo, done = time.monotonic(), groups(args.only), list[Group]()
     print(f"seed {args.seed}, {len(todo)} groups of cases", file=sys.stderr)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -167,7 +167,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def failures(worker: Worker, module: str, name: str, numbers: Iterable[int], seed: int = 0) -> list[str]:
-    """What went wrong in some cases of a group, a line each: the short run of the tests."""
+    """Run some cases of a group, as the tests do; returns one line per failure."""
     told = []
     for number in numbers:
         outcome = worker.run(_F + module, name, seed, number)
@@ -175,13 +175,13 @@ def failures(worker: Worker, module: str, name: str, numbers: Iterable[int], see
             break
         if outcome.failed:
             told.append(f"--only {name!r} --seed {seed} --case {number}: {outcome.kind} {outcome.detail}")
-        if outcome.kind == "BROKEN":  # and so would all others be
+        if outcome.kind == "BROKEN":  # all others would be too
             break
     return told
 
 
 def distinct(failures: list[tuple[int, Outcome]]) -> list[tuple[int, Outcome]]:
-    """The first of each kind and place."""
+    """The first failure of each kind and place."""
     seen: dict[tuple[str, str], tuple[int, Outcome]] = {}
     for number, outcome in failures:
         seen.setdefault((outcome.kind, outcome.detail[:40] if outcome.kind != "LEFT" else ""), (number, outcome))

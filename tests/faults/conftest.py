@@ -1,4 +1,4 @@
-"""What the short campaigns share: the process that takes their cases."""
+"""Fixture shared by the short campaigns: the process that runs their cases."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ from tests.faults.isolation import Worker
 
 @pytest.fixture(scope="session")
 def worker() -> Iterator[Worker]:
-    """A process that takes all the cases."""
+    """A process that runs all cases."""
     with Worker() as worker:
         yield worker

@@ -1,6 +1,6 @@
-"""Disks that are full, read-only or failing, files that are no files or change under way, clocks that go backwards.
+"""Full, read-only or failing disks, paths that are not regular files, files that change, clocks that run backwards.
 
-Each name is a fault; its cases are the moments at which it strikes, or the things that it strikes.
+Each name is a fault; its cases are the events at which it occurs, or the objects that it affects.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from tests.faults.isolation import BrokenPromise, Outcome
 # ---------------------------------------------------------------------------------------------- every write fails
 
 FAULTS = {"full disk": errno.ENOSPC, "read-only disk": errno.EROFS, "one failing write": errno.EIO}
-SIZES = (0, 1, 100, 1000, 4096, 8192, 20000, 65536, 100000)  # that a file may have
+SIZES = (0, 1, 100, 1000, 4096, 8192, 20000, 65536, 100000)  # size limits of a file in bytes
 
 
 def failing_disk(fault: str, run: str, number: int) -> Outcome:
-    """From its event ``number`` on, a run cannot create, sync or rename files; over if it has fewer events."""
+    """A run that cannot create, sync or rename files from event ``number`` on; over if it has fewer events."""
     before = runs.undisturbed(run)
     struck = False
 
@@ -60,7 +60,7 @@ def failing_disk(fault: str, run: str, number: int) -> Outcome:
 
 
 def expect_refusal(status: int, answer: Any, what: str) -> None:
-    """A run that could not do its work said so in a line, or could do it all the same."""
+    """Check that a run failed with a one-line error, or succeeded."""
     if status < 0:
         raise BrokenPromise("CRASH", f"{what}: ended by {signal.Signals(-status).name}")
     if isinstance(answer, list) and answer[0] != "refused":
@@ -70,7 +70,7 @@ def expect_refusal(status: int, answer: Any, what: str) -> None:
 
 
 def limited_size(run: str, number: int) -> Outcome:
-    """No file may be larger than this: what a quota does, also to what HDF5 writes by itself."""
+    """A run with a limit on the size of files, like a quota; it also applies to files that HDF5 writes."""
     if number >= len(SIZES):
         return Outcome("over")
     before = runs.undisturbed(run)
@@ -108,7 +108,7 @@ THINGS: dict[str, Callable[[Path], None]] = {
 
 
 def instead_of_a_file(thing: str, number: int) -> Outcome:
-    """Where a reader expects its file there is something else; one case for each reader and file."""
+    """A reader whose file is replaced by something else; one case for each reader and file."""
     places = [(reader, i) for reader in readers.READERS if reader.modules for i in range(2)]
     if number >= len(places):
         return Outcome("over")
@@ -160,7 +160,7 @@ CHANGES: dict[str, Callable[[Path], None]] = {
 
 
 def changed_under_way(change: str, number: int) -> Outcome:
-    """The file of a training's rows changes after some iterations: the training stops with a line, or goes on."""
+    """A data file that changes during a training: the training stops with a one-line error, or continues."""
     if number >= 6:
         return Outcome("over")
     before = runs.undisturbed("training hdf5")
@@ -183,7 +183,7 @@ def changed_under_way(change: str, number: int) -> Outcome:
 
 
 def two_trainings(number: int) -> Outcome:
-    """A second training into the same prefix says so and stops; the first goes on; a kill of the first frees it."""
+    """Two runs with one prefix: the second is rejected, the first continues, and killing it frees the prefix."""
     if number >= 2:
         return Outcome("over")
     before = runs.undisturbed("training hdf5")
@@ -223,14 +223,14 @@ def two_trainings(number: int) -> Outcome:
 
 
 def planted_links(run: str, number: int) -> Outcome:
-    """Links at all names that could be guessed for temporary files lead to another file, which does not change."""
+    """Links at all predictable names of temporary files refer to another file, which must not change."""
     if number >= 2:
         return Outcome("over")
     before = runs.undisturbed(run)
 
     def plant() -> str:
         victim = Path("victim").resolve()
-        if number:  # a training is refused for it, so that the other names would not come up
+        if number:  # a training is rejected for it, so the other names would not be used
             Path(".s.netlib.lock").symlink_to(victim)
         guesses = [] if number else [*before.names, "s_iter_1000000000.solverstate", "s_iter_1000000000.solverstate.h5"]
         for name in guesses:
@@ -250,7 +250,7 @@ def planted_links(run: str, number: int) -> Outcome:
 
 
 def clock(number: int) -> Outcome:
-    """Clocks that stand still, go backwards or jump: the same training."""
+    """A training with clocks that stop, run backwards or jump gives the same result."""
     steps = (0.0, -1.0, -1e6, 1e9)
     if number >= len(steps):
         return Outcome("over")
@@ -276,7 +276,7 @@ def clock(number: int) -> Outcome:
 
 
 def soak(seed: int, number: int) -> Outcome:
-    """Many nets and solvers, built and dropped: memory, open files and threads are what they were."""
+    """Creating and deleting many nets and solvers leaves memory, open files and threads unchanged."""
     rounds = 3 if number == 0 else 60
     if number >= 2:
         return Outcome("over")
@@ -313,10 +313,10 @@ def _some_work() -> None:
 
 
 def _used() -> tuple[int, int, list[str]]:
-    """Bytes of memory, number of open files, names of threads."""
+    """Return the bytes of memory, the number of open files and the names of threads."""
     gc.collect()
     for thread in set(threading.enumerate()) - {threading.main_thread()}:
-        thread.join(timeout=1)  # one that is told to end takes a moment
+        thread.join(timeout=1)  # a thread takes some time to end
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text().split()[1])
@@ -348,5 +348,5 @@ NAMES = tuple(CASES)
 
 
 def case(name: str, seed: int, number: int) -> Outcome:
-    """One moment or place of a fault; over when there are no more."""
+    """Run one case of a fault; over if there are fewer cases."""
     return CASES[name](seed, number)

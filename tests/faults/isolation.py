@@ -1,12 +1,12 @@
-"""Cases in a process of their own: what crashes, hangs or takes all memory there is one failure and ends no campaign.
+"""Cases run in a separate process: a crash, a hang or lack of memory is one failure and does not end the campaign.
 
 A *case* is a function ``case(name, seed, number) -> Outcome`` of a module of this folder. A ``Worker`` is a child
-process that takes one after the other:
+process that runs one case after the other:
 
     with Worker() as worker:
         worker.run("tests.faults.readers", "weights", seed=0, number=17)   # Outcome("refused", "...")
 
-The child has 4 GB of address space, and the parent keeps the time. A child that dies or hangs is replaced.
+The child has 4 GB of address space, and the parent enforces a time limit. A child that dies or hangs is replaced.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ GOOD = ("refused", "read", "held")  # every other outcome is a failure
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a case.
+    """Outcome of a case.
 
-    kind    refused     by one line that names the file, which is what should happen
-            read        all the same, and what was read is right, as far as that can be known
+    kind    refused     rejected with a one-line error that names the file, the usual outcome
+            read        the file was read, and the result is right, as far as it can be checked
             held        a promise that is not about reading was kept
-            over        there is no case of this number: all moments of a run are through
-            and in capitals the failures: TRACEBACK, CRASH, HANG, UNCLEAR, SILENT ...
-    detail  the line, or where and what
+            over        there is no case with this number, because the run has fewer events
+            in capitals, the failures: TRACEBACK, CRASH, HANG, UNCLEAR, SILENT ...
+    detail  the error line, or the place and description of a failure
     """
 
     kind: str
@@ -51,12 +51,12 @@ class Outcome:
 
     @property
     def failed(self) -> bool:
-        """Is it one that must not happen?"""
+        """Whether the outcome is a failure."""
         return self.kind.isupper()
 
 
 class BrokenPromise(Exception):  # noqa: N818
-    """Raised by a case that sees more than an exception: the outcome ``kind``."""
+    """Raised by a case for a failure without an exception, with its outcome ``kind``."""
 
     def __init__(self, kind: str, detail: str) -> None:
         super().__init__(detail)
@@ -64,7 +64,7 @@ class BrokenPromise(Exception):  # noqa: N818
 
 
 class Worker:
-    """A child process for cases."""
+    """A child process that runs cases."""
 
     def __init__(self, limit_s: float = LIMIT_S) -> None:
         self.limit_s = limit_s
@@ -80,7 +80,7 @@ class Worker:
         self._folder.cleanup()
 
     def run(self, module: str, name: str, seed: int, number: int) -> Outcome:
-        """One case."""
+        """Run one case; returns its outcome."""
         child = self._child or self._start()
         assert child.stdin is not None
         child.stdin.write(json.dumps([module, name, seed, number]).encode() + b"\n")
@@ -115,7 +115,7 @@ class Worker:
         return self._child
 
     def _end(self) -> None:
-        """End the child and all that it has started."""
+        """End the child and all processes that it started."""
         if self._child is None:
             return
         with contextlib.suppress(ProcessLookupError):
@@ -129,7 +129,7 @@ class Worker:
 
 
 def outcome_of(module: str, name: str, seed: int, number: int) -> Outcome:
-    """Run a case here; any exception that is none of ours is a failure with its place."""
+    """Run a case in this process; an exception that is not a NetlibError is a failure with its place."""
     try:
         outcome: Outcome = importlib.import_module(module).case(name, seed, number)
         return outcome
@@ -138,7 +138,7 @@ def outcome_of(module: str, name: str, seed: int, number: int) -> Outcome:
 
 
 def outcome_of_error(error: BaseException) -> Outcome:
-    """The failure that an exception is."""
+    """Convert an exception to an outcome."""
     if isinstance(error, BrokenPromise):
         return Outcome(error.kind, str(error)[:500])
     said = " ".join(str(error).split())[:160]
@@ -146,25 +146,25 @@ def outcome_of_error(error: BaseException) -> Outcome:
 
 
 def _place(error: BaseException) -> str:
-    """The last line of this project in a traceback, outside this folder if it has one."""
+    """The last line of this project in a traceback, outside this folder if possible."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.startswith(str(ROOT))]
     ours = [f for f in frames if "/tests/" not in f.filename and "/.venv/" not in f.filename] or frames
     return f"{Path(ours[-1].filename).relative_to(ROOT)}:{ours[-1].lineno}" if ours else "nowhere"
 
 
 def _serve(answers: int) -> None:
-    """The child: orders on standard input, one answer for each."""
+    """Main function of the child: reads cases from standard input and writes one answer for each."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    hdf5_helper.SECONDS = 4.0  # a look that has not ended by then never will; users' disks may be slower
+    hdf5_helper.SECONDS = 4.0  # a check that takes longer hangs; users' disks may be slower
     for order in sys.stdin:
-        signal.alarm(LONGEST_S)  # whatever it waits for, it does not outlive its parent by more
+        signal.alarm(LONGEST_S)  # limits the time that it can outlive its parent
         outcome = outcome_of(*json.loads(order))
         text = outcome.detail.encode("utf-8", "backslashreplace").decode()
         os.write(answers, json.dumps([outcome.kind, text]).encode() + b"\n")
 
 
 if __name__ == "__main__":
-    from tests.faults import isolation  # by its own name, so that cases raise the BrokenPromise that is caught here
+    from tests.faults import isolation  # by its full name, so that the BrokenPromise of the cases is caught
 
     isolation._serve(int(sys.argv[1]))

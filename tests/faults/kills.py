@@ -1,4 +1,4 @@
-"""SIGKILL at every file event of every run: nothing is lost, and the next run ends as if nothing had happened."""
+"""SIGKILL at every file event of every run: no data are lost, and the next run has the same result as without it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NAMES = tuple(run.name for run in runs.RUNS)
 
 
 def case(name: str, seed: int, number: int) -> Outcome:
-    """Kill the run before its file event ``number`` (from 0 on), and run again; over when it makes fewer."""
+    """Kill the run before its file event ``number`` (from 0 on), and run again; over if it has fewer events."""
     before = runs.undisturbed(name)
 
     def kill(event: int, what: str, path: str | None) -> None:

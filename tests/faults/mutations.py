@@ -1,8 +1,8 @@
-"""Damage: what disks, networks, editors and enemies do to the bytes of a file, from a seed.
+"""Seeded damage to the bytes of a file, as by disks, networks, editors and attackers.
 
     bytes_, how = damaged(content, donor, random.Random("weights 3 17"), is_text=False)
 
-``how`` names what was done. The same ``Random`` does the same damage, always.
+``how`` describes the damage. Equal ``Random`` states give equal damage.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import re
 import struct
 from collections.abc import Callable
 
-Damage = Callable[[bytes, bytes, random.Random], bytes]  # content, another file to take from, dice
+Damage = Callable[[bytes, bytes, random.Random], bytes]  # content, another file, random generator
 
 # ---------------------------------------------------------------------------------------------- any file
 
@@ -20,7 +20,7 @@ INTERESTING = (0, 1, 2, 3, 127, 128, 255, 256, 65535, 65536, 10**6, 2**31 - 1, 2
 
 
 def flip_bits(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """One to eight bits, anywhere."""
+    """Flip one to eight bits anywhere."""
     out = bytearray(content)
     for _ in range(rng.choice((1, 1, 1, 2, 8))):
         out[rng.randrange(len(out))] ^= 1 << rng.randrange(8)
@@ -28,14 +28,14 @@ def flip_bits(content: bytes, donor: bytes, rng: random.Random) -> bytes:
 
 
 def flip_at_the_beginning(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """One bit of the first 512 bytes, where headers are."""
+    """Flip one bit of the first 512 bytes, which contain headers."""
     out = bytearray(content)
     out[rng.randrange(min(len(out), 512))] ^= 1 << rng.randrange(8)
     return bytes(out)
 
 
 def change_bytes(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A few bytes, to anything."""
+    """Change a few bytes to random values."""
     out = bytearray(content)
     for _ in range(rng.choice((1, 1, 2, 16))):
         out[rng.randrange(len(out))] = rng.randrange(256)
@@ -43,54 +43,54 @@ def change_bytes(content: bytes, donor: bytes, rng: random.Random) -> bytes:
 
 
 def run_of_one_value(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """Zeros or ones, as a disk that lost a block has them."""
+    """Fill a block with zeros or ones, like a disk that lost it."""
     first, last = _span(content, rng)
     return content[:first] + bytes([rng.choice((0, 255))]) * (last - first) + content[last:]
 
 
 def truncate(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """The end is missing, or nearly all."""
+    """Remove the end of the file, or nearly all of it."""
     return content[: rng.choice((0, 1, rng.randrange(len(content) + 1), rng.randrange(len(content) + 1), -1))]
 
 
 def insert(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """Bytes too many, in the middle or at the end."""
+    """Insert bytes in the middle or at the end."""
     at = rng.choice((0, len(content), rng.randrange(len(content) + 1)))
     return content[:at] + rng.randbytes(rng.choice((1, 4, 64, 4096))) + content[at:]
 
 
 def delete(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """Bytes too few."""
+    """Remove bytes."""
     first, last = _span(content, rng)
     return content[:first] + content[last:]
 
 
 def repeat(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A block, twice or many times."""
+    """Repeat a block once or many times."""
     first, last = _span(content, rng)
     return content[:last] + content[first:last] * rng.choice((1, 1, 2, 20)) + content[last:]
 
 
 def swap(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """Two neighbouring blocks."""
+    """Exchange two adjacent blocks."""
     first, last = _span(content, rng)
     middle = rng.randrange(first, last + 1)
     return content[:first] + content[middle:last] + content[first:middle] + content[last:]
 
 
 def splice(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """The beginning of this file, the end of another."""
+    """Join the start of this file and the end of another."""
     return content[: rng.randrange(len(content) + 1)] + donor[rng.randrange(len(donor) + 1) :]
 
 
 def transplant(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A block of another file at the same place."""
+    """Replace a block by that of another file at the same offset."""
     first, last = _span(content, rng)
     return content[:first] + donor[first:last] + content[last:]
 
 
 def integer(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A length, an offset or a count, at an aligned place, is an extreme one."""
+    """Replace an aligned integer, such as a length, an offset or a count, by an extreme value."""
     size = rng.choice((4, 8))
     if len(content) < size:
         return flip_bits(content, donor, rng)
@@ -106,7 +106,7 @@ def integer(content: bytes, donor: bytes, rng: random.Random) -> bytes:
 
 
 def nothing_or_noise(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """An empty file, another file, or random bytes."""
+    """Replace the content by nothing, another file, or random bytes."""
     return rng.choice((b"", donor, rng.randbytes(len(content)), b"\0" * len(content), content[:8] + rng.randbytes(200)))
 
 
@@ -141,22 +141,22 @@ _BLOCK = re.compile(rb"[a-z_]+ *\{[^{}]*\}")
 
 
 def extreme_number(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A number becomes a very large one, a negative one, one that is none."""
+    """Replace a number by a very large, a negative or an invalid one."""
     return _replace_one(_NUMBER, content, rng.choice(NUMBERS).encode(), rng)
 
 
 def several_numbers(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A few of them."""
+    """Replace several numbers by extreme ones."""
     for _ in range(rng.randrange(2, 6)):
         content = extreme_number(content, donor, rng)
     return content
 
 
 def strange_name(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A name has a line end, an escape code, a NUL, bytes that are no text, or 5,000 letters."""
+    """Replace a name by one with a line break, an escape code, a NUL, invalid bytes, or 5,000 letters."""
     name = rng.choice(NAMES)
     if rng.random() < 0.5:
-        name = b"".join(b"\\%03o" % byte for byte in name)  # as the text format writes it
+        name = b"".join(b"\\%03o" % byte for byte in name)  # as in the text format
     return (
         _replace_one(_NAME, content, b'"' + name + b'"', rng)
         if _NAME.search(content)
@@ -165,13 +165,13 @@ def strange_name(content: bytes, donor: bytes, rng: random.Random) -> bytes:
 
 
 def another_word(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A word where another belongs: of the same file, or nothing."""
+    """Replace a word by another one of the same file, or remove it."""
     words = _WORD.findall(content) or [b""]
     return _replace_one(_WORD, content, rng.choice([*words, b"", b"true", b"Python"]), rng)
 
 
 def lost_mark(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A brace, quote or colon is gone, or doubled."""
+    """Remove or double a brace, quote or colon."""
     marks = list(_MARK.finditer(content))
     if not marks:
         return content.replace(b" ", rng.choice((b"", b"\t", b",")), 1)
@@ -180,7 +180,7 @@ def lost_mark(content: bytes, donor: bytes, rng: random.Random) -> bytes:
 
 
 def repeated_block(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A whole message, or a line, again and again."""
+    """Repeat a whole message or a line many times."""
     blocks = list(_BLOCK.finditer(content)) or list(re.finditer(rb"[^\n]+\n", content))
     if not blocks:
         return content * 2
@@ -189,13 +189,13 @@ def repeated_block(content: bytes, donor: bytes, rng: random.Random) -> bytes:
 
 
 def deep_nesting(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """Thousands of braces in each other."""
+    """Nest thousands of braces."""
     depth, at = rng.choice((90, 200, 20000)), rng.choice((0, len(content)))
     return content[:at] + b"\na {" * depth + b"}" * rng.choice((0, depth)) + content[at:]
 
 
 def lines_moved(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """Two lines change places, or one goes."""
+    """Exchange two lines, or remove one."""
     lines = content.split(b"\n")
     i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
     if rng.random() < 0.3:
@@ -206,7 +206,7 @@ def lines_moved(content: bytes, donor: bytes, rng: random.Random) -> bytes:
 
 
 def other_encoding(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """As an editor of another system saves it."""
+    """Convert to the encoding or line breaks of another system."""
     text = content.decode("utf-8", "replace")
     return rng.choice((
         b"\xef\xbb\xbf" + content, content.replace(b"\n", b"\r\n"), content.replace(b"\n", b"\r"),
@@ -216,7 +216,7 @@ def other_encoding(content: bytes, donor: bytes, rng: random.Random) -> bytes:
 
 
 def long_line(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    """A very long line, or very many short ones."""
+    """Insert a very long line, or very many short ones."""
     at = rng.randrange(len(content) + 1)
     return (
         content[:at] + rng.choice((b"x", b" 1", b"\n", b'"a" ', b"# ", b"7")) * rng.choice((1000, 30000)) + content[at:]
@@ -238,7 +238,7 @@ TEXT: tuple[Damage, ...] = (
 
 
 def damaged(content: bytes, donor: bytes, rng: random.Random, is_text: bool) -> tuple[bytes, str]:
-    """The content after one, two or three kinds of damage, and their names."""
+    """Apply one to three kinds of damage; returns the new content and the names of the damage."""
     told = []
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         kinds = TEXT if is_text and rng.random() < 0.75 else ANY

@@ -1,8 +1,8 @@
-"""Everything that writes files, as runs that can be stopped at every moment; and the means to stop them.
+"""Runs of all code that writes files, and functions that interrupt them at any file event.
 
     answer = forked(lambda: at_event(7, kill) or run())       # killed just before its 7th file event
 
-A run is forked from a process that has done nothing yet but import, so hundreds of them take seconds.
+A run is forked from a process that has already imported all modules, so hundreds of runs take seconds.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ from tests.faults.readers import digest
 
 # ---------------------------------------------------------------------------------------------- the runs
 
-LONGEST_S = 120  # that a child lives
-FOREIGN = ".foreign_iter_5.caffemodel.h5.4194305.tmp"  # of an impossible process id: not to be removed
+LONGEST_S = 120  # time limit of a child
+FOREIGN = ".foreign_iter_5.caffemodel.h5.4194305.tmp"  # of an impossible process id: must not be removed
 
 
 @dataclass(frozen=True)
 class Run:
-    """Something that writes files into the working directory.
+    """A function that writes files to the working directory.
 
-    prepare  what is there before
-    run      the run itself; a second one goes on where the first was stopped. Returns the result
-    check    what must hold after any interruption, before the second run; it is given the digest of what ``run``
-             returns if nothing happens
+    prepare  creates the files that exist before
+    run      the run itself; a second run continues where the first was stopped. Returns the result
+    check    checks the files after any interruption, before the second run; its argument is the digest of the result
+             of an undisturbed ``run``
     """
 
     name: str
@@ -61,32 +61,32 @@ class Run:
 
 
 def train() -> Any:
-    """Train to the end, from the last state if there is one, as a user would."""
+    """Train to the end, from the last state if there is one."""
     solver = netlib.get_solver("solver.prototxt", seed=3)
     solver.solve(last_state())
     return readers.everything(solver)
 
 
 def last_state() -> Path | None:
-    """The state of the highest iteration, of whose pair both files are there."""
+    """The state of the highest iteration for which both files of the pair exist."""
     found = {int(re.findall(r"_iter_(\d+)\.", path.name)[0]): path for path in Path().glob("s_iter_*.solverstate*")}
     return found[max(found)] if found else None
 
 
 def check_states(result: str) -> None:
-    """Every state that has a name can be restored."""
+    """Check that every solver state can be restored."""
     for path in Path().glob("s_iter_*.solverstate*"):
         netlib.get_solver("solver.prototxt").restore(path)
 
 
 def make_old_pair(layout: str) -> None:
-    """A pair of another training stands where the run will write its own."""
+    """Write a pair of another training under the names that the run will use."""
     readers.make_solver(layout)
     Path("old.txt").write_text(digest(_two_iterations(0.01)))
 
 
 def overwrite_pair() -> Any:
-    """Two iterations of another training: the same names."""
+    """Train two iterations of another training with the same file names."""
     return _two_iterations(0.05)
 
 
@@ -97,7 +97,7 @@ def _two_iterations(base_lr: float) -> Any:
 
 
 def check_old_or_new(result: str) -> None:
-    """Under its names stands the old pair or the new one, whole."""
+    """Check that the files are the complete old pair or the complete new one."""
     path = next(Path().glob("s_iter_2.solverstate*"), None)
     if path is None:
         raise BrokenPromise("LOST", "no state under its name, neither old nor new")
@@ -108,7 +108,7 @@ def check_old_or_new(result: str) -> None:
 
 
 def write_weights() -> Any:
-    """New weights over old ones, in both formats."""
+    """Replace old weights by new ones, in both formats."""
     net = netlib.Net("vision.prototxt", netlib.TRAIN, seed=2)
     for name in ("vision.caffemodel", "vision.caffemodel.h5"):
         net.save(name)
@@ -116,26 +116,26 @@ def write_weights() -> Any:
 
 
 def make_old_weights() -> None:
-    """Of the same net with another seed."""
+    """Write weights of the same net with another seed."""
     readers.put("vision.prototxt", readers.VISION)
     for name in ("vision.caffemodel", "vision.caffemodel.h5"):
         netlib.Net("vision.prototxt", netlib.TRAIN, seed=1).save(name)
 
 
 def check_weights(result: str) -> None:
-    """They can be read."""
+    """Check that the weights can be read."""
     for name in ("vision.caffemodel", "vision.caffemodel.h5"):
         netlib.Net("vision.prototxt", netlib.TRAIN).copy_from(name, strict=True)
 
 
 def make_texts() -> None:
-    """An old file of each kind."""
+    """Write an old file of each kind."""
     readers.put("vision.prototxt", readers.VISION)
     write_texts("old")
 
 
 def write_texts(word: str = "new") -> Any:
-    """A text, a mean image, a picture, fitted poses and a model, over old ones."""
+    """Replace an old text, mean image, picture, fitted poses and model by new ones."""
     from handpose.joint_fit.absolute_joints import AbsoluteFit, write_fit
     from handpose.prediction.packaged import write_model
     from netlib.proto.binaryproto import write_blob
@@ -152,7 +152,7 @@ def write_texts(word: str = "new") -> Any:
 
 
 def check_texts(result: str) -> None:
-    """Each is the old one or the new one."""
+    """Check that each file is the old one or the new one."""
     if Path("text.txt").read_text() not in ("old" * 1000, "new" * 1000):
         raise BrokenPromise("LOST", "text.txt is neither old nor new")
     readers.read_mean(Path("mean.binaryproto"))
@@ -162,12 +162,12 @@ def check_texts(result: str) -> None:
 
 
 def make_database() -> None:
-    """Pictures and their list."""
+    """Write pictures and their list."""
     readers.make_pictures()
 
 
 def write_database() -> Any:
-    """Of the pictures, as tools/convert_imageset.py does; a database is never replaced."""
+    """Write a database of the pictures by tools/convert_imageset.py, which never replaces a database."""
     from tools.common import databases
 
     if not Path("new_db").exists():
@@ -176,20 +176,20 @@ def write_database() -> Any:
 
 
 def prepare_data() -> Any:
-    """Parts and lists of a data set of three frames, one of which is missing."""
+    """Write the parts and lists of a data set of three frames, one of which is missing."""
     readers._prepare()
     with h5py.File("out/test_000.h5", "r") as file:
         return {name: file[name][...] for name in file}
 
 
 def fit_companions() -> Any:
-    """Angles for a file of frames."""
+    """Fit the angles for a file of frames."""
     inputs, _ = readers._fit_companion()
     return inputs
 
 
 def write_store() -> Any:
-    """The store of Table 1, as its runs write it; a second run finds what is there."""
+    """Write the store of Table 1; a second run reuses existing entries."""
     readers.make_store()
     return [path.read_bytes() for path in sorted(Path("store").rglob("*.json"))]
 
@@ -198,12 +198,12 @@ TRACK_FILES = {"json": "json", "csv": "csv", "bvh": "bvh", "video": "mp4", "shee
 
 
 def make_old_tracks() -> None:
-    """Of three frames."""
+    """Write old tracks of three frames."""
     write_tracks(3)
 
 
 def write_tracks(frames: int = 2) -> Any:
-    """A track as JSON, CSV, BVH, video and sheet, over older ones, all at once as tools/track.py does."""
+    """Replace a track as JSON, CSV, BVH, video and sheet, all at once as tools/track.py does."""
     from layers.hand import skeleton
     from tests.support.made_tracks import any_track, header_of
     from tools.common.track_outputs import Outputs, add_output_options
@@ -220,7 +220,7 @@ def write_tracks(frames: int = 2) -> Any:
 
 
 def check_tracks(result: str) -> None:
-    """Each is a whole one: the old one, the new one, or as much of that as there was room for."""
+    """Check that each file is complete: the old one, the new one, or the part of it that fitted on the disk."""
     import av
 
     from handpose.track_files.json_file import read_track
@@ -242,7 +242,7 @@ RECORDINGS = ("frames", "stack.npz", "take.mkv")
 
 
 def write_recordings(value: int = 2) -> Any:
-    """A folder of frames, a stack and a video, over old ones."""
+    """Replace an old folder of frames, stack and video by new ones."""
     from handpose.facts.cameras import Camera
     from handpose.sources.recording import DepthFrame
     from handpose.sources.writing import RecordingWriter
@@ -255,14 +255,14 @@ def write_recordings(value: int = 2) -> Any:
 
 
 def read_recordings() -> Any:
-    """All that can be read of them."""
+    """Read all recordings as far as possible."""
     from handpose.sources.opening import open_recording
 
     return [[(frame.time, frame.depth) for frame in open_recording(name)] for name in RECORDINGS]
 
 
 def check_recordings(result: str) -> None:
-    """A stack or video is the old one or the new one; of a folder all frames that are there are whole."""
+    """Check that a stack or video is the old one or the new one, and that all frames in a folder are complete."""
     from handpose.sources.opening import open_recording
 
     for name in RECORDINGS[1:]:
@@ -280,7 +280,7 @@ SYNTHETIC = ("made", "stack.npz", "take.mkv")
 
 
 def make_recordings(seed: int = 2) -> Any:
-    """Recordings and their truths over old ones, as tools/make_recording.py does."""
+    """Replace old recordings and their truths by new ones, as tools/make_recording.py does."""
     from handpose.facts.cameras import Camera
     from tools import make_recording
 
@@ -293,13 +293,13 @@ def make_recordings(seed: int = 2) -> Any:
 
 
 def make_old_recordings() -> None:
-    """Of another seed; and what the pairs of both are."""
+    """Write recordings with another seed, and record the pairs of both seeds."""
     pairs = [*make_recordings(2), *make_recordings(1)]
     Path("expected.txt").write_text(" ".join(map(digest, pairs)))
 
 
 def read_pair_of_recording(name: str) -> Any:
-    """Depth and truth; None for what is not there."""
+    """Read depth and truth; None if a file does not exist."""
     from handpose.sources.opening import open_recording
 
     truth = Path(f"{Path(name).stem}.truth.json")
@@ -308,7 +308,7 @@ def read_pair_of_recording(name: str) -> Any:
 
 
 def check_pairs_of_recordings(result: str) -> None:
-    """A truth stands beside no other recording than its own."""
+    """Check that every truth is next to its own recording."""
     expected = Path("expected.txt").read_text().split()
     for name in SYNTHETIC:
         frames, truth = read_pair_of_recording(name)
@@ -334,7 +334,7 @@ RUNS: tuple[Run, ...] = (
 
 
 def run_of(name: str) -> Run:
-    """By its name."""
+    """Return the run with this name."""
     return next(run for run in RUNS if run.name == name)
 
 
@@ -343,11 +343,11 @@ def run_of(name: str) -> Run:
 
 @dataclass(frozen=True)
 class Undisturbed:
-    """A run to which nothing happens.
+    """A run without interruption.
 
-    folder  as it was before; copies of it are what others run in
-    result  digest of what the run returns
-    names   of all files afterwards
+    folder  the folder before the run; interrupted runs use copies of it
+    result  digest of the result of the run
+    names   names of all files after the run
     """
 
     run: Run
@@ -358,7 +358,7 @@ class Undisturbed:
 
 @functools.cache
 def undisturbed(name: str) -> Undisturbed:
-    """Prepare a run, and let it come to its end once: once for each process."""
+    """Prepare a run and complete it, once per process."""
     run = run_of(name)
     folder = Path(f"before.{name.replace(' ', '_')}").resolve()
     folder.mkdir()
@@ -371,24 +371,24 @@ def undisturbed(name: str) -> Undisturbed:
             raise BrokenPromise("BROKEN", f"{name}: ends with {status} when nothing happens: {answer}")
         result, *modules = answer.split()
         netlib.layer_type_list()
-        for module in modules:  # imported here once, not in every child again
+        for module in modules:  # imported here once instead of in every child
             if module not in sys.modules:
-                with contextlib.suppress(ImportError):  # a name that a package has put there itself
+                with contextlib.suppress(ImportError):  # an entry that a package added itself
                     importlib.import_module(module)
-        prior_file.load()  # with the packaged hand: read here once, too, and so is the font
+        prior_file.load()  # also reads the packaged hand and the font once
         strokes.text_width("", 1)
         return Undisturbed(run, folder, result, names())
 
 
 def names() -> list[str]:
-    """Of all files in the working directory."""
+    """Names of all files in the working directory."""
     return sorted(str(path) for path in Path().rglob("*"))
 
 
 def finish(before: Undisturbed, what: str, may_stay: str = "") -> None:
-    """The second run must end as if nothing had happened, and leave nothing behind but what it should.
+    """Check that a second run has the result and the files of an undisturbed run.
 
-    ``may_stay`` is a pattern of names that may be there all the same.
+    ``may_stay`` is a pattern of names of additional files that are allowed.
     """
     status, checked = forked(lambda: before.run.check(before.result))
     expect_good(status, checked, f"right after {what}")
@@ -404,7 +404,7 @@ def finish(before: Undisturbed, what: str, may_stay: str = "") -> None:
 
 
 def expect_good(status: int, answer: Any, what: str) -> None:
-    """Raise BrokenPromise if a child did not end as it should."""
+    """Raise BrokenPromise if a child did not succeed."""
     if status < 0:
         raise BrokenPromise("CRASH", f"{what}: ended by {signal.Signals(-status).name}")
     if isinstance(answer, list):
@@ -417,9 +417,9 @@ def expect_good(status: int, answer: Any, what: str) -> None:
 def forked(
     function: Callable[[], Any], meanwhile: Callable[[int], None] = lambda child: None
 ) -> tuple[int, str | list[str] | None]:
-    """Run a function in a forked child. Returns its exit status, negative for a signal, and what it returned.
+    """Run a function in a forked child. Returns its exit status, negative for a signal, and its answer.
 
-    That is a text, or a list [kind, detail] if it raised: "refused" for an error that is ours or the disk's.
+    The answer is a text, or a list [kind, detail] for an exception: "refused" for a NetlibError or OSError.
     ``meanwhile`` is called with the child's process number while it runs.
     """
     readable, writable = os.pipe()
@@ -429,7 +429,7 @@ def forked(
         try:
             status, answer = _answered(function)
             os.write(writable, json.dumps(answer).encode())
-        finally:  # whatever happens, a child never goes on as its parent
+        finally:  # a child must never continue as its parent
             os._exit(status)
     os.close(writable)
     meanwhile(child)
@@ -440,10 +440,10 @@ def forked(
 
 
 def _answered(function: Callable[[], Any]) -> tuple[int, str | list[str] | None]:
-    """The exit status and the answer of a child.
+    """Run the function in the child; returns the exit status and the answer.
 
-    It looks at HDF5 files by itself: a helper process for each of hundreds of children would take most of the time,
-    and is what the campaign of readers is for. It ends in any case, also if its parent has ended before.
+    The child checks HDF5 files in its own process, because starting a helper process for each of hundreds of children
+    would take most of the time; the campaign of readers tests the helper. An alarm ends the child if its parent ended.
     """
     hdf5_helper.fault_of = lambda path, content: hdf5_check.fault_of(path)  # type: ignore[assignment]
     signal.alarm(LONGEST_S)
@@ -451,7 +451,7 @@ def _answered(function: Callable[[], Any]) -> tuple[int, str | list[str] | None]
         answer = function()
     except NetlibError as error:
         return 1, ["refused", str(error)]
-    except OSError as error:  # what tools/common/console.py makes of it, if there is a name to say
+    except OSError as error:  # like tools/common/console.py, if the error has a file name
         kind = "refused" if error.filename else "UNCLEAR"
         return 1, [kind, f"{error.filename}: {error.strerror}" if error.filename else f"{error} without a name"]
     except BaseException as error:
@@ -466,7 +466,7 @@ _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
 
 def at_events(action: Callable[[int, str, str | None], None]) -> None:
-    """From now on call ``action(number, event, path)`` before all that changes files; for a forked child only."""
+    """Call ``action(number, event, path)`` before every later change of a file; only for forked children."""
     done = 0
 
     def happens(event: str, arguments: tuple[Any, ...]) -> None:

@@ -1,7 +1,7 @@
-"""Signals at every moment of a training: it stops with a snapshot, says so, and goes on as if nothing had happened.
+"""Signals at every moment of a training: it stops with a snapshot, reports it, and resumes with the same result.
 
-A moment is a forward of the training net or of a test net, an event of a file (in the middle of a snapshot), or a
-random one.
+A moment is a forward of the training net or of a test net, a file event (in the middle of a snapshot), or a random
+time.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 EVERY_MOMENT = tuple(f"{s.name} at {where}" for where in ("a forward", "a file event") for s in SIGNALS)
 RANDOM = tuple(f"{s.name} at a random moment" for s in SIGNALS)
 NAMES = EVERY_MOMENT + RANDOM
-PAIRS = r"s_iter_\d+\.(caffemodel|solverstate)(\.h5)?"  # a stop leaves a pair of its own
+PAIRS = r"s_iter_\d+\.(caffemodel|solverstate)(\.h5)?"  # names of the pair that a stop writes
 
 
 def case(name: str, seed: int, number: int) -> Outcome:
-    """Send a signal at the moment of this number, and go on with the training; over when there are fewer moments."""
+    """Send a signal at the moment with this number, and resume the training; over if there are fewer moments."""
     what, where = name.split(" at ")
     wanted = signal.Signals[what]
     before = runs.undisturbed(random.Random(f"{name} {seed} {number}").choice(("training hdf5", "training binary"))
@@ -57,9 +57,9 @@ _sent = False
 
 
 def _train(arm: Callable[[], None]) -> str:
-    """The tool on the command line, with something armed; returns its exit status, and if there was a signal."""
+    """Run the training tool after calling ``arm``; returns its exit status and whether a signal was received."""
     arm()
-    for number in SIGNALS:  # one that comes after the end is noted, too
+    for number in SIGNALS:  # also records a signal after the end
         signal.signal(number, signal.SIG_DFL if number != signal.SIGINT else signal.default_int_handler)
     state = runs.last_state()
     status = train.main(["solver.prototxt", "--seed", "3", *(["--snapshot", str(state)] if state else [])])
@@ -90,7 +90,7 @@ def _at_forward(number: int, wanted: signal.Signals) -> None:
 
 
 def _tell_begun() -> None:
-    """The first forward leaves a file, so that the parent knows that signals are caught by now."""
+    """Write a file at the first forward, so that the parent can detect that the signal handlers are installed."""
     forward = Net.run_forward
 
     def told(net: Net) -> float:

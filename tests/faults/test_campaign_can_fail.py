@@ -1,4 +1,4 @@
-"""The campaign sees what it looks for: readers and runs that are wrong on purpose."""
+"""The campaign detects failures: readers and runs that are wrong on purpose."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HERE = "tests.faults.test_campaign_can_fail"
 
 
 def case(name: str, seed: int, number: int) -> Outcome:
-    """Cases for the worker, each wrong in its own way."""
+    """Cases for the worker, each with a different failure."""
     if name == "traceback":
         return Outcome("read", {}["nothing"])
     if name == "crash":
@@ -39,7 +39,7 @@ def case(name: str, seed: int, number: int) -> Outcome:
 
 
 def test_what_goes_wrong_is_one_failure_and_ends_nothing() -> None:
-    """An exception, a signal, an exit, an endless loop, all the memory; after each the worker takes the next case."""
+    """The worker continues after an exception, a signal, an exit, an endless loop and exhausted memory."""
     with Worker(limit_s=10) as worker:
         found = {}
         for name in ("traceback", "crash", "exit", "memory"):
@@ -65,7 +65,7 @@ def refuse(message: str) -> None:
 
 
 class RawError(NetlibError):
-    """One whose text would clear a screen."""
+    """An error whose text would clear the screen."""
 
     def __str__(self) -> str:
         return "a.bin: \x1b[2J"
@@ -91,7 +91,7 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_readers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str) -> None:
-    """What a reader does with a damaged file is told apart."""
+    """Each kind of failure of a reader has its own outcome."""
     read, kind = WRONG[name]
 
     def make() -> list[str]:
@@ -106,7 +106,7 @@ def test_wrong_readers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: st
 
 
 def test_damage_is_the_same_for_the_same_seed() -> None:
-    """So a case can be run again; other numbers do other damage."""
+    """Equal seeds and numbers give equal damage, so a case can be repeated; other numbers give other damage."""
     content = b'layer { name: "a" top: "x" dim: 3 }\n' * 20
 
     def some(seed: str) -> bytes:
@@ -118,7 +118,7 @@ def test_damage_is_the_same_for_the_same_seed() -> None:
 
 @pytest.mark.parametrize("kind", sorted({*mutations.ANY, *mutations.TEXT}, key=lambda kind: kind.__name__))
 def test_every_kind_of_damage_takes_any_bytes(kind: mutations.Damage) -> None:
-    """One byte, no text, a text without anything that it looks for."""
+    """Every kind of damage accepts one byte, bytes that are not text, and text without the pattern it changes."""
     for content in (b"\0", b"\xff\xfe", b"word", b"a: 1\n", bytes(range(256)) * 20):
         for number in range(20):
             assert isinstance(kind(content, b"\0", random.Random(number)), bytes)
@@ -128,7 +128,7 @@ def test_every_kind_of_damage_takes_any_bytes(kind: mutations.Damage) -> None:
 
 
 def careless() -> str:
-    """Makes two files; the next run believes that all is done if one of them is there."""
+    """Write ``file`` between creating and removing ``temporary``; a killed run leaves ``temporary``."""
     if not Path("file").exists():
         Path("temporary").touch()
         Path("file").write_text("new")
@@ -137,7 +137,7 @@ def careless() -> str:
 
 
 def check_careless(result: str) -> None:
-    """Half of its work is a loss."""
+    """Raise BrokenPromise if ``temporary`` exists without ``file``."""
     if Path("temporary").exists() and not Path("file").exists():
         raise BrokenPromise("LOST", "one without the other")
 
@@ -146,14 +146,14 @@ CARELESS = runs.Run("careless", lambda: None, careless, check_careless)
 
 
 def test_a_careless_run_is_seen() -> None:
-    """It has three file events; what a kill before each does is told apart."""
+    """The careless run has three file events, and a kill before each has its own outcome."""
     with Worker() as worker:
         told = [worker.run(HERE, "careless", 0, number).kind for number in range(4)]
     assert told == ["held", "LOST", "LEFT", "over"]
 
 
 def test_the_table() -> None:
-    """One row for each promise with cases, and their sum."""
+    """The table has one row for each promise with cases, and their sum."""
     groups = [campaign.Group(campaign.PROMISES[0], name) for name in ("net", "solver")]
     groups[0].counts.update(refused=1200, TRACEBACK=1)
     groups[0].failures.append((7, Outcome("TRACEBACK", "KeyError")))
@@ -165,7 +165,7 @@ def test_the_table() -> None:
 
 
 def test_every_group_stands_in_one_row() -> None:
-    """No case is forgotten, none counted twice."""
+    """Every group is in exactly one row, so no case is missing or counted twice."""
     names = [(group.promise.module, group.name) for group in campaign.groups()]
     assert len(set(names)) == len(names)
     assert {name for module, name in names if module.endswith("readers")} == {r.name for r in readers.READERS}

@@ -1,4 +1,4 @@
-"""A new reader needs a campaign: every module that opens a file to read it stands in the table of readers.py."""
+"""Every reader has a campaign: every module that opens a file for reading is in the table of readers.py."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NO_READERS = {
     "tools/track.py": "opens recordings by handpose.sources.opening",
     "tools/package_model.py": "reads back what it has just written",
 }
-# What opens a file, by the name that is called; of those that also write, the mode decides.
+# Names of functions that open files; for those that also write, the mode is checked.
 BY_NAME = {
     "read_bytes",
     "read_pieces",
@@ -57,7 +57,7 @@ OF_NUMPY = {"load"}
 
 
 def opening(tree: ast.AST) -> Iterator[int]:
-    """The lines that open a file to read it."""
+    """Yield the numbers of the lines that open a file for reading."""
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):
             continue
@@ -68,7 +68,7 @@ def opening(tree: ast.AST) -> Iterator[int]:
 
 
 def reads(call: ast.Call) -> bool:
-    """Does the mode say so? One that changes a file in place ("r+b") is no reader's."""
+    """Whether the mode is for reading only; "r+b" changes a file in place and is not."""
     words = [*call.args, *(word.value for word in call.keywords if word.arg == "mode")]
     modes = [word.value for word in words if isinstance(word, ast.Constant) and isinstance(word.value, str)]
     flags = [node.attr for word in words for node in ast.walk(word) if isinstance(node, ast.Attribute)]
@@ -100,12 +100,12 @@ def reads(call: ast.Call) -> bool:
     ],
 )
 def test_what_opens_a_file(line: str, is_reader: bool) -> None:
-    """By the name that is called, and the mode."""
+    """A call that opens a file for reading is recognized by the function's name and the mode."""
     assert bool(list(opening(ast.parse(line)))) == is_reader
 
 
 def test_every_reader_has_a_campaign() -> None:
-    """A module that opens files stands in a row of the table, or says here why not."""
+    """A module that opens files is in a row of the table, or in the exceptions with a reason."""
     found = {
         str(path.relative_to(ROOT)): list(opening(ast.parse(path.read_text(encoding="utf-8")))) for path in SOURCES
     }
@@ -114,7 +114,7 @@ def test_every_reader_has_a_campaign() -> None:
 
 
 def test_the_table_names_no_module_that_reads_nothing() -> None:
-    """A row that has lost its reader is found."""
+    """Every module in the table reads files."""
     for module in known():
         assert list(opening(ast.parse((ROOT / module).read_text(encoding="utf-8")))), module
 

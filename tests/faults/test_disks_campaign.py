@@ -1,4 +1,4 @@
-"""The short campaign of disks and clocks: a few moments of every fault; ``make faults`` takes all."""
+"""The short campaign of disks and clocks: a few cases of every fault; ``make faults`` runs all."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STEPS = {"full": 36, "read-only": 40, "one": 44, "limited": 8, "data": 5, "plant
 
 @pytest.mark.parametrize("name", disks.NAMES)
 def test_disks(worker: Worker, name: str) -> None:
-    """One line, or the work is done all the same; old files are whole, and the next run ends as it should."""
+    """A run fails with a one-line error or succeeds, old files stay complete, and the next run succeeds."""
     step = STEPS.get(name.split()[0], 24)
     numbers = SHORT.get(name, range(disks.NAMES.index(name) % step, 1000, step))
     assert campaign.failures(worker, "disks", name, numbers) == []

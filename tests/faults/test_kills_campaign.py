@@ -1,4 +1,4 @@
-"""The short campaign of kills: some of the file events of every run that writes; ``make faults`` takes all of them."""
+"""The short campaign of kills: some of the file events of every run that writes; ``make faults`` runs all of them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ EVERY = 18
 
 @pytest.mark.parametrize("name", kills.NAMES)
 def test_killed(worker: Worker, name: str) -> None:
-    """Nothing is lost, the next run ends bit for bit the same, and nothing stays behind."""
+    """A kill loses no data, the next run has a bitwise equal result, and no temporary files remain."""
     first = kills.NAMES.index(name) % EVERY
     assert campaign.failures(worker, "kills", name, range(first, 1000, EVERY)) == []

@@ -1,7 +1,7 @@
-"""The short campaign over all readers: a damaged file is one line, or is read all the same.
+"""The short campaign over all readers: a damaged file is rejected with a one-line error, or read.
 
-``make faults`` is the long one, with other seeds. A line of a failure says how to run its case alone:
-``python -m tests.faults.campaign`` and the options that it begins with.
+``make faults`` is the long campaign, with other seeds. The line of a failure starts with the options that run its case
+alone with ``python -m tests.faults.campaign``.
 """
 
 from __future__ import annotations
@@ -16,5 +16,5 @@ CASES = 24
 
 @pytest.mark.parametrize("name", [reader.name for reader in readers.READERS])
 def test_damaged_files(worker: Worker, name: str) -> None:
-    """No traceback, no crash, no hang, no wrong result where a checksum could tell; every refusal is one clear line."""
+    """A damaged file gives a one-line error or a right result, but no traceback, crash or hang."""
     assert campaign.failures(worker, "readers", name, range(CASES)) == []

@@ -1,4 +1,4 @@
-"""The short campaign of signals: some of the forwards and file events of a training; ``make faults`` takes all."""
+"""The short campaign of signals: some of the forwards and file events of a training; ``make faults`` runs all."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ EVERY = 12
 
 @pytest.mark.parametrize("name", signals.EVERY_MOMENT)
 def test_signals(worker: Worker, name: str) -> None:
-    """A snapshot, the exit status, and a training that goes on bit for bit; also from the middle of a test."""
+    """A signal gives a snapshot, its exit status and a bitwise equal resume, also in the middle of a test."""
     first = signals.EVERY_MOMENT.index(name) % EVERY
     assert campaign.failures(worker, "signals", name, range(first, 1000, EVERY)) == []
