@@ -1,11 +1,11 @@
-"""Every reader there is: what it reads, the modules that open the files, and how far a wrong result can be told.
+"""All readers: their files, the modules that open them, and whether a wrong result can be detected.
 
-A case damages one of the good files of a reader and reads it. What must happen is one line that names the file or what
-is wrong in it, or that the file is read all the same; where a checksum guards the content (``exact``), what is read is
-then what was written.
+A case damages one of the good files of a reader and reads it. The reader must fail with a one-line error that names the
+file or the fault, or read the file. If a checksum protects the content (``exact``), the result must then be the content
+that was written.
 
-``READERS`` is the table. tests/faults/test_campaign_is_complete.py compares it with the sources: a module that opens a
-file and stands in no row fails the test.
+``READERS`` is the table. tests/faults/test_campaign_is_complete.py compares it with the sources and fails for a module
+that opens a file but is in no row.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ TEXT_SUFFIXES = (".prototxt", ".txt", ".log", ".md", ".pbtxt", ".json", ".jsonl"
 class Reader:
     """A row of the table.
 
-    name     of the reader
-    modules  the files of this project that open what it reads; none if it is given bytes
-    make     makes good files in the working directory; returns those that will be damaged
-    read     reads, with one of them damaged; returns what was read. Raises NetlibError
-    exact    a checksum says whether the content is what was written
+    name     name of the reader
+    modules  the files of this project that open its files; empty for a reader of bytes
+    make     writes good files to the working directory; returns those that will be damaged
+    read     reads with one of them damaged; returns the content. Raises NetlibError
+    exact    whether a checksum detects all changes of the content
     """
 
     name: str
@@ -92,12 +92,12 @@ def case(name: str, seed: int, number: int) -> Outcome:
     return Outcome(outcome.kind, f"{outcome.detail} [{how}]") if outcome.failed else outcome
 
 
-# What is wrong may be a file that the damaged one names, or show only in a layer that runs.
+# The error may be about a file that the damaged one names, or about a layer that runs.
 _ELSEWHERE = re.compile(r": cannot (read|open|use)|^db: entry |^layer '|layer '.*'|^\S+\.(h5|txt|prototxt|png|jpg):")
 
 
 def judged(error: NetlibError, path: Path) -> Outcome:
-    """A refusal is one printable line, and says where: the file, or the layer."""
+    """Check that an error is one printable line that names the file or the layer."""
     line = str(error)
     if not line.isprintable():
         return Outcome("UNCLEAR", f"not one line that can be printed: {line[:200]!r}")
@@ -117,7 +117,7 @@ class _Good:
 
 @functools.cache
 def _prepared(name: str) -> tuple[Reader, _Good, set[str]]:
-    """A reader with its good files, and the digests of what they hold: once for each process."""
+    """Return a reader with its good files and the digests of their content; once per process."""
     reader = next(reader for reader in READERS if reader.name == name)
     folder = Path(f"good.{name.replace(' ', '_')}").resolve()
     folder.mkdir(exist_ok=True)
@@ -137,7 +137,7 @@ _numbers = itertools.count()
 
 @contextlib.contextmanager
 def _copied(folder: Path) -> Iterator[None]:
-    """Within it, a copy of the folder is the working directory; its name is new, for what remembers files by name."""
+    """Context manager that makes a copy of the folder the working directory, with a new name because of caches."""
     copy = folder.parent / f"case{next(_numbers)}"
     shutil.copytree(folder, copy)
     try:
@@ -158,7 +158,7 @@ def _inside(folder: Path) -> Iterator[None]:
 
 
 def digest(value: Any) -> str:
-    """Of anything that is made of arrays, numbers and texts: equal values have equal digests."""
+    """Digest of a value made of arrays, numbers and texts; equal values have equal digests."""
     found = hashlib.sha256()
 
     def add(item: Any) -> None:
@@ -227,13 +227,13 @@ layer { name: "l" type: "PhysLimit" bottom: "x" top: "z" phys_limit_param { skel
 
 
 def put(name: str, text: str) -> str:
-    """A text file."""
+    """Write a text file."""
     Path(name).write_text(text, encoding="utf-8")
     return name
 
 
 def put_rows(name: str, seed: int = 0, **shapes: tuple[int, ...]) -> str:
-    """An HDF5 file of random rows."""
+    """Write an HDF5 file of random rows."""
     rng = np.random.default_rng(seed)
     with h5py.File(name, "w") as file:
         for dataset, shape in shapes.items():
@@ -243,14 +243,14 @@ def put_rows(name: str, seed: int = 0, **shapes: tuple[int, ...]) -> str:
 
 
 def run_once(net: netlib.Net) -> dict[str, Any]:
-    """Forwards and backwards."""
+    """Run a net forwards and backwards; returns the results."""
     net.run_forward()
     net.run_backward()
     return {name: net.blobs[name].data.copy() for name in net.outputs}
 
 
 def make_nets() -> list[str]:
-    """A net of every layer type that needs no file, and some that are larger."""
+    """Write a net of every layer type that needs no file, and some larger nets."""
     from tests.support.layer_cases import CASES
 
     files = [put("vision.prototxt", VISION), put("old.prototxt", OLD_NET), put("vision2.prototxt", VISION)]
@@ -265,19 +265,19 @@ def make_nets() -> list[str]:
 
 
 def read_net(path: Path) -> Any:
-    """Build it, and run it once."""
+    """Build a net and run it once."""
     return run_once(netlib.Net(str(path), netlib.TRAIN, seed=1))
 
 
 def make_solver(layout: str = "HDF5") -> list[str]:
-    """A solver that trains and tests on 7 rows."""
+    """Write a solver that trains and tests on 7 rows."""
     put_rows("rows.h5", data=(7, 5), label=(7, 2))
     put("list.txt", "rows.h5\n")
     return [put("solver.prototxt", SOLVER.replace("FORMAT", layout)), put("net.prototxt", NET)]
 
 
 def read_solver(path: Path) -> Any:
-    """Build it and make two steps, if these take no hours; no snapshots, which might go anywhere."""
+    """Build a solver and make two steps if they are short; no snapshots, whose paths may be damaged."""
     solver = netlib.get_solver("solver.prototxt", snapshot=0, snapshot_after_train=False)
     if max([solver.param.iter_size, *solver.param.test_iter]) <= 1000:
         solver.step(2)
@@ -285,19 +285,19 @@ def read_solver(path: Path) -> Any:
 
 
 def parameters(solver: netlib.Solver) -> list[Any]:
-    """All that learning changes."""
+    """All values that training changes."""
     return [p.blob.data.copy() for p in solver.net.learnable]
 
 
 def make_skeletons() -> list[str]:
-    """The packaged hand, and a net that computes with it."""
+    """Write the packaged hand, and a net that uses it."""
     shutil.copy(ROOT / "prototxt" / "hand" / "nyu.prototxt", "hand.prototxt")
     put("net.prototxt", HAND)
     return ["hand.prototxt"]
 
 
 def read_skeleton(path: Path) -> Any:
-    """Load it, with its surface, and run the layers that use it."""
+    """Load a skeleton with its surface, and run the layers that use it."""
     from layers.hand import skeleton
 
     found = skeleton.load(path)
@@ -307,7 +307,7 @@ def read_skeleton(path: Path) -> Any:
 
 
 def make_priors() -> list[str]:
-    """The packaged prior of the hand, beside its skeleton."""
+    """Write the packaged prior of the hand next to its skeleton."""
     folder = ROOT / "prototxt" / "hand"
     shutil.copy(folder / "nyu.prototxt", "nyu.prototxt")
     shutil.copy(folder / "nyu_prior.prototxt", "prior.prototxt")
@@ -315,7 +315,7 @@ def make_priors() -> list[str]:
 
 
 def read_prior(path: Path) -> Any:
-    """Load it, and draw hands from it."""
+    """Load a prior and draw hands from it."""
     from handpose.synthetic import prior_file
     from handpose.synthetic.pose_prior import BodySampler
 
@@ -327,7 +327,7 @@ def read_prior(path: Path) -> Any:
 
 
 def make_weights(suffix: str) -> list[str]:
-    """Weights of two nets, and the nets."""
+    """Write the weights of two nets, and the nets."""
     make_solver()
     put("vision.prototxt", VISION)
     for name, model in (("net", "net.prototxt"), ("vision", "vision.prototxt")):
@@ -336,7 +336,7 @@ def make_weights(suffix: str) -> list[str]:
 
 
 def read_weights(path: Path) -> Any:
-    """Into their net, which stays as it was if they are refused."""
+    """Copy weights to their net, which must not change if they are rejected."""
     net = netlib.Net(f"{path.name.split('.')[0]}.prototxt", netlib.TEST, seed=1)
     before = digest({name: [blob.data for blob in blobs] for name, blobs in net.params.items()})
     try:
@@ -348,7 +348,7 @@ def read_weights(path: Path) -> Any:
 
 
 def make_old_weights() -> list[str]:
-    """Binary weights of a net of 2014, and of Caffe itself."""
+    """Write binary weights of a net of 2014, and of Caffe itself."""
     from netlib.proto import prototxt, wire
     from netlib.proto.upgrade import AnyNetParameter
 
@@ -360,14 +360,14 @@ def make_old_weights() -> list[str]:
 
 
 def read_any_weights(path: Path) -> Any:
-    """Without a net."""
+    """Read weights without a net."""
     from netlib.snapshots import snapshot
 
     snapshot.read_weights(path)
 
 
 def make_pair(layout: str) -> list[str]:
-    """A training of two iterations, and its snapshot."""
+    """Write the snapshot of a training of two iterations."""
     make_solver(layout)
     solver = netlib.get_solver("solver.prototxt", max_iter=2)
     solver.solve()
@@ -376,7 +376,7 @@ def make_pair(layout: str) -> list[str]:
 
 
 def read_pair(path: Path) -> Any:
-    """Resume, and train to the end; a solver that refuses stays as it was, and can still train."""
+    """Resume and train to the end; a solver that rejects the state must not change and can still train."""
     solver = netlib.get_solver("solver.prototxt", seed=99, snapshot=0, snapshot_after_train=False)
     before = digest(everything(solver))
     try:
@@ -390,13 +390,13 @@ def read_pair(path: Path) -> Any:
 
 
 def everything(solver: netlib.Solver) -> list[Any]:
-    """All that a restore may change."""
+    """All values that a restore may change."""
     states = [net.layer_states() for net in [solver.net, *solver.test_nets]]
     return [solver.iter, parameters(solver), solver.history, list(solver.smoothed), states]
 
 
 def make_old_state() -> list[str]:
-    """States without a checksum: Caffe's own, and one of an earlier version."""
+    """Write states without a checksum: one of Caffe and one of an earlier version."""
     for file in (ROOT / "tests" / "netlib" / "older").iterdir():
         shutil.copy(file, file.name)
     for name in ("train0.h5", "train1.h5"):
@@ -406,7 +406,7 @@ def make_old_state() -> list[str]:
 
 
 def make_fit() -> list[str]:
-    """Weights with what is known of the network's errors beside them."""
+    """Write weights with a group about the network's errors."""
     from handpose.depth_fit.network_errors import SIGNS
 
     table = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
@@ -426,14 +426,14 @@ def _surface_model() -> Any:
 
 
 def read_fit(path: Path) -> Any:
-    """The group beside the weights."""
+    """Read the group in addition to the weights."""
     from handpose.depth_fit.network_errors import read_errors
 
     read_errors(path, _surface_model())
 
 
 def make_card() -> list[str]:
-    """A model's folder."""
+    """Write the folder of a model."""
     Path("model").mkdir()
     Path("model/w.h5").write_bytes(b"weights" * 100)
     put("model/deploy.prototxt", NET)
@@ -446,7 +446,7 @@ def make_card() -> list[str]:
 
 
 def read_packaged(path: Path) -> Any:
-    """Its card, and its weights and net if they are those of the card."""
+    """Read the card of a model, and its weights and net if they are those of the card."""
     from handpose.prediction.packaged import checked_net, checked_weights, net_content, read_card
 
     card = read_card(Path("model"))
@@ -457,7 +457,7 @@ def read_packaged(path: Path) -> Any:
 
 
 def make_hdf5() -> list[str]:
-    """Rows in one piece, in compressed chunks, and behind a link; the list of the files."""
+    """Write contiguous rows, rows in compressed chunks and rows behind a link, and the list of the files."""
     put_rows("a.h5", 1, data=(5, 2, 3), label=(5,))
     with h5py.File("b.h5", "w") as file:
         file.create_dataset(
@@ -474,14 +474,14 @@ def make_hdf5() -> list[str]:
 
 
 def read_batches(path: Path) -> Any:
-    """A few batches of the net in net.prototxt."""
+    """Read a few batches with the net in net.prototxt."""
     net = netlib.Net("net.prototxt", netlib.TRAIN, seed=1)
     for _ in range(3):
         net.run_forward()
 
 
 def put_picture(name: str, shape: tuple[int, ...], dtype: type = np.uint8, seed: int = 0) -> str:
-    """A picture file of random pixels, smooth enough for a JPEG."""
+    """Write a picture file of random pixels, smooth enough for a JPEG."""
     pixels = np.random.default_rng(seed).integers(0, np.iinfo(dtype).max, shape)
     smooth = cv2.blur(pixels.astype(np.float32), (5, 5))
     if not cv2.imwrite(name, smooth.astype(dtype)):
@@ -490,7 +490,7 @@ def put_picture(name: str, shape: tuple[int, ...], dtype: type = np.uint8, seed:
 
 
 def make_pictures() -> list[str]:
-    """PNG and JPEG files, their list, and a mean image."""
+    """Write PNG and JPEG files, their list, and a mean image."""
     from tests.support.caffe_messages import write_blob
 
     files = [put_picture("a.png", (12, 16, 3)), put_picture("b.jpg", (12, 16, 3)), put_picture("c.png", (12, 16)),
@@ -503,7 +503,7 @@ def make_pictures() -> list[str]:
 
 
 def make_windows() -> list[str]:
-    """A list of windows in two pictures."""
+    """Write a list of windows in two pictures."""
     lines = []
     for i in range(2):
         put_picture(f"{i}.png", (12, 16, 3), seed=i)
@@ -514,7 +514,7 @@ def make_windows() -> list[str]:
 
 
 def make_database() -> list[str]:
-    """A database of eight entries: pixels, floats and a picture."""
+    """Write a database of eight entries: pixels, floats and a picture."""
     import lmdb
 
     from tests.support.caffe_messages import datum
@@ -532,7 +532,7 @@ def make_database() -> list[str]:
 
 
 def make_datums() -> list[str]:
-    """Single entries of a database."""
+    """Write single entries of a database."""
     from tests.support.caffe_messages import datum
 
     image = np.arange(192, dtype=np.uint8).reshape(3, 8, 8)
@@ -543,14 +543,14 @@ def make_datums() -> list[str]:
 
 
 def read_datum(path: Path) -> Any:
-    """As a layer and the tools decode it."""
+    """Decode an entry as the layer and the tools do."""
     from layers.data.images import decode_datum
 
     decode_datum(path.read_bytes(), True, str(path))
 
 
 def read_database(path: Path) -> Any:
-    """By the layer, and entry by entry as the tools do."""
+    """Read a database with the layer, and entry by entry as the tools do."""
     from tools.common import databases
 
     read_batches(path)
@@ -558,7 +558,7 @@ def read_database(path: Path) -> Any:
 
 
 def make_mean() -> list[str]:
-    """Mean images, in floats and doubles."""
+    """Write mean images in floats and doubles."""
     from tests.support.caffe_messages import write_blob
 
     write_blob(Path("mean.binaryproto"), np.ones((1, 3, 4, 5), np.float32))
@@ -567,14 +567,14 @@ def make_mean() -> list[str]:
 
 
 def read_mean(path: Path) -> Any:
-    """The blob."""
+    """Read the blob."""
     from netlib.proto.binaryproto import read_blob
 
     read_blob(path)
 
 
 def make_messages() -> list[str]:
-    """Nets as messages of caffe_pb2."""
+    """Write nets as messages of caffe_pb2."""
     from netlib.caffe.proto import caffe_pb2
 
     make_old_weights()
@@ -587,27 +587,27 @@ def make_messages() -> list[str]:
 
 
 def read_message(path: Path) -> Any:
-    """Parse it, print it, and write it again."""
+    """Parse a message, print it, and write it again."""
     from netlib.caffe.proto import caffe_pb2
 
     message = getattr(caffe_pb2, path.stem)()
     try:
         message.ParseFromString(path.read_bytes())
     except NetlibError as error:
-        raise NetlibError(f"{path}: {error}") from None  # the bytes have no name
+        raise NetlibError(f"{path}: {error}") from None  # the error for bytes has no file name
     str(message)
     message.SerializeToString()
 
 
 def read_text_net(path: Path) -> Any:
-    """As tools/upgrade_net.py does."""
+    """Read a net as tools/upgrade_net.py does."""
     from tools import upgrade_net
 
     run_tool(upgrade_net.main, str(path), "new.prototxt")
 
 
 def read_image(path: Path) -> Any:
-    """As caffe.io.load_image does, in colour and in grey."""
+    """Read an image with caffe.io.load_image, in colour and in grey."""
     from netlib.caffe import io
 
     for color in (True, False):
@@ -615,14 +615,14 @@ def read_image(path: Path) -> Any:
 
 
 def read_imageset(path: Path) -> Any:
-    """As tools/convert_imageset.py does."""
+    """Read a list of images with tools/convert_imageset.py."""
     from tools import convert_imageset
 
     run_tool(convert_imageset.main, "./", "list.txt", "new_db", "--encoded")
 
 
 def run_tool(main: Callable[[list[str]], int], *arguments: str) -> None:
-    """A tool's main; the one line that it prints on failing is raised. More lines are of pictures that are left out."""
+    """Run the main function of a tool and raise its error line. Other lines are about pictures that it skips."""
     import io
 
     out, errors = io.StringIO(), io.StringIO()
@@ -636,13 +636,13 @@ def run_tool(main: Callable[[list[str]], int], *arguments: str) -> None:
 
 
 def make_depth() -> list[str]:
-    """A frame of 16 bits, one in NYU's colours, a crop; PNG, whose chunks have checksums."""
+    """Write a 16-bit frame, a frame in NYU's colours and a crop, as PNG, whose chunks have checksums."""
     return [put_picture("frame.png", (48, 64), np.uint16), put_picture("nyu.png", (48, 64, 3)),
             put_picture("crop.png", (32, 32))]  # fmt: skip
 
 
 def read_depth(path: Path) -> Any:
-    """As tools/predict.py and the data sets do."""
+    """Read a frame as tools/predict.py and the data sets do."""
     from handpose.data.images import read_crop, read_frame, read_png
     from handpose.facts.cameras import Camera
 
@@ -653,7 +653,7 @@ def read_depth(path: Path) -> Any:
 
 
 def make_nyu() -> list[str]:
-    """The annotation of a small split, of MATLAB's versions 5 and 7.3."""
+    """Write the annotation of a small split in MATLAB's formats 5 and 7.3."""
     from handpose.importers.nyu_files import write_annotation
 
     xyz = np.random.default_rng(0).normal(0, 50, (6, 36, 3)) + (0, 0, 700)
@@ -667,7 +667,7 @@ def make_nyu() -> list[str]:
 
 
 def read_nyu(path: Path) -> Any:
-    """Its joints."""
+    """Read the joints of an annotation."""
     from handpose.importers import matlab_file
     from handpose.importers.nyu_files import read_annotation
 
@@ -676,7 +676,7 @@ def read_nyu(path: Path) -> Any:
 
 
 def _matlab_worker_forked(command: list[str], **options: Any) -> subprocess.CompletedProcess[bytes]:
-    """What matlab_worker.py does, in a forked process: a new one would import SciPy again for every case.
+    """Run matlab_worker.py in a forked process, because a new one would import SciPy again for every case.
 
     tests/handpose/importers/test_matlab_file.py tests the program itself, its crash and its time limit.
     """
@@ -690,7 +690,7 @@ def _matlab_worker_forked(command: list[str], **options: Any) -> subprocess.Comp
                 matlab_worker.main(command[3], command[4].split(","), out)
                 out.flush()
                 status = 0
-            finally:  # whatever happens, a child never goes on as its parent
+            finally:  # a child must never continue as its parent
                 os._exit(status)
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         out.seek(0)
@@ -698,21 +698,21 @@ def _matlab_worker_forked(command: list[str], **options: Any) -> subprocess.Comp
 
 
 def make_icvl() -> list[str]:
-    """Labels of 16 joints."""
+    """Write labels of 16 joints."""
     uvd = np.random.default_rng(0).normal(0, 8, (4, 16, 3)) + (160, 120, 400)
     lines = [f"seq/image_{i:04d}.png " + " ".join(f"{n:.3f}" for n in row.ravel()) for i, row in enumerate(uvd)]
     return [put("labels.txt", "\n".join(lines) + "\n")]
 
 
 def read_icvl(path: Path) -> Any:
-    """Its joints."""
+    """Read the joints of the labels."""
     from handpose.importers.icvl_files import read_annotation
 
     read_annotation([path])
 
 
 def make_centers() -> list[str]:
-    """Crop centres as text and as NumPy's files."""
+    """Write crop centres as text and as NumPy files."""
     centers = np.random.default_rng(0).normal(0, 8, (5, 3)) + (160, 120, 400)
     np.savetxt("centers.txt", centers)
     np.save("centers.npy", centers)
@@ -722,19 +722,19 @@ def make_centers() -> list[str]:
 
 
 def read_centers(path: Path) -> Any:
-    """Of five frames."""
+    """Read the centres of five frames."""
     from handpose.importers.published_frames import read_centers as read
 
     read(path, 5)
 
 
 def make_predictions() -> list[str]:
-    """Published joints, two a frame."""
+    """Write published joints, two per frame."""
     return [put("joints.txt", "320 240 700  330.5 230 512\n" * 4)]
 
 
 def read_predictions(path: Path) -> Any:
-    """In pixels and in mm."""
+    """Read predictions in pixels and in mm."""
     from handpose.facts.cameras import NYU
     from handpose.scoring import published_predictions
 
@@ -746,35 +746,35 @@ def read_predictions(path: Path) -> Any:
 
 
 def make_logs() -> list[str]:
-    """Caffe's own, and one that is short."""
+    """Write a log of Caffe and a short one."""
     shutil.copy(RECORDED / "logs" / "a_avgloss.log", "caffe.log")
     return ["caffe.log", put("short.log", "I0101 Iteration 20 (5 iter/s, 1s/20 iters), loss = 0.5\n"
                              "    Test net output #0: acc = 0.25\nIteration 40, loss = 0.25\n")]  # fmt: skip
 
 
 def read_log(path: Path) -> Any:
-    """Its curves."""
+    """Read the curves of a log."""
     from tools import plot_log
 
     plot_log.read_log(path)
 
 
 def make_examples() -> list[str]:
-    """Crops and joints."""
+    """Write crops and joints."""
     put_rows("a.h5", depth=(5, 1, 16, 16), joint=(5, 93))
     put_rows("b.h5", depth=(3, 16, 16))
     return ["a.h5", "b.h5", put("list.txt", "a.h5\nb.h5\n")]
 
 
 def read_examples(path: Path) -> Any:
-    """As tools/show_data.py does."""
+    """Read examples as tools/show_data.py does."""
     from handpose.data.examples import examples_of
 
     examples_of(path, 4)
 
 
 def make_labels() -> list[str]:
-    """A file of frames with all that is said of them."""
+    """Write a file of frames with all of its data sets."""
     rng = np.random.default_rng(0)
     uvd = rng.normal(0, 20, (6, 3)) + (320, 240, 700)
     from handpose.facts.cameras import NYU
@@ -788,7 +788,7 @@ def make_labels() -> list[str]:
 
 
 def read_labels(path: Path) -> Any:
-    """Joints, half-cubes and centres."""
+    """Read joints, half-cubes and centres."""
     from handpose.data import labels
     from netlib.files.hdf5 import File
 
@@ -797,7 +797,7 @@ def read_labels(path: Path) -> Any:
 
 
 def make_companions() -> list[str]:
-    """A file of frames and its companion."""
+    """Write a file of frames and its companion."""
     make_labels()
     _fit_companion()
     return ["part.h5", "angles/part.h5"]
@@ -808,17 +808,17 @@ def _fit_companion() -> Any:
     from layers.hand import skeleton
 
     with contextlib.suppress(OSError):
-        os.utime("part.h5", ns=(10**18, 10**18))  # a companion remembers of which moment its file was
+        os.utime("part.h5", ns=(10**18, 10**18))  # a companion stores the modification time of its file
     return companions.fit_list([Path("part.h5")], Path("angles"), "list.txt", skeleton.load(), starts=1)
 
 
 def read_companions(path: Path) -> Any:
-    """Keep it if it is whole, else make it anew."""
+    """Keep the companion if it is complete, else write it again."""
     _fit_companion()
 
 
 def make_store() -> list[str]:
-    """An entry of the store of Table 1, the frames that are drawn, and a speed."""
+    """Write an entry of the store of Table 1, the frames that are drawn, and a speed."""
     from handpose.experiments.table1 import speed, store
     from tests.support import made_store
 
@@ -829,7 +829,7 @@ def make_store() -> list[str]:
 
 
 def read_store(path: Path) -> Any:
-    """As tools/table1.py --page does."""
+    """Read the store as tools/table1.py --page does."""
     from handpose.experiments.table1 import speed, store
 
     return (store.read_all(Path("store"), "one_hand"), store.read_shown(Path("store"), "one_hand"),
@@ -837,26 +837,26 @@ def read_store(path: Path) -> Any:
 
 
 def make_components() -> list[str]:
-    """Files of joints."""
+    """Write files of joints."""
     return [put_rows("a.h5", 1, joint=(40, 93)), put_rows("b.h5", 2, joint=(40, 93))]
 
 
 def read_components(path: Path) -> Any:
-    """As tools/table1.py does for DeepPrior."""
+    """Read the joints as tools/table1.py does for DeepPrior."""
     from handpose.experiments.table1.derived_nets import write_components
 
     write_components(Path("out.h5"), [Path("a.h5"), Path("b.h5")])
 
 
 def make_parts() -> list[str]:
-    """A data set of one part, with the list that names it; frames that are two pictures and a missing one."""
+    """Write a data set of one part with its list; of three frames, one picture is missing."""
     make_frames()
     _prepare()
     return ["out/test_000.h5", "out/test.txt", "out/bad_test.txt", "1.png"]
 
 
 def make_frames() -> None:
-    """Two of the three frames of a data set."""
+    """Write two of the three frames of a data set."""
     Path("out").mkdir()
     for i in range(2):
         put_picture(f"{i}.png", (48, 64, 3), seed=i)
@@ -882,7 +882,7 @@ def _prepare() -> Any:
 
 
 def read_parts(path: Path) -> Any:
-    """Go on with what is there."""
+    """Continue the preparation of the data set from the existing files."""
     _prepare()
 
 
@@ -890,7 +890,7 @@ def read_parts(path: Path) -> Any:
 
 
 def make_videos() -> list[str]:
-    """A video as our writer leaves it, and one of raw values."""
+    """Write a video with the project's writer, and one of raw values."""
     from handpose.facts.cameras import Camera
     from handpose.sources.recording import DepthFrame
     from handpose.sources.video_writer import VideoWriter
@@ -904,7 +904,7 @@ def make_videos() -> list[str]:
 
 
 def make_azure() -> list[str]:
-    """The smallest mode of a Kinect."""
+    """Write a recording in the smallest mode of a Kinect."""
     from tests.support import azure_file
 
     depth = np.zeros((2, 288, 320), np.uint16)
@@ -915,18 +915,18 @@ DICE = "some bytes that are damaged\n" * 4
 
 
 def make_dice() -> list[str]:
-    """A file whose bytes decide what is made; every damage throws anew."""
+    """Write a file whose bytes seed a random file, so that every damage gives another one."""
     return [put("dice.txt", DICE)]
 
 
 def read_mixed_bag(path: Path) -> Any:
-    """A bag of random records: messages of any type under any name, several types under one."""
+    """Read a bag of random records: messages of any type with any name, several types with one name."""
     from handpose.facts.cameras import Camera
     from handpose.sources.recording import CameraInfo
     from handpose.sources.ros_bag import open_bag
     from tests.support import bags
 
-    if path.read_bytes() == DICE.encode():  # a good file is to be read
+    if path.read_bytes() == DICE.encode():  # the undamaged file is valid
         return
     rng = random.Random(path.read_bytes())
     topics = [*[bags.TOPIC] * 6, "/camera/depth/camera_info", f"{bags.TOPIC}/compressedDepth", "/a",
@@ -943,7 +943,7 @@ def read_mixed_bag(path: Path) -> Any:
             "std_msgs/msg/String": of.text(rng.choice(["0.001", "e", ""])),
         }
         kinds = [*contents, *["sensor_msgs/msg/Image"] * 4]
-        right = rng.random() < 0.5  # each message of the type that it says
+        right = rng.random() < 0.5  # whether all messages have their declared types
         made = []
         for i in range(rng.randint(1, 8)):
             kind = rng.choice(kinds)
@@ -963,7 +963,7 @@ def read_mixed_bag(path: Path) -> Any:
 
 
 def read_log_of_many_names(path: Path) -> Any:
-    """A log with names of any number and length, and one in ten of such as a picture."""
+    """Read a log of random numbers and lengths of names; one in ten logs is drawn."""
     from tools import plot_log
 
     rng = random.Random(path.read_bytes())
@@ -978,7 +978,7 @@ def read_log_of_many_names(path: Path) -> Any:
 
 
 def make_bags() -> list[str]:
-    """Of ROS 1, plain and compressed, and of ROS 2 in its three forms."""
+    """Write bags of ROS 1, plain and compressed, and of ROS 2 in its three formats."""
     from tests.support import bags
 
     depth = np.random.default_rng(0).integers(0, 4000, (4, 24, 32)).astype(np.uint16)
@@ -995,7 +995,7 @@ CAMERA_JSON = """{"name": "own", "fx": 60.0, "fy": 60, "u0": 32, "v0": 24.5, "wi
 
 
 def make_camera_json() -> list[str]:
-    """In our words, in RealSense's and in Azure's."""
+    """Write camera files with the fields of this project, of RealSense and of Azure."""
     realsense = '{"width": 64, "height": 48, "ppx": 31.5, "ppy": 23.5, "fx": 60, "fy": 60, "model": ' \
         '"Brown Conrady", "coeffs": [0, 0.01, 0, 0, 0], "depth_scale": 0.001, "fps": 30}'  # fmt: skip
     azure = '{"fx": 60, "fy": 60, "cx": 32, "cy": 24, "k1": 0.5, "k2": 0.1, "p1": 0, "p2": 0, "k3": 0.01, ' \
@@ -1004,7 +1004,7 @@ def make_camera_json() -> list[str]:
 
 
 def read_camera_json(path: Path) -> Any:
-    """And use the lens that it tells of."""
+    """Read a camera file and use its lens parameters."""
     from handpose.sources import camera_file
     from handpose.sources.raw import calibration_of
 
@@ -1014,21 +1014,21 @@ def read_camera_json(path: Path) -> Any:
 
 
 def make_passed() -> list[str]:
-    """The list of exercises that have passed."""
+    """Write the list of exercises that have passed."""
     from exercises import solutions
 
     return [put(str(solutions.PASSED), '{"relu": "2c26b46b68ffc68ff99b453c1d304134", "sgd": "13422d706483bfa0"}')]
 
 
 def read_passed(path: Path) -> Any:
-    """One that is not readable is empty."""
+    """Read the list; an unreadable one counts as empty."""
     from exercises import solutions
 
     return solutions.passed()
 
 
 def make_depth_folders() -> list[str]:
-    """Frames by number, and frames of MSRA15."""
+    """Write frames by number, and frames of MSRA15."""
     Path("frames").mkdir()
     Path("msra").mkdir()
     content = np.array([320, 240, 100, 80, 104, 83], "<i4").tobytes() + np.full(12, 400, "<f4").tobytes()
@@ -1038,7 +1038,7 @@ def make_depth_folders() -> list[str]:
 
 
 def make_stacks() -> list[str]:
-    """Stacks of each kind, with what may stand in them."""
+    """Write stacks of each kind with all optional entries."""
     depth = np.random.default_rng(0).integers(0, 4000, (4, 48, 64)).astype(np.uint16)
     camera = np.array(CAMERA_JSON)
     put("camera.json", CAMERA_JSON)
@@ -1053,7 +1053,7 @@ def make_stacks() -> list[str]:
 
 
 def read_recording(path: Path) -> Any:
-    """Look at it first, then read all its frames, of a folder those of the others, too."""
+    """Inspect a recording, then read all its frames; for a file of a folder, those of the folder."""
     from handpose.sources.inspection import inspect
     from handpose.sources.opening import open_recording
 
@@ -1070,7 +1070,7 @@ def _hdf5(layout: str) -> Callable[[], list[str]]:
 
 
 def make_tracks() -> list[str]:
-    """Two hands over a few frames, in both layouts."""
+    """Write two hands over a few frames, in both layouts."""
     from handpose.track_files.json_file import JsonLinesWriter, JsonWriter
     from layers.hand import skeleton
     from tests.support.made_tracks import any_track, header_of
@@ -1084,7 +1084,7 @@ def make_tracks() -> list[str]:
 
 
 def read_tracks(path: Path) -> Any:
-    """All frames."""
+    """Read all frames of the tracks."""
     from handpose.track_files.json_file import read_track
 
     read_track(path)
