@@ -208,7 +208,9 @@ def _quote(text: str) -> str:
 
 
 def _escape_bytes(character: str) -> str:
-    return "".join(f"\\{byte:03o}" for byte in character.encode("utf-8", "surrogateescape"))
+    # surrogateescape: the undecodable bytes of a file's name; other surrogates come from callers only
+    errors = "surrogateescape" if "\udc80" <= character <= "\udcff" else "surrogatepass"
+    return "".join(f"\\{byte:03o}" for byte in character.encode("utf-8", errors))
 
 
 # ---------------------------------------------------------------------------------------------- grammar
