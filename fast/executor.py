@@ -50,15 +50,20 @@ class SlicedExecutor(Executor):
         self._planned_for: list[tuple[bool, tuple[int, ...]]] = []
         self._plan()
 
-    def _plan(self) -> None:
-        """Select the layers that run in slices, and register callbacks for accesses to the hidden blobs."""
+    def _plan(self, old: Sequence[WholeStep | SlicedStep] = ()) -> None:
+        """Select the layers that run in slices, and register callbacks for accesses to the hidden blobs.
+
+        After a pass, only layers that were in one of its steps ``old`` are in one step again: the others cannot be
+        repeated, because their inputs may have been written since.
+        """
         for at in self.connections:
             for blob in at.top:
                 if isinstance(blob, FastBlob):
                     blob.on_look = None
         runs = [whole(at) for at in self.connections]
         if not self._by_layer:
-            runs = plan(self.connections, lambda blob: id(blob) in self._stored)
+            runs = [run for step in old for run in self._refined(step)]
+            runs = runs or plan(self.connections, lambda blob: id(blob) in self._stored)
         self.steps, self._planned_for = [_step_of(run) for run in runs], self._item_shapes()
         for blob in self.hidden():
             assert isinstance(blob, FastBlob)
@@ -98,6 +103,13 @@ class SlicedExecutor(Executor):
                 continue
             yield step
             number += 1
+
+    def _refined(self, step: WholeStep | SlicedStep) -> list[Run]:
+        """Plan the layers of a step without its blobs that are now stored."""
+        if isinstance(step, WholeStep):
+            return [whole(step.at)]
+        hidden = {id(blob) for blob in step.run.hidden}
+        return plan(step.run.connections, lambda blob: id(blob) in self._stored or id(blob) not in hidden)
 
     def _divided(self, step: SlicedStep) -> list[WholeStep | SlicedStep]:
         """Plan new steps for the same layers from the current shapes of their blobs."""
@@ -162,7 +174,7 @@ class SlicedExecutor(Executor):
         """Plan again, and restore the state of the old steps in the new ones: values, winners, masks."""
         old = [step for step in self.steps if isinstance(step, SlicedStep)]
         self._unwatch()
-        self._plan()
+        self._plan(self.steps)
         with np.errstate(all="ignore"):  # as in the pass whose values are computed again
             for step in old:
                 self._repeat(step)

@@ -662,3 +662,24 @@ def test_any_stack_of_layers_gives_the_same_in_slices(tiny_slices: None, text: s
     for name, blob in plain.blobs.items():
         for half in ("data", "diff"):
             assert difference(getattr(sliced.blobs[name], half), getattr(blob, half)) <= 1e-11, (name, half)
+
+
+def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.Generator) -> None:
+    """A layer that ran whole keeps its output when a hidden blob is read after its input was written.
+
+    The unused input hides from the first plan that both others now have the same number of items.
+    """
+    net = net_of(
+        inputs(unused=(5, 1, 8, 8), x=(3, 1, 8, 8), z=(2, 1, 8, 8))
+        + """layer { name: "c" type: "Convolution" bottom: "x" top: "c"
+                convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }
+            layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 2 stride: 2 } }
+            layer { name: "r" type: "ReLU" bottom: "z" top: "r" }
+            layer { name: "d" type: "Convolution" bottom: "p" top: "d"
+                convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }"""
+    )
+    net.forward(x=rng.normal(size=(2, 1, 8, 8)), z=rng.normal(size=(2, 1, 8, 8)))
+    before = net.blobs["r"].data.copy()
+    net.blobs["z"].data[...] = rng.normal(size=(2, 1, 8, 8))
+    assert np.isfinite(net.blobs["c"].data).all()
+    np.testing.assert_array_equal(net.blobs["r"].data, before)
