@@ -53,17 +53,19 @@ class SlicedExecutor(Executor):
     def _plan(self, old: Sequence[WholeStep | SlicedStep] = ()) -> None:
         """Select the layers that run in slices, and register callbacks for accesses to the hidden blobs.
 
-        After a pass, only layers that were in one of its steps ``old`` are in one step again: the others cannot be
-        repeated, because their inputs may have been written since.
+        Layers of different steps of the last pass, ``old``, are not joined in one step, because a step can be repeated
+        only if all its layers ran in slices: the inputs of other layers are not kept.
         """
         for at in self.connections:
             for blob in at.top:
                 if isinstance(blob, FastBlob):
                     blob.on_look = None
-        runs = [whole(at) for at in self.connections]
-        if not self._by_layer:
+        if self._by_layer:
+            runs = [whole(at) for at in self.connections]
+        elif old:
             runs = [run for step in old for run in self._refined(step)]
-            runs = runs or plan(self.connections, lambda blob: id(blob) in self._stored)
+        else:
+            runs = plan(self.connections, lambda blob: id(blob) in self._stored)
         self.steps, self._planned_for = [_step_of(run) for run in runs], self._item_shapes()
         for blob in self.hidden():
             assert isinstance(blob, FastBlob)
@@ -105,7 +107,7 @@ class SlicedExecutor(Executor):
             number += 1
 
     def _refined(self, step: WholeStep | SlicedStep) -> list[Run]:
-        """Plan the layers of a step without its blobs that are now stored."""
+        """Plan the layers of a step again from the current shapes; of its blobs, those now stored are not hidden."""
         if isinstance(step, WholeStep):
             return [whole(step.at)]
         hidden = {id(blob) for blob in step.run.hidden}
@@ -114,7 +116,7 @@ class SlicedExecutor(Executor):
     def _divided(self, step: SlicedStep) -> list[WholeStep | SlicedStep]:
         """Plan new steps for the same layers from the current shapes of their blobs."""
         hidden = {id(blob): blob for blob in step.run.hidden}
-        runs = plan(step.run.connections, lambda blob: id(blob) not in hidden)
+        runs = self._refined(step)
         for key in hidden.keys() - {id(blob) for run in runs for blob in run.hidden}:
             cast(FastBlob, hidden[key]).on_look = None
         return [_step_of(run) for run in runs]
