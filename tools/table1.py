@@ -119,7 +119,7 @@ def _write(args: argparse.Namespace) -> None:
 
 
 def _lambdas(args: argparse.Namespace, campaign: Campaign) -> list[Job]:
-    """The trainings with other weights of PhysLimit, if no networks are selected or their length is given."""
+    """The training runs with other weights of PhysLimit, if no networks are selected or their length is given."""
     first = _first(args)
     asked = args.lambda_length or (args.networks is None and first is not MANY_HANDS)
     recipe = RECIPES[args.recipe] if args.recipe else ADAM
@@ -132,7 +132,7 @@ def _first(args: argparse.Namespace) -> Setting:
 
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
-    """The selected trainings."""
+    """The selected training runs."""
     recipes = [RECIPES[args.recipe]] if args.recipe else list(RECIPES.values())
     networks = args.networks and [network for network in NETWORKS if network.name in args.networks]
     return list(

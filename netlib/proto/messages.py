@@ -221,7 +221,7 @@ class SolverParameter:
 
 @dataclass(frozen=True)
 class SolverState:
-    """State of a training, in addition to the weights."""
+    """State of a training run, in addition to the weights."""
 
     iter: int = numbered(1, 0)
     learned_net: str = numbered(2, "")  # path of the weights file

@@ -1,4 +1,4 @@
-"""Exact resume from a solver state: collecting the state of a training and restoring it.
+"""Collect the state of a training run in a solver state, and restore it exactly.
 
 For a resume that is exact to the bit, a state contains, in addition to Caffe's iteration and histories, the random
 generators and data positions of all layers and the losses being averaged. States written by Caffe have none of these.

@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture
 def solvers(caffe_data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of the recorded trainings, as the working directory: their files refer to each other from there."""
+    """The folder of the recorded training runs as the working directory, to which paths in their files are relative."""
     monkeypatch.chdir(caffe_data / "solvers")
     return caffe_data / "solvers"
 

@@ -150,7 +150,7 @@ class Trajectory:
 
 
 def solver_cases() -> list[str]:
-    """Return the names of the recorded trainings."""
+    """Return the names of the recorded training runs."""
     with h5py.File(FOLDER / "solvers/trajectories.h5") as file:
         return [name.decode() for name in file["cases"]]
 
@@ -217,7 +217,7 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def said(lines: Iterable[str]) -> list[str]:
-    """Return the lines of a training's log that Caffe prints as well, without speed, snapshot format and folder."""
+    """Return the lines of a log that Caffe prints too, without the speed, the snapshot format and the folder."""
     found = []
     for line in lines:
         if COMPARED.match(line):

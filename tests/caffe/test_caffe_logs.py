@@ -1,4 +1,4 @@
-"""Real Caffe's logs compared with netlib's: a training, its resumption, signals, a test, timing; and plot_log.
+"""Compare netlib's logs of training, resuming, signals, tests and timing with those of real Caffe; test plot_log.
 
 Only the text after ``] `` is compared. Three things are not: durations; the losses of sigint.log and time.log,
 whose trainings started with Caffe's own random weights; and the lines on how a net is built, which netlib lacks.
@@ -58,7 +58,7 @@ def test_the_log_file_of_a_training(solvers: Path, tmp_path: Path) -> None:
 
 
 def test_the_log_of_a_resumed_training(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Resumed from a state without data position and losses, like Caffe's, a training logs the same as Caffe."""
+    """A run resumed from a state without data position and losses, as Caffe's are, writes the same log as Caffe."""
     trained(solvers, tmp_path)
     state = snapshot.read_state(tmp_path / "a_iter_8.solverstate")
     state.extra = {}  # fields that Caffe does not write

@@ -36,7 +36,7 @@ def test_solver_follows_caffe(solvers: Path, caplog: pytest.LogCaptureFixture, c
 
 
 def test_every_solver_and_policy_is_recorded(solvers: Path) -> None:
-    """All 16 recorded trainings are run; they cover all six solvers and most of Caffe's policies."""
+    """All 16 recorded training runs are repeated; they cover all six solvers and most of Caffe's policies."""
     cases = solver_cases()
     assert len(cases) == 16
     assert sorted(Path(f"solver_{case}.prototxt").stem for case in cases) == sorted(

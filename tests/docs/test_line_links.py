@@ -11,7 +11,7 @@ from docs.making import documents, line_links
 
 @pytest.fixture()
 def document(tmp_path: Path) -> Path:
-    """The path of a document, with a module beside it."""
+    """The path of a document in a folder that also contains a module."""
     (tmp_path / "box.py").write_text("A = 1\n\n\nclass Box:\n    def fill(self) -> None: ...\n")
     return tmp_path / "page.md"
 

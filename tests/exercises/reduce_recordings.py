@@ -28,7 +28,7 @@ LAYERS = {
 KINDS = ("in", "param", "top", "topdiff", "indiff", "pdiff")
 FIRST_IMAGE = ("conv_", "pool_")
 POSES = [2, 3, 12, 30]  # of the hand's 32: small angles, any angles, one DoF
-UPDATES = 8  # of the trainings: long enough to include the step that lowers the rate after 6 iterations
+UPDATES = 8  # of the training runs: long enough to include the step that lowers the rate after 6 iterations
 TRAININGS = ("sgd_mom09", "snap_sgd_hdf5")
 WEIGHTS = (("conv", 1), ("ip2", 0), ("ip2", 1))  # the recorded weights; they depend on all others
 

@@ -48,7 +48,7 @@ def failed(path: Path) -> list[str]:
 
 
 def test_a_solution_is_read(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A correct file passes, and no bytecode is written beside it, which might be taken for a changed file."""
+    """A correct file passes. No bytecode is written, because stale bytecode would hide later changes of the file."""
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     path = write()
     reader = ReadersFile(RELU, path)

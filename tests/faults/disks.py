@@ -160,7 +160,7 @@ CHANGES: dict[str, Callable[[Path], None]] = {
 
 
 def changed_under_way(change: str, number: int) -> Outcome:
-    """A data file that changes during a training: the training stops with a one-line error, or continues."""
+    """If a data file changes during a training run, the run stops with a one-line error or continues."""
     if number >= 6:
         return Outcome("over")
     before = runs.undisturbed("training hdf5")
@@ -230,7 +230,7 @@ def planted_links(run: str, number: int) -> Outcome:
 
     def plant() -> str:
         victim = Path("victim").resolve()
-        if number:  # a training is rejected for it, so the other names would not be used
+        if number:  # a training run is rejected for it, so the other names would not be used
             Path(".s.netlib.lock").symlink_to(victim)
         guesses = [] if number else [*before.names, "s_iter_1000000000.solverstate", "s_iter_1000000000.solverstate.h5"]
         for name in guesses:

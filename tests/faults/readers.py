@@ -367,7 +367,7 @@ def read_any_weights(path: Path) -> Any:
 
 
 def make_pair(layout: str) -> list[str]:
-    """Write the snapshot of a training of two iterations."""
+    """Write the snapshot of a training run of two iterations."""
     make_solver(layout)
     solver = netlib.get_solver("solver.prototxt", max_iter=2)
     solver.solve()

@@ -1,4 +1,4 @@
-"""Signals at every moment of a training: it stops with a snapshot, reports it, and resumes with the same result.
+"""Signals at every moment of a training run: it stops with a snapshot, reports it, and resumes with the same result.
 
 A moment is a forward of the training net or of a test net, a file event (in the middle of a snapshot), or a random
 time.

@@ -188,7 +188,7 @@ def train(solver, iterations):
 
 
 def resume(ranks):
-    """Repeated and resumed trainings are equal, bit for bit, whether averages are made at the end, as on one machine,
+    """Repeated and resumed runs are equal, bit for bit, whether averages are made at the end, as on one machine,
     or during the pass; all ranks have the same bits.
     """
     bits = []

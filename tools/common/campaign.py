@@ -53,7 +53,7 @@ class Data(NamedTuple):
 
 @dataclass
 class Campaign:
-    """Runs trainings until a deadline.
+    """Executes training runs until a deadline.
 
     store    folder of the recorded results
     work      folder of nets and snapshots
@@ -74,7 +74,7 @@ class Campaign:
     labelled: set[str] = field(default_factory=set)  # settings with fitted angles of the training frames
 
     def run(self, jobs: Sequence[Job]) -> int:
-        """Run what is missing of some trainings; returns the exit status. Raises NetlibError."""
+        """Run the missing lengths of some training runs; returns the exit status. Raises NetlibError."""
         try:
             for number, job in enumerate(jobs, 1):
                 self._run(job, f"[{number} of {len(jobs)}]")

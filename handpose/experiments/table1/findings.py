@@ -17,7 +17,7 @@ from handpose.experiments.table1.networks import NETWORKS
 from handpose.experiments.table1.plan import MATTERS
 from handpose.experiments.table1.summary import Line
 
-HALVES = 5  # number of increments of a training: together nearly eight times as long
+HALVES = 5  # number of increments of a training run: together nearly eight times as long
 
 Values = Mapping[str, Callable[[str], float]]  # by network: a figure by its name
 Figure = Callable[[Values], float]
@@ -79,7 +79,7 @@ def _worst(figure: str, worst: str, others: Sequence[str]) -> Figure:
 
 
 def _little(figure: str, name: str) -> Figure:
-    """The possible change of a network's figure by another half of a training."""
+    """The possible change of a network's figure by another half of a training run."""
     return lambda of: MATTERS * of[name](figure)
 
 

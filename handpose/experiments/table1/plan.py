@@ -1,4 +1,4 @@
-"""The next training for Table 1, and the criterion for the end of a training.
+"""The next training for Table 1, and the criterion for the end of a training run.
 
 A training is done as soon as another half of it changes its error by less than 2%, or increases it: then the previous
 length was sufficient, and longer ones overfit. It also ends at the longest length of its recipe.
@@ -22,7 +22,7 @@ End = Literal["done", "rises", "falls", "not yet"]
 
 
 class Convergence(NamedTuple):
-    """The convergence of a training.
+    """The convergence of a training run.
 
     entries  of its lengths, ascending, up to the one that ended it
     counts   the entry whose scores count; None if there is none yet
@@ -155,7 +155,7 @@ def report(
 
 
 def _hours(store: Sequence[Entry], job: Job, done: int) -> float:
-    """About how long the rest of a training takes, if it ends where its recipe's training runs did on the mean."""
+    """About how long the rest of a training run takes, if it ends where its recipe's training runs did on the mean."""
     alike = [entry for entry in store if entry.recipe == job.recipe.name]
     if not alike:
         return 0.0

@@ -46,7 +46,7 @@ class Recipe:
     robust: bool = False
 
     def branch(self, iterations: int) -> int:
-        """The iteration at which the end of a training begins; an end has one iteration at least."""
+        """The iteration at which the end of a training run begins; an end has one iteration at least."""
         return iterations - max(1, int(iterations * self.end))
 
     def trunk(self, own: Mapping[str, object]) -> Message:
@@ -54,7 +54,7 @@ class Recipe:
         return with_fields(prototxt.parse_file(self.solver), {"lr_policy": '"fixed"', **own})
 
     def ending(self, iterations: int, own: Mapping[str, object]) -> Message:
-        """The tree of the solver of the end of a training."""
+        """The tree of the solver of the end of a training run."""
         begin = self.branch(iterations)
         if not self.robust:
             return with_fields(prototxt.parse_file(self.solver), {"stepvalue": begin, **own})

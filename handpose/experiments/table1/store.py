@@ -1,4 +1,4 @@
-"""The results store of Table 1: one small JSON file for each scored length of a training.
+"""The results store of Table 1: one small JSON file for each scored length of a training run.
 
     docs/results/table1/one_hand/ours_paper_seed1_4000.json
 
@@ -55,7 +55,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Entry:
-    """One length of a training."""
+    """One length of a training run."""
 
     setting: str
     network: str

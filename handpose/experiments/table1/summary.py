@@ -1,4 +1,4 @@
-"""Means and spreads over the seeds of a training, for the page of Table 1."""
+"""Means and spreads over the seeds of a training run, for the page of Table 1."""
 
 from __future__ import annotations
 
