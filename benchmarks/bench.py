@@ -9,9 +9,9 @@ is a burst of calls after one warm-up call, so that each implementation runs wit
 images are synthetic hands. Run it on an idle machine; it warns if the machine is busy. Without the packages of the
 peers, --alone times only this project.
 
-The ratios are compared with those stored for the same kind of machine (benchmarks/results). Rows that are slower by
-more than their noise are listed, and the exit status is then 1. With --store, or if there are none yet, the ratios are
-stored.
+The ratios are compared with those stored for the same kind of machine (benchmarks/results), and rows that are slower by
+more than their noise are listed. Two machines of a kind differ, so this is a note; with --check the exit status is then
+1. With --store, or if there are none yet, the ratios are stored.
 """
 
 from __future__ import annotations
@@ -72,16 +72,21 @@ def main(argv: list[str] | None = None) -> int:
     """Run the benchmark; returns the exit status."""
     parser = parser_of(__doc__)
     add_timing(parser, rounds=15, burst=0.2)
-    parser.add_argument("--alone", action="store_true", help="time only this project, without peers")
-    parser.add_argument("--store", action="store_true", help="replace the stored ratios")
+    only = parser.add_mutually_exclusive_group()
+    only.add_argument("--alone", action="store_true", help="time only this project, without peers")
+    only.add_argument("--check", action="store_true", help="exit with status 1 if a ratio is below the stored one")
+    only.add_argument("--store", action="store_true", help="replace the stored ratios")
     parser.add_argument("--json", metavar="FILE", help="also write the results as JSON")
     return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run all comparisons. Raises NetlibError if a package of the peers is missing."""
+    """Run all comparisons. Raises NetlibError if a package of the peers is missing, or if --check has no ratios."""
     if MISSING and not args.alone:
         raise NetlibError(f"{MISSING} is missing: pip install -e '.[bench]', or use --alone to time only this project")
+    kind = stored.kind(args.threads)
+    if args.check and stored.load(stored.path_of(kind)) is None:
+        raise NetlibError(f"no ratios are stored for {kind}: run without --check first")
     set_threads(args.threads, args.alone)
     load = os.getloadavg()[0]
     if load > 0.5:
@@ -94,24 +99,35 @@ def run(args: argparse.Namespace) -> int:
     print(bench.table())
     peers = () if args.alone else (torch, onnxruntime, cv2)
     versions = {peer.__name__: peer.__version__ for peer in (np, *peers)}
-    facts = {"kind": stored.kind(args.threads), "date": date.today().isoformat(), "load": load, **versions}
+    facts = {"kind": kind, "date": date.today().isoformat(), "load": load, **versions}
     if args.json:
         Path(args.json).write_text(json.dumps({**facts, "rows": bench.rows}, indent=2), encoding="utf-8")
-    return DONE if args.alone else compare_with_stored(facts, bench.rows, args.store)
+    return DONE if args.alone else compare_with_stored(facts, bench.rows, store=args.store, check=args.check)
 
 
-def compare_with_stored(facts: dict[str, Any], rows: list[stored.Row], store: bool) -> int:
-    """Print which rows are slower than the stored ones; store the ratios if requested or if there are none."""
+def compare_with_stored(
+    facts: dict[str, Any], rows: list[stored.Row], *, store: bool = False, check: bool = False
+) -> int:
+    """Print which rows are slower than the stored ones; store the ratios if requested or if there are none.
+
+    Only ``store`` and ``check`` fail: a store that cannot be read or written does not invalidate the measurements.
+    """
     path = stored.path_of(facts["kind"])
-    before = None if store else stored.load(path)
-    if before is None:
-        stored.save(path, facts, rows)
-        print(f"stored in {path}")
+    try:
+        before = None if store else stored.load(path)
+        if before is None:
+            stored.save(path, facts, rows)
+            print(f"stored in {path}")
+            return DONE
+    except (NetlibError, OSError) as error:
+        if store or check:
+            raise
+        print(f"ratios not compared or stored: {error}", file=sys.stderr)
         return DONE
     lines = stored.slower(rows, before["rows"])
     reference = f"than on {before['date']}, on {before['kind']}"
     print("\n".join([f"slower {reference}:", *lines]) if lines else f"nothing is slower {reference}")
-    return FAILED if lines else DONE
+    return FAILED if lines and check else DONE
 
 
 def set_threads(count: int, alone: bool) -> None:

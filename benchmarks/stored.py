@@ -8,6 +8,7 @@ of the same kind of machine.
 from __future__ import annotations
 
 import json
+import math
 import platform
 import re
 from collections.abc import Sequence
@@ -43,7 +44,9 @@ def load(path: Path) -> dict[str, Any] | None:
         return None
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        if all({"what", "peer", "ratio", "noise"} <= row.keys() for row in found["rows"]):
+        numbers = [float(row[key]) for row in found["rows"] for key in ("ratio", "noise")]
+        names = [row[key] for row in found["rows"] for key in ("what", "peer")] + [found["date"], found["kind"]]
+        if all(map(math.isfinite, numbers)) and all(isinstance(name, str) for name in names):
             return dict(found)
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         pass
@@ -51,7 +54,7 @@ def load(path: Path) -> dict[str, Any] | None:
 
 
 def save(path: Path, facts: dict[str, Any], rows: Sequence[Row]) -> None:
-    """Store the rows with ratios."""
+    """Store the rows with ratios. Raises OSError if the file cannot be written."""
     ratios = [{key: row[key] for key in ("what", "peer", "ratio", "noise")} for row in rows if "ratio" in row]
     path.parent.mkdir(exist_ok=True)
     atomic.replace_text(path, json.dumps({**facts, "rows": ratios}, indent=1) + "\n")

@@ -53,30 +53,45 @@ def test_a_benchmark(alone: bool, tmp_path: Path) -> None:
                if (value := row.get(key)) is not None and row["what"] != "data, log and overhead")  # fmt: skip
 
 
+FACTS = {"kind": "a processor; 2 threads; BLAS", "date": "2026-01-02"}
+ROW = {"what": "training step", "peer": "PyTorch", "ratio": 2.0, "noise": 0.01, "netlib_ms": 1.0, "peer_ms": 2.0}
+
+
 def test_what_is_slower_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    """Ratios are compared with the first stored ones, until others replace them, and slower parts are named."""
-    facts = {"kind": "a processor; 2 threads; BLAS", "date": "2026-01-02"}
-    row = {"what": "training step", "peer": "PyTorch", "ratio": 2.0, "noise": 0.01, "netlib_ms": 1.0, "peer_ms": 2.0}
-    slow = {**row, "ratio": 1.5}
-    assert bench.compare_with_stored(facts, [row, {"what": "sgemm peak", "value": 3.0}], store=False) == 0
-    assert bench.compare_with_stored(facts, [{**row, "ratio": 1.95}], store=False) == 0
+    """Ratios are compared with the first stored ones, until others replace them; only --check makes a status of it."""
+    slow = {**ROW, "ratio": 1.5}
+    assert bench.compare_with_stored(FACTS, [ROW, {"what": "sgemm peak", "value": 3.0}]) == 0
+    assert bench.compare_with_stored(FACTS, [{**ROW, "ratio": 1.95}], check=True) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("nothing is slower than on 2026-01-02")
-    assert bench.compare_with_stored(facts, [slow], store=False) == 1
-    assert "training step, against PyTorch: 1.50x, was 2.00x (noise 3%)" in capsys.readouterr().out
-    assert bench.compare_with_stored(facts, [{**slow, "noise": 0.4}], store=False) == 0
-    assert bench.compare_with_stored({**facts, "kind": "another"}, [slow], store=False) == 0
-    assert bench.compare_with_stored(facts, [slow], store=True) == 0
-    assert bench.compare_with_stored(facts, [slow], store=False) == 0
+    for check in (False, True):
+        assert bench.compare_with_stored(FACTS, [slow], check=check) == check
+        assert "training step, against PyTorch: 1.50x, was 2.00x (noise 3%)" in capsys.readouterr().out
+    assert bench.compare_with_stored(FACTS, [{**slow, "noise": 0.4}], check=True) == 0
+    assert bench.compare_with_stored({**FACTS, "kind": "another"}, [slow]) == 0
+    assert bench.compare_with_stored(FACTS, [slow], store=True) == 0
+    assert bench.compare_with_stored(FACTS, [slow], check=True) == 0
 
 
-def test_a_damaged_store_is_one_line() -> None:
-    """A damaged store is reported in one line and kept."""
-    path = stored.path_of("a kind")
+@pytest.mark.parametrize("content", ["", "[]", '{"rows": [{"what": "step"}]}', '{"rows": []}'])
+def test_a_damaged_store(content: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A damaged store is kept, and reported in one line: as an error with --check only."""
+    path = stored.path_of(FACTS["kind"])
     path.parent.mkdir()
-    for content in ("", "[]", '{"rows": [{"what": "step"}]}'):
-        path.write_text(content, encoding="utf-8")
-        with pytest.raises(netlib.DataError, match=r"a_kind\.json"):
-            stored.load(path)
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(netlib.DataError, match=path.name):
+        bench.compare_with_stored(FACTS, [ROW], check=True)
+    assert bench.compare_with_stored(FACTS, [ROW]) == 0
+    assert path.name in capsys.readouterr().err
+    assert path.read_text(encoding="utf-8") == content
+
+
+def test_a_store_that_cannot_be_written(capsys: pytest.CaptureFixture[str]) -> None:
+    """Without a folder for results, --store fails; a run without it prints a note."""
+    stored.RESULTS.write_text("a file")
+    with pytest.raises(OSError, match="results"):
+        bench.compare_with_stored(FACTS, [ROW], store=True)
+    assert bench.compare_with_stored(FACTS, [ROW]) == 0
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_a_missing_peer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,7 +102,15 @@ def test_a_missing_peer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     assert done[1:] == ("", error)
 
 
-@pytest.mark.parametrize("options", [["--rounds", "0"], ["--threads", "-1"], ["--burst", "0"]], ids=" ".join)
+def test_nothing_to_check_against(monkeypatch: pytest.MonkeyPatch) -> None:
+    """--check without stored ratios fails before anything is timed."""
+    monkeypatch.setattr(bench, "MISSING", None)
+    assert "run without --check first" in run_tool("benchmarks.bench", *SMALLEST, "--check", status=1).err
+
+
+@pytest.mark.parametrize(
+    "options", [["--rounds", "0"], ["--threads", "-1"], ["--burst", "0"], ["--alone", "--check"]], ids=" ".join
+)
 def test_usage(options: list[str]) -> None:
     """Wrong usage gives argparse's message, which names the option, and status 2."""
     assert options[0] in run_tool("benchmarks.bench", *options, status=2).err.splitlines()[-1]
