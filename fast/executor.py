@@ -19,13 +19,14 @@ from typing import cast
 
 import numpy as np
 
-from fast.fast_layer import FastLayer
+from fast.fast_layer import FastLayer, plain_copy
 from fast.plan import Run, plan, whole
 from fast.slices import SlicedStep
 from fast.tiles import FastBlob
 from netlib.blob import Array, Blob
 from netlib.engine.plain import BackwardHook, Connection, Executor, Step, guarded
 from netlib.errors import NetlibError
+from netlib.layer import Layer
 
 Halves = tuple["Array | None", "Array | None"]  # data and diff; None if not allocated
 
@@ -124,7 +125,8 @@ class SlicedExecutor(Executor):
     def backward(self, first: int = 0, last: int | None = None, on_done: BackwardHook | None = None) -> None:
         """Run the layers from ``first`` up to but not including ``last`` backwards."""
         with self.one_thread:
-            if self._is_part(first, last) or self._is_rewritten():
+            complete = self.record.is_complete(first, last)
+            if self._is_part(first, last) or not complete or self._is_rewritten():
                 self._run_by_layer()
             self._unwatch()
             self._kept_back.clear()
@@ -276,6 +278,7 @@ class WholeStep(Step):
         self._steady = at.layer.type != "Python"  # reshape of a Python layer may depend on more than shapes
         self._blobs = [*at.bottom, *at.top]
         self._shapes: list[tuple[int, ...]] | None = None
+        self._plain: Layer | None = None  # computes backward if forward has not run
 
     def forward(self) -> None:
         """Reshape the tops if necessary and compute them."""
@@ -283,6 +286,19 @@ class WholeStep(Step):
             guarded(self.at.layer, "reshape", self.at.bottom, self.at.top)
             self._shapes = self._now()
         guarded(self.at.layer, "forward", self.at.bottom, self.at.top)
+        self._plain = None
+
+    def clear(self) -> None:
+        """Let the plain layer compute the next backward: only it defines its state before the first forward."""
+        if self.at.needs_backward:
+            self._plain = plain_copy(self.at.layer)
+            guarded(self._plain, "reshape", self.at.bottom, self.at.top)
+            guarded(self._plain, "clear", self.at.bottom, self.at.top)
+
+    def backward(self, on_done: BackwardHook | None = None) -> None:
+        """Compute the diffs, if needed."""
+        if self.at.needs_backward:
+            guarded(self._plain or self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
 
     def _now(self) -> list[tuple[int, ...]]:
         """The current shapes of all bottoms and tops, which a caller may have changed."""

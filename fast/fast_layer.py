@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 from typing import Any
 
@@ -47,3 +48,12 @@ class FastLayer(Layer):
     def reads_sparse(self) -> bool:
         """Whether a tiled bottom can be sparse."""
         return False
+
+
+def plain_copy(layer: Layer) -> Layer:
+    """A layer of the plain class with the options and parameters of ``layer``; a layer without fast class itself."""
+    if not isinstance(layer, FastLayer):
+        return layer
+    other = copy.copy(layer)
+    other.__class__ = next(cls for cls in type(layer).__mro__ if not issubclass(cls, FastLayer))  # type: ignore[assignment]
+    return other

@@ -55,6 +55,7 @@ class Layer:
     keeps_signs: ClassVar[bool] = False  # where a gradient flows, a value is positive after the layer iff it was before
     loss_weight: ClassVar[float] = 0.0  # default loss weight of the first top
     is_input: ClassVar[bool] = False  # the caller writes the tops
+    stored: ClassVar[tuple[str, ...]] = ()  # attributes of bottom[0]'s shape that forward stores for backward
     moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 
     def __init__(self, spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> None:
@@ -81,6 +82,18 @@ class Layer:
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Write the diffs of the bottoms and add to the diffs of the parameters."""
+
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        """Set what forward stores for backward to its value before the first forward in Caffe, mostly zeros.
+
+        Called before a backward without a forward. The base class sets the attributes named in ``stored``.
+        """
+        for name in self.stored:
+            setattr(self, name, np.zeros(bottom[0].shape, self.dtype))
+
+    def forward_aside(self, bottom: Blobs, top: Blobs) -> None:
+        """Run forward without changing the tops, for a ``clear`` whose values depend on the bottoms only."""
+        self.forward(bottom, Blobs(Blob(y.shape, self.dtype) for y in top))
 
     def allow_force_backward(self, bottom_index: int) -> bool:
         """Whether force_backward applies to this bottom; False for labels."""

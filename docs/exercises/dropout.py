@@ -57,6 +57,9 @@ class Dropout(Layer):
         # self.param.dropout_ratio. Draw exactly like this, so that the results can be compared.
         raise NotImplementedError
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.factor = self.dtype.type(0) if self.active else self.in_test
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         # If propagate_down[0], write bottom[0].diff: dx = dy factor, with the factor of the last forward.
         raise NotImplementedError

@@ -38,6 +38,9 @@ class EuclideanLoss(Layer):
         # of values for each item (self.values), but perhaps not the same shape. Store what backward needs.
         raise NotImplementedError
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.difference = np.zeros((self.items, self.values), self.dtype)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         # For each bottom with propagate_down: da = dL (a - b) / N, db = -dL (a - b) / N, in the shape of that bottom.
         # dL is top[0].diff.

@@ -65,6 +65,9 @@ class PhysLimit(Layer):
         # Store what backward needs.
         raise NotImplementedError
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         # If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 within the
         # limits. dL is top[0].diff.

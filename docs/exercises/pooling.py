@@ -13,7 +13,8 @@ only one, may extend beyond the edge; with pad > 0 in any direction, a last wind
 dropped. MAX selects the first of equal values and never padding. The area of AVE includes padding but nothing beyond
 it. A window without values (stride > kernel) gives -FLT_MAX or NaN. The mask has no gradient.
 
-Kept for backward: ``winners``, for each output of MAX its index in the window, in row-major order.
+Kept for backward: ``winners``, for each output of MAX its index in the window, in row-major order; before the first
+forward empty, which stands for index 0 of the map.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ class Pooling(SlidingWindow):
         self._read_pooling()
         self.whole_kernel = self.kernel
         self.is_max = p.pool == "MAX"
+        self.winners: Array = np.zeros(0, int)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_map(bottom[0])
@@ -68,6 +70,9 @@ class Pooling(SlidingWindow):
         # Write top[0].data, and the mask into top[1].data if there is one. self.is_max is true for MAX. Store what
         # backward needs, as self.winners. padded(), windows(), _index() and area() help.
         raise NotImplementedError
+
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.winners = np.zeros(0, int)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         # If propagate_down[0], write every element of bottom[0].diff: sum the contributions of windows that share a

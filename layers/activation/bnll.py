@@ -31,6 +31,9 @@ class BNLL(Layer):
         self.slope = scipy.special.expit(x)
         top[0].data[...] = np.logaddexp(x, 0)  # without overflow
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             bottom[0].diff[...] = top[0].diff * self.slope

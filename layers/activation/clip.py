@@ -42,6 +42,9 @@ class Clip(Layer):
         self.inside = (x >= p.min) & (x <= p.max)
         top[0].data[...] = np.maximum(p.min, np.minimum(x, p.max))
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             bottom[0].diff[...] = top[0].diff * self.inside

@@ -52,6 +52,9 @@ class Log(Layer):
             self.slope = p.scale / self.ln_base / argument
             top[0].data[...] = np.log(argument) / self.ln_base
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             bottom[0].diff[...] = top[0].diff * self.slope

@@ -45,6 +45,9 @@ class Power(Layer):
             self.slope = factor * base ** (p.power - 1) if factor else np.zeros_like(base)
             top[0].data[...] = base**p.power
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             bottom[0].diff[...] = top[0].diff * self.slope

@@ -61,6 +61,9 @@ class HandModel(Layer):
         """Arguments of the kinematics: inputs (N, D) and, if they differ from the skeleton's, bone lengths (N, K)."""
         return (bottom[0].data.reshape(-1, len(self.skeleton.dof_names)),)
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             dX = top[0].diff.reshape(-1, len(self.skeleton.joint_names), 3)

@@ -66,6 +66,9 @@ class PhysLimit(Layer):
         total = v.sum() if self.param.norm == "L1" else np.vdot(v, v)
         top[0].data[...] = total / len(x)
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             slope = np.sign(self.beyond) if self.param.norm == "L1" else 2 * self.beyond

@@ -87,6 +87,10 @@ class InfogainLoss(Layer):
         if len(top) > 1:
             top[1].data[...] = np.moveaxis(self.p, -1, self.axis)
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+        self.p = np.zeros_like(self.p)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down[1:]):
             raise self.fail("has no gradient for its labels and for H; set propagate_down: false for them")

@@ -54,6 +54,9 @@ class SigmoidCrossEntropyLoss(Layer):
         self.divisor = labels_of.divisor(self.normalization, self.counts, len(x))
         top[0].data[...] = cost[self.counts].sum() / self.divisor
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[1]:
             raise self.fail("has no gradient for its targets; set propagate_down: false for them")

@@ -51,6 +51,7 @@ class BatchNorm(Layer):
     param_type = BatchNormParameter
     bottoms = tops = (1, 1)
     moving = True
+    stored = ("s", "y")
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         given = self.param.use_global_stats

@@ -53,6 +53,9 @@ class LSTMUnit(Layer):
         c_before, x, cont = (blob.data[0] for blob in bottom)
         top[0].data[0], top[1].data[0], self.gate = step(c_before, x, cont[:, None])
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.forward_aside(bottom, top)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[2]:
             raise self.fail(f"bottom {self.spec.bottom[2]!r} (cont) has no gradient; set propagate_down: false")

@@ -12,7 +12,8 @@ only one, may extend beyond the edge; with pad > 0 in any direction, a last wind
 dropped. MAX selects the first of equal values and never padding. The area of AVE includes padding but nothing beyond
 it. A window without values (stride > kernel) gives -FLT_MAX or NaN. The mask has no gradient.
 
-Kept for backward: ``winners``, for each output of MAX its index in the window, in row-major order.
+Kept for backward: ``winners``, for each output of MAX its index in the window, in row-major order; before the first
+forward empty, which stands for index 0 of the map.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ class Pooling(SlidingWindow):
         self._read_pooling()
         self.whole_kernel = self.kernel
         self.is_max = p.pool == "MAX"
+        self.winners: Array = np.zeros(0, int)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_map(bottom[0])
@@ -77,10 +79,17 @@ class Pooling(SlidingWindow):
                 with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
                     y[n] = windows.sum(axis=0) / self.area(x.shape, y.shape)
 
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.winners = np.zeros(0, int)
+
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:
             return
         dy, dx = top[0].diff, bottom[0].diff
+        if self.is_max and not self.winners.size:
+            dx[...] = 0
+            dx[:, :, 0, 0] = dy.sum(axis=(2, 3))
+            return
         (c, h, w), (sh, sw) = np.indices(dy.shape[1:]), self.stride
         (top_pad, left_pad), (H, W) = self.pad, dx.shape[2:]
         for n in range(len(dx)):

@@ -16,6 +16,7 @@ from numpy.typing import DTypeLike
 
 from netlib.blob import Array, Blob, Blobs
 from netlib.engine import memory_advice
+from netlib.engine.passes import ForwardRecord
 from netlib.errors import NetlibError
 from netlib.layer import Layer
 from netlib.system import memory
@@ -54,6 +55,11 @@ class Step:
         if self.at.needs_backward:
             guarded(self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
 
+    def clear(self) -> None:
+        """Prepare ``backward`` without ``forward``: what forward would store for it is zero, as in Caffe."""
+        if self.at.needs_backward:
+            guarded(self.at.layer, "clear", self.at.bottom, self.at.top)
+
     def pieces(self) -> list[list[Connection]]:
         """The layers in execution order, for a timer: one list per shard of the batch; this engine has one shard."""
         return [[self.at]]
@@ -72,8 +78,7 @@ class Executor:
         self.one_thread = OneThread(name)
         self._fits = False  # whether the check for memory has passed
         self._outside = list(outside)
-        self._shapes: list[tuple[int, ...]] = []  # shapes of ``outside`` in the last forward
-        self._has_run = [False] * len(self.connections)
+        self.record = ForwardRecord(len(self.connections), self._outside)
         self.steps: Sequence[Step] = [Step(at) for at in connections]
 
     def forward(self, first: int = 0, last: int | None = None) -> None:
@@ -83,22 +88,7 @@ class Executor:
                 self._check_memory()
             for step in self.in_order(first, last):
                 step.forward()
-            self._note_forward(first, last)
-
-    def _note_forward(self, first: int, last: int | None) -> None:
-        """Record which layers have run with the current shapes."""
-        shapes = [blob.shape for blob in self._outside]
-        if shapes != self._shapes:
-            self._has_run = [False] * len(self.connections)
-            self._shapes = shapes
-        self._has_run[first:last] = [True] * len(self._has_run[first:last])
-
-    def _require_forward(self, first: int, last: int | None) -> None:
-        """Raise LayerError if a layer to run backwards has not run forwards with the current shapes."""
-        reshaped = self._shapes != [blob.shape for blob in self._outside]
-        for at, has_run in zip(self.connections[first:last], self._has_run[first:last]):
-            if at.needs_backward and (reshaped or not has_run):
-                raise at.layer.fail("backward needs a forward pass first; none has run with the current shapes")
+            self.record.note(first, last)
 
     def forget_last_pass(self) -> None:
         """Called before the inputs of a full pass are written. Does nothing in this engine."""
@@ -110,7 +100,10 @@ class Executor:
     def backward(self, first: int = 0, last: int | None = None, on_done: BackwardHook | None = None) -> None:
         """Run the layers from ``first`` up to but not including ``last`` backwards; adds to parameter diffs."""
         with self.one_thread, np.errstate(all="ignore"):
-            self._require_forward(first, last)
+            if not self.record.is_complete(first, last):
+                if self.record.is_outdated():
+                    self.reshape()
+                self.record.clear_missing(self.steps, first, last)
             for step in reversed(self.steps[first:last]):
                 step.backward(on_done)
                 if on_done is not None:
@@ -142,8 +135,8 @@ class Executor:
             for at in self.connections:
                 guarded(at.layer, "reshape", at.bottom, at.top)
             changed = before != self._all_shapes()
-        if changed:
-            self._has_run = [False] * len(self.connections)
+        if changed or self.record.is_outdated():
+            self.record.forget()
         return changed
 
     def _all_shapes(self) -> list[tuple[int, ...]]:

@@ -235,23 +235,6 @@ def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:
     assert (one.params["a"][0].diff == 5).all()
 
 
-@pytest.mark.parametrize("before", ["nothing", "a part", "another shape", "net.reshape"])
-def test_backward_needs_a_forward_pass(net_of: MakeNet, before: str) -> None:
-    """backward requires a forward pass of all layers with the current shapes."""
-    net = net_of("force_backward: true " + X + ip("a", "x", "a") + ip("b", "a", "b"))
-    if before == "a part":
-        net.forward(end="a")
-    elif before != "nothing":
-        net.forward()
-        net.blobs["x"].reshape(7, *net.blobs["x"].shape[1:])
-        if before == "net.reshape":
-            net.reshape()
-    with pytest.raises(netlib.LayerError, match=r"layer '(b|a|x)': backward needs a forward pass first"):
-        net.backward()
-    net.forward()
-    net.backward()
-
-
 @pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_a_net_is_not_copied(net_of: MakeNet, how: Callable[[object], object]) -> None:
     """Copying or pickling raises an error, because the copy would share some blobs with the net."""
