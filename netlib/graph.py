@@ -89,6 +89,8 @@ class Graph:
         self.layer_hook.before_setup(layer)
         guarded(layer, "setup", bottom, top)
         guarded(layer, "reshape", bottom, top)
+        for note in getattr(layer, "notes", ()):
+            log.info("%s: %s", name, note)
         self._connect(layer, bottom, top)
         self._weigh(layer, top)
         self.layer_dict[name] = layer

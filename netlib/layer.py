@@ -14,6 +14,7 @@ layer type; a layer of your own needs none of them.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -29,6 +30,7 @@ from netlib.proto.options import NoParameter, block_name
 from netlib.proto.prototxt import Message, Place
 from netlib.proto.schema import Phase
 
+log = logging.getLogger("netlib")
 TRAIN, TEST = 0, 1  # pycaffe's caffe.TRAIN and caffe.TEST
 PHASES = {"TRAIN": TRAIN, "TEST": TEST}
 
@@ -46,7 +48,8 @@ class Layer:
 
     param_type: ClassVar[type] = NoParameter  # dataclass of the options
     param_name: ClassVar[str] = ""  # name of their block; by default the type in snake case, ``inner_product_param``
-    other_blocks: ClassVar[Mapping[str, type]] = {}  # blocks that several types share, ``transform_param``
+    other_blocks: ClassVar[Mapping[str, type]] = {}  # blocks that several types read, ``loss_param``
+    rejected_blocks: ClassVar[Mapping[str, str]] = {}  # blocks of other types that are an error here, and why
     bottoms: ClassVar[tuple[int, int | None]] = (0, None)  # minimum and maximum number of bottoms; None: no maximum
     tops: ClassVar[tuple[int, int | None]] = (0, None)
     in_place: ClassVar[bool] = True  # whether a top may be the same blob as its bottom
@@ -128,6 +131,18 @@ class Layer:
         if field is not None and block is not None:
             where = next((f.position for f in block.fields if f.name == field), where)
         return LayerError(f"{at or where}: error: layer {self.name!r}: {message}")
+
+    def warn(self, message: str, at: Place | None = None) -> None:
+        """Log a warning with the name of this layer and its place in the prototxt, or the place ``at``."""
+        log.warning("%s: layer %r: %s", at or schema.position_of(self.spec), self.name, message)
+
+    def warn_of_ignored(self, *names: str, block: str = "", advice: str = "") -> None:
+        """Warn of options in the layer's own or another block that its type does not read, as in Caffe."""
+        block = block or block_name(type(self), self.spec.type)
+        tree = self.spec.blocks.get(block)
+        for item in tree.fields if tree else []:
+            if item.name in names:
+                self.warn(f"{self.type} ignores {item.name} in {block}, as Caffe does{advice}", item.position)
 
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
         """Return ``axis`` as a non-negative index; negative axes count from the end. Raises LayerError."""

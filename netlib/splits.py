@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter
+from netlib.proto.prototxt import Message
 
 
 def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
@@ -53,7 +54,7 @@ def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
                 top=tuple(_split_top(layer.name, name, j, k) for k in range(count)),
                 loss_weight=(weight,) + (0.0,) * (count - 1) if weight else (),
             )
-            splits.append(schema.placed(split, layer))
+            splits.append(schema.placed(split, Message([], schema.position_of(layer))))
         result += [schema.changed(layer, bottom=tuple(bottoms), loss_weight=tuple(weights)), *splits]
     return result
 

@@ -49,6 +49,8 @@ class Eltwise(Layer):
             raise self.fail("coeff is only valid with operation SUM", "coeff")
         if coeff and len(coeff) != len(bottom):
             raise self.fail(f"has {len(bottom)} bottoms, but {len(coeff)} coeff", "coeff")
+        if self.param.operation == "MAX":
+            self.warn_of_ignored("coeff", advice=" with MAX")
         self.coeff = coeff or (1.0,) * len(bottom)
         self.reads_top = self.param.operation == "PROD" and not self.param.stable_prod_grad
 

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Literal
 from layers.data.images import decode_datum
 from layers.data.lmdb_file import Cursor, Database
 from layers.data.reader import Reader
-from layers.data.transform import TransformationParameter, Transformer, misplaced
+from layers.data.transform import TransformationParameter, Transformer, warn_of_misplaced
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
 from netlib.files.paths import find
@@ -70,7 +70,9 @@ class Data(Reader):
             raise DataError(f"{self.path}: the database has no entries")
         self.key = self.cursor.key
         self.notes = [f"{self.entries} images in {p.source}"]
-        self.notes += misplaced(self, "scale", "mean_file", "crop_size", "mirror")
+        warn_of_misplaced(self, "scale", "mean_file", "crop_size", "mirror")
+        self.warn_of_ignored("force_encoded_color", advice="; write force_color in transform_param")
+        self.warn_of_ignored("rand_skip")
         image, _, what = self._entry()
         top[0].reshape(self.batch_size, *self.transformer.shape(image, what))
         if len(top) > 1:

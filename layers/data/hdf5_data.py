@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -46,6 +46,9 @@ class HDF5Data(Reader):
 
     param_type = HDF5DataParameter
     param_name = "hdf5_data_param"
+    rejected_blocks: ClassVar[dict[str, str]] = {
+        "transform_param": "HDF5Data does not transform data, as in Caffe; write transformed values to the files"
+    }
     bottoms = (0, 0)
     tops = (1, None)
 
@@ -67,8 +70,7 @@ class HDF5Data(Reader):
         self.notes = [f"{self.rows} rows in {len(self.files)} files of {source}, made from {origin}"]
         step = self.batch_size * self.share.count
         if step > self.rows:
-            few = f"warning: batch_size {step} is more than the {self.rows} rows of {source}"
-            self.notes.insert(0, f"{few}; every batch repeats some")
+            self.warn(f"batch_size {step} is more than the {self.rows} rows of {source}; every batch repeats some")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for blob, dataset in zip(top, self.files[0].datasets):

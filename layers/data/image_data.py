@@ -24,7 +24,7 @@ import numpy as np
 
 from layers.data.images import planes, read_image, resize_image
 from layers.data.reader import Reader
-from layers.data.transform import TransformationParameter, Transformer, misplaced
+from layers.data.transform import TransformationParameter, Transformer, warn_of_misplaced
 from netlib import files
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
@@ -83,7 +83,8 @@ class ImageData(Reader):
                             "rand_skip")  # fmt: skip
         self.cursor: Cursor = (0, skip)
         self.notes = [f"{len(self.items)} images in {p.source}"]
-        self.notes += misplaced(self, "scale", "mean_file", "crop_size", "mirror")
+        warn_of_misplaced(self, "scale", "mean_file", "crop_size", "mirror")
+        self.warn_of_ignored("force_color", "force_gray", block="transform_param", advice="; write is_color")
         first, _ = self.items[self._order(0)[skip]]
         top[0].reshape(self.batch_size, *self.transformer.shape(self._read(first), first))
         top[1].reshape(self.batch_size)
@@ -152,6 +153,8 @@ def read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
         if not line.strip():
             continue
         name, space, label = line.rpartition(" ")
+        if not space and "\t" in line:
+            raise DataError(f"{path}:{number}: found a tab between path and label; expected a space, as in Caffe")
         if not space:
             name, label = line, ""
         label = label.strip() or "0"  # Caffe's default label

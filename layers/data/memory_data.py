@@ -37,7 +37,6 @@ class MemoryData(Layer):
 
     items     number of items in the arrays
     position  index of the first item of the next batch
-    notes     lines for the log
     """
 
     param_type = MemoryDataParameter
@@ -51,9 +50,8 @@ class MemoryData(Layer):
                 raise self.fail(f"{name} must be at least 1", name)
         self.arrays: tuple[Array, Array] | None = None
         self.items = self.position = 0
-        self.notes = []
         if "transform_param" in self.spec.blocks:
-            self.notes = ["warning: MemoryData does not transform arrays; transform_param is ignored, as in Caffe"]
+            self.warn("MemoryData does not transform arrays; transform_param is ignored, as in Caffe")
 
     def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
         """Set the arrays to read: data (N, C, H, W), labels (N,) or (N, 1, 1, 1). Raises LayerError."""

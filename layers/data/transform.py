@@ -106,10 +106,6 @@ class Transformer:
                             "one for all, or one per channel", "mean_value")  # fmt: skip
 
 
-def misplaced(layer: Layer, *names: str) -> list[str]:
-    """Warnings about options in a layer's own block that Caffe now reads only from transform_param."""
-    return [
-        f"warning: {name} is ignored here, as in Caffe; write it in transform_param"
-        for name in names
-        if schema.is_given(layer.param, name)
-    ]
+def warn_of_misplaced(layer: Layer, *names: str) -> None:
+    """Warn of options in a layer's own block that Caffe now reads only from transform_param."""
+    layer.warn_of_ignored(*names, advice="; write it in transform_param")

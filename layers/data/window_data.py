@@ -36,7 +36,7 @@ import numpy as np
 
 from layers.data.images import planes, read_image, resize_image
 from layers.data.reader import Reader
-from layers.data.transform import TransformationParameter, Transformer, misplaced
+from layers.data.transform import TransformationParameter, Transformer, warn_of_misplaced
 from netlib import files
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError, did_you_mean
@@ -119,7 +119,9 @@ class WindowData(Reader):
             raise DataError(f"{self.list}: {len(self.foreground)} foreground and {len(self.background)} background "
                             "windows; expected some of both")  # fmt: skip
         self.notes = [f"{len(self.foreground)} foreground and {len(self.background)} background windows in {p.source}"]
-        self.notes += misplaced(self, "mean_file", "crop_size", "mirror")
+        warn_of_misplaced(self, "mean_file", "crop_size", "mirror")
+        self.warn_of_ignored("scale", block="transform_param", advice="; write it in window_data_param")
+        self.warn_of_ignored("force_color", "force_gray", block="transform_param")
 
     def _mean(self) -> Array:
         """Mean (3, S, S): the centre of the mean image, or the given numbers."""

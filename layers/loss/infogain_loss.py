@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -43,6 +44,7 @@ class InfogainLoss(Layer):
     """Softmax and a logistic loss weighted by pairs of classes."""
 
     param_type = InfogainLossParameter
+    other_blocks: ClassVar[dict[str, type]] = {"loss_param": LossParameter}
     bottoms = (2, 3)
     tops = (1, 2)
     in_place = False
@@ -83,7 +85,8 @@ class InfogainLoss(Layer):
         self.p = scipy.special.softmax(np.moveaxis(bottom[0].data, self.axis, -1), axis=-1)
         self.rows = (H[labels] * counts[:, None]).reshape(self.p.shape)  # 0 for ignored labels
         self.divisor = labels_of.divisor(self.loss_param.normalization, counts, self.items)
-        top[0].data[...] = -(self.rows * np.log(np.maximum(self.p, labels_of.MIN_PROBABILITY))).sum() / self.divisor
+        total = 0 - (self.rows * np.log(np.maximum(self.p, labels_of.MIN_PROBABILITY))).sum()  # 0 rather than -0
+        top[0].data[...] = total / self.divisor
         if len(top) > 1:
             top[1].data[...] = np.moveaxis(self.p, -1, self.axis)
 

@@ -41,7 +41,7 @@ class MultinomialLogisticLoss(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         _, p = self._chosen(bottom)
-        top[0].data[...] = -np.log(p).sum() / len(p)
+        top[0].data[...] = (0 - np.log(p).sum()) / len(p)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[1]:

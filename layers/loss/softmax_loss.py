@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -41,6 +42,7 @@ class SoftmaxWithLoss(Layer):
 
     param_type = SoftmaxParameter
     param_name = "softmax_param"
+    other_blocks: ClassVar[dict[str, type]] = {"loss_param": LossParameter}
     bottoms = (2, 2)
     tops = (1, 2)
     in_place = False
@@ -75,7 +77,7 @@ class SoftmaxWithLoss(Layer):
         labels, counts = self._labels(bottom)
         chosen = np.take_along_axis(self.p, labels, self.axis)
         tiny = np.finfo(np.float32).tiny  # as in Caffe, avoids the logarithm of zero
-        total = -(np.log(np.maximum(chosen, tiny)) * counts).sum()
+        total = 0 - (np.log(np.maximum(chosen, tiny)) * counts).sum()  # 0, not -0, if all labels are ignored
         top[0].data[...] = total / labels_of.divisor(self.normalization, counts, self.items)
         if len(top) > 1:
             top[1].data[...] = self.p

@@ -53,6 +53,8 @@ class LRN(Layer):
         across = p.norm_region == "ACROSS_CHANNELS"
         self.axes = (1,) if across else (2, 3)
         self.k = p.k if across else 1.0
+        if not across:
+            self.warn_of_ignored("k", advice=" with WITHIN_CHANNEL")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom[0].shape) != 4:

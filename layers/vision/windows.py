@@ -101,7 +101,9 @@ class SlidingWindow(Layer):
                 raise self.fail(f"give either {option}, or {name}_h and {name}_w", option)
             if axes != 2:
                 raise self.fail(f"{name}_h and {name}_w are for 2 spatial axes, found {axes}; expected {option}")
-            given = tuple(default if value is None else value for value in h_w)
+            given = tuple(value or 0 for value in h_w)
+            if default and 0 in given:
+                raise self.fail(f"{name}_h and {name}_w are ({given[0]}, {given[1]}); expected both, of at least 1")
         if len(given) > 1 and len(given) != axes:
             raise self.fail(f"{len(given)} values of {option} for {axes} spatial axes", option)
         return given if len(given) > 1 else (given or (default,)) * axes
@@ -144,15 +146,18 @@ class SlidingWindow(Layer):
         """Read the geometry from a ``pooling_param``; the kernel is (0, 0) for global pooling. Raises LayerError."""
         p, block = self.param, self.spec.blocks.get("pooling_param")
         for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
-            if block and block.values(both) and (block.values(f"{each}_h") or block.values(f"{each}_w")):
+            one, two, three = (block is not None and bool(block.values(n)) for n in (both, f"{each}_h", f"{each}_w"))
+            if one and two != three and both == "kernel_size":  # the only pair of which Caffe accepts this
+                self.warn_of_ignored("kernel_h", "kernel_w", advice="; kernel_size takes precedence")
+            elif one and (two or three):
                 raise self.fail(f"give either {both}, or {each}_h and {each}_w", both)
-            if block and bool(block.values(f"{each}_h")) != bool(block.values(f"{each}_w")):
+            elif two != three:
                 raise self.fail(f"needs {both}, or {each}_h and {each}_w", both)
         if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
             raise self.fail("global_pooling does not allow a kernel size", "global_pooling")
         self.pad = (_or(p.pad_h, p.pad), _or(p.pad_w, p.pad))
         self.stride = (_or(p.stride_h, p.stride), _or(p.stride_w, p.stride))
-        self.kernel = (_or(p.kernel_h, p.kernel_size or 0), _or(p.kernel_w, p.kernel_size or 0))
+        self.kernel = (p.kernel_size,) * 2 if p.kernel_size is not None else (p.kernel_h or 0, p.kernel_w or 0)
         if p.global_pooling and (self.pad, self.stride) != ((0, 0), (1, 1)):
             raise self.fail("global_pooling needs pad 0 and stride 1", "global_pooling")
         if not p.global_pooling and not all(self.kernel):

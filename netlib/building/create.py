@@ -48,8 +48,14 @@ def create(
         advice = option_advice(spec.type, types)
         known = ", ".join(sorted([*types, "Python"]))
         raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
-    _check_blocks(spec, own=block_name(cls, spec.type))
-    return cls(spec, phase, rng, dtype)
+    own = block_name(cls, spec.type)
+    _check_blocks(spec, own)
+    layer = cls(spec, phase, rng, dtype)
+    for name in cls.rejected_blocks.keys() & spec.blocks:
+        raise layer.fail(cls.rejected_blocks[name], at=spec.blocks[name].position)
+    for name in sorted(set(spec.blocks) - {own, *cls.other_blocks}):
+        layer.warn(f"{spec.type} does not read {name}; it is ignored, as in Caffe", spec.blocks[name].position)
+    return layer
 
 
 def _check_blocks(spec: LayerParameter, own: str = "") -> None:

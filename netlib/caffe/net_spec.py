@@ -148,7 +148,7 @@ def _blocks_of(type_name: str) -> list[str]:
     cls = layer_types().get(type_name)
     if cls is None:
         return []
-    return [block_name(cls, type_name), *cls.other_blocks, *(["loss_param"] if cls.loss_weight else [])]
+    return [block_name(cls, type_name), *cls.other_blocks]
 
 
 def assign_proto(proto: Any, name: str, val: Any) -> None:

@@ -87,11 +87,21 @@ class Numbers:
 
 
 @dataclass(frozen=True)
+class Unknown:
+    """A field of a binary file that its message does not define, as encoded: key and value.
+
+    As in protobuf, it is written to binary files unchanged, and not to text.
+    """
+
+    encoded: bytes
+
+
+@dataclass(frozen=True)
 class Field:
-    """One ``name: value``. A repeated field is several fields with the same name."""
+    """One ``name: value``. A repeated field is several fields with the same name; an unknown field has no name."""
 
     name: str
-    value: Scalar | Numbers | Message
+    value: Scalar | Numbers | Message | Unknown
     position: Place = field(compare=False)
 
 
@@ -107,7 +117,11 @@ class Message:
 
     def values(self, name: str) -> list[Scalar | Numbers | Message]:
         """The values of all fields called ``name``, in the order of the file."""
-        return [f.value for f in self.fields if f.name == name]
+        return [f.value for f in self.fields if f.name == name and not isinstance(f.value, Unknown)]
+
+    def unknown(self) -> list[Field]:
+        """The fields that the message does not define, from a binary file."""
+        return [f for f in self.fields if isinstance(f.value, Unknown)]
 
 
 def _lines(message: Message, indent: str) -> Iterator[str]:
@@ -118,7 +132,7 @@ def _lines(message: Message, indent: str) -> Iterator[str]:
             yield f"{indent}}}\n"
         elif isinstance(item.value, Numbers):
             yield from (f"{indent}{item.name}: {number}\n" for number in item.value.array)
-        else:
+        elif isinstance(item.value, Scalar):
             yield f"{indent}{item.name}: {item.value}\n"
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from netlib.errors import PrototxtError, option_advice
-from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar
+from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar, Unknown
 
 T = TypeVar("T")
 UInt = Annotated[int, "unsigned"]
@@ -67,6 +67,8 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
     found: dict[str, list[Field]] = {}
     blocks: dict[str, list[Message]] = {}
     for item in message.fields:
+        if isinstance(item.value, Unknown):
+            continue
         if item.name in hints:
             found.setdefault(item.name, []).append(item)
         elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
@@ -136,12 +138,12 @@ def _python_value(value: Any, kind: Any) -> Any:
 
 def changed(message: T, **changes: Any) -> T:
     """Replace fields of a message; its position in the file is kept."""
-    return placed(dataclasses.replace(message, **changes), message)  # type: ignore[type-var]
+    return placed(dataclasses.replace(message, **changes), tree_of(message))  # type: ignore[type-var]
 
 
-def placed(made: T, origin: object) -> T:
-    """Set the position of ``made`` to that of ``origin`` in its file, and return ``made``."""
-    object.__setattr__(made, "_tree", tree_of(origin))
+def placed(made: T, tree: Message | None) -> T:
+    """Set the tree from which ``made`` counts as read, with the positions of its fields, and return ``made``."""
+    object.__setattr__(made, "_tree", tree)
     return made
 
 
@@ -337,7 +339,9 @@ def _float(value: Scalar) -> float | None:
 
 
 def to_tree(message: Any) -> Message:
-    """Convert a typed message to a tree with the fields that its file gives or that differ from their defaults."""
+    """Convert a typed message to a tree with the fields that its file gives or that differ from their defaults, and
+    the unknown fields of a binary file.
+    """
     hints, place = hints_of(message.__class__), position_of(message)
     fields: list[Field] = []
     for spec in dataclasses.fields(message):
@@ -348,7 +352,8 @@ def to_tree(message: Any) -> Message:
             kind, repeated = kind_of(hints[name])
             values = [Numbers(value, place)] if kind in ARRAYS else value if repeated else [value]
             fields += [Field(name, _tree_value(one, kind, place), place) for one in values]
-    return Message(fields, place)
+    tree = tree_of(message)
+    return Message(fields + (tree.unknown() if tree else []), place)
 
 
 def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Message:

@@ -18,7 +18,7 @@ from netlib.errors import PrototxtError, did_you_mean
 from netlib.proto import schema
 from netlib.proto.messages import BlobProto, Filler, NetParameter, NetStateRule
 from netlib.proto.options import option_blocks
-from netlib.proto.prototxt import Field, Message, Scalar
+from netlib.proto.prototxt import Field, Message, Scalar, Unknown
 from netlib.proto.schema import UInt, numbered
 
 log = logging.getLogger("netlib")
@@ -174,7 +174,9 @@ def _layer(old: Message) -> Message:
     specs: list[list[Field]] = []  # one per parameter
     seen = dict.fromkeys(PER_PARAMETER, 0)
     for item in old.fields:
-        if item.name == "type":
+        if isinstance(item.value, Unknown):
+            _warn_of_dropped(item)
+        elif item.name == "type":
             fields.append(Field("type", Scalar("string", V1_TYPES[type_name], item.position), item.position))
         elif item.name in PER_PARAMETER:
             index = seen[item.name]
@@ -186,6 +188,11 @@ def _layer(old: Message) -> Message:
             fields.append(item)
     fields += [Field("param", Message(spec, old.position), old.position) for spec in specs]
     return Message(fields, old.position)
+
+
+def _warn_of_dropped(item: Field) -> None:
+    """Warn of a field of a fork: its number means another field in the current format."""
+    log.warning("%s: a field that is unknown in Caffe's older formats is dropped, as in Caffe", item.position)
 
 
 def _enum_name(value: Any) -> str:
@@ -286,6 +293,8 @@ def _v1_layer(connection: Message) -> Message:
     if kind not in V0_TYPES:
         raise PrototxtError(inner.position, f"unknown V0 layer type {kind!r}{did_you_mean(kind, V0_TYPES)}")
     fields = [item for item in connection.fields if item.name in ("bottom", "top")]
+    for item in connection.unknown():
+        _warn_of_dropped(item)
     fields.append(Field("type", Scalar("word", V0_TYPES[kind], inner.position), inner.position))
     block, blocks = V0_BLOCKS.get(kind, ""), option_blocks()
     options = schema.hints_of(blocks[block]) if block in blocks else {}
@@ -299,6 +308,8 @@ def _v1_layer(connection: Message) -> Message:
             transform.append(Field(V0_TRANSFORM[item.name], item.value, item.position))
         elif name in options:
             own.append(Field(name, item.value, item.position))
+        elif isinstance(item.value, Unknown):
+            _warn_of_dropped(item)
         elif item.name != "type":
             log.warning("%s: %r does not apply to a layer of type %r; dropped", item.position, item.name, kind)
     return Message([*fields, *_block(block, own, inner), *_block("transform_param", transform, inner)], inner.position)

@@ -8,7 +8,8 @@ A message is a sequence of fields. A field is a key, its number * 8 + its wire t
     3,4 start and end of a group, which Caffe does not use
 
 Names are not in the file; the dataclasses that also read prototxt (schema.py) define number and type of each field.
-Unknown fields are skipped, as in protobuf. Reference: "Encoding" of Protocol Buffers.
+Unknown fields are kept as they are and written back after the known ones, as in protobuf. Reference: "Encoding" of
+Protocol Buffers.
 
 Input is not trusted: lengths are checked against the enclosing message, arrays are views of the file's bytes, and the
 number of fields is limited, so memory use is bounded by the size of the file and MAX_FIELDS.
@@ -29,7 +30,7 @@ from numpy.typing import NDArray
 from netlib.errors import WireError
 from netlib.proto import schema
 from netlib.proto.options import option_blocks
-from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Scalar
+from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Scalar, Unknown
 from netlib.proto.schema import ARRAYS, Double
 from netlib.proto.upgrade import AnyNetParameter
 
@@ -68,6 +69,10 @@ class FieldInfo:
             return FOUR_BYTES if ARRAYS[self.kind].itemsize == 4 else EIGHT_BYTES
         return FOUR_BYTES if self.kind is float else EIGHT_BYTES if self.kind is Double else VARINT
 
+    def accepts(self, wire_type: int) -> bool:
+        """Whether values can be encoded with this wire type: numbers of a repeated field also as one block."""
+        return wire_type == self.wire_type or (wire_type == LENGTH and self.repeated)
+
 
 @functools.cache
 def fields_of(cls: type) -> tuple[FieldInfo, ...]:
@@ -92,7 +97,7 @@ def fields_of(cls: type) -> tuple[FieldInfo, ...]:
 def decode(data: bytes, cls: type, source: str = "<bytes>", strict: bool = False) -> Message:
     """Decode a message of type ``cls`` to a tree. Raises WireError if the bytes are not valid.
 
-    ``strict`` rejects unknown fields instead of skipping them.
+    ``strict`` rejects unknown fields instead of keeping them.
     """
     return _Decoder(data, source, strict).message(cls, 0, len(data))
 
@@ -131,14 +136,16 @@ class _Decoder:
             if spec is not None and spec.kind in ARRAYS and wire_type == spec.wire_type:
                 stop, array = self.row(ARRAYS[spec.kind], at, start, end)
                 fields.append(Field(spec.name, Numbers(array, Offset(self.source, at)), Offset(self.source, at)))
-            elif spec is not None:
+            elif spec is None or not spec.accepts(wire_type):
+                if self.strict:
+                    raise self.fail(at, f"field {number} of wire type {wire_type} is unknown here")
+                fields.append(Field("", Unknown(bytes(self.data[at:stop])), Offset(self.source, at)))
+            else:
                 for field in self.values(spec, wire_type, at, start, stop):
                     place = len(fields)
                     if not spec.repeated and not schema.is_message(spec.kind):
                         place = single.setdefault(spec.name, place)
                     fields[place : place + 1] = [field]
-            if self.strict and (spec is None or wire_type not in (spec.wire_type, LENGTH)):
-                raise self.fail(at, f"field {number} of wire type {wire_type} is unknown here")
             at = stop
         return Message(fields, Offset(self.source, begin))
 
@@ -207,7 +214,7 @@ class _Decoder:
         return at + count * width, np.ascontiguousarray(rows[:count, len(key) :]).view(dtype).ravel()
 
     def values(self, spec: FieldInfo, wire_type: int, at: int, start: int, stop: int) -> Iterator[Field]:
-        """Yield the field, or one per number of a packed field; nothing if the wire type differs, as in protobuf."""
+        """Yield the field, or one per number of a packed field."""
         place = Offset(self.source, at)
         if wire_type == LENGTH:
             start = self.varint(start, stop)[1]
@@ -228,7 +235,7 @@ class _Decoder:
                     self.one_more(at)
                     begin, start = start, self.end_of(spec.wire_type, spec.number, start, stop, start)
                     yield Field(spec.name, self.number(spec, begin, start), place)
-        elif wire_type == spec.wire_type:
+        else:
             yield Field(spec.name, self.number(spec, start, stop), place)
 
     def number(self, spec: FieldInfo, start: int, stop: int) -> Scalar:
@@ -262,7 +269,7 @@ def _by_name(cls: type) -> dict[str, FieldInfo]:
 
 
 def encode(message: Message, cls: type) -> bytes:
-    """Encode a tree as a message of type ``cls``, with fields in the order of their numbers.
+    """Encode a tree as a message of type ``cls``, with fields in the order of their numbers, unknown ones last.
 
     Raises PrototxtError if ``cls`` does not define a field or defines it with another type.
     """
@@ -273,6 +280,8 @@ def _parts(message: Message, cls: type) -> list[Piece]:
     known = _by_name(cls)
     found: dict[str, list[Field]] = {}
     for field in message.fields:
+        if isinstance(field.value, Unknown):
+            continue
         if field.name not in known:
             raise schema.unknown_field(field, known)
         found.setdefault(field.name, []).append(field)
@@ -290,7 +299,7 @@ def _parts(message: Message, cls: type) -> list[Piece]:
         else:
             for field in found[name]:
                 parts += _with_key(spec, field)
-    return parts
+    return parts + [item.value.encoded for item in message.fields if isinstance(item.value, Unknown)]
 
 
 def _with_key(spec: FieldInfo, field: Field) -> list[Piece]:

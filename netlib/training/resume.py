@@ -85,6 +85,10 @@ def restore_state(solver: Solver, path: str | Path) -> None:
     now, steps = snapshot.as_plain(_course(solver)), steps_taken(solver.param, state.iter)
     if fault := next(contradictions(state, now, steps), ""):
         raise WeightsError(f"{path}: {fault}; the state is damaged or was changed")
+    then, now_type = state.extra.get("solver", {}).get("type"), solver.param.type
+    if then is not None and then != now_type:
+        raise WeightsError(f"{path}: this state is of the solver type {then}, whose history has another meaning for "
+                           f"{now_type}; expected type: \"{then}\", or a new training from the weights")  # fmt: skip
     _check_histories(solver, path, state)
     weights = snapshot.pair_of(path, state)
     writes, _, _ = weights_of.fitting(solver.net, weights, strict=True)

@@ -127,6 +127,9 @@ def test_nets(p: SolverParameter, source: str) -> list[tuple[str, NetParameter]]
     general = p.net_param if p.net_param is not None else p.net
     if general is not None:
         named += [general] * (len(p.test_iter) - len(named))
+    if named and not p.test_interval:
+        where = schema.position_of(p, "test_iter" if p.test_iter else None)
+        raise PrototxtError(where, f"{len(named)} test nets, but no test_interval; expected at least 1")
     for field in ("test_iter", "test_state"):
         given = len(getattr(p, field))
         if given != len(named) and (given or (field == "test_iter" and p.test_interval)):

@@ -631,7 +631,8 @@ def test_what_cannot_be_resumed_is_one_line(
 @pytest.mark.parametrize(
     ("net", "options", "message"),
     [
-        (ONE_WEIGHT % "", 'type: "Adam" momentum: 0.9', "1 histories, but Adam on this net has 2"),
+        (ONE_WEIGHT % "", 'type: "Adam" momentum: 0.9', "of the solver type SGD, whose history has another meaning"),
+        (ONE_WEIGHT % "", 'type: "AdaGrad"', 'expected type: "SGD", or a new training from the weights'),
         ((ONE_WEIGHT % "").replace("bias_term: false", ""), "", "1 histories, but SGD on this net has 2"),
         ((ONE_WEIGHT % "").replace("dim: 1 dim: 1", "dim: 1 dim: 2", 1), "", r"history 0 has shape (1, 1), layer 'ip'"),
     ],
@@ -739,6 +740,8 @@ def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolve
             'train_net: "net.prototxt"',
             "expected one of net, net_param, train_net, train_net_param; found net, train_net",
         ),
+        ("test_iter: 1", "1 test nets, but no test_interval; expected at least 1"),
+        ("test_iter: 1 test_interval: 0", "1 test nets, but no test_interval; expected at least 1"),
         ("test_iter: 1 test_interval: 1 test_state { } test_state { }", "2 test_state for 1 test nets"),
         ("momentun: 0.9", "unknown field 'momentun' (did you mean 'momentum'?)"),
         ('base_lr: "much"', "'base_lr' expects a number"),

@@ -105,7 +105,7 @@ def test_signals(solver_of, log_of, tmp_path, monkeypatch, number, flags, last, 
             yield stopped
 
     monkeypatch.setattr(training, "requests_by_signal", with_signal)
-    solver = solver_of("sigint.log", max_iter="3", test_interval="0", test_iter="1")
+    solver = solver_of("sigint.log", max_iter="3", test_interval="9", test_initialization="false")
     assert texts(log_of("train", "-solver", solver, *flags))[-2:] == ends
     made = {path.name for path in tmp_path.glob("*.solverstate")}
     wanted = {f"a_iter_{last}.solverstate"} | ({"a_iter_1.solverstate"} if "none" not in str(flags) else set())
@@ -128,7 +128,7 @@ def test_sigterm_keeps_its_status(solver_of, log_of, monkeypatch):
             yield stopped
 
     monkeypatch.setattr(training, "requests_by_signal", with_signal)
-    solver = solver_of("sigint.log", max_iter="3", test_interval="0", test_iter="1")
+    solver = solver_of("sigint.log", max_iter="3", test_interval="9", test_initialization="false")
     assert "Snapshotting" in log_of("train", "-solver", solver, status=143)[-2]
 
 

@@ -114,6 +114,23 @@ def test_weights(here, rng, old):
     assert all(np.array_equal(blob.data, array) for blob, array in zip(net.params["c"], weights))
 
 
+def test_fields_of_forks(here, caplog):
+    """Unknown fields of a net in the current format survive; those of an older one are dropped with a warning."""
+    options = b"\xd2\x0c\x08\x08\x00\x08\x02\x08\x03\x08\x01"  # permute_param { order: 0 ... }, number 202
+    layer = b"\x0a\x04turn\x12\x07Permute\x1a\x01a\x22\x01b" + options
+    net = b"\x0a\x01n\xa2\x06" + bytes([len(layer)]) + layer + b"\x98\x3f\x05"
+    (here / "old").write_bytes(net)
+    run_tool("upgrade_net", "old", "new")
+    assert (here / "new").read_bytes() == net
+    v1 = b"\x12\x0e\x12\x01a\x1a\x01b\x22\x01r\x28\x12\xa0\x06\x07"
+    (here / "old").write_bytes(v1)
+    run_tool("upgrade_net", "old", "new")
+    assert "old: byte 13: a field that is unknown in Caffe's older formats is dropped" in caplog.text
+    assert str(wire.decode((here / "new").read_bytes(), NetParameter)) == (
+        'layer {\n  name: "r"\n  type: "ReLU"\n  bottom: "a"\n  top: "b"\n}\n'
+    )
+
+
 def test_inputs_without_shapes(here):
     """Inputs without shapes, in old weights, are dropped, as in Caffe."""
     tree = prototxt.parse('input: "x" layers { name: "r" type: RELU bottom: "x" top: "y" }')

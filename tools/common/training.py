@@ -129,8 +129,6 @@ def _describe(solver: Solver) -> None:
             log.info(
                 "%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)), blob.count
             )
-        for note in getattr(at.layer, "notes", ()):
-            log.info("%s: %s", at.layer.name, note)
     for name in net.outputs:
         log.info("This network produces output %s", name)
     if (ranks := rank_and_count(solver)[1]) > 1:

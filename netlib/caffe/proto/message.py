@@ -220,6 +220,8 @@ class Message:
         """Merge the fields of a tree. Raises PrototxtError for an unknown field."""
         self._touch()
         for item in tree.fields:
+            if isinstance(item.value, prototxt.Unknown):
+                continue
             field = self.DESCRIPTOR.fields_by_name.get(item.name)
             if field is None:
                 raise schema.unknown_field(item, self.DESCRIPTOR.fields_by_name)

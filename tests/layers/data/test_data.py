@@ -150,15 +150,19 @@ def test_a_database_in_one_file_and_beside_the_prototxt(tmp_path, images, monkey
     assert labels(netlib.Net(tmp_path / "net.prototxt", netlib.TRAIN)) == [5]
 
 
-def test_what_is_accepted_and_ignored(database, net_of):
-    """Some options are ignored, as in Caffe; a transformation option in the wrong block is reported."""
+def test_what_is_accepted_and_ignored(database, net_of, caplog):
+    """Options that other data layers read, or that belong in transform_param, are ignored with a warning."""
     layer = text(database, "batch_size: 2 prefetch: 9 cache: true rand_skip: 3 force_encoded_color: true crop_size: 2")
     net = net_of(layer)
     assert labels(net) == [10, 11]
-    assert net.layer_dict["d"].notes == [
-        f"5 images in {database}",
-        "warning: crop_size is ignored here, as in Caffe; write it in transform_param",
-    ]
+    assert net.layer_dict["d"].notes == [f"5 images in {database}"]
+    for advice in (
+        "crop_size in data_param, as Caffe does; write it in transform_param",
+        "force_encoded_color in data_param, as Caffe does; write force_color in transform_param",
+        "rand_skip in data_param, as Caffe does",
+    ):
+        assert f"layer 'd': Data ignores {advice}" in caplog.text
+    assert len(caplog.records) == 3
 
 
 def test_the_package_is_not_needed(database, net_of, monkeypatch):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import netlib
+from netlib.proto import prototxt
 
 pytestmark = pytest.mark.both_engines
 
@@ -188,11 +189,19 @@ def test_it_says_what_the_data_are_made_from(data, tmp_path):
     assert made.notes == [f"3 rows in 1 files of {tmp_path}/list.txt, made from an unknown source"]
 
 
-def test_a_batch_of_more_rows_than_there_are_is_the_first_note(data):
-    """The warning about a large batch precedes the note about the data."""
-    warning, said = data([3], 4).layer_dict["d"].notes
-    assert warning.startswith("warning: batch_size 4 is more than the 3 rows of ")
-    assert said.startswith("3 rows in 1 files")
+def test_a_batch_of_more_rows_than_there_are_is_a_warning(data, caplog):
+    """A batch that is larger than the file repeats rows, with a warning."""
+    data([3], 4)
+    assert "layer 'd': batch_size 4 is more than the 3 rows of " in caplog.text
+
+
+@pytest.mark.parametrize("options", ["", "scale: 0.5", "mirror: true", 'mean_file: "absent"', "crop_size: 1"])
+def test_transform_param_is_rejected(tmp_path, options):
+    """HDF5Data does not transform data; transform_param is an error, as in Caffe, even if it is empty."""
+    source = f'hdf5_data_param {{ source: "{tmp_path}/list.txt" batch_size: 2 }} transform_param {{ {options} }}'
+    text = f'layer {{ name: "d" type: "HDF5Data" top: "x" {source} }}'
+    with pytest.raises(netlib.LayerError, match="layer 'd': HDF5Data does not transform data, as in Caffe"):
+        netlib.Net(prototxt.parse(text), netlib.TRAIN)
 
 
 # ---------------------------------------------------------------------------------------------- mistakes

@@ -161,12 +161,12 @@ def test_a_line_without_a_blank(tmp_path, pictures, net_of):
     assert labels(net_of(text(tmp_path))) == [0]
 
 
-def test_notes(tmp_path, pictures, net_of):
-    """The notes state the number of images and the ignored options."""
-    assert net_of(text(tmp_path, "mirror: true")).layer_dict["d"].notes == [
-        f"3 images in {tmp_path}/list.txt",
-        "warning: mirror is ignored here, as in Caffe; write it in transform_param",
-    ]
+def test_notes(tmp_path, pictures, net_of, caplog):
+    """The notes state the number of images; ignored options are warnings."""
+    net = net_of(text(tmp_path, "mirror: true")[:-1] + "transform_param { force_gray: true } }")
+    assert net.layer_dict["d"].notes == [f"3 images in {tmp_path}/list.txt"]
+    assert "ImageData ignores mirror in image_data_param, as Caffe does; write it in transform_param" in caplog.text
+    assert "ImageData ignores force_gray in transform_param, as Caffe does; write is_color" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -176,6 +176,7 @@ def test_notes(tmp_path, pictures, net_of):
         (b"\n", "", "list.txt: the list of images is empty"),
         (b"\xff\xfe", "", "list.txt: cannot read the list of images: not a text file"),
         (b"picture 0.png 1\npicture 1.png cat", "", "list.txt:2: the label 'cat' is not a whole number"),
+        (b"picture0.png\t4", "", "list.txt:1: found a tab between path and label; expected a space"),
         (b"picture 0.png 1.5", "", "list.txt:1: the label '1.5' is not a whole number; expected 'path label'"),
         (b"picture 0.png 4294967295", "", "list.txt:1: the label 4294967295 does not fit into 32 bits"),
         (b"gone.png 1", "", "gone.png: cannot read the image: No such file or directory"),

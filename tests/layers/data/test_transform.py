@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import netlib
-from layers.data.image_data import ImageDataParameter
-from layers.data.transform import Transformer, misplaced
+from layers.data.image_data import ImageData
+from layers.data.transform import Transformer, warn_of_misplaced
 from netlib.layer import Layer
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter
@@ -140,10 +140,13 @@ def test_an_image_that_does_not_fit_its_batch(image):
         transformer("crop_size: 2").transform(image, np.zeros((1, 2, 2)), "x")
 
 
-def test_options_in_their_old_place_are_pointed_out():
-    """Transformation options in the layer's own block are reported; Caffe ignores them silently."""
-    made = transformer("")
-    made.layer.param = schema.read(prototxt.parse('source: "s" scale: 2 mirror: false', "net"), ImageDataParameter)
-    assert misplaced(made.layer, "scale", "mean_file", "mirror") == [
-        f"warning: {name} is ignored here, as in Caffe; write it in transform_param" for name in ("scale", "mirror")
+def test_options_in_their_old_place_are_pointed_out(caplog):
+    """Transformation options in the layer's own block are a warning; Caffe ignores them silently."""
+    text = 'name: "it" type: "ImageData" image_data_param { source: "s" scale: 2 mirror: false }'
+    spec = schema.read(prototxt.parse(text, "net"), LayerParameter)
+    warn_of_misplaced(ImageData(spec, "TRAIN", np.random.default_rng(0), np.float32), "scale", "mean_file", "mirror")
+    assert [record.message for record in caplog.records] == [
+        f"net:1:{column}: layer 'it': ImageData ignores {name} in image_data_param, as Caffe does; "
+        "write it in transform_param"
+        for name, column in (("scale", text.index("scale") + 1), ("mirror", text.index("mirror") + 1))
     ]

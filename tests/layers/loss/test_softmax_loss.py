@@ -55,6 +55,13 @@ def test_labels_may_have_other_axes_after_the_first(run, rng, shape):
     assert np.array_equal(*(each.backward(1, wanted=[True, False])[0] for each in (done, other)))
 
 
+def test_the_loss_of_no_labels_is_zero_without_sign(run):
+    """If all labels are ignored the loss is 0, which the log shows as 0 and not as -0."""
+    done = run('type: "SoftmaxWithLoss" loss_param { ignore_label: 1 }', np.ones((2, 3)), [1, 1])
+    assert done.y == 0
+    assert not np.signbit(done.y)
+
+
 @pytest.mark.parametrize("options", ["", "ignore_label: 1", "normalization: NONE"])
 def test_gradient(check, rng, options):
     """The gradient of the scores agrees with differences, for one label per pixel."""

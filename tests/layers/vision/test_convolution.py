@@ -172,6 +172,8 @@ def test_without_items(net_of, rng):
     [
         ({}, "needs kernel_size, or kernel_h and kernel_w"),
         ({"kernel_h": 3}, "needs kernel_size, or kernel_h and kernel_w"),
+        ({"kernel_size": 3, "stride_h": 2}, r"stride_h and stride_w are \(2, 0\); expected both, of at least 1"),
+        ({"kernel_size": 3, "stride_w": 3}, r"stride_h and stride_w are \(0, 3\); expected both, of at least 1"),
         ({"kernel_size": 3, "kernel_h": 3}, "give either kernel_size, or kernel_h and kernel_w"),
         ({"kernel_size": 2, "pad": "[1, 1, 1]"}, "3 values of pad for 2 spatial axes"),
         ({"kernel_size": 0}, "needs kernel_size, or kernel_h and kernel_w, of at least 1"),

@@ -217,8 +217,9 @@ def test_nan_is_not_hidden(run, options):
         ({"global_pooling": "true", "pad": 1}, "global_pooling needs pad 0 and stride 1"),
         ({"pool": "STOCHASTIC", "kernel_size": 2}, "STOCHASTIC pooling .*; expected MAX or AVE"),
         ({"kernel_size": 6}, "kernel 6 is larger than the padded bottom"),
-        ({"kernel_size": 2, "kernel_h": 3}, "give either kernel_size, or kernel_h and kernel_w"),
+        ({"kernel_size": 2, "kernel_h": 3, "kernel_w": 3}, "give either kernel_size, or kernel_h and kernel_w"),
         ({"kernel_size": 3, "stride": 2, "stride_h": 1}, "give either stride, or stride_h and stride_w"),
+        ({"kernel_size": 3, "pad": 1, "pad_w": 1}, "give either pad, or pad_h and pad_w"),
     ],
     ids=str,
 )
@@ -226,6 +227,12 @@ def test_mistakes(run, options, message):
     """Invalid options raise an error."""
     with pytest.raises(netlib.LayerError, match=f"layer 'it': {message}"):
         run(text(**options), np.zeros((1, 1, 5, 5)))
+
+
+def test_half_a_kernel_is_ignored_as_in_caffe(run, caplog):
+    """Of kernel_size and only one of kernel_h and kernel_w, Caffe uses the former; here with a warning."""
+    assert run(text(kernel_size=2, kernel_h=4), np.zeros((1, 1, 5, 5))).y.shape == (1, 1, 4, 4)
+    assert "Pooling ignores kernel_h in pooling_param, as Caffe does; kernel_size takes precedence" in caplog.text
 
 
 def test_a_bottom_that_is_no_image(run):

@@ -143,6 +143,38 @@ def test_nonsense_is_one_line_with_its_byte(data: bytes, message: str) -> None:
     assert str(error.value) == message
 
 
+UNKNOWN = {  # field 222
+    "a number": b"\xf0\x0d\x96\x01",
+    "a number in more bytes than needed": b"\xf0\x0d\x81\x80\x00",
+    "4 bytes": b"\xf5\x0dabcd",
+    "8 bytes": b"\xf1\x0dabcdefgh",
+    "a message": b"\xf2\x0d\x03\x08\x02\x07",
+    "a group": b"\xf3\x0d\x08\x01\xf4\x0d",
+}
+
+
+@pytest.mark.parametrize("name", list(UNKNOWN))
+def test_unknown_fields_are_written_back(name: str) -> None:
+    """A field of a fork survives, after the known ones, in the message that had it, read as a tree or typed."""
+    field = UNKNOWN[name]
+    known = b"\x0a\x01c\x12\x0bConvolution"
+    block = b"\x08\x04"  # num_output: 4
+    data = known + b"\xd2\x06" + bytes([len(block + field)]) + block + field + field * 2
+    tree = wire.decode(known[:3] + field + known[3:] + data[len(known) : -len(field)], LayerParameter)
+    assert wire.encode(tree, LayerParameter) == data
+    typed = schema.changed(schema.read(tree, LayerParameter), propagate_down=())
+    assert wire.encode(schema.to_tree(typed), LayerParameter) == data
+    assert "convolution_param {\n  num_output: 4\n}" in str(tree)  # text has no unknown fields
+
+
+@pytest.mark.parametrize("data", [b"\x08\x05", b"\x55abcd"], ids=["a string as a number", "an enum as 4 bytes"])
+def test_a_field_of_another_wire_type_is_unknown(data: bytes) -> None:
+    """A known number with a wire type that its field cannot have is an unknown field, as in protobuf."""
+    tree = wire.decode(data, LayerParameter)
+    assert str(tree) == ""
+    assert wire.encode(tree, LayerParameter) == data
+
+
 @pytest.mark.parametrize("rest", [b"\xff" * 4 + b"\x0f", b"\xff" * 9 + b"\x01"], ids=["32 bits", "64 bits"])
 def test_a_negative_number_of_32_or_64_bits(rest: bytes) -> None:
     """Protobuf writes negative numbers with 64 bits, some programs with 32; both are read."""

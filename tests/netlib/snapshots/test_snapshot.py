@@ -354,6 +354,7 @@ def test_a_flipped_bit_of_a_state_is_noticed(pair: tuple[Path, Path]) -> None:
         ("gone.h5", None, "cannot read weights: No such file or directory"),
         ("empty.h5", b"", "expected weights (.caffemodel); the file is empty"),
         ("text.caffemodel", b"layer {}", "expected weights (.caffemodel); it looks like a text file"),
+        ("x.caffemodel", b"version https://git-lfs.github.com/spec/v1\noid", "it is a Git LFS pointer, not the file"),
         ("folder", "folder", "cannot read weights: Is a directory"),
     ],
 )
