@@ -15,7 +15,8 @@ selection of pixels, ``Window``, and the renderer casts rays through these pixel
 
 ``clear_crop`` also removes flying pixels: at an edge, a depth camera mixes the depths of both sides into one that
 belongs to neither. With a time-of-flight camera, half of the pixels along the outline of a hand lie 14 mm or more
-behind it, a quarter 40 mm (320 x 240 pixels, 400 mm away).
+behind it, a quarter 40 mm (320 x 240 pixels, 400 mm away). It also removes what is in front of the cube and does not
+continue a surface in it, such as a reflection. An arm that reaches through the near face does, and stays.
 """
 
 from __future__ import annotations
@@ -36,6 +37,9 @@ CUBES_MM = (50.0, 10_000.0)  # range of a cube's edge: a small hand to several p
 BACKGROUND = 1.0  # the value of the far face
 STEP_MM = 8.0  # minimum depth step between two surfaces
 STEP_PX = 5.0  # minimum step in pixel widths, for wide pixels: a slope of 79 degrees
+NEAR_FACE = -0.999  # values below it are readings in front of the cube
+REACHING_MM = 25.0  # a surface this close to the near face may continue in front of it
+MIN_CONTACT_PX, MIN_CONTACT = 3, 0.1  # pixels of contact: at least; relative to the square root of a component's area
 _AROUND = np.ones((3, 3), np.uint8)
 
 
@@ -197,9 +201,11 @@ def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLik
 def clear_crop(
     depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera
 ) -> NDArray[np.float32]:
-    """``crop`` of a depth image, in which flying pixels are background. Raises DataError."""
-    d = float(np.asarray(center_uvd, dtype=np.float64)[2])
-    return without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), cube_mm / 2, d / camera.fx)
+    """``crop`` of a depth image, in which flying pixels and isolated near ones are background. Raises DataError."""
+    d, half = float(np.asarray(center_uvd, dtype=np.float64)[2]), cube_mm / 2
+    return without_isolated_near(
+        without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx), half
+    )
 
 
 def without_flying_pixels(crop: NDArray[np.float32], half_mm: float, pixel_mm: float) -> NDArray[np.float32]:
@@ -219,4 +225,22 @@ def without_flying_pixels(crop: NDArray[np.float32], half_mm: float, pixel_mm: f
     out = crop.copy()
     # A pixel between two surfaces belongs to the far one if it is close to it.
     out[behind & (np.abs(farthest - crop) > step) & (np.abs(nearest - crop) > step)] = BACKGROUND
+    return out
+
+
+def without_isolated_near(crop: NDArray[np.float32], half_mm: float) -> NDArray[np.float32]:
+    """A crop (S, S) in [-1, 1] in which readings in front of the cube that continue no surface are background.
+
+    half_mm  half the edge of the cube
+    """
+    near = crop <= NEAR_FACE
+    if not near.any():
+        return crop
+    count, component = cv2.connectedComponents(cv2.dilate(near.astype(np.uint8), _AROUND), connectivity=8)
+    reaching = ~near & (crop < REACHING_MM / half_mm - 1)
+    contact = np.bincount(component[reaching], minlength=count)
+    area = np.bincount(component[near], minlength=count)
+    continues = contact >= np.maximum(MIN_CONTACT_PX, MIN_CONTACT * np.sqrt(area))
+    out = crop.copy()
+    out[near & ~continues[component]] = BACKGROUND
     return out

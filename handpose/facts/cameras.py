@@ -7,17 +7,22 @@ x, y    millimetres, x to the right, y UP, z away from the camera
 u = u0 + fx x / z        v = v0 - fy y / z        d = z
 
 Lens distortion is not modelled: the data sets publish undistorted frames.
+
+Readings nearer than a camera's minimum range are errors, such as reflections, and count as missing.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+MIN_RANGE_MM = 200.0  # default; the cameras named below, and most others, measure from 200 mm or farther
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,7 @@ class Camera:
     v0: float
     width: int  # image size, pixels
     height: int
+    min_range_mm: float = MIN_RANGE_MM  # nearer readings are errors
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy"):
@@ -41,6 +47,15 @@ class Camera:
                 raise ValueError(
                     f"camera {self.name!r}: {name} is {getattr(self, name)}, expected a finite number of px"
                 )
+
+    def is_too_near(self, depth: NDArray[Any]) -> NDArray[np.bool_]:
+        """True for readings of a depth image in mm that are nearer than the camera measures."""
+        return np.asarray((depth > 0) & (depth < self.min_range_mm))
+
+    def in_range(self, depth: NDArray[Any]) -> NDArray[Any]:
+        """A depth image in mm whose readings nearer than the minimum range are 0, which means no reading."""
+        near = self.is_too_near(depth)
+        return np.where(near, depth.dtype.type(0), depth) if near.any() else depth
 
     def project(self, xyz: ArrayLike) -> Array:
         """Points (..., 3) x, y, z in mm to (..., 3) u, v in pixels and d in mm."""

@@ -121,7 +121,7 @@ class Predictor:
 
         Raises UnitError for depths that cannot be mm, DataError, NetlibError.
         """
-        depth = _in_mm(depth)
+        depth = self._readings(depth)
         camera = self._camera_of(depth)
         if center is None and not self.is_hand:
             raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
@@ -141,7 +141,7 @@ class Predictor:
 
         Raises DataError if all places are outside the image, NetlibError.
         """
-        depth = _in_mm(depth)
+        depth = self._readings(depth)
         return self.pipeline.in_frame(depth, self._camera_of(depth), starts, log_odds, search=True)
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
@@ -150,7 +150,7 @@ class Predictor:
         center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the place that the locator finds
                 most likely, or the nearest surface
         """
-        return self._start(_in_mm(depth), center)
+        return self._start(self._readings(depth), center)
 
     def _start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None) -> Array:
         """``start`` in a checked frame."""
@@ -161,6 +161,12 @@ class Predictor:
             return find_hand(depth, camera)
         place = _center(center)
         return place if len(place) == 3 else depth_around(depth, *place)
+
+    def _readings(self, depth: object) -> NDArray[np.generic]:
+        """A depth image in mm, 0 where it is masked or nearer than the camera measures. Raises UnitError, DataError."""
+        image = depth_image(depth)
+        check_unit(image)
+        return self.camera.in_range(image)
 
     def _camera_of(self, depth: NDArray[np.generic]) -> Camera:
         """The camera; if it has no size, with the frame's."""
@@ -184,13 +190,6 @@ def check_whole(name: str, value: object, low: int, high: int) -> None:
     """Raise NetlibError unless the argument ``name`` is a whole number from ``low`` to ``high``."""
     if not isinstance(value, Integral) or isinstance(value, bool) or not low <= int(value) <= high:
         raise NetlibError(f"{name}={value!r}; expected a whole number from {low} to {high}")
-
-
-def _in_mm(depth: object) -> NDArray[np.generic]:
-    """A depth image in mm, 0 where it is masked. Raises UnitError, DataError."""
-    image = depth_image(depth)
-    check_unit(image)
-    return image
 
 
 def _center(center: object) -> Array:

@@ -7,6 +7,7 @@ fx, fy, u0, v0  px, all four or none; cx, cy and ppx, ppy are other names of u0,
 width, height   px of the frames, both or none
 unit_mm         depth of a stored value of 1 in mm; RealSense's depth_scale is in metres
 rate            frames per second; also fps
+min_range_mm    nearer readings are errors and count as missing; default 200
 distortion      of the lens: as above, or the coefficients alone. RealSense's model and coeffs and Azure's k1 ... p2 may
                 also be keys next to fx
 name            of the camera
@@ -21,7 +22,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from handpose.data.json_fields import unique_keys
-from handpose.facts.cameras import Camera
+from handpose.facts.cameras import MIN_RANGE_MM, Camera
 from handpose.sources.lens import Lens, lens_of
 from handpose.sources.recording import CameraInfo
 from netlib.errors import DataError, did_you_mean
@@ -35,8 +36,9 @@ SAME = {  # synonyms of a key, and the factors of their values
 }  # fmt: skip
 RANGES = {  # exclusive lower and inclusive upper bounds
     "fx": (0, 1e6), "fy": (0, 1e6), "u0": (-1e6, 1e6), "v0": (-1e6, 1e6), "unit_mm": (0, 1e4), "rate": (0, 1e4),
-    "width": (0, 1 << 14), "height": (0, 1 << 14),
+    "width": (0, 1 << 14), "height": (0, 1 << 14), "min_range_mm": (0, 1e4),
 }  # fmt: skip
+MIN_RANGE = "min_range_mm"
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
 BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
@@ -75,6 +77,8 @@ def to_text(given: CameraInfo) -> str:
         said |= {"name": given.camera.name} | {key: float(getattr(given.camera, key)) for key in INTRINSICS}
         if given.camera.width:
             said |= {key: int(getattr(given.camera, key)) for key in SIZE}
+        if given.camera.min_range_mm != MIN_RANGE_MM:
+            said[MIN_RANGE] = float(given.camera.min_range_mm)
     said |= {key: float(getattr(given, key)) for key in ("unit_mm", "rate") if getattr(given, key) is not None}
     if given.lens is not None and not given.lens.is_straight:
         said["distortion"] = {"model": given.lens.model, "coefficients": list(map(float, given.lens.coefficients))}
@@ -95,8 +99,9 @@ def of(values: dict[str, Any], where: str) -> CameraInfo:
         fx, fy, u0, v0 = (said.number(key) for key in INTRINSICS)
         sized = said.all_or_none(SIZE)
         width, height = (said.whole(key) if sized else 0 for key in SIZE)
-        camera = Camera(said.text("name", "own"), fx, fy, u0, v0, width, height)
-    elif stray := [key for key in (*SIZE, "name") if key in said.values]:
+        min_range = said.number(MIN_RANGE) if MIN_RANGE in said.values else MIN_RANGE_MM
+        camera = Camera(said.text("name", "own"), fx, fy, u0, v0, width, height, min_range)
+    elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in said.values]:
         said.refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
     unit, rate = (said.number(key) if key in said.values else None for key in ("unit_mm", "rate"))
     return CameraInfo(camera, _lens(said), unit, rate, where)

@@ -18,6 +18,7 @@ from netlib.errors import DataError
 FRAMES = 10  # number of inspected frames
 NEAREST_SHARE = 0.5  # percentile of the depths that counts as nearest; fewer pixels are noise
 BEHIND = 1.25  # depth range of the nearest object, relative to its distance, which is independent of the unit
+MIN_NEAR_SHARE = 1e-3  # share of the readings that may be nearer than the camera measures
 NEAR_MM, FAR_MM = 120.0, 2500.0  # range of a hand's distance in all depth cameras
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # range of widths: a hand, or a hand with arm and shoulder
 USUAL_MM = (300.0, 1200.0)  # range of distances of a hand
@@ -69,7 +70,7 @@ def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
         *_of_camera(camera),
         *_of_values(seen, bool(len(values))),
         *_of_times(seen, recording.rate),
-        *(_of_unit(near, recording.unit_mm) if near else ()),
+        *(_of_depths(near, recording.unit_mm, values, camera) if near else ()),
     ]
     return Inspection(
         name=recording.name,
@@ -94,15 +95,20 @@ def warnings_of(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit
     With ``unit_is_known`` only the camera is checked.
     """
     near = None if unit_is_known else nearest_thing(depth, camera)
-    return [*_of_camera(camera), *(_of_unit(near, unit_mm) if near else ())]
+    values = depth[depth > 0]
+    return [*_of_camera(camera), *(_of_depths(near, unit_mm, values, camera) if near else ())]
 
 
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
     """Distance and width in mm of the nearest object in a frame, None without a reading.
 
     The object does not depend on the unit: it is everything connected, up to a quarter farther away than its front.
+    Readings nearer than the camera measures count only if there are no others; then the unit may be wrong.
     """
     seen = depth > 0
+    near = camera.is_too_near(depth)
+    if (seen & ~near).any():
+        seen &= ~near
     if not seen.any():
         return None
     front = float(np.percentile(depth[seen], NEAREST_SHARE))
@@ -144,6 +150,19 @@ def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
     elif len(seen) > 2 and all(np.array_equal(seen[0].depth, frame.depth) for frame in seen[1:]):
         yield (f"the first {len(seen)} frames are the same to the last value; was one frame copied, or has the "
                "camera stopped?")  # fmt: skip
+
+
+def _of_depths(
+    nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating], camera: Camera
+) -> Iterator[str]:
+    wrong_unit = list(_of_unit(nearest, unit_mm))
+    yield from wrong_unit
+    share = 0.0 if wrong_unit else float(np.mean(values < camera.min_range_mm))
+    if share > MIN_NEAR_SHARE:
+        yield (
+            f"{share:.1%} of the readings are nearer than {camera.min_range_mm:g} mm, the minimum range of the camera, "
+            "and count as missing; if it measures them, give min_range_mm in camera.json"
+        )
 
 
 def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]:

@@ -117,6 +117,7 @@ class Tracker:
             self._read = bool((depth > 0).any())
         if not time > self._time:
             raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
+        depth = self.camera.in_range(depth)
         self._follow(depth, time)
         after_gap, self._time = time - self._time > COAST, time
         self._drop_doubles()

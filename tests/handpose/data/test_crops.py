@@ -22,6 +22,7 @@ from handpose.data.crops import (
     restore_joints,
     window,
     without_flying_pixels,
+    without_isolated_near,
 )
 from handpose.facts.cameras import CAMERAS, KINECT2, NYU, Camera
 from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
@@ -220,3 +221,13 @@ def test_crop_of_a_frame() -> None:
     depth[(far >= 30) & (far < 31)] = 650
     found = clear_crop(depth, (256.0, 212.0, 600.0), 300.0, KINECT2)
     assert set(np.unique(found).tolist()) == {0.0, 1.0}
+
+
+def test_isolated_near_readings() -> None:
+    """Readings in front of the cube are background, unless they continue a surface that reaches the near face."""
+    crop = plate()
+    crop[5:20, 5:20] = -1
+    np.testing.assert_array_equal(without_isolated_near(crop, 150.0), plate())
+    arm = plate()
+    arm[30:100, 60:80] = np.clip(np.linspace(-1.5, 0.2, 70, dtype=np.float32), -1, 1)[:, None]
+    np.testing.assert_array_equal(without_isolated_near(arm, 150.0), arm)

@@ -33,6 +33,7 @@ def test_the_example_of_the_docstring() -> None:
         ("{}", CameraInfo(origin="x")),
         ('{"unit_mm": 0.125}', CameraInfo(unit_mm=0.125, origin="x")),
         (f"{{{FOUR}}}", CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), origin="x")),
+        (f'{{{FOUR}, "min_range_mm": 80}}', CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0, 80.0), origin="x")),
         (f'{{{FOUR}, "distortion": [0.1, 0, 0, 0]}}',
          CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((0.1, 0, 0, 0)), origin="x")),
         ('{"width": 64, "height": 48, "fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "model": "Inverse Brown Conrady", '
@@ -43,7 +44,7 @@ def test_the_example_of_the_docstring() -> None:
          '"p2": 8, "codx": 0, "cody": 0, "metric_radius": 1.7}',
          CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((1, 2, 7, 8, 3, 4, 5, 6)), origin="x")),
     ],
-    ids=["nothing", "a unit", "a camera", "a list", "RealSense", "Azure"],
+    ids=["nothing", "a unit", "a camera", "a range", "a list", "RealSense", "Azure"],
 )  # fmt: skip
 def test_what_is_understood(text: str, expected: CameraInfo) -> None:
     """This project's keys, RealSense's and Azure's are accepted."""

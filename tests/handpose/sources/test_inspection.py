@@ -135,6 +135,17 @@ def test_warnings_of_a_single_frame() -> None:
     assert len(warnings_of(np.zeros((48, 64), np.float32), wrong, 1.0)) == 1
 
 
+def test_readings_nearer_than_the_camera_measures() -> None:
+    """A warning names the share of readings that count as missing."""
+    images = moving()
+    for image in images:
+        image[:2] = 90
+    (warning,) = inspect(Taken(images)).warnings
+    assert "nearer than 200 mm" in warning
+    assert "min_range_mm" in warning
+    assert not inspect(Taken(images, replace(CAMERA, min_range_mm=50.0))).warnings
+
+
 def test_nothing_was_read() -> None:
     """Images of zeros give a warning."""
     found = inspect(Taken([np.zeros((48, 64))] * 3))
