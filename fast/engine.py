@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike
 
 from fast import parallel
 from fast.augment import FastHandAugment
-from fast.convolution import FastConvolution
+from fast.convolution import FastConvolution, FastDeconvolution
 from fast.executor import SlicedExecutor
 from fast.hdf5_data import FastHDF5Data
 from fast.inner_product import FastInnerProduct
@@ -31,6 +31,7 @@ from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import Kinematics
 from layers.hand.sized_hand_model import SizedHandModel
 from layers.vision.convolution import Convolution
+from layers.vision.deconvolution import Deconvolution
 from layers.vision.pooling import Pooling
 from netlib.blob import Array, Blob
 from netlib.engine.plain import Connection, Engine, Executor
@@ -42,6 +43,7 @@ COPIES = 16  # parts of a large copy, and so the maximum number of threads that 
 
 FAST_CLASSES: dict[type, type] = {
     Convolution: FastConvolution,
+    Deconvolution: FastDeconvolution,
     HandAugment: FastHandAugment,
     HandModel: FastHandModel,
     HDF5Data: FastHDF5Data,

@@ -1,13 +1,14 @@
 """The pool of threads of the process; ``set_threads`` sets its size.
 
 NumPy releases the interpreter lock inside its loops and products, so Python threads run in parallel there.
-``run`` executes jobs; a nested call from one of the jobs executes them in the same thread.
+``run`` executes jobs; a nested call from one of several jobs executes them in the same thread.
 
 Threads do not survive a fork, so a forked process starts new ones (``Workers``).
 """
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Callable, Sequence
@@ -63,7 +64,7 @@ def _threads_from_environment() -> int:
 
 
 def set_threads(count: int) -> None:
-    """Use ``count`` threads from now on. Results do not depend on it: they are bit-for-bit the same."""
+    """Use ``count`` threads from now on. Results depend on it at most by rounding, where a product is divided."""
     global _helpers
     if count < 1:
         raise ValueError(f"the number of threads must be at least 1, not {count}")
@@ -71,14 +72,19 @@ def set_threads(count: int) -> None:
         _helpers = Workers(count - 1, "netlib")  # the old threads end with the last run that uses them
 
 
+def is_inside() -> bool:
+    """Whether the caller is one of several jobs of ``run``, for any number of threads."""
+    return bool(getattr(_here, "inside", False))
+
+
 def run(jobs: Sequence[Callable[[], None]]) -> None:
     """Run all jobs, in any order, and return when all are done. Raises the first exception of a job."""
-    pool = _pool()
-    helpers = min(pool.count, len(jobs) - 1)
-    if helpers < 1 or getattr(_here, "inside", False):
+    if len(jobs) < 2 or is_inside():
         for job in jobs:
             job()
         return
+    pool = _pool()
+    helpers = min(pool.count, len(jobs) - 1)
     queue = iter(jobs)  # next() on a list iterator is atomic: each job is taken once
     failed: list[BaseException] = []
 
@@ -101,6 +107,20 @@ def run(jobs: Sequence[Callable[[], None]]) -> None:
         other.result()
     if failed:
         raise failed[0]
+
+
+_scratch = threading.local()
+
+
+def scratch(key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Working memory of the calling thread for all layers: any values, valid until the next call with ``key``."""
+    kept: dict[str, NDArray[np.uint8]] = _scratch.__dict__
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    found = kept.get(key)
+    if found is None or found.size < size:
+        kept.pop(key, None)  # release the old memory before the new one is allocated
+        found = kept[key] = np.empty(size, np.uint8)
+    return found[:size].view(dtype).reshape(shape)
 
 
 def buffer_of(buffers: threading.local, key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:

@@ -20,8 +20,11 @@ from __future__ import annotations
 import numpy as np
 
 from fast.fast_layer import FastLayer
+from fast.geometry import Geometry
 from fast.tiles import pitch_of, tile_into, tile_of, tiles_of, untile
 from netlib.blob import Array, Blob
+
+MAX_ROW = 40  # C kw; with more, the products of Rows are as large without tiles
 
 
 class RowTiles:
@@ -29,6 +32,11 @@ class RowTiles:
 
     def __init__(self) -> None:
         self._matrices: tuple[Array, int, Array, Array] | None = None
+
+    @staticmethod
+    def fits(g: Geometry, w: tuple[int, ...]) -> bool:
+        """Whether the convolution has these options, and so few numbers in a row of the kernel that tiles help."""
+        return len(g.kernel) == 2 and g.is_dense and not any(g.pad) and g.group == 1 and 2 <= w[1] * w[3] <= MAX_ROW
 
     def tile(self, top_tile: int | None, w: tuple[int, ...]) -> int:
         """Return T: the tile of the top if it is tiled, else a heuristic for w (O, C, kh, kw).

@@ -26,6 +26,8 @@ import threading
 from collections.abc import Callable
 from functools import partial
 
+import numpy as np
+
 from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.plan import Run, Use, uses_of
@@ -37,10 +39,15 @@ from netlib.engine.plain import BackwardHook, Connection, Step, guarded
 from netlib.layer import Layer
 from netlib.system.memory import blocks
 
-# Target size of the largest blob of a slice. Smaller slices need more calls, in which threads wait for each other.
+# Limits of a slice: the size of its largest blob, and its multiplications, so that its blobs stay in the cache. Smaller
+# slices need more calls, in which threads wait for each other.
 SLICE_BYTES = 16 << 20
+SLICE_COST = 200_000_000
+SPLITS = ((2, 16_000_000), (8, 90_000_000))  # number of slices for several threads, if each has so many multiplications
 MAX_SLICE = 64
 LANES = 16
+LANE_BYTES = 64 << 20  # of the parameter gradients of all lanes
+MIN_LANES = 4
 
 Piece = list[Connection]  # the layers of a run, for one slice
 Lane = list[Piece]  # slices that share parameter gradients
@@ -74,7 +81,7 @@ class SlicedStep(Step):
     def forward(self) -> None:
         """Run the layers forwards on all slices."""
         self._reshape()
-        self.weights = self._weights_now()
+        self._copy_weights(self.weights)
         for blob in self._outputs:
             self._ensure(blob, "data")  # allocate here, not on several threads at once
         parallel.run([partial(self._forward, lane) for lane in self._lanes])
@@ -88,7 +95,7 @@ class SlicedStep(Step):
         """Run the layers backwards on all slices, and sum the gradients of the parameters."""
         if not self._needs_backward:
             return
-        self.weights_back = self._weights_now()
+        self._copy_weights(self.weights_back)
         for blob in self._gradients:
             self._ensure(blob, "diff")
         caller = threading.get_ident()
@@ -117,8 +124,13 @@ class SlicedStep(Step):
             at = self._user[id(blob)]
             raise memory_advice.error_of(at.layer, half, at.bottom, at.top, error) from error
 
-    def _weights_now(self) -> list[tuple[Blob, Array]]:
-        return [(p, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
+    def _copy_weights(self, copies: list[tuple[Blob, Array]]) -> None:
+        """Copy the current parameters to ``copies``, whose memory is used again."""
+        params = [p for at in self.run.connections for p in at.layer.blobs]
+        if [(id(p), p.shape) for p in params] != [(id(p), values.shape) for p, values in copies]:
+            copies[:] = [(p, np.empty_like(p.data)) for p in params]
+        for param, values in copies:
+            values[...] = param.data
 
     def _is_cut(self) -> bool:
         """Whether the batch is divided into slices for the current shapes of the inputs."""
@@ -141,15 +153,19 @@ class SlicedStep(Step):
             return
         self._shape_blobs()
         items = self.at.bottom[0].shape[0]
-        largest = max(b.count * b.dtype.itemsize // max(items, 1) for at in self.run.connections for b in at.top)
+        each = max(items, 1)
+        largest = max(b.count * b.dtype.itemsize // each for at in self.run.connections for b in at.top)
+        size = _slice_size(items, largest, sum(_cost(at) for at in self.run.connections) // each)
+        param_bytes = sum(p.bytes for at in self.run.connections for p in at.layer.blobs)
+        count = min(LANES, max(LANE_BYTES // max(param_bytes, 1), MIN_LANES))
         lanes: list[Lane] = []
-        for i, rows in enumerate(blocks(items, _slice_size(largest))):
-            if i < LANES:
+        for i, rows in enumerate(blocks(items, size)):
+            if i < count:
                 params = [Blobs([ParamOfLane(p) for p in at.layer.blobs]) for at in self.run.order]
                 lanes.append([])
             else:
-                params = [at.layer.blobs for at in lanes[i % LANES][0]]
-            lanes[i % LANES].append(self._piece(rows, params))
+                params = [at.layer.blobs for at in lanes[i % count][0]]
+            lanes[i % count].append(self._piece(rows, params))
         self._lanes, self._shapes = lanes, [b.shape for b in self._whole]
 
     def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
@@ -199,10 +215,20 @@ def _with_params(layer: Layer, params: Blobs) -> Layer:
     return other
 
 
-def _slice_size(item_bytes: int) -> int:
+def _slice_size(items: int, item_bytes: int, item_cost: int) -> int:
     """Items per slice: a power of two, so that products divide into equal parts; 32 images of the hand network."""
-    wanted = max(1, min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1)))
-    return 1 << (wanted.bit_length() - 1)
+    wanted = min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1), SLICE_COST // max(item_cost, 1))
+    size = 1 << (max(1, wanted).bit_length() - 1)
+    for count, cost in SPLITS:
+        while size > 1 and size * count > items and size // 2 * item_cost >= cost:
+            size //= 2
+    return size
+
+
+def _cost(at: Connection) -> int:
+    """Multiplications of a layer, approximately: one per value, or per weight of an output."""
+    values = max(b.count for b in [*at.bottom, *at.top])
+    return values * max([1, *(p.count // max(p.shape[0], 1) for p in at.layer.blobs if p.shape)])
 
 
 def _read_again(at: Connection) -> list[Blob]:

@@ -16,6 +16,8 @@ from layers.activation.sigmoid import Sigmoid
 from layers.activation.tanh import TanH
 from layers.common.split import Split
 from layers.vision.convolution import Convolution
+from layers.vision.deconvolution import Deconvolution
+from layers.vision.im2col import Im2col
 from layers.vision.pooling import Pooling
 from netlib.layer import Layer
 
@@ -49,6 +51,10 @@ def _convolution(layer: Convolution) -> LayerTraits:
     return LayerTraits(batchwise=layer.axis > 0, reads_top=False)
 
 
+def _im2col(layer: Im2col) -> LayerTraits:
+    return LayerTraits(batchwise=layer.axis > 0, reads_bottom=False, reads_top=False)
+
+
 def _pooling(layer: Pooling) -> LayerTraits:
     full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))  # no empty windows
     alone = len(layer.spec.top) == 1  # a mask depends on a layer in place that would be moved
@@ -60,6 +66,8 @@ def _pooling(layer: Pooling) -> LayerTraits:
 # Traits of a layer type, or a function of the layer if they depend on its options.
 TABLE: dict[type[Layer], LayerTraits | Callable[..., LayerTraits]] = {
     Convolution: _convolution,
+    Deconvolution: _convolution,
+    Im2col: _im2col,
     Pooling: _pooling,
     Power: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
     ReLU: _relu,

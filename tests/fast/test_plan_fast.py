@@ -52,7 +52,7 @@ def test_the_plan_of_the_papers_network() -> None:
     assert [(at.layer.name, type(at.layer).__name__) for at in pieces[0]] == LAYERS_OF_A_SLICE
     assert [(layer.name, type(layer).__name__) for layer in whole] == WHOLE_LAYERS
     convolutions = [at.layer for at in pieces[0] if isinstance(at.layer, FastConvolution)]
-    assert {layer.name: type(layer.way).__name__ for layer in convolutions} == WAYS
+    assert {layer.name: type(layer.tiles).__name__ for layer in convolutions} == WAYS
     assert [piece[0].bottom[0].shape[0] for piece in pieces] == [ITEMS_PER_SLICE] * (512 // ITEMS_PER_SLICE)
     assert {name: blob.tile for name, blob in blobs.items() if isinstance(blob, Hidden)} == TILES
     assert {name for name, blob in blobs.items() if isinstance(blob, Hidden) and blob.may_be_sparse} == SPARSE

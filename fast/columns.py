@@ -1,0 +1,194 @@
+r"""Columns: convolution of any shape by products of the weights with columns, for several images at a time.
+
+As in the plain layer (layers/vision/convolution.py), each column holds the values of x under one window. Here a block
+has the columns of several images, or of some rows of a large image:
+
+    columns (C kh kw, n, Ho, Wo)        y (O, n Ho Wo)  =  w (O, C kh kw) @ columns (C kh kw, n Ho Wo)
+
+They are written to one buffer of the thread, which stays in the cache, and the products of small images are as long as
+those of large ones. The gradient of the weights is one product per block, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from fast.geometry import Geometry, at, image_blocks, run_parts
+from fast.parallel import scratch
+from netlib.blob import Array
+
+COLUMN_BYTES = 2 << 20  # of a block
+MIN_COLUMNS = 256  # of a block, because BLAS copies the weights for every product
+MIN_IMAGE = 128  # positions of an image from which a 1 x 1 convolution reads x in place, without joining images
+COPY = 16  # multiplications that take as long as copying a value
+
+
+class Columns:
+    """The algorithm for all shapes: any number of spatial axes, stride, padding, dilation and groups."""
+
+    def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
+        """Write y."""
+        for images, rows in _blocks(g, x, y.shape):
+            columns = lower(g, x[images], rows, y.shape[2:])
+            _correlate(g, w, bias, columns, y[images, :, rows])
+
+    def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
+        """Write dx."""
+        for images, rows in _blocks(g, dx, dy.shape):
+            gradient = _by_channel(dy[images, :, rows])
+            if _in_place(g, images):
+                part = dx[images, :, rows]
+                _transpose_in_place(g, w, bias, gradient, part.reshape(part.shape[1], -1))
+            else:
+                _transpose(g, w, bias, gradient, dx[images], rows, dy.shape[2:])
+
+    def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
+        """Add to dw."""
+        for images, rows in _blocks(g, x, dy.shape):
+            columns = lower(g, x[images], rows, dy.shape[2:])
+            _gradient(g, columns, _by_channel(dy[images, :, rows]), dw)
+
+
+def _correlate(g: Geometry, w: Array, bias: Array | None, columns: Array, y: Array) -> None:
+    """Write y (n, O, ...) of one block."""
+    n, O = y.shape[:2]
+    target = y.reshape(n, O, -1)
+    result = target[0] if n == 1 else scratch("result", (O, columns.shape[1]), y.dtype)
+    by_image = result.reshape(O, n, -1).swapaxes(0, 1)
+
+    def job(o: slice) -> None:
+        multiply(g, w, columns, result, o)
+        if bias is not None:
+            np.add(by_image[:, o], bias[o, None], out=target[:, o])
+        elif n > 1:
+            target[:, o] = by_image[:, o]
+
+    run_parts(job, O, g.group, w.size * columns.shape[1])
+
+
+def _transpose(
+    g: Geometry, w: Array, bias: Array | None, dy: Array, dx: Array, rows: slice, outputs: tuple[int, ...]
+) -> None:
+    """Add the products of one block to the padded dx (n, C, ...), and write dx with its last rows."""
+    (n, C, *sizes), elements = dx.shape, math.prod(g.kernel)
+    columns = scratch("columns", (C * elements, dy.shape[1]), dx.dtype)
+    windows = columns.reshape(C, *g.kernel, n, rows.stop - rows.start, *outputs[1:])
+    padded = scratch("padded", (C, n, *g.padded(sizes)), dx.dtype)
+    target = dx.swapaxes(0, 1)
+
+    def job(c: slice) -> None:
+        multiply_transposed(g, w, dy, columns, slice(c.start * elements, c.stop * elements))
+        if rows.start == 0:
+            padded[c] = 0
+        for element, part in g.windows(rows, outputs):
+            padded[at(c, part)] += windows[(c,) + element]
+        if rows.stop == outputs[0]:
+            target[c] = padded[at(c, g.inside(sizes))]
+            if bias is not None:
+                target[c] += bias[c].reshape(-1, *(1,) * (len(sizes) + 1))
+
+    run_parts(job, C, g.group, w.size * dy.shape[1] + columns.size * COPY)
+
+
+def _transpose_in_place(g: Geometry, w: Array, bias: Array | None, dy: Array, dx: Array) -> None:
+    """Write dx (C, L) of one block of a 1 x 1 convolution."""
+
+    def job(c: slice) -> None:
+        multiply_transposed(g, w, dy, dx, c)
+        if bias is not None:
+            dx[c] += bias[c, None]
+
+    run_parts(job, len(dx), g.group, w.size * dy.shape[1])
+
+
+def _gradient(g: Geometry, columns: Array, dy: Array, dw: Array) -> None:
+    """Add the product of one block to dw."""
+    O, L = dy.shape
+
+    def job(o: slice) -> None:
+        each, group = _groups(g, O, o)
+        factor = columns.reshape(g.group, -1, L)[group].swapaxes(1, 2)
+        dw[o] += (dy[o].reshape(-1, each, L) @ factor).reshape(dw[o].shape)
+
+    run_parts(job, O, g.group, dw.size * L)
+
+
+def _is_pointwise(g: Geometry) -> bool:
+    """Whether x itself is its columns, without a stride."""
+    return set(g.kernel) == {1} and not any(g.pad)
+
+
+def _in_place(g: Geometry, images: slice) -> bool:
+    """Whether the columns of these images are a view of x."""
+    return _is_pointwise(g) and set(g.stride) == {1} and images.stop - images.start == 1
+
+
+def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
+    """Copy x (n, C, ...) to columns (C kh kw, n L), for these rows of outputs; a view if they are a part of x."""
+    n, C = x.shape[:2]
+    if _in_place(g, slice(0, n)):
+        return x[0, :, rows].reshape(C, -1)
+    by_channel, inside, padded_sizes = g.band(x.swapaxes(0, 1), rows)
+    shape = (C, *g.kernel, n, rows.stop - rows.start, *outputs[1:])
+    columns = scratch("columns", shape, x.dtype)
+    padded = scratch("padded", (C, n, *padded_sizes), x.dtype) if any(g.pad) else by_channel
+
+    def job(c: slice) -> None:
+        if any(g.pad):
+            padded[c] = 0
+            padded[at(c, inside)] = by_channel[c]
+        for element, part in g.windows(slice(0, rows.stop - rows.start), outputs):
+            columns[(c,) + element] = padded[at(c, part)]
+
+    run_parts(job, C, 1, columns.size * COPY)
+    return columns.reshape(C * math.prod(g.kernel), -1)
+
+
+def multiply(g: Geometry, w: Array, columns: Array, out: Array, o: slice) -> None:
+    """Write the rows ``o`` of w @ columns to out (O, L), group by group."""
+    rows, group = _groups(g, len(w), o)
+    L = columns.shape[1]
+    weights, right = w[o].reshape(-1, rows, w[0].size), columns.reshape(g.group, -1, L)[group]
+    np.matmul(weights, right, out=out[o].reshape(-1, rows, L))
+
+
+def multiply_transposed(g: Geometry, w: Array, dy: Array, out: Array, k: slice) -> None:
+    """Write the rows ``k`` of wᵀ @ dy to out (C kh kw, L), group by group."""
+    rows, group = _groups(g, len(out), k)
+    L = dy.shape[1]
+    weights = w.reshape(g.group, len(w) // g.group, -1)[group]
+    if g.group == 1:
+        weights = weights[:, :, k]
+    right = dy.reshape(g.group, -1, L)[group]
+    np.matmul(weights.swapaxes(1, 2), right, out=out[k].reshape(-1, rows, L))
+
+
+def _groups(g: Geometry, count: int, part: slice) -> tuple[int, slice]:
+    """Rows of each group in a part of ``count`` rows, and the groups of the part."""
+    each = count // g.group
+    if g.group == 1:
+        return part.stop - part.start, slice(0, 1)
+    return each, slice(part.start // each, part.stop // each)
+
+
+def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
+    """The images and rows of outputs of each block."""
+    bytes_each = x.shape[1] * math.prod(g.kernel) * x.itemsize
+    columns, outputs = max(COLUMN_BYTES // bytes_each, MIN_COLUMNS), math.prod(y_shape[2:])
+    if _is_pointwise(g) and outputs >= MIN_IMAGE:
+        columns = min(columns, outputs)
+    return image_blocks(len(x), y_shape[2:], columns)
+
+
+def _by_channel(dy: Array) -> Array:
+    """Dy (n, O, ...) as (O, n L): a view of one image, else a copy."""
+    n, O = dy.shape[:2]
+    rows = dy.reshape(n, O, -1)
+    if n == 1:
+        return rows[0]
+    copy = scratch("dy", (O, n, rows.shape[2]), dy.dtype)
+    copy[...] = rows.swapaxes(0, 1)
+    return copy.reshape(O, -1)

@@ -1,0 +1,115 @@
+"""What the algorithms for convolutions share: sizes of windows, division of a batch into blocks, parts of a product.
+
+An algorithm computes three sums on arrays x (N, C, ...) and y (N, O, ...), with w (O, C / group, ...):
+
+    correlate   y  = sum of w x, for a convolution's forward         (backward of a deconvolution)
+    transpose   dx = every dy w, added at the position of its x      (forward of a deconvolution)
+    gradient    dw = sum over images and windows of dy x, added to dw
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from fast import parallel
+from netlib.blob import Array
+from netlib.system.memory import blocks
+
+MIN_PART = 32  # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
+MIN_PARTS_COST = 4_000_000  # multiplications; starting threads takes longer than a smaller product
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Kernel, stride, pad and dilation of a convolution, one number per spatial axis, and the number of groups."""
+
+    kernel: tuple[int, ...]
+    stride: tuple[int, ...]
+    pad: tuple[int, ...]
+    dilation: tuple[int, ...]
+    group: int
+
+    @property
+    def is_dense(self) -> bool:
+        """Whether neighbouring windows are one value apart and read neighbouring values."""
+        return set(self.stride) | set(self.dilation) == {1}
+
+    def padded(self, sizes: Sequence[int]) -> tuple[int, ...]:
+        """The spatial axes with their padding."""
+        return tuple(n + 2 * p for n, p in zip(sizes, self.pad))
+
+    def inside(self, sizes: Sequence[int]) -> tuple[slice, ...]:
+        """The part of padded axes that is not padding."""
+        return tuple(slice(p, p + n) for n, p in zip(sizes, self.pad))
+
+    def band(self, x: Array, rows: slice) -> tuple[Array, tuple[slice, ...], tuple[int, ...]]:
+        """The part of x (C, n, ...) under these rows of outputs, its place in the padded part, and that part's axes."""
+        first = rows.start * self.stride[0] - self.pad[0]
+        end = first + (rows.stop - rows.start - 1) * self.stride[0] + self.dilation[0] * (self.kernel[0] - 1) + 1
+        low, high = min(max(first, 0), x.shape[2]), max(min(end, x.shape[2]), 0)
+        inside = (slice(low - first, max(high, low) - first), *self.inside(x.shape[2:])[1:])
+        return x[:, :, low:high], inside, (end - first, *self.padded(x.shape[2:])[1:])
+
+    def windows(self, rows: slice, outputs: Sequence[int]) -> Iterator[tuple[tuple[int, ...], tuple[slice, ...]]]:
+        """For each kernel element, the part of the padded axes under it in all windows of these rows of outputs."""
+        starts, counts = (rows.start, *(0,) * (len(outputs) - 1)), (rows.stop - rows.start, *outputs[1:])
+        for element in np.ndindex(self.kernel):
+            firsts = [i * d + r * s for i, d, r, s in zip(element, self.dilation, starts, self.stride)]
+            yield element, tuple(slice(f, f + (n - 1) * s + 1, s) for f, n, s in zip(firsts, counts, self.stride))
+
+
+def at(channels: slice, part: tuple[slice, ...]) -> tuple[slice, ...]:
+    """The index of these channels and a part of the spatial axes in an array (C, n, ...)."""
+    return channels, slice(None), *part
+
+
+class Algorithm(Protocol):
+    """Computes the three sums of a convolution."""
+
+    def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
+        """Write y."""
+
+    def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
+        """Write dx; ``bias`` (C,) is added to it."""
+
+    def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
+        """Add to dw."""
+
+
+def channel_parts(channels: int, group: int, cost: float) -> list[slice]:
+    """Divide the channels of a product with ``cost`` multiplications into a part for each thread.
+
+    A product inside a slice of the batch is one part, because other threads have other slices. A part has whole groups
+    if there are several.
+    """
+    unit = MIN_PART if group == 1 else channels // group
+    if parallel.is_inside() or cost < MIN_PARTS_COST or channels <= unit:
+        return [slice(0, channels)]
+    units = -(-channels // unit)
+    return blocks(channels, -(-units // parallel.threads()) * unit)
+
+
+def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
+    """Call ``job`` for each of ``channel_parts``, on several threads."""
+    parallel.run([partial(job, part) for part in channel_parts(channels, group, cost)])
+
+
+def image_blocks(images: int, outputs: Sequence[int], columns: int) -> Iterator[tuple[slice, slice]]:
+    """Divide a batch into blocks of about ``columns`` windows: several images, or some rows of one image."""
+    rows, row = outputs[0], math.prod(outputs[1:])
+    each = columns // max(row * rows, 1)
+    if each:
+        each = -(-max(images, 1) // -(-max(images, 1) // each))  # nearly equal blocks
+        for block in blocks(images, each):
+            yield block, slice(0, rows)
+        return
+    count = -(-rows * row // columns)  # of nearly equal bands
+    for n in range(images):
+        for band in blocks(rows, -(-rows // count)):
+            yield slice(n, n + 1), band
