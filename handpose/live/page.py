@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 from handpose.drawing import labels
@@ -26,3 +27,9 @@ def page(header: TrackHeader) -> str:
     style = source("page.css") + source("live.css", BROWSER)
     body = source("live.html", BROWSER)
     return assembled(f"{header.source}, live", data, body, style, script_of("live", BROWSER), connects=True)
+
+
+@functools.cache
+def page_without_token() -> str:
+    """The answer to a request without a token: a tab that had one continues with it, any other shows the error."""
+    return assembled("Wrong token", {}, source("without_token.html", BROWSER), "", script_of("without_token", BROWSER))

@@ -14,6 +14,9 @@ It answers three paths, each with the query token=TOKEN, which is random:
 No frame waits for another one: each client has a slot for the newest frame, which replaces one that was not sent yet.
 The page requests each frame, so that none waits in the buffers between them either.
 
+A connection must show the token within HANDSHAKE_S. At most MAX_WAITING have not shown it; a further one takes the
+place of the oldest, so that silent connections neither use up the process's file descriptors nor keep clients out.
+
 At the end of the block, clients get the last frame, and the connection is closed with a reason in words: with code 1000
 at the end of the recording, 1001 when the tracker was stopped.
 """
@@ -21,24 +24,36 @@ at the end of the recording, 1001 when the tracker was stopped.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import hmac
 import logging
+import re
 import secrets
 import socket
 import threading
+from collections.abc import Callable
 from http import HTTPStatus
 from types import ModuleType, TracebackType
 from typing import Any
-from urllib.parse import parse_qs, urlencode, urlsplit
+from urllib.parse import urlencode, urlsplit
 
+from handpose.live.handshake import RefusedError, Request, answer, is_named, parse
 from handpose.live.messages import LINES, VIEWS
+from handpose.live.page import page_without_token
 from netlib.errors import NetlibError, reason_of
 
-GRACE_S = 5.0  # time for clients to receive the last frame and to close
+MAX_WAITING = 64  # connections that have not shown the token
+HANDSHAKE_S = 5.0  # time for a connection to show the token
+MAX_CLIENTS = 64
+BACKLOG = 16  # connections that are accepted at once
+GRACE_S = 4.0  # time for clients to receive the last frame and to close
+ANSWER_S = 30.0  # time for a browser to receive the page
+CLOSE_S = 0.5  # time for a rejected client to read the answer, and for the server to close
 ENDED, STOPPED = (1000, "the recording has ended"), (1001, "the tracker was stopped")
 _MAX_RECEIVED = 1024  # maximum bytes of a message from a client
 _SEND_BUFFER = 1 << 17  # bytes that the system keeps for a slow client
+_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,200}")
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
@@ -69,20 +84,109 @@ class _Slot:
         return message
 
 
+class _Gate(asyncio.Protocol):
+    """A connection that has not shown the token.
+
+    It reads one HTTP request. A request for the page, and one that is rejected, is answered here; the connection of any
+    other one is passed on to a WebSocket connection, made by ``upgrade``.
+    """
+
+    def __init__(self, gates: _Gates, upgrade: Callable[[], Any]) -> None:
+        self._gates, self._upgrade = gates, upgrade
+        self._received = b""
+        self._answered = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport: Any = transport
+        self._timer = asyncio.get_running_loop().call_later(HANDSHAKE_S, self.abort)
+        self._gates.add(self)
+
+    def data_received(self, data: bytes) -> None:
+        if self._answered:  # a rejected client may send on
+            return
+        self._received += data
+        try:
+            request = parse(self._received)
+            content = request and self._gates.answer(request)
+        except RefusedError as error:
+            self._respond(error.answer, CLOSE_S)
+            return
+        if content:
+            self._gates.leave(self)
+            self._respond(content, ANSWER_S)
+        elif request:
+            self._timer.cancel()
+            self._gates.leave(self)
+            connection = self._upgrade()
+            self._transport.set_protocol(connection)
+            connection.connection_made(self._transport)
+            connection.data_received(self._received)
+
+    def eof_received(self) -> bool:
+        """Reply to a request that ends early; returns True to keep the connection until the reply is sent."""
+        if self._received and not self._answered:
+            self._respond(RefusedError(HTTPStatus.BAD_REQUEST, "The request is incomplete.").answer, CLOSE_S)
+        self._transport.close()  # after the reply
+        return True
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._timer.cancel()
+        self._gates.leave(self)
+
+    def abort(self) -> None:
+        """Close the connection without an answer."""
+        self._transport.abort()
+
+    def _respond(self, content: bytes, seconds: float) -> None:
+        """Send a response. The client closes the connection; closing it here could discard the response."""
+        self._answered, self._received = True, b""
+        self._timer.cancel()
+        self._timer = asyncio.get_running_loop().call_later(seconds, self.abort)
+        self._transport.write(content)
+        self._transport.write_eof()
+
+
+class _Gates:
+    """All connections that have not shown the token; ``answer`` returns the response to a request, see ``_Gate``."""
+
+    def __init__(self, answer: Callable[[Request], bytes | None]) -> None:
+        self.answer = answer
+        self._waiting: dict[_Gate, None] = {}  # the oldest first
+
+    def add(self, gate: _Gate) -> None:
+        """Add a connection, in place of the oldest one if there are too many."""
+        if len(self._waiting) >= MAX_WAITING:
+            oldest = next(iter(self._waiting))
+            self.leave(oldest)
+            oldest.abort()
+        self._waiting[gate] = None
+
+    def leave(self, gate: _Gate) -> None:
+        """Remove a connection."""
+        self._waiting.pop(gate, None)
+
+    def abort(self) -> None:
+        """Close all connections."""
+        for gate in list(self._waiting):
+            gate.abort()
+
+
 class LiveServer:
     """Serves one track in a separate thread, which is ready when the block begins.
 
     host, port  where it listens; port 0: any that is free
     header      of the track as JSON, the first message to programs
     page        the page as HTML
+    token       that clients must have; by default a random one
 
-    Raises NetlibError without websockets, and in ``__enter__`` if it cannot listen there.
+    Raises NetlibError without websockets and for a short token, and in ``__enter__`` if it cannot listen there.
     """
 
-    def __init__(self, host: str, port: int, header: str, page: str) -> None:
+    def __init__(self, host: str, port: int, header: str, page: str, token: str | None = None) -> None:
         self._websockets = _package()
-        self.host, self.port, self._header, self._page = host, port, header, page.encode()
-        self.token = secrets.token_urlsafe(16)
+        self.host, self.port, self._header, self._page = host, port, header, page
+        self.token = secrets.token_urlsafe(16) if token is None else checked_token(token)
+        self._gates = _Gates(self._answer)
         self._clients: dict[str, set[_Slot]] = {LINES: set(), VIEWS: set()}
         self._handlers: dict[asyncio.Task[Any], Any] = {}  # with the connection of each
         self._was_asked = threading.Event()
@@ -136,10 +240,12 @@ class LiveServer:
 
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        self._loop.set_exception_handler(_ignore_connection_errors)
         try:
             server = await self._websockets.asyncio.server.serve(
-                self._client, self.host, self.port, process_request=self._answer, compression=None, server_header=None,
-                max_size=_MAX_RECEIVED, close_timeout=GRACE_S, logger=_silent_logger(),
+                self._client, self.host, self.port, create_connection=self._gate, compression=None, server_header=None,
+                max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, backlog=BACKLOG,
+                logger=_silent_logger(),
             )  # fmt: skip
         except Exception as error:
             self._failure = error
@@ -152,11 +258,17 @@ class LiveServer:
             for slot in slots:
                 slot.end()
         if self._handlers:
-            _, late = await asyncio.wait(self._handlers, timeout=GRACE_S)
-            for handler in late:
-                self._handlers[handler].transport.abort()
+            await asyncio.wait(self._handlers, timeout=GRACE_S)
         server.close()
-        await server.wait_closed()
+        for connection in self._handlers.values():
+            connection.transport.abort()
+        self._gates.abort()
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(server.wait_closed(), CLOSE_S)
+
+    def _gate(self, *args: Any, **options: Any) -> _Gate:
+        """The first protocol of a connection; the arguments are those of the WebSocket connection."""
+        return _Gate(self._gates, lambda: self._websockets.asyncio.server.ServerConnection(*args, **options))
 
     def _put(self, path: str, message: str | bytes) -> None:
         for slot in self._clients[path]:
@@ -187,28 +299,25 @@ class LiveServer:
             self._clients[path].discard(slot)
             self._handlers.pop(task)
 
-    def _answer(self, connection: Any, request: Any) -> Any:
-        """The page, a refusal, or None to continue with a WebSocket."""
-        asked = urlsplit(request.path)
-        given = parse_qs(asked.query).get("token", [""])[0]
-        if not hmac.compare_digest(given.encode(), self.token.encode()):
-            return self._response(HTTPStatus.FORBIDDEN, "Wrong token. Open the address that the tracker has printed.")
-        if asked.path == "/":
-            return self._response(HTTPStatus.OK, self._page, "text/html")
-        if asked.path not in self._clients:
-            return self._response(HTTPStatus.NOT_FOUND, f"Expected /, {LINES} or {VIEWS}.")
-        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
-        if any(urlsplit(origin).netloc not in hosts for origin in origins):
-            return self._response(HTTPStatus.FORBIDDEN, "Pages of other sites get no frames.")
+    def _answer(self, request: Request) -> bytes | None:
+        """The page, or None to continue with a WebSocket. Raises RefusedError."""
+        if not is_named(request.host, self.host):
+            raise RefusedError(HTTPStatus.FORBIDDEN, "Wrong host. Open the address that the tracker has printed.")
+        path, token = request.path, request.token
+        if not hmac.compare_digest(token.encode(), self.token.encode()):
+            page = page_without_token() if path == "/" and not token else None
+            raise RefusedError(
+                HTTPStatus.FORBIDDEN, "Wrong token. Open the address that the tracker has printed.", page
+            )
+        if path == "/":
+            return answer(HTTPStatus.OK, self._page, "text/html")
+        if path not in self._clients:
+            raise RefusedError(HTTPStatus.NOT_FOUND, f"Expected /, {LINES} or {VIEWS}.")
+        if not request.is_of_same_site():
+            raise RefusedError(HTTPStatus.FORBIDDEN, "Pages of other sites get no frames.")
+        if len(self._handlers) >= MAX_CLIENTS:
+            raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, f"{MAX_CLIENTS} clients are connected; expected fewer.")
         return None
-
-    def _response(self, status: HTTPStatus, body: str | bytes, kind: str = "text/plain") -> Any:
-        content = body if isinstance(body, bytes) else f"{body}\n".encode()
-        headers = self._websockets.datastructures.Headers({
-            "Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(content)), "Connection": "close",
-            "Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff",
-        })  # fmt: skip
-        return self._websockets.http11.Response(status.value, status.phrase, headers, content)
 
     def _place(self) -> str:
         """Host and port for other machines."""
@@ -216,6 +325,13 @@ class LiveServer:
 
     def _query(self) -> str:
         return urlencode({"token": self.token})
+
+
+def checked_token(token: str, where: str = "token") -> str:
+    """The token. Raises NetlibError, without the token itself, for one that could be guessed or is no part of a URL."""
+    if _TOKEN.fullmatch(token) is None:
+        raise NetlibError(f"{where}: found {len(token)} characters; expected 16 to 200 of A-Z, a-z, 0-9, - and _")
+    return token
 
 
 def _joined(host: str, port: int) -> str:
@@ -229,6 +345,12 @@ def _why_not(error: Exception) -> str:
     if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
         return "the port is in use; choose another one, or 0 for any that is free"
     return f"cannot listen: {reason_of(error)}"
+
+
+def _ignore_connection_errors(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Handle an exception outside of all tasks; errors of the system concern one connection, which is closed."""
+    if not isinstance(context.get("exception"), OSError):
+        loop.default_exception_handler(context)
 
 
 def _silent_logger() -> logging.Logger:

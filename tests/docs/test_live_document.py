@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -26,8 +27,9 @@ def test_the_example_for_programs(tmp_path: Path) -> None:
     messages = Messages(HEADER)
     hands = [tracked("right", (-75, 0, 600), 1), tracked("left", (75, 0, 640), 2)]
     with LiveServer("127.0.0.1", 0, messages.header, "") as server:
-        command = [sys.executable, str(tmp_path / "watch.py"), server.lines_url]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        (tmp_path / "live.json").write_text(json.dumps({"frames": server.lines_url}), encoding="utf-8")
+        command = [sys.executable, str(tmp_path / "watch.py")]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path)
         assert server.wait_for_client(60)
         server.put(LINES, messages.line(messages.record(TrackedFrame(0, 0.0, tuple(hands)))))
     out, _ = process.communicate(timeout=60)

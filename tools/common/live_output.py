@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
+import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, TextIO
 
@@ -17,6 +20,9 @@ from handpose.live.datagrams import DatagramSender
 from handpose.live.messages import LINES, VIEWS, Messages
 from handpose.sources.recording import Recording
 from handpose.track_files.track import TrackedFrame, TrackHeader
+from netlib.errors import NetlibError, reason_of
+from netlib.files import atomic
+from tools.common.arguments import name_in
 from tools.common.console import say
 
 if TYPE_CHECKING:
@@ -24,6 +30,7 @@ if TYPE_CHECKING:
 
 LIVE = ("serve", "udp")
 LOCAL = "127.0.0.1"
+TOKEN = "HANDPOSE_TOKEN"  # environment variable
 _MAX_PORT = 65535
 _CHECK_S = 0.1  # interval between checks for a request to stop
 
@@ -33,6 +40,9 @@ def add_live_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
                         help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
                              f"(default: {LOCAL}, which other machines do not reach, and any free port)")  # fmt: skip
+    parser.add_argument("--addresses", metavar="FILE.json", type=name_in(".json"),
+                        help="with --serve: write the addresses, which contain the token, to a file that only you can "
+                             "read; removed at the end")  # fmt: skip
     parser.add_argument(
         "--udp", metavar="HOST:PORT", type=_address, help="a datagram of JSON per frame to this address"
     )
@@ -45,6 +55,7 @@ class LiveOutput:
         self._messages = Messages(header, args.joints, args.gestures)
         self._server = self._server_at(args.serve, header) if args.serve else None
         self._sender = DatagramSender(args.udp) if args.udp else None
+        self._addresses = Path(args.addresses) if args.addresses else None
         self._stack = contextlib.ExitStack()
         self._check: Callable[[], None] = lambda: None
         self._begun: float | None = None  # start by time.perf_counter; None for a live camera
@@ -54,6 +65,8 @@ class LiveOutput:
             for output in (self._server, self._sender):
                 if output is not None:
                     stack.enter_context(output)
+            if self._server is not None and self._addresses is not None:
+                stack.enter_context(_written(self._addresses, self._server))
             self._stack = stack.pop_all()
         return self
 
@@ -98,10 +111,11 @@ class LiveOutput:
 
     def _server_at(self, address: tuple[str, int], header: TrackHeader) -> LiveServer:
         from handpose.live.page import page
-        from handpose.live.server import LiveServer  # imports asyncio, which other runs do not need
+        from handpose.live.server import LiveServer, checked_token  # imports asyncio, which other runs do not need
 
         host, port = address
-        return LiveServer(host, port, self._messages.header, page(header))
+        token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None
+        return LiveServer(host, port, self._messages.header, page(header), token)
 
     def _wait_until(self, seconds: float) -> None:
         if self._begun is None:
@@ -109,6 +123,22 @@ class LiveOutput:
         while (early := self._begun + seconds - time.perf_counter()) > 0:
             time.sleep(min(early, _CHECK_S))
             self._check()
+
+
+@contextlib.contextmanager
+def _written(path: Path, server: LiveServer) -> Iterator[None]:
+    """A file with the addresses of a server within the block. Raises NetlibError."""
+    addresses = {"page": server.page_url, "frames": server.lines_url, "token": server.token}
+    try:
+        with atomic.replacing(path) as fresh:
+            fresh.chmod(0o600)
+            fresh.write_text(json.dumps(addresses, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise NetlibError(f"{path}: cannot write the addresses: {reason_of(error)}") from error
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
 
 
 def _served(text: str) -> tuple[str, int]:

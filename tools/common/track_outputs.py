@@ -59,6 +59,8 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
     selected = any(getattr(args, name) is not None for name in (*FILES, *DRAWN, *LIVE))
     if args.look is not None and selected:
         parser.error("--look stops after the first frames; omit other outputs")
+    if args.addresses is not None and args.serve is None:
+        parser.error("--addresses is for --serve")
     args.unnamed = args.look is None and not selected
     if args.unnamed:
         args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
@@ -82,7 +84,7 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
     inputs = [source, *camera_file.places_next_to(frames or source), *own]
-    for name in filter(None, (getattr(args, name) for name in (*FILES, *DRAWN, "look"))):
+    for name in filter(None, (getattr(args, name) for name in (*FILES, *DRAWN, "look", "addresses"))):
         outputs.refuse_inputs(name, inputs)
         place = Path(os.path.realpath(name))
         if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):

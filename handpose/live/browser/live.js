@@ -6,6 +6,7 @@ import { byId, shown } from "./elements.js";
 import { frameOf } from "./message.js";
 import { Scene } from "./scene.js";
 import { Stage } from "./stage.js";
+import { takeQuery } from "./token.js";
 import { add, length, minus, times } from "./vectors.js";
 
 const FOLLOW_S = 0.3; // in which most of a move of what is shown is made
@@ -51,7 +52,7 @@ function draw() {
   state.textContent = `frame ${record.number}, ${shown(record.time_s, 2)} s; ${shown(rate, 0)} frames/s shown here`;
 }
 
-const address = new URL(data.stream + location.search, location.href);
+const address = new URL(data.stream + takeQuery(), location.href);
 address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 const socket = new WebSocket(address);
 socket.binaryType = "arraybuffer";

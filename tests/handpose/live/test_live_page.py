@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Callable
 from typing import Any
@@ -167,12 +168,28 @@ def test_two_pages(server: LiveServer, visit: Visit) -> None:
         shown.state("frame 0, 0.00 s; ")
 
 
+def test_the_token_leaves_the_address(server: LiveServer, browser: Any) -> None:
+    """The address bar has no token; a reloaded page continues with it, and another tab shows the error."""
+    address = server.page_url.partition("?")[0]
+    context = browser.new_context()
+    with contextlib.closing(context):
+        tab, other = context.new_page(), context.new_page()
+        tab.goto(server.page_url)
+        for again in (False, True):
+            if again:
+                tab.reload()
+            tab.locator("#state").filter(has_text="connected").wait_for()
+            assert tab.evaluate("location.href") == address
+        other.goto(address)
+        other.get_by_text("Wrong token. Open the address that the tracker has printed.").wait_for()
+
+
 def test_one_file_for_one_server() -> None:
     """The page has no external address, its policy allows only its own script, style and server; sources are short."""
     text = page(HEADER)
     assert not re.search(r"https?://|<link|\bsrc=|url\(|@import|\bimport\s*[({\"']|\beval\(|innerHTML", text)
     assert "default-src 'none'; " in text and "connect-src 'self'; " in text and "unsafe" not in text.split("<body>")[0]
-    script = script_of("live", BROWSER)
+    script = script_of("live", BROWSER) + script_of("without_token", BROWSER)
     for path in BROWSER.iterdir():
         source = path.read_text(encoding="utf-8")
         assert len(source.splitlines()) < LONGEST and max(map(len, source.splitlines())) <= 120, path.name

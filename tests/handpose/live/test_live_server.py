@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from handpose.live import server as module
+from handpose.live.handshake import is_named
 from handpose.live.messages import LINES, VIEWS
 from handpose.live.server import LiveServer
 from handpose.track_files.json_values import header_values
@@ -166,7 +167,7 @@ def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
     with serve() as server:
         viewer, place = clients.connect(server, VIEWS), urlsplit(server.lines_url)
         silent = socket.create_connection((str(place.hostname), place.port))
-        silent.sendall(f"GET {place.path}?{place.query} HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\n"
+        silent.sendall(f"GET {place.path}?{place.query} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n"
                        "Connection: Upgrade\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
                        "Sec-WebSocket-Version: 13\r\n\r\n".encode())  # fmt: skip
         assert silent.recv(12) == b"HTTP/1.1 101"
@@ -186,8 +187,12 @@ def test_the_page_needs_the_token(server: LiveServer) -> None:
     status, text = answer(server, f"/?{place.query}")
     assert status == 200 and text.startswith("<!DOCTYPE html>") and "connect-src 'self'" in text
     assert len(server.token) >= 20 and server.token != LiveServer("127.0.0.1", 0, "", "").token
-    for wrong in ("/", "/?token=", f"/?{place.query}x", f"/?token={server.token[:-1]}", "/?token=%ff", "/?x=1"):
-        assert answer(server, wrong) == (403, "Wrong token. Open the address that the tracker has printed.\n")
+    line = "Wrong token. Open the address that the tracker has printed."
+    for wrong in (f"/?{place.query}x", f"/?token={server.token[:-1]}", "/?token=%ff", LINES):
+        assert answer(server, wrong) == (403, f"{line}\n")
+    for absent in ("/", "/?token=", "/?x=1"):
+        status, text = answer(server, absent)
+        assert status == 403 and line in text and server.token not in text
     assert answer(server, f"/other?{place.query}") == (404, "Expected /, /frames or /view.\n")
     assert answer(server, f"{LINES}?{place.query}")[0] == 426  # not a WebSocket
 
@@ -216,6 +221,98 @@ def test_pages_of_other_sites_are_refused(
     """The page's own origin has the requested host; programs send no origin."""
     own = urlsplit(server.page_url).netloc
     assert clients.status(server, origin=origin and origin.format(own)) == status
+
+
+@pytest.mark.parametrize(
+    ("host", "listening", "named"),
+    [("127.0.0.1:80", "127.0.0.1", True), ("LOCALHOST:9", "127.0.0.1", True), ("[::1]:80", "127.0.0.1", True),
+     ("evil.example", "127.0.0.1", False), ("localhost.evil.example", "127.0.0.1", False),
+     ("192.168.0.7", "127.0.0.1", False), ("192.168.0.7", "0.0.0.0", True), ("evil.example:80", "0.0.0.0", False),
+     (socket.gethostname(), "0.0.0.0", True), (socket.gethostname(), "127.0.0.1", False),
+     ("Camera.lab:80", "camera.lab", True), ("192.168.0.7", "192.168.0.7", True),
+     ("192.168.0.8", "192.168.0.7", False)],
+)  # fmt: skip
+def test_hosts(host: str, listening: str, named: bool) -> None:
+    """A request must name this server: its own address, or any IP address if it listens on all of them."""
+    assert is_named(host, listening) == named
+
+
+def exchange(server: LiveServer, *pieces: bytes) -> bytes:
+    """All that the server sends for these bytes, and for the end after them."""
+    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as connection:
+        for piece in pieces:
+            connection.sendall(piece)
+        connection.shutdown(socket.SHUT_WR)
+        return b"".join(iter(lambda: connection.recv(1 << 16), b""))
+
+
+@pytest.mark.parametrize(
+    ("received", "status"),
+    [(b"\xff", 400), (b"\x16\x03\x01\x02", 400), (b"GET / HTTP/2.0\r\n", 400), (b"GET\r\n", 400), (b"GET / HT", 400),
+     (b"POST / HTTP/1.1\r\n", 405), (b"GET / HTTP/1.1\r\nHost: localhost\r\n: x\r\n\r\n", 400),
+     (b"GET / HTTP/1.1\r\n\r\n", 400), (b"GET / HTTP/1.1\r\nHost: localhost\r\nHost: localhost\r\n\r\n", 400),
+     (b"GET / HTTP/1.1\r\nHost: a b\r\n\r\n", 400), (b"GET //[x HTTP/1.1\r\nHost: localhost\r\n\r\n", 400),
+     (b"GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n", 403),
+     (b"GET / HTTP/1.1\r\nX: " + b"x" * (1 << 16), 431),
+     (b"GET /frames?token=TOKEN HTTP/1.1\r\nHost: localhost\r\nOrigin: http://[\r\n\r\n", 400)],
+)  # fmt: skip
+def test_malformed_requests(server: LiveServer, received: bytes, status: int) -> None:
+    """A request that is not valid is answered with its status, at once or with the end of the request."""
+    received = received.replace(b"TOKEN", server.token.encode())
+    assert exchange(server, received).startswith(b"HTTP/1.1 %d " % status)
+    half = len(received) // 2
+    assert exchange(server, received[:half], received[half:]).startswith(b"HTTP/1.1 %d " % status)
+
+
+def test_a_token_of_the_user(serve: Serve) -> None:
+    """The user can choose the token; a short one raises an error that does not contain it."""
+    assert LiveServer("127.0.0.1", 0, "", "", "0123456789abcdef").token == "0123456789abcdef"
+    with pytest.raises(NetlibError, match=r"^token: found 5 characters; expected 16 to 200 of A-Z"):
+        LiveServer("127.0.0.1", 0, "", "", "guess")
+
+
+# ------------------------------------------------------------------------------------------------ hostile connections
+
+
+def test_connections_without_the_token_are_limited(
+    clients: Clients, server: LiveServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of more silent connections than the limit the oldest are closed, and a client with the token connects."""
+    monkeypatch.setattr(module, "MAX_WAITING", 3)
+    with contextlib.ExitStack() as stack:
+        silent = [stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 10)) for _ in range(8)]
+        client = clients.connect(server)
+        for connection in silent[:5]:
+            with contextlib.suppress(ConnectionResetError):
+                assert connection.recv(1) == b""
+        server.put(LINES, "a")
+        assert client.recv(timeout=10) == "a" and len(server._gates._waiting) <= 3
+
+
+def test_a_connection_must_be_quick(server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A connection that shows no token in time is closed, also one whose request is incomplete."""
+    monkeypatch.setattr(module, "HANDSHAKE_S", 0.01)
+    for begun in (b"", b"GET / HTTP/1.1\r\nHost: "):
+        connection = socket.create_connection(("127.0.0.1", server.port), 10)
+        with connection, contextlib.suppress(ConnectionError):
+            connection.sendall(begun)
+            assert connection.recv(1) == b""
+
+
+def test_the_end_does_not_wait_for_silent_connections(serve: Serve) -> None:
+    """Connections without the token are closed at once when the server ends."""
+    with contextlib.ExitStack() as stack, serve() as server:
+        opened = [stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 10)) for _ in range(5)]
+        opened[0].sendall(b"GET / HTTP/1.1\r\n")
+        opened[1].sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert opened[1].recv(12) == b"HTTP/1.1 403"
+    assert not any(thread.name == "live" for thread in threading.enumerate())
+
+
+def test_clients_are_limited(clients: Clients, server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clients with the token are limited, too."""
+    monkeypatch.setattr(module, "MAX_CLIENTS", 1)
+    assert [clients.status(server), clients.status(server)] == [101, 503]
 
 
 # ------------------------------------------------------------------------------------------------ addresses

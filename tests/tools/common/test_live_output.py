@@ -20,6 +20,7 @@ from handpose.facts.cameras import ICVL
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sources.writing import RecordingWriter
 from handpose.track_files.track import TrackedFrame
+from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER, seen, tracked
 from tools.common import live_output
 from tools.common.live_output import LiveOutput, add_live_options
@@ -121,6 +122,26 @@ def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     with LiveOutput(parsed("--serve", "0.0.0.0:0"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
         assert capsys.readouterr().err == "warning: other machines can watch, if they have these addresses\n"
+
+
+def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs read the addresses from a file that only the user can read; it is removed at the end."""
+    pytest.importorskip("websockets")
+    monkeypatch.setenv(live_output.TOKEN, "0123456789abcdefABCDEF-_")
+    path = tmp_path / "live.json"
+    with LiveOutput(parsed("--serve", "--addresses", str(path)), HEADER):
+        found = json.loads(path.read_text(encoding="utf-8"))
+        assert path.stat().st_mode & 0o777 == 0o600
+    assert not path.exists() and found["token"] == "0123456789abcdefABCDEF-_"
+    assert found["frames"].startswith("ws://127.0.0.1:") and found["page"].endswith(f"/?token={found['token']}")
+
+
+def test_a_token_that_can_be_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short token in the environment raises an error that names the variable."""
+    pytest.importorskip("websockets")
+    monkeypatch.setenv(live_output.TOKEN, "1234")
+    with pytest.raises(NetlibError, match=r"^HANDPOSE_TOKEN: found 4 characters; expected 16 to 200"):
+        LiveOutput(parsed("--serve"), HEADER)
 
 
 # ------------------------------------------------------------------------------------------------ the whole command
