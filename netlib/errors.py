@@ -7,6 +7,7 @@ and, if it helps, what to do. Tools print it to stderr and exit with status 1.
 from __future__ import annotations
 
 import difflib
+import errno
 import re
 from collections.abc import Iterable
 
@@ -71,6 +72,30 @@ def option_advice(name: str, known: Iterable[str]) -> str:
         return (" (the layer BN and its bn_param belong to forks of Caffe such as SegNet's; "
                 "expected two layers, BatchNorm and Scale with bias_term: true)")  # fmt: skip
     return did_you_mean(name, known)
+
+
+# Reasons why a name leads to no readable file; every other error of a system call concerns the system.
+_OF_THE_FILE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL)
+_HDF5_ERRNO = re.compile(r"\berrno = (\d+)")
+
+
+def system_error_of(error: BaseException | None) -> BaseException | None:
+    """Return the error of the system that is this error or its cause; None if the content of a file is the cause.
+
+    Examples are too many open files, no memory, no permission, and a device that fails. A reader that leaves out
+    damaged files must not leave out files for such a reason.
+    """
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return error
+        # FFmpeg reports damaged files as I/O errors; those of the file itself are passed on as Python's.
+        if isinstance(error, OSError) and not type(error).__module__.startswith("av."):
+            found = _HDF5_ERRNO.search(str(error))
+            number = int(found[1]) if found else error.errno
+            if number and number not in _OF_THE_FILE:
+                return error
+        error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    return None
 
 
 def reason_of(error: BaseException | None) -> str:

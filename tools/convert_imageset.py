@@ -27,7 +27,7 @@ from layers.data.image_data import read_list
 from layers.data.images import decode_image, planes, read_image, resize_image
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError
+from netlib.errors import DataError, system_error_of
 from netlib.proto.messages import Datum
 from tools.common import databases
 from tools.common.arguments import caffes_flags, natural, parser_of
@@ -74,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
                 try:
                     image = read_image(path, color=not args.gray)
                 except DataError as error:
+                    if system_error_of(error):
+                        raise
                     progress.print(f"{error}; skipped", sys.stderr)
                     continue
                 if args.resize_height:

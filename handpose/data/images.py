@@ -20,7 +20,7 @@ from handpose.data.crops import SIZE, numbers
 from handpose.facts.cameras import UNIT_MM, Camera
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError
+from netlib.errors import DataError, system_error_of
 from netlib.files import pictures
 from netlib.files.paths import exists
 
@@ -36,18 +36,24 @@ NEAR_MM, FAR_MM = 20.0, 20_000.0  # no depth camera measures a whole image neare
 
 
 def read_png(path: str | Path) -> Array:
-    """The unchanged pixels of a PNG file, colours in OpenCV's order (blue first). Raises BadFrameError."""
+    """The unchanged pixels of a PNG file, colours in OpenCV's order (blue first). Raises BadFrameError.
+
+    Raises another DataError if the system cannot read it, which is no flaw of the file.
+    """
     if not exists(Path(path)):
         raise BadFrameError(path, MISSING)
     try:
         raw = files.read_bytes(path, "the frame")
     except DataError as error:
+        if system_error_of(error):
+            raise
         raise BadFrameError(path, DAMAGED, str(error).removeprefix(f"{path}: ")) from None
     try:
         if raw.startswith(pictures.PNG):
             return pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(path))
-    except DataError:
-        pass
+    except DataError as error:
+        if system_error_of(error):
+            raise
     raise BadFrameError(path, DAMAGED)
 
 

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from netlib.blob import Array
-from netlib.errors import DataError
+from netlib.errors import DataError, system_error_of
 from netlib.files import atomic, hdf5
 from netlib.files.paths import exists, find, names_in
 
@@ -45,7 +45,9 @@ def attributes(path: Path) -> dict[str, Any] | None:
     try:
         with hdf5.opened(path, "the data") as file:
             return dict(file.attrs)
-    except DataError:
+    except DataError as error:
+        if system_error_of(error):
+            raise
         return None
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -51,6 +52,8 @@ def _run_worker(path: Path, names: Sequence[str]) -> bytes:
         raise DataError(f"{path}: damaged: SciPy's reader does not come to an end with it") from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read: no process can be started: {reason_of(error)}") from None
+    if done.returncode == -signal.SIGKILL:
+        raise DataError(f"{path}: cannot be read: the process that reads it was killed, perhaps for lack of memory")
     if done.returncode:
         raise DataError(f"{path}: damaged: SciPy's reader crashes on it (status {done.returncode})")
     return done.stdout

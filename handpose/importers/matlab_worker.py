@@ -21,6 +21,8 @@ if __name__ == "__main__":
 import numpy as np
 import scipy.io
 
+DAMAGED = "not a readable MATLAB file, perhaps truncated"
+
 
 def main(path: str, names: Sequence[str], out: BinaryIO) -> None:
     """Write the variables to ``out``."""
@@ -41,8 +43,15 @@ def main(path: str, names: Sequence[str], out: BinaryIO) -> None:
                 np.save(image, array[:1] if array.ndim == 4 else array, allow_pickle=False)
                 out.write(image.getbuffer())
         out.flush()
+    except (OSError, MemoryError) as error:
+        system = isinstance(error, MemoryError) or error.errno
+        _line(out, {"fault": f"{'cannot be read' if system else DAMAGED}: {_reason(error)}"})
     except Exception as error:  # for a damaged file SciPy's reader may raise any exception
-        _line(out, {"fault": f"not a readable MATLAB file, perhaps truncated: {' '.join(str(error).split())[:120]}"})
+        _line(out, {"fault": f"{DAMAGED}: {_reason(error)}"})
+
+
+def _reason(error: BaseException) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__
 
 
 def _line(out: BinaryIO, header: dict[str, object]) -> None:

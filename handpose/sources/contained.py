@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from handpose.sources.raw import Calibration
 from handpose.sources.recording import DepthFrame, Recording
-from netlib.errors import DataError, NetlibError, reason_of
+from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 
 MAX_DISTANCE_BACK = 1.0  # s; a larger step back means that the clock was set
 
@@ -49,6 +49,8 @@ class Contained(Recording):
         except NetlibError:
             raise
         except Exception as error:  # for a damaged file a library may raise any exception
+            if system := system_error_of(error):
+                raise DataError(f"{self.name}: cannot read the frames: {reason_of(system)}") from error
             if number < 0:
                 raise DataError(f"{self.name}: not one frame can be read: {reason_of(error)}") from error
             self.cut = f"damaged or cut after frame {number}: {reason_of(error)}"

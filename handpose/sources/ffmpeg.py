@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from netlib import files
-from netlib.errors import DataError, NetlibError, reason_of
+from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files import pictures
 
 SEGMENT = b"\x18\x53\x80\x67"  # the element of Matroska that holds all others
@@ -48,7 +48,10 @@ def opened(path: Path) -> Iterator[Any]:
     """A container, open for reading. Raises DataError; within the block it raises what FFmpeg raises."""
     av = library()
     with files.opened(path, "the video") as stream:
-        head = stream.read(16)
+        try:
+            head = stream.read(16)
+        except OSError as error:
+            raise DataError(f"{path}: cannot read the video: {reason_of(error)}") from error
         stream.seek(0)
         kind = next((kind for at, magic, kind in CONTAINERS if head[at:].startswith(magic)), None)
         if kind is None:  # the format is not guessed, because some formats refer to other files or addresses
@@ -59,7 +62,9 @@ def opened(path: Path) -> Iterator[Any]:
                 # PyAV 19 has no such option any more.
                 names = {"metadata_errors": "replace"} if int(av.__version__.split(".")[0]) < 19 else {}
                 container = av.open(stream, format=kind, **names)
-        except (av.FFmpegError, ValueError, MemoryError) as error:
+        except (av.FFmpegError, OSError, ValueError, MemoryError) as error:
+            if system := system_error_of(error):
+                raise DataError(f"{path}: cannot read the video: {reason_of(system)}") from error
             reason = "; ".join(said[:1]) or reason_of(error)
             raise DataError(f"{path}: cannot read the video: damaged or cut: {reason}") from error
         with contextlib.closing(container):

@@ -6,6 +6,7 @@ open_folder(Path("frames/left_*.png"), given)    # those of one
 
 from __future__ import annotations
 
+import contextlib
 import fnmatch
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,8 +24,8 @@ from handpose.sources.folder_writer import put_back
 from handpose.sources.frame_names import NamedFrames, in_order
 from handpose.sources.raw import Calibration, calibration_of
 from handpose.sources.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
-from netlib.errors import DataError, did_you_mean
-from netlib.files.paths import exists, names_in
+from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
+from netlib.files.paths import exists, list_folder, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
 OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw", ".bin")  # named in an error message
@@ -78,7 +79,7 @@ class FolderRecording(Recording):
         self._decode = calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        """The frames that can be read. Raises DataError for one of another size or kind."""
+        """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""
         damaged, first = 0, ""
         ticks = self._frames.ticks or self.rate or 1.0
         for number, (name, time) in enumerate(zip(self._frames.names, self._frames.times)):
@@ -86,6 +87,8 @@ class FolderRecording(Recording):
             try:
                 image = _read(path)
             except DataError as error:
+                if system_error_of(error):
+                    raise
                 damaged, first = damaged + 1, first or str(error)
                 self.remarks = (*self._remarks, f"{damaged} damaged frames are left out, the first: {first}")
                 continue
@@ -98,13 +101,19 @@ def _frames_in(source: Path) -> tuple[Path, list[str]]:
         if not exists(place):
             put_back(place)
     if exists(source) and source.is_dir():
-        names = [name for name in names_in(source) if _is_frame(name)]
+        names = [name for name in list_folder(source) if _is_frame(name)]
         if not names:
             raise DataError(_no_frames(source))
         return source, names
     if exists(source):
         return source.parent, [source.name]
-    there = names_in(source.parent)
+    with contextlib.suppress(ValueError):  # a name that no file can have
+        try:
+            source.stat()
+        except OSError as error:
+            if system_error_of(error):
+                raise DataError(f"{source}: cannot be read: {reason_of(error)}") from error
+    there = list_folder(source.parent) if exists(source.parent) else set()
     names = [name for name in fnmatch.filter(there, source.name) if _is_frame(name)]
     if not names:
         pattern = any(character in source.name for character in "*?[")
@@ -136,6 +145,8 @@ def _first_whole(folder: Path, frames: NamedFrames) -> tuple[Path, NDArray[Any]]
         try:
             return folder / name, _read(folder / name)
         except DataError as error:
+            if system_error_of(error):
+                raise
             first = first or error
     assert first is not None
     raise first

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from handpose.sources.raw import check_values
 from netlib import files
-from netlib.errors import DataError, NetlibError, reason_of
+from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files.pictures import MAX_PIXELS
 
 HEADER = 1 << 14  # maximum bytes of a header
@@ -64,6 +64,8 @@ def header_of(start: bytes, where: str) -> Header:
             if version not in READERS:
                 raise ValueError(f"its version is {version[0]}.{version[1]}")
             shape, by_columns, dtype = READERS[version](stream)
+    except MemoryError as error:
+        raise DataError(f"{where}: no memory to read its header") from error
     except Exception as error:  # Python's parser may raise anything for a damaged header
         raise DataError(f"{where}: no array as NumPy writes it: {reason_of(error)[:200]}") from None
     if by_columns and len([size for size in shape if size > 1]) > 1:
@@ -126,7 +128,9 @@ class NpzFile:
             except NetlibError:
                 raise
             except Exception as error:  # for a damaged archive its reader and the decoders may raise any exception
-                raise DataError(f"{self.path}: a damaged .npz file: {reason_of(error)[:200]}") from None
+                system = system_error_of(error)
+                why = "cannot read the depth frames" if system else "a damaged .npz file"
+                raise DataError(f"{self.path}: {why}: {reason_of(system or error)[:200]}") from error
 
 
 def _exactly(stream: IO[bytes], count: int) -> bytes:

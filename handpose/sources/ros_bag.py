@@ -22,7 +22,7 @@ from handpose.sources import ros_messages as messages
 from handpose.sources.contained import Contained
 from handpose.sources.raw import Calibration, calibration_of
 from handpose.sources.recording import CameraInfo, Recording
-from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
+from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
@@ -107,9 +107,11 @@ def _opened(path: Path) -> Iterator[Bag]:
     is_ros1 = path.suffix.lower() == ".bag"
     try:
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)
-        with ros_limits.limited_rows():
+        with ros_limits.limited_rows(), ros_limits.named_limits():
             reader.open()
     except Exception as error:  # for a damaged bag the library may raise any exception
+        if system := system_error_of(error):
+            raise DataError(f"{path}: cannot read the bag: {reason_of(system)}") from error
         raise DataError(f"{path}: cannot read the bag: damaged or cut: {reason_of(error)}"
                         f"{REINDEX if is_ros1 and 'index' in str(error) else ''}") from error  # fmt: skip
     with contextlib.closing(reader):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import bz2
 import contextlib
+import errno
 import functools
 import importlib
 import types
@@ -19,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from netlib import files
-from netlib.errors import DataError
+from netlib.errors import DataError, reason_of
 from netlib.files.paths import names_in
 
 BEGINNINGS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
@@ -94,13 +95,19 @@ def limited_rows() -> Iterator[None]:
 
 @contextlib.contextmanager
 def named_limits() -> Iterator[None]:
-    """Turn SQLite's error for a row that is too large into a ValueError that names the limit."""
+    """Turn SQLite's errors into Python's: for a row that is too large a ValueError that names the limit, and those of
+    the system, which apsw does not derive from OSError and MemoryError.
+    """
     import apsw
 
     try:
         yield
     except apsw.TooBigError as error:
         raise ValueError(f"a message of more than {MAX_MESSAGE_BYTES} bytes") from error
+    except apsw.NoMemError as error:
+        raise MemoryError(reason_of(error)) from error
+    except (apsw.CantOpenError, apsw.IOError, apsw.PermissionsError) as error:
+        raise OSError(errno.EIO, reason_of(error)) from error
 
 
 def check_message(content: bytes) -> None:

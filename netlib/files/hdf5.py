@@ -23,7 +23,7 @@ from numpy.typing import DTypeLike
 
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError, NetlibError, reason_of
+from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files import Content, Identity, Source, atomic, hdf5_helper
 from netlib.files.paths import exists, find
 
@@ -50,7 +50,8 @@ def opened(path: str | Path | Content, what: str, kind: type[NetlibError] = Data
     except NetlibError:
         raise
     except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
-        raise kind(f"{path}: cannot read {what}: damaged, or not as expected: {reason_of(error)}") from error
+        why = "" if system_error_of(error) else "damaged, or not as expected: "
+        raise kind(f"{path}: cannot read {what}: {why}{reason_of(error)}") from error
 
 
 def _identity(path: str | Path | Content, what: str, kind: type[NetlibError]) -> Identity:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import signal
 import sys
 
@@ -28,6 +29,7 @@ import h5py
 MEMORY = 4 << 30  # limit of the process in bytes
 READ = 1 << 28  # limit in bytes of compressed or variable-length values that are read
 LARGE = 1 << 26  # data sets of at least this many bytes must be stored
+SYSTEM = re.compile(r"\berrno = (5|12|13|23|24)\b")  # EIO, ENOMEM, EACCES, ENFILE, EMFILE in HDF5's messages
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # part of h5py and known to fail cleanly
 
 
@@ -42,8 +44,11 @@ def fault_of(path: str) -> str:
             _Walk().group(file)
     except FaultError as error:
         return str(error)
+    except MemoryError:
+        return f"its check needs more than {MEMORY >> 30} GB of memory"
     except Exception as error:  # the library can raise anything on a damaged file
-        return f"damaged or truncated: {' '.join(str(error).split()) or type(error).__name__}"
+        text = " ".join(str(error).split()) or type(error).__name__
+        return text if isinstance(error, OSError) and SYSTEM.search(text) else f"damaged or truncated: {text}"
     return ""
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+from netlib.errors import DataError, reason_of
 from netlib.system.one_thread import lock
 
 BASE = Path(__file__).resolve().parents[2]  # parent of netlib/ and layers/: a clone, or site-packages
@@ -78,6 +79,15 @@ def names_in(folder: Path) -> set[str]:
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         return {entry.name for entry in entries}
     return set()
+
+
+def list_folder(folder: Path) -> set[str]:
+    """Names of all entries of a folder. Raises DataError if it cannot be read."""
+    try:
+        with os.scandir(folder) as entries:
+            return {entry.name for entry in entries}
+    except (OSError, ValueError) as error:
+        raise DataError(f"{folder}: cannot read the folder: {reason_of(error)}") from error
 
 
 def own_package(name: str) -> ModuleType:

@@ -34,6 +34,8 @@ def decode(content: bytes, flag: int, what: str) -> Array:
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flag) if content else None
     except (cv2.error, MemoryError) as error:
+        if isinstance(error, MemoryError) or getattr(error, "code", 0) == cv2.Error.STS_NO_MEM:
+            raise DataError(f"{what}: no memory to decode the image") from MemoryError()
         if bound := re.search(r"CV_IO_MAX_IMAGE_(PIXELS|WIDTH|HEIGHT)", str(error)):
             most = {"PIXELS": "pixels in all", "WIDTH": "pixels in a row", "HEIGHT": "rows"}[bound[1]]
             raise DataError(f"{what}: the image has too many {most}; OPENCV_IO_MAX_IMAGE_{bound[1]} in the environment "
