@@ -46,13 +46,8 @@ def layer_type_list() -> list[str]:
 
 
 def install_as_caffe() -> None:
-    """Make ``import caffe`` return netlib.caffe in this process, even if Caffe is installed.
-
-    If the package protobuf is missing, ``from google.protobuf import text_format`` returns a replacement that reads and
-    writes the messages of caffe_pb2.
-    """
-    if aliases.install("caffe", "netlib.caffe"):
-        aliases.lend_text_format("netlib.caffe.proto.text_format")
+    """Make ``import caffe`` return netlib.caffe in this process, even if Caffe is installed."""
+    aliases.install("caffe", "netlib.caffe")
 
 
 def _install_if_missing() -> None:

@@ -3,7 +3,7 @@
 
     python tools/draw_net.py prototxt/nyu_train_test.prototxt net.png --phase TRAIN --rankdir TB
 
-Requires the package pydot (pip install pydot) and Graphviz.
+Requires the packages pydot and protobuf (pip install pydot protobuf) and Graphviz.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ import tools
 
 tools.begin(__name__)
 
-from netlib.caffe import draw
-from netlib.caffe.proto import caffe_pb2
-from netlib.proto import prototxt
+from netlib import TEST, TRAIN
+from netlib.proto import prototxt, wire
+from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import upgraded
 from tools.common.arguments import parser_of
 from tools.common.console import DONE, guarded, say
 
-PHASES = {"TRAIN": caffe_pb2.TRAIN, "TEST": caffe_pb2.TEST, "ALL": None}
+PHASES = {"TRAIN": TRAIN, "TEST": TEST, "ALL": None}
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -45,8 +45,11 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Draw the net."""
-    net = caffe_pb2.NetParameter()
-    net.merge_tree(upgraded(prototxt.parse_file(args.input_net_proto_file)))
+    from netlib.caffe import draw
+    from netlib.caffe.proto import caffe_pb2
+
+    tree = upgraded(prototxt.parse_file(args.input_net_proto_file))
+    net = caffe_pb2.NetParameter.FromString(wire.encode(tree, NetParameter))
     draw.draw_net_to_file(net, args.output_image_file, args.rankdir, PHASES[args.phase], args.display_lrm)
     say(f"wrote {args.output_image_file}")
     return DONE

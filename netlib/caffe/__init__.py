@@ -1,10 +1,11 @@
 """pycaffe's interface: ``import netlib.caffe as caffe``, or ``netlib.install_as_caffe()`` and ``import caffe``.
 
-Net, Layer and the solvers are those of netlib with pycaffe's additional methods. NetSpec, io, Classifier, Detector,
-draw and caffe_pb2 are modules of this package. Everything runs on the CPU; requests for a GPU only log a warning.
+Net, Layer and the solvers are those of netlib with pycaffe's additional methods. NetSpec, io, Classifier, Detector and
+draw are modules of this package; NetSpec, draw and caffe_pb2 need the package protobuf. Everything runs on the CPU;
+requests for a GPU only log a warning.
 """
 
-from netlib import Layer, layer_type_list, set_mode_cpu, set_mode_gpu, set_random_seed
+from netlib import TEST, TRAIN, Layer, layer_type_list, set_mode_cpu, set_mode_gpu, set_random_seed
 from netlib.caffe import io
 from netlib.caffe.classifier import Classifier
 from netlib.caffe.detector import Detector
@@ -22,7 +23,6 @@ from netlib.caffe.process import (
     solver_count,
     solver_rank,
 )
-from netlib.caffe.proto.caffe_pb2 import TEST, TRAIN
 from netlib.caffe.pycaffe import (
     AdaDeltaSolver,
     AdaGradSolver,

@@ -15,13 +15,20 @@ or, if the block lacks them, of the layer itself. A list is a repeated field, a 
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from netlib.caffe.proto import caffe_pb2
 from netlib.errors import NetlibError, did_you_mean
 from netlib.proto.options import block_name, layer_types
+
+
+def _caffe_pb2() -> Any:
+    """The module with Caffe's messages, imported at its first use. Raises NetlibError if protobuf is missing."""
+    from netlib.caffe.proto import caffe_pb2
+
+    return caffe_pb2
 
 
 class SpecError(NetlibError):
@@ -99,7 +106,7 @@ def _net(tops: Iterable[Top | Function], names: Names) -> Any:
             fn = waiting.pop()
             if fn not in made:
                 made[fn] = _layer(fn, made, names, counts)
-    net = caffe_pb2.NetParameter()
+    net = _caffe_pb2().NetParameter()
     net.layer.extend(made.values())
     return net
 
@@ -110,7 +117,7 @@ def _layer(fn: Function, made: Made, names: Names, counts: Counter[str]) -> Any:
     for unnamed in [one for one in named or [fn] if one not in names]:
         counts[fn.type_name] += 1
         names[unnamed] = f"{fn.type_name}{counts[fn.type_name]}"
-    layer = caffe_pb2.LayerParameter()
+    layer = _caffe_pb2().LayerParameter()
     layer.type = fn.type_name
     layer.name = names[fn] if fn in names else names[fn.tops[0]]
     layer.bottom.extend([made[bottom.fn].top[bottom.n] for bottom in fn.inputs])
@@ -128,7 +135,7 @@ def _holder(layer: Any, option: str) -> Any:
     fields = layer.DESCRIPTOR.fields_by_name
     if option.endswith("param"):
         return layer
-    block = f"{_param_names.get(layer.type)}_param"
+    block = f"{param_name_dict().get(layer.type)}_param"
     own = fields[block].message_type.fields_by_name if block in fields else {}
     if option in own:
         return getattr(layer, block)
@@ -189,16 +196,15 @@ def _checked(proto: Any, name: str, put: Callable[[Any], object], value: Any) ->
         raise OptionValueError(f"{name!r} of {proto.DESCRIPTOR.name} cannot be {value!r}: {text}") from None
 
 
+@functools.cache
 def param_name_dict() -> dict[str, str]:
     """Layer types with the names of their blocks, without the suffix: ``{"InnerProduct": "inner_product", ...}``."""
     return {
         field.message_type.name.removesuffix("Parameter"): name.removesuffix("_param")
-        for name, field in caffe_pb2.LayerParameter.DESCRIPTOR.fields_by_name.items()
+        for name, field in _caffe_pb2().LayerParameter.DESCRIPTOR.fields_by_name.items()
         if name.endswith("_param")
     }
 
-
-_param_names = param_name_dict()
 
 # ---------------------------------------------------------------------------------------------- public classes
 
@@ -270,10 +276,11 @@ class _Constants:
         if param_name.startswith("__"):
             raise AttributeError(param_name)
         message = f"{self._name}Parameter"
-        if not hasattr(caffe_pb2, message):
-            known = [name.removesuffix("Parameter") for name in dir(caffe_pb2) if name.endswith("Parameter")]
-            raise UnknownNameError(f"params has no {self._name!r}{did_you_mean(self._name, known)}")
-        enums = getattr(caffe_pb2, message).DESCRIPTOR.enum_types_by_name.values()
+        known = _caffe_pb2().DESCRIPTOR.message_types_by_name
+        if message not in known:
+            names = [name.removesuffix("Parameter") for name in known if name.endswith("Parameter")]
+            raise UnknownNameError(f"params has no {self._name!r}{did_you_mean(self._name, names)}")
+        enums = known[message].enum_types_by_name.values()
         values = {name: value.number for enum in enums for name, value in enum.values_by_name.items()}
         if param_name not in values:
             advice = did_you_mean(param_name, values) or f"; it has {', '.join(values) or 'no constants'}"

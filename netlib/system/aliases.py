@@ -91,15 +91,3 @@ def is_installed(name: str, attribute: str) -> bool:
         return hasattr(sys.modules[name], attribute)
     found = importlib.util.find_spec(name)  # must be a package, not a single file or a folder without __init__.py
     return found is not None and found.origin is not None and bool(found.submodule_search_locations)
-
-
-def lend_text_format(target: str) -> None:
-    """Make ``target`` importable as ``google.protobuf.text_format`` if the package protobuf is missing."""
-    try:
-        importlib.import_module("google.protobuf.text_format")
-    except ImportError:
-        text_format = importlib.import_module(target)
-        google = sys.modules.setdefault("google", types.ModuleType("google"))
-        protobuf = sys.modules.setdefault("google.protobuf", types.ModuleType("google.protobuf"))
-        google.protobuf, protobuf.text_format = protobuf, text_format  # type: ignore[attr-defined]
-        sys.modules["google.protobuf.text_format"] = text_format

@@ -573,32 +573,6 @@ def read_mean(path: Path) -> Any:
     read_blob(path)
 
 
-def make_messages() -> list[str]:
-    """Write nets as messages of caffe_pb2."""
-    from netlib.caffe.proto import caffe_pb2
-
-    make_old_weights()
-    make_mean()
-    solver = caffe_pb2.SolverParameter(net="net.prototxt", base_lr=0.1, test_iter=[3])
-    Path("SolverParameter.bin").write_bytes(solver.SerializeToString())
-    shutil.move("old.caffemodel", "NetParameter.bin")
-    shutil.move("mean.binaryproto", "BlobProto.bin")
-    return ["SolverParameter.bin", "NetParameter.bin", "BlobProto.bin"]
-
-
-def read_message(path: Path) -> Any:
-    """Parse a message, print it, and write it again."""
-    from netlib.caffe.proto import caffe_pb2
-
-    message = getattr(caffe_pb2, path.stem)()
-    try:
-        message.ParseFromString(path.read_bytes())
-    except NetlibError as error:
-        raise NetlibError(f"{path}: {error}") from None  # the error for bytes has no file name
-    str(message)
-    message.SerializeToString()
-
-
 def read_text_net(path: Path) -> Any:
     """Read a net as tools/upgrade_net.py does."""
     from tools import upgrade_net
@@ -1096,7 +1070,6 @@ READERS: tuple[Reader, ...] = (
     Reader("skeleton", ("netlib/proto/prototxt.py",), make_skeletons, read_skeleton),
     Reader("prior", ("netlib/proto/prototxt.py",), make_priors, read_prior),
     Reader("net to upgrade", ("tools/upgrade_net.py",), lambda: [*make_nets()[:2], *make_old_weights()], read_text_net),
-    Reader("message", (), make_messages, read_message),
     Reader("weights hdf5", ("netlib/snapshots/snapshot.py", "netlib/snapshots/hdf5_format.py"),
            functools.partial(make_weights, ".caffemodel.h5"), read_weights),
     Reader("weights binary", ("netlib/snapshots/snapshot.py",),

@@ -85,13 +85,26 @@ def test_an_installed_caffe_is_left_alone(tmp_path: Path) -> None:
     assert run(code, tmp_path, tmp_path / "installed").split("\n") == ["[30.0, 30.0]", "True"]
 
 
-def test_text_format_where_protobuf_is_missing(tmp_path: Path) -> None:
-    """``from google.protobuf import text_format`` works without protobuf."""
-    code = "import sys; sys.modules['google.protobuf.text_format'] = None\n"  # as if protobuf were not installed
-    code += "import netlib; netlib.install_as_caffe()\n"
-    code += "from google.protobuf import text_format\nfrom caffe.proto import caffe_pb2\n"
-    code += "print(text_format.Merge('name: \"n\"', caffe_pb2.NetParameter()).name, text_format.__name__)"
-    assert run(code, tmp_path) == "n netlib.caffe.proto.text_format"
+MISSING = "import sys; sys.modules['google.protobuf'] = None\n"  # as if protobuf were not installed
+
+
+def test_without_protobuf(tmp_path: Path) -> None:
+    """Without protobuf, Net, the solvers, Classifier and io work; caffe.proto and NetSpec name the package."""
+    (tmp_path / "net.prototxt").write_text(
+        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } }'
+    )
+    code = MISSING + "import netlib; netlib.install_as_caffe(); import caffe\n"
+    code += (
+        "print(caffe.Net('net.prototxt', caffe.TEST).inputs, caffe.Classifier, caffe.SGDSolver, caffe.io.oversample)\n"
+    )
+    code += "for use in (lambda: caffe.NetSpec().to_proto(), lambda: __import__('caffe.proto.caffe_pb2')):\n"
+    code += "    try: use()\n"
+    code += "    except ImportError as error: print(isinstance(error, netlib.NetlibError), error)\n"
+    first, *others = run(code, tmp_path).splitlines()
+    assert first.startswith("['x']")
+    assert len(others) == 2
+    for line in others:
+        assert line.startswith("True caffe.proto and NetSpec need the package protobuf: pip install 'protobuf>=4.25'")
 
 
 def test_a_script_as_it_is(tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Caffe's messages as Python objects: caffe.proto.caffe_pb2."""
+"""Caffe's messages as classes of the package protobuf."""

@@ -1,19 +1,35 @@
-"""caffe.proto.caffe_pb2: all of Caffe's messages and enums, with the interface of protobuf's generated classes.
+"""caffe.proto.caffe_pb2: all of Caffe's messages and enums, as classes of the package protobuf.
 
-Fields are declared where they are read: in netlib/proto/messages.py, netlib/proto/upgrade.py, and for the options of a
-layer type in its file. This module adds the names of messages and enums, which only this interface needs.
+There is no caffe.proto and no generated code: the file descriptor is built on import from the dataclasses that read and
+write the files of this project (netlib/proto/messages.py, netlib/proto/upgrade.py, and the options of the layer types),
+so names, numbers, types and defaults are declared once. This module adds the names of the enums, which only this
+interface needs.
 """
 
 from __future__ import annotations
 
-import functools
-from typing import Any
+import dataclasses
+from typing import TYPE_CHECKING, Any
 
-from netlib.caffe.proto.descriptor import EnumType
-from netlib.caffe.proto.message import Message, make_class
+from netlib.errors import NetlibError
 from netlib.fillers import Filler
-from netlib.proto import messages, schema, upgrade
+from netlib.proto import messages, schema, upgrade, wire
 from netlib.proto.options import option_blocks
+
+
+class MissingProtobufError(NetlibError, ImportError):
+    """The package protobuf is not installed."""
+
+
+try:
+    from google.protobuf import descriptor_pb2, descriptor_pool
+    from google.protobuf.internal import builder
+except ImportError as error:
+    raise MissingProtobufError(
+        "caffe.proto and NetSpec need the package protobuf: pip install 'protobuf>=4.25'; Net, the solvers, Classifier "
+        "and the images of caffe.io work without it"
+    ) from error
+
 
 # Names of Caffe's enums: message -> field -> enum
 _ENUMS = {
@@ -26,37 +42,91 @@ _ENUMS = {
     "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
     "V0LayerParameter": {"pool": "PoolMethod"},
 }  # fmt: skip
-_NAMES = {Filler: "FillerParameter", upgrade.AnyNetParameter: "NetParameter"}
+# Defaults in caffe.proto of options that have none in their dataclass, which tells whether they are given
+_DEFAULTS = {
+    ("ConcatParameter", "concat_dim"): 1, ("SliceParameter", "slice_dim"): 1, ("SolverParameter", "solver_mode"): "GPU",
+}  # fmt: skip
+_NAMES = {Filler: "FillerParameter", upgrade.AnyNetParameter: "NetParameter", messages.NetParameter: "NetParameter"}
+_PACKAGE = "caffe"
+_TYPES = {float: "FLOAT", schema.Double: "DOUBLE", schema.Floats: "FLOAT", schema.Doubles: "DOUBLE", int: "INT32",
+          schema.Natural: "INT32", schema.UInt: "UINT32", schema.Int64: "INT64", bool: "BOOL", str: "STRING",
+          bytes: "BYTES"}  # fmt: skip
+_MESSAGES = [
+    messages.BlobShape, messages.BlobProto, messages.BlobProtoVector, messages.Datum, Filler, upgrade.AnyNetParameter,
+    messages.SolverParameter, messages.SolverState, messages.NetState, messages.NetStateRule, messages.ParamSpec,
+    messages.LayerParameter, upgrade.V1LayerParameter, upgrade.V0LayerParameter,
+]  # fmt: skip
 
-Phase = EnumType("Phase", schema.enum_of(schema.Phase))
-TRAIN, TEST = Phase.TRAIN, Phase.TEST
+
+def file_descriptor() -> Any:
+    """The FileDescriptorProto of all messages, as protoc would compile it from caffe.proto."""
+    file = descriptor_pb2.FileDescriptorProto(name="caffe.proto", package=_PACKAGE, syntax="proto2")
+    _add_enum(file, "Phase", schema.enum_of(schema.Phase))
+    known: set[str] = set()
+    for cls in [*_MESSAGES, *option_blocks().values()]:
+        if _name_of(cls) not in known:
+            known.add(_name_of(cls))
+            _add_message(file, cls)
+    return file
 
 
-@functools.cache
-def _class_of(cls: Any) -> type[Message]:
-    """The message class of a dataclass."""
-    if cls is messages.NetParameter:  # one class for nets in all formats
-        return _class_of(upgrade.AnyNetParameter)
-    name = _NAMES.get(cls, cls.__name__)
-    enums = {"engine": "Engine", "phase": "Phase", **_ENUMS.get(name, {})}
-    made: type[Message] = make_class(cls, name, enums, _class_of)
-    return made
+def _name_of(cls: type) -> str:
+    return _NAMES.get(cls, cls.__name__)
 
 
-BlobShape: Any = _class_of(messages.BlobShape)
-BlobProto: Any = _class_of(messages.BlobProto)
-BlobProtoVector: Any = _class_of(messages.BlobProtoVector)
-Datum: Any = _class_of(messages.Datum)
-FillerParameter: Any = _class_of(Filler)
-NetParameter: Any = _class_of(upgrade.AnyNetParameter)
-SolverParameter: Any = _class_of(messages.SolverParameter)
-SolverState: Any = _class_of(messages.SolverState)
-NetState: Any = _class_of(messages.NetState)
-NetStateRule: Any = _class_of(messages.NetStateRule)
-ParamSpec: Any = _class_of(messages.ParamSpec)
-LayerParameter: Any = _class_of(messages.LayerParameter)
-V0LayerParameter: Any = _class_of(upgrade.V0LayerParameter)
-V1LayerParameter: Any = _class_of(upgrade.V1LayerParameter)
+def _add_message(file: Any, cls: type) -> None:
+    """Describe the message that a dataclass reads; enums are defined inside it, as in caffe.proto, except Phase."""
+    message = file.message_type.add(name=_name_of(cls))
+    defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
+    for known in wire.fields_of(cls):
+        field = message.field.add(name=known.name, number=known.number)
+        field.label = field.LABEL_REPEATED if known.repeated else field.LABEL_OPTIONAL
+        if known.packed:
+            field.options.packed = True
+        values = schema.enum_of(known.kind)
+        if schema.is_message(known.kind):
+            field.type, field.type_name = field.TYPE_MESSAGE, f".{_PACKAGE}.{_name_of(known.kind)}"
+        elif values:
+            field.type, field.type_name = field.TYPE_ENUM, _enum_type(message, known.name, known.kind, values)
+        else:
+            field.type = getattr(field, f"TYPE_{_TYPES[known.kind]}")
+        default = _DEFAULTS.get((message.name, known.name), defaults.get(known.name))
+        is_scalar = not known.repeated and not schema.is_message(known.kind)
+        if is_scalar and default not in (None, dataclasses.MISSING, "", b""):
+            field.default_value = str(default).lower() if isinstance(default, bool) else str(default)
 
-# ConvolutionParameter, PoolingParameter ...: the options of all supported layer types
-globals().update({cls.__name__: _class_of(cls) for cls in option_blocks().values()})
+
+def _enum_type(message: Any, field: str, kind: Any, values: dict[str, int]) -> str:
+    """Full name of the enum of a field, which is added to the message at its first use."""
+    if kind == schema.Phase:
+        return f".{_PACKAGE}.Phase"
+    name = _ENUMS.get(message.name, {}).get(field, "Engine" if field == "engine" else field.title().replace("_", ""))
+    if name not in (enum.name for enum in message.enum_type):
+        _add_enum(message, name, values)
+    return f".{_PACKAGE}.{message.name}.{name}"
+
+
+def _add_enum(parent: Any, name: str, values: dict[str, int]) -> None:
+    enum = parent.enum_type.add(name=name)
+    for value, number in values.items():
+        enum.value.add(name=value, number=number)
+
+
+def _classes() -> dict[str, Any]:
+    """The names that protoc's generated module would define.
+
+    The pool of descriptors is our own, so that another caffe_pb2 can be imported in the same process.
+    """
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file_descriptor())
+    names: dict[str, Any] = {"DESCRIPTOR": pool.FindFileByName("caffe.proto")}
+    builder.BuildMessageAndEnumDescriptors(names["DESCRIPTOR"], names)
+    builder.BuildTopDescriptorsAndMessages(names["DESCRIPTOR"], __name__, names)
+    return names
+
+
+globals().update(_classes())
+
+if TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any: ...

@@ -6,12 +6,12 @@ import shutil
 import sys
 
 import pytest
+from google.protobuf import text_format
 
 import netlib.caffe as caffe
 from netlib.caffe import draw
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import NetlibError
-from netlib.proto import prototxt
 
 NET = """
 name: "small net"
@@ -30,15 +30,11 @@ layer { name: "node" type: "InnerProduct" bottom: "pool" top: "node" inner_produ
 
 @pytest.fixture
 def net():
-    made = caffe_pb2.NetParameter()
-    made.merge_tree(prototxt.parse(NET))
-    return made
+    return text_format.Parse(NET, caffe_pb2.NetParameter())
 
 
 def layer_of(text):
-    made = caffe_pb2.LayerParameter()
-    made.merge_tree(prototxt.parse(text))
-    return made
+    return text_format.Parse(text, caffe_pb2.LayerParameter())
 
 
 # ---------------------------------------------------------------------------------------------- labels

@@ -6,6 +6,7 @@ import copy
 
 import numpy as np
 import pytest
+from google.protobuf import text_format
 
 import netlib.caffe as caffe
 from netlib.caffe import layers as L
@@ -13,7 +14,6 @@ from netlib.caffe import params as P
 from netlib.caffe.net_spec import Function, SpecError, Top, assign_proto, param_name_dict
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import NetlibError
-from netlib.proto import prototxt
 
 
 def small_net() -> caffe.NetSpec:
@@ -43,9 +43,7 @@ def test_the_net_as_text():
     layer { name: "ip" type: "InnerProduct" bottom: "pool" top: "ip" inner_product_param { num_output: 3 } }
     layer { name: "loss" type: "SoftmaxWithLoss" bottom: "ip" bottom: "label" top: "loss" loss_weight: 2.0 }
     """
-    message = caffe_pb2.NetParameter()
-    message.merge_tree(prototxt.parse(expected))
-    assert text == str(message)
+    assert text == str(text_format.Parse(expected, caffe_pb2.NetParameter()))
 
 
 def test_the_net_runs(tmp_path):

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from google.protobuf import text_format
 
 from netlib.caffe import io
-from netlib.caffe.proto import caffe_pb2, text_format
+from netlib.caffe.proto import caffe_pb2
 from netlib.errors import DataError, WireError
 from netlib.proto import binaryproto, prototxt, schema
 from netlib.proto.messages import BlobProto

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import struct
 from typing import Any
 
@@ -12,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from netlib.caffe.proto import caffe_pb2
 from netlib.errors import NetlibError, PrototxtError, WireError
 from netlib.proto import messages, prototxt, schema, upgrade, wire
-from netlib.proto.messages import BlobProto, Datum, LayerParameter, NetParameter, SolverParameter, SolverState
+from netlib.proto.messages import BlobProto, Datum, LayerParameter, SolverParameter, SolverState
 from netlib.proto.options import option_blocks
 
 MESSAGES = [
@@ -228,51 +228,6 @@ def test_any_bytes_are_a_message_or_one_line(data: bytes) -> None:
 # ---------------------------------------------------------------------------------------------- protobuf itself
 
 
-@functools.cache
-def protobuf_class(root: Any) -> Any:
-    """Return a message class that protobuf creates from a dataclass."""
-    descriptor_pb2 = pytest.importorskip("google.protobuf.descriptor_pb2")
-    from google.protobuf import descriptor_pool, message_factory
-
-    file = descriptor_pb2.FileDescriptorProto(name="x.proto", package="x", syntax="proto2")
-    Type = descriptor_pb2.FieldDescriptorProto
-    done: set[str] = set()
-
-    def add(cls: Any) -> str:
-        name = cls.__name__
-        if name in done:
-            return f".x.{name}"
-        done.add(name)
-        message = file.message_type.add(name=name)
-        for known in wire.fields_of(cls):
-            hint = schema.hints_of(cls).get(known.name)
-            _, repeated = schema.kind_of(hint) if hint is not None else (None, False)
-            field = message.field.add(name=known.name, number=known.number, label=3 if repeated else 1)
-            names = schema.enum_of(known.kind)
-            if names:
-                field.type, field.type_name = Type.TYPE_ENUM, f".x.{name}.{known.name}_"
-                enum = message.enum_type.add(name=f"{known.name}_")
-                for value, number in names.items():
-                    enum.value.add(name=f"{known.name}_{value}", number=number)
-            elif schema.is_message(known.kind):
-                field.type = Type.TYPE_MESSAGE
-                field.type_name = add(NetParameter if known.kind is prototxt.Message else known.kind)
-            else:
-                kinds = {str: Type.TYPE_STRING, bytes: Type.TYPE_BYTES, bool: Type.TYPE_BOOL, float: Type.TYPE_FLOAT,
-                         int: Type.TYPE_INT32, schema.Natural: Type.TYPE_INT32,
-                         schema.Int64: Type.TYPE_INT64, schema.UInt: Type.TYPE_UINT32,
-                         schema.Floats: Type.TYPE_FLOAT, schema.Double: Type.TYPE_DOUBLE,
-                         schema.Doubles: Type.TYPE_DOUBLE}  # fmt: skip
-                field.type = kinds[known.kind]
-                field.options.packed = known.packed
-        return f".x.{name}"
-
-    add(root)
-    pool = descriptor_pool.DescriptorPool()
-    pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"x.{root.__name__}"))
-
-
 TEXT = """
     name: "c" type: "Convolution" bottom: "x" top: "y" phase: TEST loss_weight: 0.1 loss_weight: 2
     param { name: "w" lr_mult: 3e-7 } propagate_down: true include { stage: "a" stage: "ü" min_level: -5 }
@@ -283,13 +238,25 @@ TEXT = """
 
 def test_protobuf_reads_what_we_write() -> None:
     """protobuf reads the bytes and writes the same ones; tests/caffe compares field numbers with Caffe's files."""
-    message = protobuf_class(LayerParameter)()
+    message = caffe_pb2.LayerParameter()
     data = wire.encode(prototxt.parse(TEXT), LayerParameter)
     message.ParseFromString(data)
     assert message.convolution_param.kernel_size == [3, 5]
     assert message.include[0].min_level == -5
     assert message.blobs[0].data[5] == np.float32(0.333)
     assert message.SerializeToString() == data
+
+
+@pytest.mark.parametrize("name", list(UNKNOWN))
+def test_protobuf_writes_unknown_fields_as_we_do(name: str) -> None:
+    """protobuf keeps unknown fields and writes the same bytes, also when other fields are changed."""
+    layer = b"\x12\x04ReLU" + UNKNOWN[name] + b"\xda\x07\x05\x0d" + bytes(4)
+    message = caffe_pb2.LayerParameter.FromString(layer)
+    tree = wire.decode(layer, LayerParameter)
+    assert wire.encode(tree, LayerParameter) == message.SerializeToString() != layer
+    message.name = "r"
+    tree.fields.append(prototxt.parse('name: "r"').fields[0])
+    assert wire.encode(tree, LayerParameter) == message.SerializeToString()
 
 
 @given(
@@ -304,7 +271,7 @@ def test_protobuf_reads_what_we_write() -> None:
 def test_protobuf_and_we_agree_on_any_message(solver: SolverParameter) -> None:
     """protobuf writes the same bytes for any message, and they decode to the message."""
     data = wire.encode(schema.to_tree(solver), SolverParameter)
-    message = protobuf_class(SolverParameter)()
+    message = caffe_pb2.SolverParameter()
     message.ParseFromString(data)
     assert message.SerializeToString() == data
     again = schema.read(wire.decode(data, SolverParameter), SolverParameter)

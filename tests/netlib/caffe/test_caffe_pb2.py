@@ -1,0 +1,103 @@
+"""caffe_pb2: classes of protobuf, built from the dataclasses that read and write the files of this project."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from google.protobuf import json_format, message, text_format
+
+from netlib.caffe.proto import caffe_pb2
+from netlib.proto import messages, prototxt, schema, upgrade, wire
+from netlib.proto.options import option_blocks
+
+DATACLASSES = {
+    **{cls.__name__: cls for cls in option_blocks().values()},
+    **{name: getattr(messages, name) for name in ("BlobProto", "Datum", "SolverState", "ParamSpec", "LayerParameter")},
+    "NetParameter": upgrade.AnyNetParameter, "SolverParameter": messages.SolverParameter,
+    "V1LayerParameter": upgrade.V1LayerParameter, "V0LayerParameter": upgrade.V0LayerParameter,
+}  # fmt: skip
+
+
+def layer() -> Any:
+    """Return a layer with options of several kinds."""
+    made = caffe_pb2.LayerParameter(name="c", bottom=["x"])
+    made.convolution_param.kernel_size.extend([3, 5])
+    made.convolution_param.weight_filler.type = "xavier"
+    made.pooling_param.pool = caffe_pb2.PoolingParameter.AVE
+    return made
+
+
+@pytest.mark.parametrize("name", list(DATACLASSES))
+def test_fields_are_those_of_the_dataclass(name: str) -> None:
+    """Every field has the number, the kind, the default and the enum values of its declaration."""
+    cls = DATACLASSES[name]
+    fields = getattr(caffe_pb2, name).DESCRIPTOR.fields_by_name
+    declared = {known.name: known for known in wire.fields_of(cls)}
+    assert set(fields) == set(declared)
+    defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
+    made = getattr(caffe_pb2, name)()
+    for known in declared.values():
+        field = fields[known.name]
+        assert field.number == known.number
+        if known.repeated or schema.is_message(known.kind):
+            continue
+        values, default = schema.enum_of(known.kind), defaults.get(known.name)
+        assert not values or {v.name: v.number for v in field.enum_type.values} == values
+        if default not in (None, dataclasses.MISSING) and known.name != "solver_mode":  # GPU in Caffe
+            expected = (
+                values[default] if values else schema.round_to_32_bits(default) if known.kind is float else default
+            )
+            assert getattr(made, known.name) == expected
+
+
+def test_the_bytes_are_those_of_our_own_encoder() -> None:
+    """Text that both parse gives the same bytes, which both decode."""
+    text = str(layer())
+    data = layer().SerializeToString()
+    assert wire.encode(prototxt.parse(text), messages.LayerParameter) == data
+    assert caffe_pb2.LayerParameter.FromString(data) == layer()
+    assert text_format.Parse(str(wire.decode(data, messages.LayerParameter)), caffe_pb2.LayerParameter()) == layer()
+
+
+def test_old_nets_are_read() -> None:
+    """V1 layers are in the field ``layers`` of the same NetParameter, with their enum of types."""
+    net = text_format.Parse('layers { name: "r" type: RELU bottom: "x" top: "y" }', caffe_pb2.NetParameter())
+    assert net.layers[0].type == caffe_pb2.V1LayerParameter.RELU == 18
+    assert caffe_pb2.V1LayerParameter.LayerType.Name(18) == "RELU"
+
+
+def test_what_scripts_use_of_protobuf() -> None:
+    """Base class, errors, descriptors, JSON, copies and pickles are protobuf's own."""
+    made = layer()
+    assert isinstance(made, message.Message)
+    assert json_format.Parse(json_format.MessageToJson(made), caffe_pb2.LayerParameter()) == made
+    assert json_format.MessageToDict(made)["poolingParam"] == {"pool": "AVE"}
+    assert pickle.loads(pickle.dumps(made)) == copy.deepcopy(made) == made
+    with pytest.raises(message.DecodeError):
+        caffe_pb2.NetParameter().ParseFromString(b"\xff\xff")
+    assert caffe_pb2.DESCRIPTOR.message_types_by_name["NetParameter"] is caffe_pb2.NetParameter.DESCRIPTOR
+    assert [v.name for v in caffe_pb2._POOLINGPARAMETER_POOLMETHOD.values] == ["MAX", "AVE", "STOCHASTIC"]
+    assert (caffe_pb2.TRAIN, caffe_pb2.TEST, caffe_pb2.Phase.Name(1)) == (0, 1, "TEST")
+    assert caffe_pb2.LayerParameter.CONVOLUTION_PARAM_FIELD_NUMBER == 106
+    net = caffe_pb2.NetParameter(layer=[made, caffe_pb2.LayerParameter(name="d")])
+    net.layer.reverse()
+    assert [one.name for one in net.layer] == ["d", "c"]
+    made.loss_weight.extend(np.float32([0.5]))
+    assert made.loss_weight[0] == 0.5
+
+
+def test_another_module_of_the_same_messages() -> None:
+    """A script's own compiled caffe_pb2 can be loaded too: the descriptors are in a pool of their own."""
+    from google.protobuf import descriptor_pool
+
+    other = caffe_pb2.file_descriptor()
+    other.message_type[0].field[0].name = "dimension"
+    pool = descriptor_pool.Default()
+    pool.Add(other)
+    assert pool.FindMessageTypeByName("caffe.BlobShape").fields[0].name == "dimension"
+    assert caffe_pb2.BlobShape.DESCRIPTOR.fields[0].name == "dim"
