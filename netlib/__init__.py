@@ -26,6 +26,7 @@ from netlib.errors import (  # noqa: E402
     PrototxtError,
     WeightsError,
 )
+from netlib.files import own_modules  # noqa: E402
 from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
 from netlib.net import Net, set_random_seed  # noqa: E402
 from netlib.proto.options import layer_types  # noqa: E402
@@ -46,8 +47,14 @@ def layer_type_list() -> list[str]:
 
 
 def install_as_caffe() -> None:
-    """Make ``import caffe`` return netlib.caffe in this process, even if Caffe is installed."""
+    """Make ``import caffe`` return netlib.caffe in this process, even if Caffe is installed.
+
+    From then on, a script's own modules named ``layers`` or ``fast`` are found before those of this project.
+    """
     aliases.install("caffe", "netlib.caffe")
+    layer_types()
+    engine.get()
+    own_modules.yield_names()
 
 
 def _install_if_missing() -> None:

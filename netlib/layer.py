@@ -94,10 +94,6 @@ class Layer:
         for name in self.stored:
             setattr(self, name, np.zeros(bottom[0].shape, self.dtype))
 
-    def forward_aside(self, bottom: Blobs, top: Blobs) -> None:
-        """Run forward without changing the tops, for a ``clear`` whose values depend on the bottoms only."""
-        self.forward(bottom, Blobs(Blob(y.shape, self.dtype) for y in top))
-
     def allow_force_backward(self, bottom_index: int) -> bool:
         """Whether force_backward applies to this bottom; False for labels."""
         return True
@@ -132,21 +128,28 @@ class Layer:
             where = next((f.position for f in block.fields if f.name == field), where)
         return LayerError(f"{at or where}: error: layer {self.name!r}: {message}")
 
-    def warn(self, message: str, at: Place | None = None) -> None:
-        """Log a warning with the name of this layer and its place in the prototxt, or the place ``at``."""
-        log.warning("%s: layer %r: %s", at or schema.position_of(self.spec), self.name, message)
-
-    def warn_of_ignored(self, *names: str, block: str = "", advice: str = "") -> None:
-        """Warn of options in the layer's own or another block that its type does not read, as in Caffe."""
-        block = block or block_name(type(self), self.spec.type)
-        tree = self.spec.blocks.get(block)
-        for item in tree.fields if tree else []:
-            if item.name in names:
-                self.warn(f"{self.type} ignores {item.name} in {block}, as Caffe does{advice}", item.position)
-
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
         """Return ``axis`` as a non-negative index; negative axes count from the end. Raises LayerError."""
         n = len(blob.shape)
         if not -n <= axis < n:
             raise self.fail(f"{what} {axis} is out of range for a blob of {n} axes {blob.shape}", what)
         return axis % n
+
+
+def forward_aside(layer: Layer, bottom: Blobs, top: Blobs) -> None:
+    """Run forward without changing the tops, for a ``clear`` whose values depend on the bottoms only."""
+    layer.forward(bottom, Blobs(Blob(y.shape, layer.dtype) for y in top))
+
+
+def warn(layer: Layer, message: str, at: Place | None = None) -> None:
+    """Log a warning with the name of the layer and its place in the prototxt, or the place ``at``."""
+    log.warning("%s: layer %r: %s", at or schema.position_of(layer.spec), layer.name, message)
+
+
+def warn_of_ignored(layer: Layer, *names: str, block: str = "", advice: str = "") -> None:
+    """Warn of options in the layer's own or another block that its type does not read, as in Caffe."""
+    block = block or block_name(type(layer), layer.spec.type)
+    tree = layer.spec.blocks.get(block)
+    for item in tree.fields if tree else []:
+        if item.name in names:
+            warn(layer, f"{layer.type} ignores {item.name} in {block}, as Caffe does{advice}", item.position)

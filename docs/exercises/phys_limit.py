@@ -21,7 +21,7 @@ import numpy as np
 
 from layers.hand.skeleton import load_for
 from netlib.blob import Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, forward_aside
 from netlib.proto.schema import numbered
 
 
@@ -66,7 +66,7 @@ class PhysLimit(Layer):
         raise NotImplementedError
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.forward_aside(bottom, top)
+        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         # If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 within the

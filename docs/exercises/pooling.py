@@ -13,8 +13,7 @@ only one, may extend beyond the edge; with pad > 0 in any direction, a last wind
 dropped. MAX selects the first of equal values and never padding. The area of AVE includes padding but nothing beyond
 it. A window without values (stride > kernel) gives -FLT_MAX or NaN. The mask has no gradient.
 
-Kept for backward: ``winners``, for each output of MAX its index in the window, in row-major order; before the first
-forward empty, which stands for index 0 of the map.
+Kept for backward: ``winners``, index of each output of MAX in its window, row-major; empty: all at (0, 0) of the map.
 """
 
 from __future__ import annotations
@@ -44,9 +43,7 @@ class Pooling(SlidingWindow):
         if len(top) > 1 and p.pool != "MAX":
             raise self.fail(f"has 2 tops, but only MAX pooling has a mask, not {p.pool}", "pool")
         self._read_pooling()
-        self.whole_kernel = self.kernel
-        self.is_max = p.pool == "MAX"
-        self.winners: Array = np.zeros(0, int)
+        self.whole_kernel, self.is_max = self.kernel, p.pool == "MAX"
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_map(bottom[0])
@@ -56,8 +53,7 @@ class Pooling(SlidingWindow):
         for y in top:
             y.reshape(N, C, self._outputs(0, H), self._outputs(1, W))
         # Clip the kernel to the padded image: with global bounds it would only add padding, possibly a lot.
-        kh, kw = (min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad))
-        self.kernel = (kh, kw)
+        self.kernel = tuple(min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad))
 
     def _outputs(self, i: int, size: int) -> int:
         # Return the size of the output in direction i (0 down, 1 across) for an input of this size: round up unless

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from netlib.blob import Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, forward_aside
 
 
 class BNLL(Layer):
@@ -32,7 +32,7 @@ class BNLL(Layer):
         top[0].data[...] = np.logaddexp(x, 0)  # without overflow
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.forward_aside(bottom, top)
+        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

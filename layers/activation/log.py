@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlib.blob import Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, forward_aside
 from netlib.proto.schema import numbered
 
 
@@ -53,7 +53,7 @@ class Log(Layer):
             top[0].data[...] = np.log(argument) / self.ln_base
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.forward_aside(bottom, top)
+        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

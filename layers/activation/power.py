@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlib.blob import Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, forward_aside
 from netlib.proto.schema import numbered
 
 
@@ -46,7 +46,7 @@ class Power(Layer):
             top[0].data[...] = base**p.power
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.forward_aside(bottom, top)
+        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 
 from netlib.blob import Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, warn_of_ignored
 from netlib.proto.schema import numbered
 
 
@@ -50,7 +50,7 @@ class Eltwise(Layer):
         if coeff and len(coeff) != len(bottom):
             raise self.fail(f"has {len(bottom)} bottoms, but {len(coeff)} coeff", "coeff")
         if self.param.operation == "MAX":
-            self.warn_of_ignored("coeff", advice=" with MAX")
+            warn_of_ignored(self, "coeff", advice=" with MAX")
         self.coeff = coeff or (1.0,) * len(bottom)
         self.reads_top = self.param.operation == "PROD" and not self.param.stable_prod_grad
 

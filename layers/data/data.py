@@ -21,6 +21,7 @@ from layers.data.transform import TransformationParameter, Transformer, warn_of_
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
 from netlib.files.paths import find
+from netlib.layer import warn_of_ignored
 from netlib.proto.schema import UInt, numbered
 
 
@@ -71,8 +72,8 @@ class Data(Reader):
         self.key = self.cursor.key
         self.notes = [f"{self.entries} images in {p.source}"]
         warn_of_misplaced(self, "scale", "mean_file", "crop_size", "mirror")
-        self.warn_of_ignored("force_encoded_color", advice="; write force_color in transform_param")
-        self.warn_of_ignored("rand_skip")
+        warn_of_ignored(self, "force_encoded_color", advice="; write force_color in transform_param")
+        warn_of_ignored(self, "rand_skip")
         image, _, what = self._entry()
         top[0].reshape(self.batch_size, *self.transformer.shape(image, what))
         if len(top) > 1:

@@ -21,6 +21,7 @@ from layers.data.reader import Reader
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
 from netlib.files.hdf5 import File, read_list
+from netlib.layer import warn
 from netlib.proto.schema import UInt, numbered
 
 Cursor = tuple[int, int, int]  # number of the pass, index in the order of files, index in the order of rows
@@ -70,7 +71,7 @@ class HDF5Data(Reader):
         self.notes = [f"{self.rows} rows in {len(self.files)} files of {source}, made from {origin}"]
         step = self.batch_size * self.share.count
         if step > self.rows:
-            self.warn(f"batch_size {step} is more than the {self.rows} rows of {source}; every batch repeats some")
+            warn(self, f"batch_size {step} is more than the {self.rows} rows of {source}; every batch repeats some")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for blob, dataset in zip(top, self.files[0].datasets):

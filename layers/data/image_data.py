@@ -29,6 +29,7 @@ from netlib import files
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
 from netlib.files.paths import find
+from netlib.layer import warn_of_ignored
 from netlib.proto.schema import UInt, numbered
 
 Cursor = tuple[int, int]  # number of the pass, index in its order
@@ -84,7 +85,7 @@ class ImageData(Reader):
         self.cursor: Cursor = (0, skip)
         self.notes = [f"{len(self.items)} images in {p.source}"]
         warn_of_misplaced(self, "scale", "mean_file", "crop_size", "mirror")
-        self.warn_of_ignored("force_color", "force_gray", block="transform_param", advice="; write is_color")
+        warn_of_ignored(self, "force_color", "force_gray", block="transform_param", advice="; write is_color")
         first, _ = self.items[self._order(0)[skip]]
         top[0].reshape(self.batch_size, *self.transformer.shape(self._read(first), first))
         top[1].reshape(self.batch_size)

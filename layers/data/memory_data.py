@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from layers.data.transform import TransformationParameter
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, warn
 from netlib.proto.schema import UInt, numbered
 
 
@@ -51,7 +51,7 @@ class MemoryData(Layer):
         self.arrays: tuple[Array, Array] | None = None
         self.items = self.position = 0
         if "transform_param" in self.spec.blocks:
-            self.warn("MemoryData does not transform arrays; transform_param is ignored, as in Caffe")
+            warn(self, "MemoryData does not transform arrays; transform_param is ignored, as in Caffe")
 
     def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
         """Set the arrays to read: data (N, C, H, W), labels (N,) or (N, 1, 1, 1). Raises LayerError."""

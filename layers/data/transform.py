@@ -18,7 +18,7 @@ import numpy as np
 from netlib.blob import Array
 from netlib.errors import LayerError
 from netlib.files.paths import find
-from netlib.layer import TRAIN, Layer
+from netlib.layer import TRAIN, Layer, warn_of_ignored
 from netlib.proto import schema
 from netlib.proto.binaryproto import read_blob
 from netlib.proto.schema import UInt, numbered
@@ -108,4 +108,4 @@ class Transformer:
 
 def warn_of_misplaced(layer: Layer, *names: str) -> None:
     """Warn of options in a layer's own block that Caffe now reads only from transform_param."""
-    layer.warn_of_ignored(*names, advice="; write it in transform_param")
+    warn_of_ignored(layer, *names, advice="; write it in transform_param")

@@ -41,6 +41,7 @@ from netlib import files
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError, did_you_mean
 from netlib.files.paths import find
+from netlib.layer import warn_of_ignored
 from netlib.proto.schema import UInt, numbered, round_to_32_bits
 
 T = TypeVar("T", int, float)
@@ -120,8 +121,8 @@ class WindowData(Reader):
                             "windows; expected some of both")  # fmt: skip
         self.notes = [f"{len(self.foreground)} foreground and {len(self.background)} background windows in {p.source}"]
         warn_of_misplaced(self, "mean_file", "crop_size", "mirror")
-        self.warn_of_ignored("scale", block="transform_param", advice="; write it in window_data_param")
-        self.warn_of_ignored("force_color", "force_gray", block="transform_param")
+        warn_of_ignored(self, "scale", block="transform_param", advice="; write it in window_data_param")
+        warn_of_ignored(self, "force_color", "force_gray", block="transform_param")
 
     def _mean(self) -> Array:
         """Mean (3, S, S): the centre of the mean image, or the given numbers."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton, load_for
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, forward_aside
 from netlib.proto.schema import numbered
 
 
@@ -62,7 +62,7 @@ class HandModel(Layer):
         return (bottom[0].data.reshape(-1, len(self.skeleton.dof_names)),)
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.forward_aside(bottom, top)
+        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

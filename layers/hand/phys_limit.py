@@ -20,7 +20,7 @@ import numpy as np
 
 from layers.hand.skeleton import load_for
 from netlib.blob import Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, forward_aside
 from netlib.proto.schema import numbered
 
 
@@ -67,7 +67,7 @@ class PhysLimit(Layer):
         top[0].data[...] = total / len(x)
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.forward_aside(bottom, top)
+        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

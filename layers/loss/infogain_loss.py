@@ -26,7 +26,7 @@ import scipy
 from layers.loss import labels as labels_of
 from netlib.blob import Array, Blobs
 from netlib.files.paths import find
-from netlib.layer import Layer
+from netlib.layer import Layer, forward_aside
 from netlib.proto.binaryproto import read_blob
 from netlib.proto.messages import LossParameter
 from netlib.proto.schema import numbered
@@ -91,7 +91,7 @@ class InfogainLoss(Layer):
             top[1].data[...] = np.moveaxis(self.p, -1, self.axis)
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.forward_aside(bottom, top)
+        forward_aside(self, bottom, top)
         self.p = np.zeros_like(self.p)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

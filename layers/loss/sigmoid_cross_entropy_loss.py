@@ -23,7 +23,7 @@ import scipy
 from layers.loss import labels as labels_of
 from layers.loss.labels import items_and_values
 from netlib.blob import Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, forward_aside
 from netlib.proto.messages import LossParameter
 
 
@@ -55,7 +55,7 @@ class SigmoidCrossEntropyLoss(Layer):
         top[0].data[...] = cost[self.counts].sum() / self.divisor
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.forward_aside(bottom, top)
+        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[1]:

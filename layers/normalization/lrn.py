@@ -21,7 +21,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, warn_of_ignored
 from netlib.proto.schema import Engine, UInt, numbered
 
 
@@ -54,7 +54,7 @@ class LRN(Layer):
         self.axes = (1,) if across else (2, 3)
         self.k = p.k if across else 1.0
         if not across:
-            self.warn_of_ignored("k", advice=" with WITHIN_CHANNEL")
+            warn_of_ignored(self, "k", advice=" with WITHIN_CHANNEL")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom[0].shape) != 4:

@@ -26,7 +26,7 @@ import numpy as np
 import scipy
 
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, forward_aside
 
 
 class LSTMUnit(Layer):
@@ -54,7 +54,7 @@ class LSTMUnit(Layer):
         top[0].data[0], top[1].data[0], self.gate = step(c_before, x, cont[:, None])
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.forward_aside(bottom, top)
+        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[2]:

@@ -16,6 +16,7 @@ import math
 
 from layers.vision.convolution import Convolution
 from netlib.blob import Blobs
+from netlib.layer import warn_of_ignored
 
 
 class Im2col(Convolution):
@@ -26,7 +27,7 @@ class Im2col(Convolution):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self._read_windows(bottom[0])
-        self.warn_of_ignored("num_output", "group", "bias_term", "weight_filler", "bias_filler")
+        warn_of_ignored(self, "num_output", "group", "bias_term", "weight_filler", "bias_filler")
         if not self.kernel:
             raise self.fail(f"no spatial axis after axis {self.axis} of bottom {self.spec.bottom[0]!r} "
                             f"{bottom[0].shape}")  # fmt: skip

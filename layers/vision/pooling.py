@@ -12,8 +12,7 @@ only one, may extend beyond the edge; with pad > 0 in any direction, a last wind
 dropped. MAX selects the first of equal values and never padding. The area of AVE includes padding but nothing beyond
 it. A window without values (stride > kernel) gives -FLT_MAX or NaN. The mask has no gradient.
 
-Kept for backward: ``winners``, for each output of MAX its index in the window, in row-major order; before the first
-forward empty, which stands for index 0 of the map.
+Kept for backward: ``winners``, index of each output of MAX in its window, row-major; empty: all at (0, 0) of the map.
 """
 
 from __future__ import annotations
@@ -43,9 +42,7 @@ class Pooling(SlidingWindow):
         if len(top) > 1 and p.pool != "MAX":
             raise self.fail(f"has 2 tops, but only MAX pooling has a mask, not {p.pool}", "pool")
         self._read_pooling()
-        self.whole_kernel = self.kernel
-        self.is_max = p.pool == "MAX"
-        self.winners: Array = np.zeros(0, int)
+        self.whole_kernel, self.is_max = self.kernel, p.pool == "MAX"
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_map(bottom[0])
@@ -55,8 +52,7 @@ class Pooling(SlidingWindow):
         for y in top:
             y.reshape(N, C, self._outputs(0, H), self._outputs(1, W))
         # Clip the kernel to the padded image: with global bounds it would only add padding, possibly a lot.
-        kh, kw = (min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad))
-        self.kernel = (kh, kw)
+        self.kernel = tuple(min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad))
 
     def _outputs(self, i: int, size: int) -> int:
         extent = size + 2 * self.pad[i] - self.whole_kernel[i]  # negative if the only window exceeds the image
@@ -67,7 +63,7 @@ class Pooling(SlidingWindow):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = bottom[0].data, top[0].data
-        self.winners = np.empty(y.shape, int)
+        self.winners: Array = np.empty(y.shape, int)
         for n in range(len(x)):
             windows = self.windows(self.padded(x[n], y.shape, -np.inf if self.is_max else 0), y.shape)
             if self.is_max:
@@ -86,23 +82,19 @@ class Pooling(SlidingWindow):
         if not propagate_down[0]:
             return
         dy, dx = top[0].diff, bottom[0].diff
-        if self.is_max and not self.winners.size:
-            dx[...] = 0
-            dx[:, :, 0, 0] = dy.sum(axis=(2, 3))
-            return
         (c, h, w), (sh, sw) = np.indices(dy.shape[1:]), self.stride
-        (top_pad, left_pad), (H, W) = self.pad, dx.shape[2:]
+        (ph, pw), (H, W) = self.pad, dx.shape[2:]
         for n in range(len(dx)):
             padded = self.padded(np.zeros_like(dx[n]), dy.shape, 0)
             if self.is_max:
-                i, j = np.divmod(self.winners[n], self.kernel[1])
+                i, j = np.divmod(self.winners[n], self.kernel[1]) if self.winners.size else (ph - h * sh, pw - w * sw)
                 np.add.at(padded, (c, h * sh + i, w * sw + j), dy[n])
             else:
                 with np.errstate(invalid="ignore", divide="ignore"):
                     share = dy[n] / self.area(dx.shape, dy.shape)
                 for rows, across in self.window_slices(dy.shape):
                     padded[:, rows, across] += share
-            dx[n] = padded[:, top_pad : top_pad + H, left_pad : left_pad + W]
+            dx[n] = padded[:, ph : ph + H, pw : pw + W]
 
     def _index(self, n: int, W: int) -> Array:
         """(C, Ho, Wo): index of each winner of an image in its map."""

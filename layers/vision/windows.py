@@ -15,7 +15,7 @@ import numpy as np
 
 from netlib.blob import Array, Blob
 from netlib.fillers import Filler
-from netlib.layer import Layer
+from netlib.layer import Layer, warn_of_ignored
 from netlib.proto.schema import Engine, UInt, numbered
 
 
@@ -148,7 +148,7 @@ class SlidingWindow(Layer):
         for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
             one, two, three = (block is not None and bool(block.values(n)) for n in (both, f"{each}_h", f"{each}_w"))
             if one and two != three and both == "kernel_size":  # the only pair of which Caffe accepts this
-                self.warn_of_ignored("kernel_h", "kernel_w", advice="; kernel_size takes precedence")
+                warn_of_ignored(self, "kernel_h", "kernel_w", advice="; kernel_size takes precedence")
             elif one and (two or three):
                 raise self.fail(f"give either {both}, or {each}_h and {each}_w", both)
             elif two != three:

@@ -9,7 +9,7 @@ from numpy.typing import DTypeLike
 
 from netlib.building import python_layer
 from netlib.errors import PrototxtError, option_advice
-from netlib.layer import Layer
+from netlib.layer import Layer, warn
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter
 from netlib.proto.options import block_name, class_of, layer_types, option_blocks
@@ -54,7 +54,7 @@ def create(
     for name in cls.rejected_blocks.keys() & spec.blocks:
         raise layer.fail(cls.rejected_blocks[name], at=spec.blocks[name].position)
     for name in sorted(set(spec.blocks) - {own, *cls.other_blocks}):
-        layer.warn(f"{spec.type} does not read {name}; it is ignored, as in Caffe", spec.blocks[name].position)
+        warn(layer, f"{spec.type} does not read {name}; it is ignored, as in Caffe", spec.blocks[name].position)
     return layer
 
 

@@ -22,7 +22,8 @@ from pathlib import Path
 from types import ModuleType
 
 from netlib.errors import PrototxtError
-from netlib.files.paths import BASE, ROOT, load_module, own
+from netlib.files import own_modules
+from netlib.files.paths import load_module, own
 from netlib.layer import Layer
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, PythonParameter
@@ -101,6 +102,17 @@ def _import(name: str, wanted: str) -> tuple[ModuleType | None, str]:
     Returns None instead of a module, without executing it, if the file cannot define ``wanted``.
     """
     before_import()
+    top = name.partition(".")[0]
+    if top not in own_modules.NAMES:
+        return _import_any(name, wanted)
+    if hasattr(sys.modules.get(name), wanted) and not own_modules.is_ours(sys.modules[top]):
+        return sys.modules[name], name  # imported by the user's script
+    with own_modules.in_place():
+        return _import_any(name, wanted)
+
+
+def _import_any(name: str, wanted: str) -> tuple[ModuleType | None, str]:
+    """Like ``_import``, with this project's packages in sys.modules."""
     top, _, inner = name.partition(".")
     if _is_ours(top):
         if inner:
@@ -123,7 +135,7 @@ def _is_ours(top: str) -> bool:
 
 def _folders() -> list[Path]:
     """Folders to search for the user's modules: sys.path without the project's root."""
-    return [folder for folder in map(Path, dict.fromkeys(sys.path)) if folder.resolve() not in (ROOT, BASE)]
+    return [Path(folder) for folder in own_modules.folders()]
 
 
 def _add_folders(package: ModuleType) -> None:

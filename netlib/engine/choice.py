@@ -10,14 +10,12 @@ folder fast/ exists. This module must not import NumPy at the top, because fast/
 from __future__ import annotations
 
 import functools
-import importlib
 import os
-import sys
 from collections.abc import Callable, Iterable
-from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
-from netlib.files.paths import ROOT, own_package
+from netlib.files.own_modules import own_module
+from netlib.files.paths import ROOT
 
 if TYPE_CHECKING:
     from netlib.engine.plain import Engine
@@ -35,14 +33,13 @@ def prepare() -> str:
     """Let fast/ configure BLAS; this affects the rounding of both engines. Returns a line for the log."""
     if not has_fast():
         return "BLAS: as NumPy sets it up"
-    note: str = _fast("blas").configure()
+    note: str = own_module("fast.blas").configure()
     return note
 
 
 def has_fast() -> bool:
-    """Whether the fast engine is available and no other module named ``fast`` is imported."""
-    is_ours = "fast" not in sys.modules or str(ROOT / "fast") in getattr(sys.modules["fast"], "__path__", [])
-    return is_ours and (ROOT / "fast" / "engine.py").is_file()
+    """Whether the fast engine is available."""
+    return (ROOT / "fast" / "engine.py").is_file()
 
 
 def get(name: str | None = None, default: str | None = None) -> Engine:
@@ -62,7 +59,6 @@ def for_each(items: Iterable[T], job: Callable[[T], None]) -> None:
 def _engine(name: str) -> Engine:
     from netlib.engine.plain import Engine
     from netlib.errors import NetlibError, did_you_mean
-    from netlib.proto.options import layer_types
 
     if name == "plain":
         return Engine()
@@ -70,11 +66,6 @@ def _engine(name: str) -> Engine:
         raise NetlibError(f"unknown engine {name!r}{did_you_mean(name, NAMES)}; known: {', '.join(NAMES)}")
     if not has_fast():
         raise NetlibError("the engine 'fast' needs the folder fast/, which is missing; use the engine 'plain'")
-    layer_types()  # reports another package named layers before fast/ fails to import from it
-    fast: Engine = _fast("engine").FastEngine()
+    own_module("layers")  # from which fast/ imports
+    fast: Engine = own_module("fast.engine").FastEngine()
     return fast
-
-
-def _fast(module: str) -> ModuleType:
-    own_package("fast")
-    return importlib.import_module(f"fast.{module}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import importlib.util
 import os
 import sys
@@ -88,19 +87,6 @@ def list_folder(folder: Path) -> set[str]:
             return {entry.name for entry in entries}
     except (OSError, ValueError) as error:
         raise DataError(f"{folder}: cannot read the folder: {reason_of(error)}") from error
-
-
-def own_package(name: str) -> ModuleType:
-    """This project's package ``layers`` or ``fast``, even if Python would find another of this name first.
-
-    A module of this name that was imported before netlib stays in place.
-    """
-    return load_module(name, _package_file(name))
-
-
-@functools.cache  # looked up for every layer of a net
-def _package_file(name: str) -> Path:
-    return own(name) / "__init__.py"
 
 
 def load_module(name: str, path: Path) -> ModuleType:

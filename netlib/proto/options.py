@@ -6,8 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from netlib.errors import NetlibError
-from netlib.files.paths import own_package
+from netlib.files.own_modules import own_module
 from netlib.proto.messages import LossParameter, PythonParameter
 
 
@@ -18,20 +17,14 @@ class NoParameter:
 
 def layer_types() -> dict[str, Any]:
     """Return every known layer type: name -> class."""
-    package = own_package("layers")
-    types: dict[str, Any] | None = getattr(package, "LAYER_TYPES", None)
-    if types is None:
-        raise NetlibError(
-            f"{package.__file__}: was imported as 'layers', a package name of this project; import netlib first, "
-            "or rename the module"
-        )
+    types: dict[str, Any] = own_module("layers").LAYER_TYPES
     return types
 
 
 def class_of(type_name: str, bottoms: int) -> Any:
     """The class of a known layer type for this number of bottoms."""
     cls = layer_types()[type_name]
-    return own_package("layers").BY_BOTTOMS.get((type_name, bottoms), cls)
+    return own_module("layers").BY_BOTTOMS.get((type_name, bottoms), cls)
 
 
 def option_blocks() -> dict[str, type]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 import math
 import os
 import types
@@ -175,7 +176,12 @@ def position_of(message: object, name: str | None = None, index: int = 0) -> Pla
 @functools.cache
 def hints_of(cls: type) -> dict[str, Any]:
     """The fields of a message, by their names in files, with their types."""
-    return {written_name(name): hint for name, hint in typing.get_type_hints(cls, include_extras=True).items()}
+    hints: dict[str, Any] = {}
+    for base in filter(dataclasses.is_dataclass, reversed(cls.__mro__)):
+        own = types.SimpleNamespace(__annotations__=inspect.get_annotations(base))
+        names = base.__init__.__globals__  # of its module, which need not be in sys.modules (files/own_modules.py)
+        hints |= typing.get_type_hints(own, names, include_extras=True)
+    return {written_name(name): hint for name, hint in hints.items()}
 
 
 def written_name(name: str) -> str:

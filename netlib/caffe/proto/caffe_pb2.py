@@ -42,7 +42,7 @@ _ENUMS = {
     "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
     "V0LayerParameter": {"pool": "PoolMethod"},
 }  # fmt: skip
-# Defaults in caffe.proto of options that have none in their dataclass, which tells whether they are given
+# Defaults in caffe.proto that the dataclass does not have, because there None stands for an option that is not given
 _DEFAULTS = {
     ("ConcatParameter", "concat_dim"): 1, ("SliceParameter", "slice_dim"): 1, ("SolverParameter", "solver_mode"): "GPU",
 }  # fmt: skip

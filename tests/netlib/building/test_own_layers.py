@@ -12,6 +12,7 @@ import pytest
 import netlib
 from netlib import caffe
 from netlib.building import python_layer
+from netlib.files.own_modules import own_module
 from netlib.proto import prototxt
 from tests.support.nets import inputs
 
@@ -104,9 +105,8 @@ def test_a_module_with_the_name_of_one_of_ours(
     path.parent.mkdir(exist_ok=True)
     path.write_text(SQUARE)
     monkeypatch.chdir(tmp_path)
-    __import__(package)
-    folders = sys.modules[package].__path__
-    monkeypatch.setattr(sys.modules[package], "__path__", list(folders))
+    ours = own_module(package)
+    monkeypatch.setattr(ours, "__path__", list(ours.__path__))
     monkeypatch.delitem(sys.modules, "layers.data_layer", raising=False)
     monkeypatch.delitem(sys.modules, "tools.data_layer", raising=False)
     module = f"{package}.data_layer" if "data_layer" in file else package

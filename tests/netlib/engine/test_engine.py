@@ -105,7 +105,8 @@ def test_a_solver_takes_an_engine(tmp_path: Path, write_rows: Callable[..., Path
         layer {{ name: "l" type: "EuclideanLoss" bottom: "f" bottom: "t" top: "loss" }}
     """)
     (tmp_path / "solver.prototxt").write_text(
-        f'net: "{tmp_path}/net.prototxt" base_lr: 0.01 momentum: 0.9 lr_policy: "fixed" random_seed: 3 test_iter: 1'
+        f'net: "{tmp_path}/net.prototxt" base_lr: 0.01 momentum: 0.9 lr_policy: "fixed" random_seed: 3 test_iter: 1 '
+        "test_interval: 100 test_initialization: false"
     )
     solvers = [netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("plain", "fast")]
     for solver, name in zip(solvers, ("plain", "fast")):
@@ -164,18 +165,18 @@ def test_an_empty_choice_is_no_choice(value: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("file", "before", "expected"),
+    ("file", "before"),
     [
-        ("fast.py", "", "fast"),
-        ("fast/__init__.py", "", "fast"),
-        ("layers.py", "", "fast"),
-        ("fast.py", "import fast", "plain"),
-        ("layers.py", "import layers", "layers.py: was imported as 'layers'"),
+        ("fast.py", ""),
+        ("fast/__init__.py", ""),
+        ("layers.py", ""),
+        ("fast.py", "import fast"),
+        ("layers.py", "import layers"),
     ],
 )
 @needs_fast
-def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, before: str, expected: str) -> None:
-    """The project's packages are found despite user modules of the same name, except one imported before netlib."""
+def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, before: str) -> None:
+    """The project's packages are found despite user modules of the same name, also if imported before netlib."""
     (tmp_path / file).parent.mkdir(exist_ok=True)
     (tmp_path / file).write_text("")
     (tmp_path / "run.py").write_text(
@@ -183,7 +184,7 @@ def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, befor
         f"try: print(netlib.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, netlib.TEST).engine.name)\n"
         "except netlib.NetlibError as error: print(error)\n"
     )
-    assert expected in run_python("run.py", cwd=tmp_path, NETLIB_ENGINE=None, PYTHONPATH=None).out
+    assert "fast" in run_python("run.py", cwd=tmp_path, NETLIB_ENGINE=None, PYTHONPATH=None).out
 
 
 def test_plain_has_one_thread() -> None:

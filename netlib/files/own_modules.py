@@ -1,0 +1,110 @@
+"""This project's packages ``layers`` and ``fast``, also where a script has modules of these names.
+
+Scripts written for Caffe often import their own ``layers``. ``own_module`` returns ours whatever else is imported under
+its name. After ``yield_names`` (netlib.install_as_caffe) ours are no longer in sys.modules, and an import of these
+names finds the script's own module first. It finds ours if there is no other, so that ours need no other name.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import importlib.abc
+import importlib.machinery
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import ModuleType
+
+from netlib.files.paths import BASE, ROOT, load_module, own
+from netlib.system.one_thread import lock
+
+NAMES = ("layers", "fast")
+_known: dict[str, ModuleType] = {}  # results of own_module
+_aside: dict[str, ModuleType] = {}  # our modules that are not in sys.modules, by name
+_lock = lock()
+
+
+def own_module(name: str) -> ModuleType:
+    """Return the module ``name`` of this project, imported once."""
+    if name not in _known:
+        with in_place():
+            top = name.partition(".")[0]
+            load_module(top, own(top) / "__init__.py")
+            _known[name] = importlib.import_module(name)
+    return _known[name]
+
+
+def yield_names() -> None:
+    """From now on, imports of ``NAMES`` find a script's own modules first. Ours must have been imported."""
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Finder())
+    for top in NAMES:
+        if is_ours(sys.modules.get(top)):
+            _aside.update(_take(top))
+
+
+def folders() -> list[str]:
+    """The folders of sys.path without this project's."""
+    return [folder for folder in dict.fromkeys(sys.path) if Path(folder).resolve() not in (ROOT, BASE)]
+
+
+@contextlib.contextmanager
+def in_place() -> Iterator[None]:
+    """Context manager: our packages, as far as they are imported, are in sys.modules, in place of others."""
+    with _lock:
+        displaced = [top for top in NAMES if top in _aside or (top in sys.modules and not is_ours(sys.modules[top]))]
+        theirs = {name: module for top in displaced for name, module in _take(top).items()}
+        sys.modules.update(_aside)
+        try:
+            yield
+        finally:
+            for top in displaced:
+                _aside.update(_take(top))
+            sys.modules.update(theirs)
+
+
+def _take(top: str) -> dict[str, ModuleType]:
+    """Remove the module ``top`` and those below it from sys.modules, and return them."""
+    return {name: sys.modules.pop(name) for name in list(sys.modules) if name.partition(".")[0] == top}
+
+
+def is_ours(module: ModuleType | None) -> bool:
+    """Whether a module, if any, is a package of this project."""
+    if module is None:
+        return False
+    return str(own(module.__name__)) in list(getattr(module, "__path__", []))
+
+
+class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Import hook that finds a script's own modules before ours, and ours if there are none."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """Spec of the script's own ``layers`` or ``fast``, or of our modules that are set aside."""
+        top, _, inner = name.partition(".")
+        if top not in NAMES or (inner and not is_ours(sys.modules.get(top))):
+            return None
+        if not inner and (theirs := importlib.machinery.PathFinder.find_spec(name, folders())) and _has_code(theirs):
+            return theirs
+        return importlib.machinery.ModuleSpec(name, self) if name in _aside else None
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
+        """Return our module."""
+        module = _aside[spec.name]
+        spec.loader_state = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Restore the module's own spec, which the import system has replaced."""
+        assert module.__spec__ is not None
+        module.__spec__ = module.__spec__.loader_state
+
+
+def _has_code(spec: importlib.machinery.ModuleSpec) -> bool:
+    """Whether a spec is that of a module, or of a folder without __init__.py that holds modules and is not ours."""
+    places = [Path(folder).resolve() for folder in spec.submodule_search_locations or []]
+    return spec.origin is not None or any(
+        any(place.glob("*.py")) and not place.is_relative_to(ROOT) for place in places
+    )

@@ -1,0 +1,85 @@
+"""Scripts with modules named ``layers`` or ``fast`` of their own. Each test runs a new process."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.support.running import run_python
+
+ROOT = Path(__file__).resolve().parents[3]
+NET = f"caffe.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, caffe.TEST)"
+
+
+@pytest.fixture
+def run(tmp_path: Path):
+    """``run(code, files)`` returns the lines that a script prints that lies in a folder with these files."""
+
+    def make(code: str, files: dict[str, str], *argv: str) -> list[str]:
+        for name, content in files.items():
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_text(content)
+        (tmp_path / "script.py").write_text(code)
+        return run_python(*argv, "script.py", cwd=tmp_path, PYTHONPATH=str(ROOT)).out.splitlines()
+
+    return make
+
+
+FILES = {
+    "modules": {"layers.py": "class Stripe: pass\nfast = 1", "fast.py": "name = 'theirs'"},
+    "packages": {"layers/__init__.py": "from layers.stripe import Stripe", "layers/stripe.py": "class Stripe: pass",
+                 "fast/__init__.py": "name = 'theirs'"},
+    "folders": {"layers/stripe.py": "class Stripe: pass", "fast/name.py": ""},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", list(FILES))
+@pytest.mark.parametrize("how", ["python -m netlib.caffe", "install_as_caffe", "imported before"])
+def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
+    """The script finds its own modules, also later and in other modules; nets are built and run by ours."""
+    begin = {
+        "python -m netlib.caffe": "",
+        "install_as_caffe": "import netlib; netlib.install_as_caffe()\n",
+        "imported before": "import layers, fast\nimport netlib; netlib.install_as_caffe()\n",
+    }[how]
+    inside = "layers.stripe" if kind == "folders" else "layers"
+    code = f"{begin}import caffe\nfrom {inside} import Stripe\nimport other, fast\nnet = {NET}\n"
+    code += "import sys\nprint(other.Stripe is Stripe, Stripe.__module__, net.engine.name, len(net.forward()))\n"
+    code += "print('ours' if 'max_tiles' in dir(fast) else 'theirs')\n"
+    files = {**FILES[kind], "other.py": f"from {inside} import Stripe"}
+    argv = ("-m", "netlib.caffe") if how == "python -m netlib.caffe" else ()
+    stripe = "layers" if kind == "modules" else "layers.stripe"
+    assert run(code, files, *argv) == [f"True {stripe} {os.environ.get('NETLIB_ENGINE', 'fast')} 1", "theirs"]
+
+
+def test_ours_are_found_if_there_are_no_others(run) -> None:
+    """Without modules of its own, a script imports the packages of this project, each once."""
+    code = (
+        "import netlib; netlib.install_as_caffe()\nfrom layers.vision.pooling import Pooling\nimport layers\n"
+        "print(Pooling is layers.LAYER_TYPES['Pooling'], layers.__spec__.name, Pooling.__module__)"
+    )
+    assert run(code, {}) == ["True layers layers.vision.pooling"]
+
+
+def test_a_python_layer_finds_the_scripts_own_module(run) -> None:
+    """A layer of type Python whose module is one that the script has imported is of that module's class."""
+    layer = (
+        "import caffe\n"
+        "class Ten(caffe.Layer):\n"
+        "    count = 0\n"
+        "    def setup(self, bottom, top): Ten.count += 1\n"
+        "    def reshape(self, bottom, top): top[0].reshape(*bottom[0].data.shape)\n"
+        "    def forward(self, bottom, top): top[0].data[...] = 10 * bottom[0].data\n"
+    )
+    net = (
+        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } }'
+        'layer { name: "t" type: "Python" bottom: "x" top: "y" python_param { module: "layers.ten" layer: "Ten" } }'
+    )
+    code = (
+        "import caffe\nfrom layers.ten import Ten\nimport numpy as np\nnet = caffe.Net('net.prototxt', caffe.TEST)\n"
+        "print(net.forward(x=np.ones(2))['y'], type(net.layers[1]) is Ten, Ten.count)"
+    )
+    files = {"layers/__init__.py": "", "layers/ten.py": layer, "net.prototxt": net}
+    assert run(code, files, "-m", "netlib.caffe") == ["[10. 10.] True 1"]
