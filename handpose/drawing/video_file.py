@@ -35,7 +35,8 @@ BT709, LIMITED = 1, 1  # FFmpeg's constants for this colour standard and its ran
 class VideoFile:
     """Writes a video; the complete file appears at the end of the block.
 
-    After an exception or Ctrl-C in the block it has the images so far. Without an image there is no file.
+    After an exception or Ctrl-C in the block it has the images so far, unless they could not all be written: then an
+    old file is kept. Without an image there is no file.
 
     path  ends in ".mp4"
     rate  images per second: the duration of the last one, at most 10 s; all others last until the next
@@ -56,6 +57,7 @@ class VideoFile:
         self._file: Any = None
         self._stream: Any = None
         self._size = (0, 0)
+        self._failed = False
         self._first = self._last = 0.0
 
     def __enter__(self) -> VideoFile:
@@ -86,6 +88,12 @@ class VideoFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
+        if self._failed:  # reported before; a video without some of its images must not replace an old one
+            with contextlib.suppress(self._av.FFmpegError):
+                self._file.close()
+            failure = error or RuntimeError("incomplete")
+            self._stack.__exit__(type(failure), failure, where)
+            return
         with self._stack, self._refusals():
             if self._stream is not None:
                 self._mux(None)
@@ -120,6 +128,7 @@ class VideoFile:
         try:
             yield
         except self._av.FFmpegError as error:
+            self._failed = True
             raise OSError(error.errno, error.strerror, str(self.path)) from error
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 from types import TracebackType
 
@@ -15,12 +16,14 @@ class GrowingFile:
     After an exception in the block, such as Ctrl-C or a full disk, the complete pieces are kept; without any, the old
     file.
 
-    head  first bytes
-    tail  last bytes: they are written after every piece, and overwritten by the next, so that no failure truncates them
+    head   first bytes
+    tail   last bytes: they are written after every piece, and overwritten by the next, so that no failure truncates
+           them
+    shown  rename it after the first piece instead, so that other programs can read the pieces as they are written
     """
 
-    def __init__(self, path: Path, head: bytes = b"", tail: bytes = b"") -> None:
-        self.path, self._head, self._tail = path, head, tail
+    def __init__(self, path: Path, head: bytes = b"", tail: bytes = b"", shown: bool = False) -> None:
+        self.path, self._head, self._tail, self._shown = path, head, tail, shown
         self._end = 0  # offset of the next piece
         self._pieces = 0
 
@@ -38,6 +41,9 @@ class GrowingFile:
         """Add a piece."""
         with atomic.error_names(self.path):
             self._put(piece)
+            if self._shown and not self._pieces:
+                atomic.require_regular_file(self.path)
+                atomic.commit(self._fresh, self.path, sync=False)
         self._pieces += 1
 
     def __exit__(
@@ -56,14 +62,22 @@ class GrowingFile:
         self._pieces = 0
 
     def _put(self, piece: bytes) -> None:
-        self._write(piece + self._tail)
+        try:
+            self._write(piece + self._tail)
+        except OSError:
+            if self._shown and not self._tail:  # a reader must not find half a piece
+                self._stream.truncate(self._end)
+            raise
         self._end += len(piece)
 
     def _finish(self, tail: bytes) -> None:
         self._write(tail)
         self._stream.truncate(self._end + len(tail))
+        if self._shown and self._pieces:
+            os.fsync(self._stream.fileno())
         self._stream.close()
-        atomic.commit(self._fresh, self.path)
+        if not (self._shown and self._pieces):
+            atomic.commit(self._fresh, self.path)
 
     def _write(self, content: bytes) -> None:
         self._stream.seek(self._end)

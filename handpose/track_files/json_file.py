@@ -41,13 +41,12 @@ A frame:
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import json
 import sys
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 from handpose.data.json_fields import Fields, parsed
 from handpose.joint_formats.formats import FormatName
@@ -56,7 +55,6 @@ from handpose.track_files.json_values import FrameValues, header_of, header_valu
 from handpose.track_files.track import TrackedFrame, TrackHeader
 from netlib import files
 from netlib.errors import DataError
-from netlib.files import atomic
 
 _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
 
@@ -97,7 +95,7 @@ class JsonWriter:
 class JsonLinesWriter:
     """Writes JSON lines, each of which can be read at once. Raises OSError.
 
-    path    of the file, which is overwritten; None: standard output
+    path    of the file, which appears, or replaces an old one, with the first frame; None: standard output
     joints, gestures  as for ``open_writer``
     """
 
@@ -105,35 +103,45 @@ class JsonLinesWriter:
         self, path: Path | None, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
     ) -> None:
         self.files = [path] if path else []
-        self._values, self._head = FrameValues(header, joints, gestures), header_values(header, joints)
-        self._stream: TextIO | None = sys.stdout
+        self._values = FrameValues(header, joints, gestures)
+        head = f"{_text(header_values(header, joints))}\n".encode()
+        self._file = GrowingFile(path, head, shown=True) if path else _StandardOutput(head)
 
     def __enter__(self) -> JsonLinesWriter:
-        with contextlib.ExitStack() as stack:
-            for path in self.files:
-                stack.enter_context(atomic.error_names(path))
-                self._stream = stack.enter_context(path.open("w", encoding="ascii", newline="\n"))
-            self._put(self._head)
-            self._stack = stack.pop_all()
+        self._file.__enter__()
         return self
 
     def write(self, frame: TrackedFrame) -> None:
         """Add a frame."""
-        with contextlib.ExitStack() as stack:
-            for path in self.files:
-                stack.enter_context(atomic.error_names(path))
-            self._put(self._values.values(frame))
+        self._file.append(f"{_text(self._values.values(frame))}\n".encode())
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
-        self._stack.close()
+        self._file.__exit__(kind, error, where)
 
-    def _put(self, values: dict[str, Any]) -> None:
-        if self._stream is None:  # None if a shell closed it
+
+class _StandardOutput:
+    """Writes pieces to standard output, each at once."""
+
+    def __init__(self, head: bytes) -> None:
+        self._head = head
+
+    def __enter__(self) -> _StandardOutput:
+        self.append(self._head)
+        return self
+
+    def append(self, piece: bytes) -> None:
+        """Write a piece. Raises OSError."""
+        if sys.stdout is None:  # a shell closed it
             raise OSError(errno.EBADF, "is closed", "standard output")
-        self._stream.write(_text(values) + "\n")
-        self._stream.flush()
+        sys.stdout.write(piece.decode("ascii"))
+        sys.stdout.flush()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        """Do nothing."""
 
 
 class Track(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -41,6 +42,7 @@ class LogFile(logging.FileHandler):
     def __init__(self, path: str | Path, append: bool) -> None:
         super().__init__(path, encoding="utf-8", delay=True)
         self._path, self._append = path, append
+        self._size: int | None = None  # of all whole lines; None for a terminal or device
         self._early: list[logging.LogRecord] = []
 
     def begin(self, inputs: Iterable[str | Path | None]) -> None:
@@ -51,6 +53,9 @@ class LogFile(logging.FileHandler):
         outputs.refuse_inputs(self._path, inputs)
         try:
             Path(self._path).parent.mkdir(parents=True, exist_ok=True)
+            path = Path(self._path)
+            if path.is_symlink() and (path.is_file() or not path.exists()):
+                raise NetlibError(f"{self._path}: is a symbolic link; name the log file itself")
             self.stream = self._open()
             if Path(self._path).is_file():  # terminals and the null device are not locked
                 if locks.take(self.stream.fileno()) is False:
@@ -60,6 +65,7 @@ class LogFile(logging.FileHandler):
                     )
                 if not self._append:  # only after the lock is taken
                     self.stream.truncate(0)
+                self._size = os.fstat(self.stream.fileno()).st_size
         except OSError as error:
             raise NetlibError(f"{self._path}: cannot write the log: {reason_of(error)}") from error
         while self._early:
@@ -71,12 +77,21 @@ class LogFile(logging.FileHandler):
             self._early.append(record)
         else:
             super().emit(record)
+            if self.stream is not None and self._size is not None:
+                self._size = os.fstat(self.stream.fileno()).st_size
 
     def handleError(self, record: logging.LogRecord) -> None:
-        """Report the error and stop writing."""
+        """Report the error and stop writing; the file keeps its whole lines."""
         error = sys.exc_info()[1]
         self._early.clear()
         logging.getLogger(record.name).removeHandler(self)
+        if self.stream is not None and self._size is not None:
+            with contextlib.suppress(OSError):
+                descriptor = os.dup(self.stream.fileno())
+                self.close()
+                os.ftruncate(descriptor, self._size)
+                os.close(descriptor)
+            self._size = None
         say(f"{self.baseFilename}: cannot continue the log: {reason_of(error)}", file=sys.stderr)
 
     def close(self) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from handpose.track_files import csv_file
 from handpose.track_files.csv_file import CsvWriter
 from handpose.track_files.track import LostHand, TrackedFrame, TrackHeader
 from layers.hand.skeleton import load
@@ -82,3 +84,21 @@ def test_an_interruption_leaves_whole_rows(tmp_path: Path) -> None:
         raise DataError("the camera was unplugged")
     assert (tmp_path / "cut.csv").read_text() == (tmp_path / "whole.csv").read_text()
     assert len(rows) == sum(len(frame.hands) + len(frame.lost) for frame in frames)
+
+
+@pytest.mark.parametrize("cell", ["=1+1.png", "+a", "-a", "@a", "\t=a", " =a", "\N{FULLWIDTH EQUALS SIGN}a"])
+def test_cells_that_a_spreadsheet_would_run(cell: str) -> None:
+    """A text that begins like a formula is marked as a text."""
+    (row,) = csv.reader(io.StringIO(csv_file.rows_of([[cell, "b"]]).decode(), newline=""))
+    assert row == [f"'{cell}", "b"]
+
+
+def test_a_carriage_return() -> None:
+    """It is escaped, because it would begin another row."""
+    assert csv_file.rows_of([["\r=a", "b"]]) == b"\\r=a,b\n"
+
+
+@pytest.mark.parametrize("cell", ["-1.50", "+3", "-1e-05", "", "a=b", "take-1.png", 5])
+def test_numbers_and_names_are_unchanged(cell: object) -> None:
+    """Numbers, and texts that only contain such characters, are not marked."""
+    assert csv_file.rows_of([[cell]]) in (f"{cell}\n".encode(), b'""\n')
