@@ -120,7 +120,7 @@ def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextI
     """Print a summary, one line per hand, and the names of the outputs."""
     say(f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s", file=talk)
     if not summary.hands:
-        say("no hand was found", file=talk)
+        say(summary.nothing_found, file=talk)
     else:
         rows = [["hand", "frames", "confidence", "size", "lost", "longest"]]
         for id, hand in sorted(summary.hands.items()):

@@ -156,8 +156,7 @@ class CapsuleModel:
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
         """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is the position of the origin."""
-        p = self.posed(x)
-        ends = p.ends.astype(np.float64) + center_mm[:, None]
+        ends = self.ends(x).astype(np.float64) + center_mm[:, None]
         radii = self.radii.astype(np.float64) * self._thickness(x)[:, None, None]
         return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1], self.surface.facets)
 

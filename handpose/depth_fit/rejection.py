@@ -8,8 +8,8 @@ other limbs are missing, and the end of a table fits a hand that leaves the imag
     moved        half the mean distance of the joints from the network's, which was trained on hands only
     outside      100 mm times the share of the joints outside the image, and of the missing visible area
     cost         7 mm times its logarithm
-    size         100 mm times the absolute logarithm of the size, relative to TYPICAL_SIZE; 0 if the size is known
-    thickness    100 mm times its absolute logarithm: other objects fit only with a stretched hand
+    size         100 mm times the logarithm by which the size is beyond two deviations of people's; 0 if it is known
+    thickness    likewise of the thickness: other objects fit only with a stretched hand
 
 No pixel's difference counts more than CAP_MM. The weights are rounded from a ranking by logistic regression on 90
 scenes (``handpose.synthetic.scenes``, seed 100).
@@ -30,6 +30,7 @@ from netlib.blob import Array
 CAP_MM = 40.0
 MIN_VISIBLE = 0.08  # minimum share of a crop that a hand fills; 10% of the hands fill less than 0.1
 MOVED, OUTSIDE_MM, COST_MM, STRETCHED_MM = 0.5, 100.0, 7.0, 100.0
+USUAL_SIZE, USUAL_THICKNESS = 0.228, 0.2  # two deviations of the logarithms, of the recipe `people`
 
 
 def rejection_score(model: CapsuleModel, fit: DepthFit, hands: HandCrops, *, known_size: bool = False) -> Array:
@@ -53,9 +54,9 @@ def rejection_score(model: CapsuleModel, fit: DepthFit, hands: HandCrops, *, kno
     unexplained = _mean(apart, known & ((crops < BACKGROUND) | (whole < BACKGROUND)))
     shown &= known
     few = 1 - np.minimum(shown.sum(axis=(1, 2)) / (MIN_VISIBLE * crops[0].size), 1)
-    stretched = np.abs(fit.x[:, THICKNESS])
+    stretched = np.maximum(np.abs(fit.x[:, THICKNESS]) - USUAL_THICKNESS, 0)
     if not known_size:
-        stretched = stretched + np.abs(fit.x[:, SIZE] - np.log(TYPICAL_SIZE))
+        stretched = stretched + np.maximum(np.abs(fit.x[:, SIZE] - np.log(TYPICAL_SIZE)) - USUAL_SIZE, 0)
     return np.asarray(
         unexplained
         + _mean(apart, shown)

@@ -37,6 +37,7 @@ A frame:
                          thumb_up; confidence, 0 to 1 (``handpose.gestures``)
         mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
     lost             hands tracked before: id, hand, since_s (tracked last), reason (a line)
+    refused          only in frames with one: places where a new hand was supposed, position_mm and reason (a line)
 """
 
 from __future__ import annotations

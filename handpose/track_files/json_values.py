@@ -16,7 +16,7 @@ from handpose.gestures.shapes import NUMBERS
 from handpose.joint_formats.formats import FormatName
 from handpose.joint_formats.frames import hand_frames
 from handpose.track_files import angles, joint_values
-from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.track_files.track import LostHand, RefusedPlace, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
 from netlib.blob import Array
@@ -109,7 +109,9 @@ class FrameValues:
         lost = [{"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
                 for l in frame.lost]  # fmt: skip
         hands = [self._hand_values(hand, frame.time) for hand in frame.hands]
-        return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost}
+        refused = [{"position_mm": rounded(place.xyz, 1), "reason": place.reason} for place in frame.refused]
+        return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost,
+                **({"refused": refused} if refused else {})}  # fmt: skip
 
     def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
@@ -150,7 +152,8 @@ class FrameValues:
         hands = tuple(self._hand(hand) for hand in fields.parts("hands"))
         lost = tuple(LostHand(of.whole("id"), _side(of), of.number("since_s"), of.text("reason"))
                      for of in fields.parts("lost"))  # fmt: skip
-        return TrackedFrame(fields.whole("number"), fields.number("time_s"), hands, lost)
+        refused = tuple(_refused(of) for of in fields.parts("refused")) if "refused" in fields else ()
+        return TrackedFrame(fields.whole("number"), fields.number("time_s"), hands, lost, refused)
 
     def _hand(self, of: Fields) -> TrackedHand:
         crop, joints = of.part("crop"), len(self._skeleton.joint_names)
@@ -180,3 +183,8 @@ def _side(fields: Fields) -> Side:
         return side_of(fields.text("hand"))
     except ValueError as error:
         raise DataError(f"{fields.where}: 'hand' is {error}") from None
+
+
+def _refused(of: Fields) -> RefusedPlace:
+    x, y, z = of.numbers("position_mm", 3).tolist()
+    return RefusedPlace((x, y, z), of.text("reason"))

@@ -87,6 +87,13 @@ class LostHand(NamedTuple):
     reason: str
 
 
+class RefusedPlace(NamedTuple):
+    """A place (3,) in mm, camera axes, where a hand was supposed and refused, and the reason, one line."""
+
+    xyz: tuple[float, float, float]
+    reason: str
+
+
 class TrackedFrame(NamedTuple):
     """The hands of one frame.
 
@@ -94,12 +101,14 @@ class TrackedFrame(NamedTuple):
     time    s
     hands   the tracked hands, by id
     lost    hands tracked before that are missing now, by id
+    refused  places where a new hand was supposed and refused
     """
 
     number: int
     time: float
     hands: tuple[TrackedHand, ...]
     lost: tuple[LostHand, ...] = ()
+    refused: tuple[RefusedPlace, ...] = ()
 
 
 def joints_of(

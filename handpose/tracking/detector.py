@@ -60,9 +60,14 @@ class Detector:
         self._begun = self._last = -np.inf
 
     def probability(self, depth: NDArray[np.float32], middle: Array) -> float:
-        """The probability of a hand at a place (3,) in mm."""
-        found, _ = self.locator.at(depth, middle[None], self.camera)
-        return float(found.max(initial=0.0))
+        """The probability of a hand at a place (3,) in mm, the highest while the locator moves to its prediction."""
+        highest, places = 0.0, middle[None]
+        for _ in range(1 + TIMES):
+            chance, places = self.locator.at(depth, places, self.camera)
+            highest = max(highest, float(chance.max(initial=0.0)))
+            if highest >= LIKELY or not len(chance):
+                break
+        return highest
 
     def detect(self, depth: NDArray[np.float32], followed: Array, time: float, arms: Array = NOWHERE) -> Array | None:
         """The middle (3,) in mm of a possible hand; mostly None.

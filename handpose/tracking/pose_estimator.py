@@ -17,12 +17,14 @@ from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import HandCrops
 from handpose.depth_fit.rejection import rejection_score
 from handpose.depth_fit.search import Plan
+from handpose.depth_fit.support import support
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
 from handpose.prediction.crop_fits import fit_starts
 from handpose.prediction.locator import recenter
 from handpose.prediction.predictor import Predictor
 from handpose.tracking.body_pose import PoseConverter, WorldPose
+from handpose.tracking.reasons import Expected
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -128,6 +130,17 @@ class PoseEstimator:
         """The crop centre (3,) of a body, px, px, mm."""
         center = body.place + body.rotation @ self._middle
         return self.camera.project(center * mirror_of(side))
+
+    def expected(self, depth: NDArray[np.float32], body: WorldPose, side: Side) -> Expected:
+        """A body as a hand that is expected in an image, with all readings, mm."""
+        center, mirror, model = body.place, mirror_of(side), self.fitter.model
+        x = self.converter.variables(body, center)[None]
+        capsules = model.capsules(x, center[None]).mirrored(mirror)
+        return Expected(
+            (model.joints(x)[0] + center) * mirror,
+            self.center_of(body, side),
+            support(capsules, model.surface.limbs, depth, self.camera),
+        )
 
     def hand_near(self, depth: NDArray[np.float32], estimate: Estimate) -> Array:
         """The crop centre (3,) by the locator, px, px, mm; otherwise by the network, if it was run."""

@@ -2,67 +2,76 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.crops import crop, pixels_of
+from handpose.data.crops import crop
 from handpose.depth_fit.observation import BACKGROUND
+from handpose.depth_fit.support import Support
 from handpose.facts.cameras import Camera
 from handpose.track_files.track import HIDDEN, LEFT
-from handpose.tracking.pose_estimator import Estimate, SearchRegion
+from netlib.blob import Array
 from netlib.errors import DataError
 
-NO_HAND = "the object at its last position does not look like a hand"
+NO_HAND = "the object there does not look like a hand"
 MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
 COVERED = 0.3  # share of a crop that is nearer than the cube: the hand is hidden
-MARGIN = 0.15  # in cube edges: a hand whose middle is closer to the image's edge is leaving
+MAX_HIDDEN = 0.25  # share of the hand's own surface behind nearer objects: it is hidden
+MAX_MISSING = 0.5  # share of that surface without a reading
+MAX_OUTSIDE = 0.25  # share of the joints outside the image: the hand has left it
+
+
+class Expected(NamedTuple):
+    """A hand at its expected place.
+
+    xyz         (K, 3) joints in mm, camera axes
+    center_uvd  (3,) px, px, mm: centre of its crop
+    support     of this pose by the frame
+    """
+
+    xyz: Array
+    center_uvd: Array
+    support: Support
 
 
 def reason(
-    depth: NDArray[np.float32], camera: Camera, cube_mm: float, region: SearchRegion, estimate: Estimate | None
+    depth: NDArray[np.float32], camera: Camera, cube_mm: float, hand: Expected, doubt: str = "", confidence: float = 0.0
 ) -> str:
-    """The reason why the hand was not found in a search region.
+    """The reason why a hand was not found at its expected place.
 
-    estimate  the best pose found for it
+    depth       mm, with the readings that are nearer than the camera measures
+    doubt       why the object there is no hand, if it was checked
+    confidence  of the best pose found there
     """
-    d = region.center_uvd[2]
     if not (depth > 0).any():
         return "no depth in this frame"
-    if d <= 0:
-        return LEFT
-    beyond = _edges_beyond(camera, 2 * cube_mm * MARGIN, region)
-    if beyond:
-        return _left_at(beyond)
+    edges = _edges_left(camera, hand.xyz)
+    if edges is not None:
+        return f"{LEFT}{edges}"
     try:
-        shown = crop(depth, region.center_uvd, cube_mm, camera)
+        shown = crop(depth, hand.center_uvd, cube_mm, camera)
     except DataError:
         return LEFT
-    if (shown <= -BACKGROUND).mean() > COVERED:
+    if hand.support.hidden[0] > MAX_HIDDEN or (shown <= -BACKGROUND).mean() > COVERED:
         return f"{HIDDEN} by a nearer object"
+    d = hand.center_uvd[2]
     if (np.abs(shown) < BACKGROUND).mean() < MIN_VISIBLE:
         return f"only background at its last position, {d:.0f} mm away"
-    if estimate is None:
-        return LEFT
-    cut = [edge for edge in _edges_beyond(camera, cube_mm, region) if _reaches(edge, depth, camera, cube_mm, region)]
-    if cut:  # such as a wrist whose hand is outside already
-        return _left_at(cut)
-    return f"{NO_HAND} (confidence {estimate.confidence:.0%})"
+    if hand.support.missing[0] > MAX_MISSING:
+        return f"no depth at its last position, {d:.0f} mm away"
+    return doubt or f"{NO_HAND} (confidence {confidence:.0%})"
 
 
-def _left_at(edges: list[str]) -> str:
-    return f"{LEFT} at the {' '.join(edges)} edge"
-
-
-def _edges_beyond(camera: Camera, cube_mm: float, region: SearchRegion) -> list[str]:
-    """The edges of the image beyond which a part of the cube lies."""
-    (left, right), (upper, lower) = pixels_of(region.center_uvd[None], cube_mm, camera)
-    beyond = {"left": left < 0, "right": right > camera.width, "upper": upper < 0, "lower": lower > camera.height}
-    return [edge for edge, is_beyond in beyond.items() if is_beyond]
-
-
-def _reaches(edge: str, depth: NDArray[np.float32], camera: Camera, cube_mm: float, region: SearchRegion) -> bool:
-    """True if the edge cuts an object in the cube."""
-    columns, rows = (slice(max(int(first), 0), max(int(end), 0))
-                     for (first,), (end,) in pixels_of(region.center_uvd[None], cube_mm, camera))  # fmt: skip
-    line = {"left": depth[rows, 0], "right": depth[rows, -1], "upper": depth[0, columns], "lower": depth[-1, columns]}
-    return bool(((line[edge] > 0) & (np.abs(line[edge] - region.center_uvd[2]) < cube_mm / 2)).any())
+def _edges_left(camera: Camera, xyz: Array) -> str | None:
+    """The edges of the image beyond which joints (K, 3) are, in words; None if few are outside."""
+    before = xyz[:, 2] > 0
+    if not before.all():
+        return ""
+    u, v, _ = camera.project(xyz).T
+    beyond = {"left": u < 0, "right": u > camera.width - 1, "upper": v < 0, "lower": v > camera.height - 1}
+    if not np.any(list(beyond.values()), axis=0).mean() > MAX_OUTSIDE:
+        return None
+    edges = [edge for edge, joints in beyond.items() if joints.mean() > MAX_OUTSIDE / 2]
+    return f" at the {' '.join(edges)} edge" if edges else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -47,6 +48,7 @@ class Summary:
         self._bones = skeleton.bones[self._has_bone]
         self.frames = 0
         self.hands: dict[int, HandSummary] = {}
+        self.refused: Counter[str] = Counter()  # number of refused places by reason, without its figures
         self._first = self._last = 0.0
 
     @property
@@ -70,3 +72,14 @@ class Summary:
             own.losses += not own.is_lost
             own.is_lost = True
             own.longest = max(own.longest, frame.time - lost.since)
+        self.refused.update(place.reason.partition(" (")[0] for place in frame.refused)
+
+    @property
+    def nothing_found(self) -> str:
+        """Why no hand was found, as text."""
+        count = self.refused.total()
+        if not count:
+            return "no hand was found: no place looked like one"
+        places = f"{count} places, all refused" if count > 1 else "1 place, which was refused"
+        reasons = "; ".join(f"{reason} ({number})" for reason, number in self.refused.most_common())
+        return f"no hand was found: seen at {places}: {reasons}"

@@ -19,30 +19,26 @@ from numpy.typing import NDArray
 
 from handpose.data.crops import check_size
 from handpose.data.images import check_unit, depth_image
-from handpose.depth_fit.rejection import STRETCHED_MM
-from handpose.depth_fit.search import ACCURATE, FAST, Fit, Plan
+from handpose.depth_fit.search import ACCURATE, Fit, Plan
 from handpose.facts.cameras import Camera
-from handpose.facts.sides import Side, mirror_of
+from handpose.facts.sides import Side
 from handpose.prediction.nets import refuse_other_bodies
 from handpose.prediction.packaged import load_predictor
 from handpose.prediction.predictor import Predictor, check_whole
 from handpose.sources.recording import DepthFrame
-from handpose.track_files.track import LostHand, TrackedFrame, TrackHeader
+from handpose.track_files.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader
+from handpose.tracking.acceptance import Acceptance
 from handpose.tracking.detector import NOWHERE, Detector
-from handpose.tracking.hand_track import COAST, ENOUGH, HandTrack
+from handpose.tracking.hand_track import COAST, HandTrack
 from handpose.tracking.output import tracked_hand
-from handpose.tracking.pose_estimator import LIKELY, Estimate, PoseEstimator, SearchRegion
-from handpose.tracking.reasons import NO_HAND, reason
+from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
+from handpose.tracking.reasons import reason
 from handpose.tracking.sizing import SizeKeeper, checked
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
 SAME_MM = 70.0  # palms closer together are the same hand
-# Limits of the rejection score of new and of tracked hands. In synthetic scenes with three cameras 92% of 187 hands are
-# below 100 mm and 99% below 135 mm; of other things that the detector offers, the lowest has 113 mm. Before the search,
-# fitted fast at the place itself, the hands that are accepted later have at most 116 mm.
-REJECT_NEW_MM, REJECT_FIRST_MM, REJECT_MM = 100.0, 120.0, 135.0
 CHECK, SUSPECT = 0.2, 0.08  # s between checks of certain and of uncertain hands
 RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a new hand is a lost one
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
@@ -91,6 +87,7 @@ class Tracker:
         self.size = None if size is None else checked(size)
         self.estimator = PoseEstimator(predictor, self.camera)
         self.detector = Detector(predictor.locator, self.camera)
+        self.acceptance = Acceptance(predictor, self.estimator, self.detector)
         self.tracks: list[HandTrack] = []
         self.known: dict[int, Known] = {}
         self._time = -np.inf
@@ -117,13 +114,13 @@ class Tracker:
             self._read = bool((depth > 0).any())
         if not time > self._time:
             raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
-        depth = self.camera.in_range(depth)
-        self._follow(depth, time)
+        readings, depth, refused = depth, self.camera.in_range(depth), []
+        self._follow(depth, readings, time)
         after_gap, self._time = time - self._time > COAST, time
         self._drop_doubles()
-        self._drop_other_objects(depth, time)
+        self._drop_other_objects(depth, readings, time)
         while (count := len(self.tracks)) < self.limit:
-            self._detect(depth, time)
+            refused += self._detect(depth, time)
             self._drop_doubles()
             if not after_gap or len(self.tracks) == count:
                 break
@@ -141,10 +138,13 @@ class Tracker:
             for id, known in sorted(self.known.items())
             if all(id != hand.id for hand in hands)
         )
-        return TrackedFrame(frame.number, time, tuple(hands), lost)
+        return TrackedFrame(frame.number, time, tuple(hands), lost, tuple(refused))
 
-    def _follow(self, depth: NDArray[np.float32], time: float) -> None:
-        """Find every hand where it is expected; after a gap in time it is dropped."""
+    def _follow(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
+        """Find every hand where it is expected; after a gap in time it is dropped.
+
+        readings  the image with those readings that are nearer than the camera measures
+        """
         for track in list(self.tracks):
             if track.given_up(time):
                 self.tracks.remove(track)
@@ -161,8 +161,8 @@ class Tracker:
             if track.take(estimates[track.id], again[track.id], time):
                 known.hand = track.best.estimate.region.side
                 continue
-            best = min((s for s in seen if s is not None), key=lambda s: s.selection_cost, default=None)
-            known.reason = reason(depth, self.camera, self.estimator.cube_mm, regions[track.id][0], best)
+            confidence = max((s.confidence for s in seen if s is not None), default=0.0)
+            known.reason = self._reason(readings, track, time, confidence=confidence)
 
     def _estimates(
         self, depth: NDArray[np.float32], regions: dict[int, list[SearchRegion]], plan: Plan | None = None
@@ -181,40 +181,38 @@ class Tracker:
                     self.tracks.remove(other)
                     self.known[other.id].reason = "another hand is tracked at its position"
 
-    def _drop_other_objects(self, depth: NDArray[np.float32], time: float) -> None:
+    def _reason(
+        self, readings: NDArray[np.float32], track: HandTrack, time: float, doubt: str = "", confidence: float = 0.0
+    ) -> str:
+        """The reason why a hand is not found where it is expected."""
+        expected = self.estimator.expected(readings, track.best.expected(time), track.hand)
+        return reason(readings, self.camera, self.estimator.cube_mm, expected, doubt, confidence)
+
+    def _drop_other_objects(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
         """Drop tracks of objects that are not hands, which network and fit may resemble."""
         for track in list(self.tracks):
             pause = CHECK if track.is_sure else SUSPECT
             if track.time < time or time - track.checked < pause:
                 continue
             track.checked = time
-            thickness = self.known[track.id].sizes.thickness  # which alone is no reason to reject a hand
-            limit = REJECT_MM + STRETCHED_MM * abs(np.log(thickness))
-            good = self._looks_like_a_hand(depth, track.best.estimate, limit)
-            track.rejections = 0 if good else track.rejections + 1
+            doubt = self.acceptance.doubt(depth, track.best.estimate)
+            track.rejections = track.rejections + 1 if doubt else 0
             if track.rejections >= MAX_REJECTIONS:
                 self.tracks.remove(track)
-                estimate = track.best.estimate
-                why = reason(depth, self.camera, self.estimator.cube_mm, estimate.region, estimate)
-                self.known[track.id].reason = NO_HAND if why.startswith(NO_HAND) else why
+                self.known[track.id].reason = self._reason(readings, track, time, doubt)
 
-    def _looks_like_a_hand(self, depth: NDArray[np.float32], estimate: Estimate, limit_mm: float) -> bool:
-        """True if the locator finds a hand and the rejection score is low enough."""
-        if self.detector.probability(depth, estimate.center_mm * mirror_of(estimate.region.side)) < LIKELY:
-            return False
-        return self.estimator.rejection_score(estimate) < limit_mm
-
-    def _detect(self, depth: NDArray[np.float32], time: float) -> None:
-        """Search for a hand that is not tracked."""
+    def _detect(self, depth: NDArray[np.float32], time: float) -> list[RefusedPlace]:
+        """Search for a hand that is not tracked. Returns the place that was refused, if any."""
         middles = np.array([self._middle(track) for track in self.tracks]).reshape(-1, 3)
         arms = [self.estimator.arm(track.best.estimate) for track in self.tracks]
         place = self.detector.detect(depth, middles, time, np.concatenate([*arms, NOWHERE]))
         if place is None:
-            return
-        seen = self._hands_at(depth, place)
+            return []
+        seen, why = self.acceptance.hands_at(depth, place)
         if not seen:
             self.detector.reject(place, time)
-            return
+            x, y, z = place.tolist()
+            return [RefusedPlace((x, y, z), why)]
         returned = self._just_lost(place, time)
         seen = [estimate for estimate in seen if estimate.region.side in returned] or seen
         track = HandTrack(-1, self.estimator, seen, time, self.size, self._side_prior(time))
@@ -222,34 +220,7 @@ class Tracker:
         known = self.known.setdefault(track.id, Known(track.hand, time, "", SizeKeeper(self.estimator), self.size))
         known.since, known.hand, track.size = time, track.hand, known.size
         self.tracks = [other for other in self.tracks if other.id != track.id] + [track]
-
-    def _hands_at(self, depth: NDArray[np.float32], place: Array) -> list[Estimate]:
-        """The poses near a place (3,) in mm, as hands of each side; empty if it is not a hand.
-
-        A fast prediction at the place itself comes first. It rejects most of the other objects before the slow search.
-        """
-        start = self.camera.project(place)
-        if all(
-            self.estimator.rejection_score(estimate) > REJECT_FIRST_MM
-            for estimate in self._sides_at(depth, start, FAST)
-        ):
-            return []
-        try:
-            found = self.predictor.hands_at(depth, [start], [0.0])[0]
-        except DataError:  # out of sight
-            return []
-        if found.fit is None or found.fit.rejection_score > REJECT_MM:
-            return []
-        seen = self._sides_at(depth, found.center_uvd, ACCURATE)
-        if not seen or max(s.confidence for s in seen) < ENOUGH:
-            return []
-        best = min(seen, key=lambda s: s.uncertainty)
-        return seen if self._looks_like_a_hand(depth, best, REJECT_NEW_MM) else []
-
-    def _sides_at(self, depth: NDArray[np.float32], center_uvd: Array, plan: Plan) -> list[Estimate]:
-        """The poses in a crop about a centre (3,), as a hand of each side; none if it is outside the image."""
-        regions = [SearchRegion(center_uvd, side) for side in self.predictor.sides]
-        return [estimate for estimate in self.estimator.estimate(depth, regions, plan) if estimate is not None]
+        return []
 
     def _missing(self, time: float) -> list[int]:
         """The ids of known hands that are not found in this frame."""

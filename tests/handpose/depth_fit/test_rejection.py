@@ -10,7 +10,16 @@ import pytest
 from handpose.depth_fit.body import SIZE, THICKNESS, TYPICAL_SIZE, CapsuleModel
 from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import HandCrops
-from handpose.depth_fit.rejection import CAP_MM, COST_MM, MOVED, OUTSIDE_MM, STRETCHED_MM, rejection_score
+from handpose.depth_fit.rejection import (
+    CAP_MM,
+    COST_MM,
+    MOVED,
+    OUTSIDE_MM,
+    STRETCHED_MM,
+    USUAL_SIZE,
+    USUAL_THICKNESS,
+    rejection_score,
+)
 from handpose.facts.cameras import NYU
 from handpose.surface.render import normalise_depth, render_crop
 from handpose.synthetic.recipes import recipe
@@ -47,7 +56,7 @@ def test_a_hand_is_not_rejected(model: CapsuleModel, fit: DepthFit, crop: np.nda
 
 
 def test_each_figure(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
-    """An empty crop, a shifted prediction, a hand outside the image, a cost and another size each add to the score."""
+    """An empty crop, a moved prediction, a hand outside the image, a cost and an unusual size add to the score."""
 
     def of(fit: DepthFit = fit, crop: np.ndarray = crop, uvd: np.ndarray = UVD) -> float:
         return score(model, fit, crop, uvd)
@@ -56,19 +65,20 @@ def test_each_figure(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> No
     assert of(replace(fit, network=fit.joints + (20, 0, 0))) == pytest.approx(MOVED * 20 + of())
     assert of(crop=np.ones_like(crop), uvd=np.array([[-300.0, 240, 700]])) >= OUTSIDE_MM
     assert of(replace(fit, cost=np.array([np.e**3]))) == pytest.approx(3 * COST_MM + of())
-    for variable in (SIZE, THICKNESS):
-        larger = fit.x.copy()
-        larger[0, variable] -= 0.2
-        assert of(replace(fit, x=larger)) > 0.2 * STRETCHED_MM
+    for variable, usual in ((SIZE, USUAL_SIZE), (THICKNESS, USUAL_THICKNESS)):
+        smaller = fit.x.copy()
+        smaller[0, variable] -= usual + 0.1
+        assert of(replace(fit, x=smaller)) > 0.1 * STRETCHED_MM
 
 
 def test_a_known_size_is_not_rejected(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
-    """A child's hand scores like an adult's once a recording has determined its size."""
+    """Usual sizes are not charged, and unusual ones only until a recording has determined the size."""
     x = fit.x.copy()
-    x[0, SIZE] -= 0.2
-    smaller = replace(fit, x=x)
-    unknown, known = score(model, smaller, crop), score(model, smaller, crop, known_size=True)
-    assert unknown - known == pytest.approx(0.2 * STRETCHED_MM)
+    for less, charged in ((0.2, 0.0), (USUAL_SIZE + 0.1, 0.1)):
+        x[0, SIZE] = np.log(TYPICAL_SIZE) - less
+        smaller = replace(fit, x=x)
+        unknown, known = score(model, smaller, crop), score(model, smaller, crop, known_size=True)
+        assert unknown - known == pytest.approx(charged * STRETCHED_MM)
 
 
 def test_the_typical_size_is_that_of_the_training_frames() -> None:

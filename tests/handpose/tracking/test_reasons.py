@@ -5,19 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from handpose.depth_fit.support import Support
 from handpose.facts.cameras import Camera
 from handpose.track_files.track import HIDDEN, LEFT
-from handpose.tracking.pose_estimator import SearchRegion
-from handpose.tracking.reasons import NO_HAND, reason
-from tests.handpose.tracking.test_hand_track import estimate
+from handpose.tracking.reasons import NO_HAND, Expected, reason
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
+OFFSETS = np.array([(x, y, z) for x in (-60, 0, 60) for y in (-60, 0, 60) for z in (-20, 20)], float)
 
 
-def why(depth: np.ndarray, u: float = 80, v: float = 60, d: float = 600, confidence: float | None = 0.2) -> str:
-    """The reason for a hand that was expected at this place."""
-    seen = None if confidence is None else estimate(confidence=confidence)
-    return reason(depth.astype(np.float32), CAMERA, 300.0, SearchRegion(np.array([u, v, d]), "right"), seen)
+def why(
+    depth: np.ndarray, u: float = 80, v: float = 60, d: float = 600, *, hidden: float = 0.0, missing: float = 0.0,
+    doubt: str = "",
+) -> str:  # fmt: skip
+    """The reason for a hand 120 mm wide that was expected at this place."""
+    shares = Support(*(np.array([one]) for one in (1 - hidden - missing, hidden, 0.0, missing)))
+    hand = Expected(CAMERA.unproject(np.array([u, v, d])) + OFFSETS, np.array([u, v, d]), shares)
+    return reason(depth.astype(np.float32), CAMERA, 300.0, hand, doubt, 0.2)
 
 
 def wall(mm: float = 1500) -> np.ndarray:
@@ -42,35 +46,12 @@ def test_beyond_the_edges(u: float, v: float, where: str) -> None:
     assert why(wall(), u, v) == f"{LEFT} at the {where} edge"
 
 
-def test_near_the_edges() -> None:
-    """A hand half visible at an edge has left there, although its middle is in the image; a far one is smaller."""
+def test_only_the_hand_itself_leaves() -> None:
+    """A hand has not left while an edge cuts only its forearm; with a third of its joints outside it has."""
     depth = wall()
-    depth[40:80, 130:] = 600
-    assert why(depth, 153) == f"{LEFT} at the right edge" and why(wall(), 143).startswith("only background")
-    far = np.where(depth == 600, 1200, depth)
-    assert why(far, 153, d=1200) == f"{LEFT} at the right edge" and why(far, 140, d=1200).startswith(NO_HAND)
-
-
-def test_something_that_an_edge_cuts() -> None:
-    """An object that an edge cuts, such as a wrist, means that the hand has left there.
-
-    An object that ends before the edge, or that reaches another edge, does not."""
-    depth = wall()
-    depth[40:80, 130:] = 600
-    assert why(depth, 143) == why(depth, 126) == f"{LEFT} at the right edge"
-    assert why(depth, 122).startswith(NO_HAND)
-    depth[:, 159] = 1500
-    assert why(depth, 143).startswith(NO_HAND)
-    assert why(np.where(np.arange(120)[:, None] > 70, 600.0, wall()), 80, 95) == f"{LEFT} at the lower edge"
-
-
-def test_an_edge_where_nothing_was_read() -> None:
-    """An edge without readings does not count as cutting the hand."""
-    depth = wall(0)
-    depth[30:90, 40:120] = 130
-    assert why(depth, 80, d=130).startswith(NO_HAND)
-    depth[30:90, 120:] = 130
-    assert why(depth, 80, d=130) == f"{LEFT} at the right edge"
+    depth[40:, 60:100] = 600
+    assert why(depth, 80, 90).startswith(NO_HAND)
+    assert why(depth, 80, 108) == f"{LEFT} at the lower edge"
 
 
 def test_an_empty_frame() -> None:
@@ -79,23 +60,26 @@ def test_an_empty_frame() -> None:
 
 
 def test_hidden() -> None:
-    """A nearer plate hides the hand, and one at the hand's depth does not."""
-    assert why(plate(300, 40)) == f"{HIDDEN} by a nearer object"
+    """A nearer plate hides the hand, whether in front of its cube or within it; one at the hand's depth does not."""
+    for near in (30, 300):
+        assert why(plate(near, 40)) == f"{HIDDEN} by a nearer object"
+    assert why(plate(560, 40), hidden=0.5) == f"{HIDDEN} by a nearer object"
     assert not why(plate(600, 40)).startswith(HIDDEN)
 
 
 def test_nothing_there() -> None:
-    """Only the wall, or a speck, is visible at the place."""
+    """Only the wall, or a speck, is visible at the place; or nothing was read there."""
     assert why(wall()) == "only background at its last position, 600 mm away"
     assert why(plate(600, 1), d=612.3) == "only background at its last position, 612 mm away"
+    assert why(plate(600), missing=0.7) == "no depth at its last position, 600 mm away"
 
 
 def test_no_hand_there() -> None:
-    """The reason contains the confidence."""
+    """The reason contains the confidence, or what a check found."""
     assert why(plate(600)) == f"{NO_HAND} (confidence 20%)"
+    assert why(plate(600), doubt="it is a cup") == "it is a cup"
 
 
-def test_at_the_camera() -> None:
-    """Where no crop is possible, as behind the camera, the reason is that the hand has left the image."""
-    assert why(wall(), d=-10, confidence=None) == LEFT
-    assert why(plate(600), confidence=None) == why(plate(600), u=float("nan")) == LEFT
+def test_behind_the_camera() -> None:
+    """Where no crop is possible, the hand has left the image."""
+    assert why(wall(), d=-10) == LEFT

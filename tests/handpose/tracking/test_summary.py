@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand
+from handpose.track_files.track import LostHand, RefusedPlace, TrackedFrame, TrackedHand
 from handpose.tracking.summary import Summary
 from tests.support.tracked_hands import HEADER, tracked
 
@@ -59,3 +59,12 @@ def test_how_sure() -> None:
     assert summed(*hands).hands[1].sure == "80%"
     assert summed(hands[-1]).hands[1].sure == "unknown"
     assert summed((gone(1),)).hands[1].sure == "unknown"
+
+
+def test_why_nothing_was_found() -> None:
+    """The places that were refused are counted by reason, without the figures in it."""
+    found = Summary(HEADER.skeleton)
+    assert found.nothing_found == "no hand was found: no place looked like one"
+    for n, reasons in enumerate([("cold (12%)", "late"), ("cold (3%)",)]):
+        found.add(TrackedFrame(n, n / 2, (), (), tuple(RefusedPlace((0, 0, 700), reason) for reason in reasons)))
+    assert found.nothing_found == "no hand was found: seen at 3 places, all refused: cold (2); late (1)"

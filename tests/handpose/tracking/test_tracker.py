@@ -15,6 +15,7 @@ from handpose.prediction.predictor import Predictor
 from handpose.sources.recording import DepthFrame
 from handpose.track_files.track import LEFT, LostHand, TrackedFrame, TrackedHand, joints_of
 from handpose.tracking.hand_track import HandTrack
+from handpose.tracking.reasons import NO_HAND
 from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError, NetlibError
 from tests.handpose.tracking.conftest import RATE, Take, tracked
@@ -186,13 +187,21 @@ def test_what_becomes_of_a_hand(shown: Take, predictor: Predictor) -> None:
 def test_what_does_not_look_like_a_hand_is_dropped(
     shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A hand is dropped after some frames that do not look like one, even if the fit is certain."""
+    """A hand is dropped after some frames that do not look like one, even if the fit is certain.
+
+    The locator alone drops no hand whose score is low.
+    """
     tracker = begun(predictor, shown)
     monkeypatch.setattr(tracker.detector, "probability", lambda depth, middle: 0.0)
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
+    assert all(tracker.step(frame).hands for frame in shown.frames[6:12])
+    tracker = begun(predictor, shown)
+    monkeypatch.setattr(tracker.detector, "probability", lambda depth, middle: 0.0)
+    monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
+    monkeypatch.setattr(tracker.estimator, "rejection_score", lambda estimate: 120.0)
     reported = [tracker.step(frame) for frame in shown.frames[6:24]]
     assert reported[0].hands and not reported[-1].hands
-    assert reported[-1].lost[0].reason.startswith("the object at its last position does not look like a hand")
+    assert reported[-1].lost[0].reason.startswith(NO_HAND)
 
 
 def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
@@ -223,7 +232,9 @@ def test_what_the_locator_takes_for_a_hand(
     tracker = Tracker(predictor)
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: np.array(place))
     image = np.full((240, 320), 1380, np.float32)
-    assert tracker.step(DepthFrame(0, 0.0, image)) == TrackedFrame(0, 0.0, (), ())
+    found = tracker.step(DepthFrame(0, 0.0, image))
+    assert found[:4] == TrackedFrame(0, 0.0, (), ())[:4]
+    assert [refused.xyz for refused in found.refused] == [place] and found.refused[0].reason
 
 
 # ------------------------------------------------------------------------------------------ many and none
