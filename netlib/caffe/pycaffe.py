@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -15,8 +16,9 @@ from numpy.typing import ArrayLike
 from netlib import net as core
 from netlib.blob import Array, Blob
 from netlib.distributed.solver import DistributedSolver
-from netlib.engine.plain import BackwardHook, Executor
+from netlib.engine.plain import BackwardHook, Connection, Executor
 from netlib.errors import LayerError
+from netlib.graph import AUTOMATIC
 from netlib.proto import schema
 from netlib.proto.messages import SolverParameter
 from netlib.snapshots import weights as weights_of
@@ -42,6 +44,7 @@ class Net(core.Net):
             log.warning("Net(file, weights, phase) is pycaffe's older form; expected Net(file, phase, weights=...)")
         super().__init__(network_file, **dict(zip(names, args)), **options)
         self._hooks: dict[str, list[Hook]] = {}
+        self.blobs = dict(self._numbered)  # with the unnamed top of a loss layer, so that the numbers are positions
 
     # ------------------------------------------------------------------------------------------ names and weights
 
@@ -49,13 +52,58 @@ class Net(core.Net):
     def _layer_names(self) -> list[str]:
         return [at.layer.spec.name for at in self.connections]
 
+    # Numbers of blobs count the tops of all layers in order; the unnamed top of a loss layer counts, too.
+
+    @functools.cached_property
+    def _numbered(self) -> list[tuple[str, Blob]]:
+        """Name and blob of every number."""
+        found: dict[int, tuple[str, Blob]] = {}
+        for at in self.connections:
+            for name, blob in zip((*at.layer.spec.top, *[AUTOMATIC] * len(at.top)), at.top):
+                found.setdefault(id(blob), (name, blob))
+        return list(found.values())
+
+    @functools.cached_property
+    def _numbers(self) -> dict[int, int]:
+        """Id of a blob -> its number."""
+        return {id(blob): number for number, (_, blob) in enumerate(self._numbered)}
+
     @property
     def _blob_names(self) -> list[str]:
-        return list(self.blobs)
+        return [name for name, _ in self._numbered]
 
     @property
     def _blobs(self) -> list[Blob]:
-        return list(self.blobs.values())
+        return [blob for _, blob in self._numbered]
+
+    def _bottom_ids(self, layer: int) -> list[int]:
+        """Numbers of the bottoms of a layer."""
+        return [self._numbers[id(blob)] for blob in self._connection(layer).bottom]
+
+    def _top_ids(self, layer: int) -> list[int]:
+        """Numbers of the tops of a layer."""
+        return [self._numbers[id(blob)] for blob in self._connection(layer).top]
+
+    def _connection(self, layer: int) -> Connection:
+        if not 0 <= layer < len(self.connections):
+            raise LayerError(f"net {self.name!r} has {len(self.connections)} layers, found number {layer}")
+        return self.connections[layer]
+
+    @property
+    def _inputs(self) -> list[int]:
+        """Numbers of the blobs that the caller writes."""
+        return [self._numbers[id(self.blobs[name])] for name in self.inputs]
+
+    @property
+    def _outputs(self) -> list[int]:
+        """Numbers of the blobs that no layer reads."""
+        return [self._numbers[id(self.blobs[name])] for name in self.outputs]
+
+    @functools.cached_property
+    def _blob_loss_weights(self) -> list[float]:
+        """The loss weight of every blob. As in Caffe, a change of this list does not change the net."""
+        weights = {id(blob): weight for blob, weight, _ in self.losses}
+        return [weights.get(id(blob), 0.0) for blob in self._blobs]
 
     @property
     def top_names(self) -> OrderedDict[str, list[str]]:
@@ -70,8 +118,7 @@ class Net(core.Net):
     @property
     def blob_loss_weights(self) -> OrderedDict[str, float]:
         """Blob name -> its loss weight."""
-        weights = {id(blob): weight for blob, weight, _ in self.losses}
-        return OrderedDict((name, weights.get(id(blob), 0.0)) for name, blob in self.blobs.items())
+        return OrderedDict(zip(self._blob_names, self._blob_loss_weights))
 
     # ------------------------------------------------------------------------------------------ running
 
@@ -157,6 +204,8 @@ class Net(core.Net):
         if setter is None:
             raise LayerError("set_input_arrays needs a net whose first layer is a MemoryData layer")
         setter(data, labels)
+
+    _set_input_arrays = set_input_arrays
 
     # ------------------------------------------------------------------------------------------ weights
 

@@ -63,6 +63,51 @@ def test_what_a_net_says_about_itself(net: pycaffe.Net) -> None:
     assert [layer.type for layer in net.layers] == ["Input", "Split", "InnerProduct", "Split", "EuclideanLoss", "Power"]
 
 
+def test_numbers_of_blobs(net: pycaffe.Net) -> None:
+    """Bottoms, tops, inputs and outputs have the numbers of their blobs, which are positions in ``net.blobs``."""
+    names = list(net.blobs)
+    for i, name in enumerate(net._layer_names):
+        assert [names[n] for n in net._bottom_ids(i)] == net.bottom_names[name]
+        assert [names[n] for n in net._top_ids(i)] == net.top_names[name]
+    assert [names[n] for n in net._inputs] == net.inputs
+    assert [names[n] for n in net._outputs] == net.outputs
+    assert dict(zip(names, net._blob_loss_weights)) == dict(net.blob_loss_weights)
+    for number in (-1, 6):
+        with pytest.raises(netlib.LayerError, match=f"net 'n' has 6 layers, found number {number}"):
+            net._top_ids(number)
+
+
+def test_the_unnamed_top_of_a_loss_has_a_number(work: Path) -> None:
+    """The automatic top of a loss layer counts as a blob, in its place, but is no output."""
+    (work / "net.prototxt").write_text(NET.replace('top: "l" ', ""))
+    net = pycaffe.Net("net.prototxt", netlib.TRAIN)
+    [number] = net._top_ids(4)
+    assert (net._blob_names[number], net._blob_loss_weights[number]) == ("(automatic)", 2)
+    assert list(net.blobs)[number] == "(automatic)"
+    assert net.outputs == ["y"]
+    assert net._layer_names[5] == "y" and net._top_ids(5) == [number + 1]
+
+
+def test_a_layer_in_place_writes_the_blob_that_it_reads(work: Path) -> None:
+    """Bottom and top of a layer in place have the same number."""
+    (work / "net.prototxt").write_text(NET.split("    layer { name: \"loss\"")[0] + (
+        'layer { name: "r" type: "ReLU" bottom: "a_top" top: "a_top" }'))  # fmt: skip
+    net = pycaffe.Net("net.prototxt", netlib.TEST)
+    assert net._bottom_ids(2) == net._top_ids(2) == net._top_ids(1) == net._outputs == [1]
+
+
+def test_the_compiled_module(net: pycaffe.Net) -> None:
+    """caffe._caffe has the names of pycaffe's compiled module."""
+    from netlib import caffe
+    from netlib.caffe import _caffe
+
+    assert all(getattr(caffe, name) is getattr(_caffe, name) for name in set(_caffe.__all__) & set(caffe.__all__))
+    at = net.connections[-1]
+    assert isinstance(at.bottom, _caffe.RawBlobVec) and isinstance(at.layer.blobs, _caffe.BlobVec)
+    assert isinstance(net.layers, _caffe.LayerVec) and isinstance(net._bottom_ids(1), _caffe.IntVec)
+    assert issubclass(_caffe.Layer, netlib.Layer) and _caffe.__version__ == caffe.__version__
+
+
 @pytest.mark.parametrize("args", [((), {"phase": 1, "weights": "w"}), ((1, 0, None, "w"), {}), (("w", 1), {})])
 def test_constructors(net: pycaffe.Net, args: tuple[tuple[object, ...], dict[str, object]]) -> None:
     """Phase, level, stages and weights are accepted by position or name, and in pycaffe's older order."""
