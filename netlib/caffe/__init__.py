@@ -6,7 +6,7 @@ requests for a GPU only log a warning.
 """
 
 from netlib import TEST, TRAIN, Layer, layer_type_list, set_mode_cpu, set_mode_gpu, set_random_seed
-from netlib.caffe import io
+from netlib.caffe import _caffe, io, proto
 from netlib.caffe.classifier import Classifier
 from netlib.caffe.detector import Detector
 from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
@@ -37,9 +37,40 @@ from netlib.caffe.pycaffe import (
 
 __version__ = "1.0.0"  # version of Caffe whose interface this is
 __all__ = [
-    "NCCL", "TEST", "TRAIN", "AdaDeltaSolver", "AdaGradSolver", "AdamSolver", "Classifier", "Detector", "Layer",
-    "NesterovSolver", "Net", "NetSpec", "RMSPropSolver", "SGDSolver", "Solver", "Timer", "get_solver", "has_nccl",
-    "init_log", "io", "layer_type_list", "layers", "log", "params", "set_device", "set_mode_cpu", "set_mode_gpu",
-    "set_multiprocess", "set_random_seed", "set_solver_count", "set_solver_rank", "solver_count", "solver_rank",
+    "NCCL",
+    "TEST",
+    "TRAIN",
+    "AdaDeltaSolver",
+    "AdaGradSolver",
+    "AdamSolver",
+    "Classifier",
+    "Detector",
+    "Layer",
+    "NesterovSolver",
+    "Net",
+    "NetSpec",
+    "RMSPropSolver",
+    "SGDSolver",
+    "Solver",
+    "Timer",
+    "_caffe",
+    "get_solver",
+    "has_nccl",
+    "init_log",
+    "io",
+    "layer_type_list",
+    "layers",
+    "log",
+    "params",
+    "proto",
+    "set_device",
+    "set_mode_cpu",
+    "set_mode_gpu",
+    "set_multiprocess",
+    "set_random_seed",
+    "set_solver_count",
+    "set_solver_rank",
+    "solver_count",
+    "solver_rank",
     "to_proto",
 ]  # fmt: skip

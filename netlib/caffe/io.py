@@ -17,11 +17,19 @@ from numpy.typing import NDArray
 
 from netlib import files
 from netlib.blob import Array
+from netlib.caffe import proto
 from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.files import pictures
 
 Size = Sequence[int] | Array  # height and width
 GRAY = (0.2125, 0.7154, 0.0721)  # scikit-image's weights of red, green, blue
+
+
+def __getattr__(name: str) -> Any:
+    """``io.caffe_pb2``, which scripts use, imported at its first use."""
+    if name != "caffe_pb2":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return proto.caffe_pb2
 
 
 class ShapeError(DataError, ValueError):
@@ -50,9 +58,7 @@ def blobproto_to_array(blob: Any, return_diff: bool = False) -> NDArray[np.float
 
 def array_to_blobproto(arr: Array, diff: Array | None = None) -> Any:
     """Convert an array, and optionally gradients of the same shape, to a BlobProto."""
-    from netlib.caffe.proto import caffe_pb2
-
-    blob = caffe_pb2.BlobProto()
+    blob = proto.caffe_pb2.BlobProto()
     blob.shape.dim.extend(arr.shape)
     blob.data.extend(arr.astype(float).ravel())
     if diff is not None:
@@ -62,18 +68,14 @@ def array_to_blobproto(arr: Array, diff: Array | None = None) -> Any:
 
 def arraylist_to_blobprotovector_str(arraylist: Iterable[Array]) -> bytes:
     """Encode arrays as the bytes of a BlobProtoVector."""
-    from netlib.caffe.proto import caffe_pb2
-
-    vector = caffe_pb2.BlobProtoVector()
+    vector = proto.caffe_pb2.BlobProtoVector()
     vector.blobs.extend([array_to_blobproto(array) for array in arraylist])
     return vector.SerializeToString()
 
 
 def blobprotovector_str_to_arraylist(str: bytes) -> list[NDArray[np.float64]]:
     """Decode the arrays in the bytes of a BlobProtoVector. Raises DecodeError or ShapeError."""
-    from netlib.caffe.proto import caffe_pb2
-
-    vector = caffe_pb2.BlobProtoVector()
+    vector = proto.caffe_pb2.BlobProtoVector()
     vector.ParseFromString(str)
     return [blobproto_to_array(blob) for blob in vector.blobs]
 
@@ -82,9 +84,7 @@ def array_to_datum(arr: Array, label: int | None = None) -> Any:
     """Convert an array (C, H, W) to a Datum: uint8 as bytes, other types as floats. Raises ShapeError."""
     if arr.ndim != 3:
         raise ShapeError(f"Incorrect array shape: a Datum takes (channels, height, width), found {arr.shape}")
-    from netlib.caffe.proto import caffe_pb2
-
-    datum = caffe_pb2.Datum()
+    datum = proto.caffe_pb2.Datum()
     datum.channels, datum.height, datum.width = arr.shape
     if arr.dtype == np.uint8:
         datum.data = arr.tobytes()

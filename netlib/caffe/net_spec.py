@@ -20,15 +20,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from netlib.caffe import proto
 from netlib.errors import NetlibError, did_you_mean
 from netlib.proto.options import block_name, layer_types
-
-
-def _caffe_pb2() -> Any:
-    """The module with Caffe's messages, imported at its first use. Raises NetlibError if protobuf is missing."""
-    from netlib.caffe.proto import caffe_pb2
-
-    return caffe_pb2
 
 
 class SpecError(NetlibError):
@@ -106,7 +100,7 @@ def _net(tops: Iterable[Top | Function], names: Names) -> Any:
             fn = waiting.pop()
             if fn not in made:
                 made[fn] = _layer(fn, made, names, counts)
-    net = _caffe_pb2().NetParameter()
+    net = proto.caffe_pb2.NetParameter()
     net.layer.extend(made.values())
     return net
 
@@ -117,7 +111,7 @@ def _layer(fn: Function, made: Made, names: Names, counts: Counter[str]) -> Any:
     for unnamed in [one for one in named or [fn] if one not in names]:
         counts[fn.type_name] += 1
         names[unnamed] = f"{fn.type_name}{counts[fn.type_name]}"
-    layer = _caffe_pb2().LayerParameter()
+    layer = proto.caffe_pb2.LayerParameter()
     layer.type = fn.type_name
     layer.name = names[fn] if fn in names else names[fn.tops[0]]
     layer.bottom.extend([made[bottom.fn].top[bottom.n] for bottom in fn.inputs])
@@ -201,7 +195,7 @@ def param_name_dict() -> dict[str, str]:
     """Layer types with the names of their blocks, without the suffix: ``{"InnerProduct": "inner_product", ...}``."""
     return {
         field.message_type.name.removesuffix("Parameter"): name.removesuffix("_param")
-        for name, field in _caffe_pb2().LayerParameter.DESCRIPTOR.fields_by_name.items()
+        for name, field in proto.caffe_pb2.LayerParameter.DESCRIPTOR.fields_by_name.items()
         if name.endswith("_param")
     }
 
@@ -276,7 +270,7 @@ class _Constants:
         if param_name.startswith("__"):
             raise AttributeError(param_name)
         message = f"{self._name}Parameter"
-        known = _caffe_pb2().DESCRIPTOR.message_types_by_name
+        known = proto.caffe_pb2.DESCRIPTOR.message_types_by_name
         if message not in known:
             names = [name.removesuffix("Parameter") for name in known if name.endswith("Parameter")]
             raise UnknownNameError(f"params has no {self._name!r}{did_you_mean(self._name, names)}")

@@ -24,6 +24,7 @@ def test_once_asked_for_every_import_finds_it(tmp_path: Path) -> None:
     """All forms of import return netlib's own modules, not copies."""
     code = "import netlib; netlib.install_as_caffe(); netlib.install_as_caffe()\n" + SAME
     code += "from caffe import layers as L, params as P, Net\nimport caffe\n"
+    code += "assert caffe.proto.caffe_pb2 is caffe.io.caffe_pb2 is a and caffe._caffe.Net is Net\n"
     code += "print(a is b, caffe.io is c.io, caffe is c, Net is c.Net, caffe.__name__, P.Pooling.AVE)"
     assert run(code, tmp_path) == "True True True True netlib.caffe 1"
 
@@ -97,12 +98,13 @@ def test_without_protobuf(tmp_path: Path) -> None:
     code += (
         "print(caffe.Net('net.prototxt', caffe.TEST).inputs, caffe.Classifier, caffe.SGDSolver, caffe.io.oversample)\n"
     )
-    code += "for use in (lambda: caffe.NetSpec().to_proto(), lambda: __import__('caffe.proto.caffe_pb2')):\n"
+    code += "for use in (lambda: caffe.NetSpec().to_proto(), lambda: __import__('caffe.proto.caffe_pb2'),\n"
+    code += "            lambda: caffe.io.caffe_pb2, lambda: exec('from caffe.proto import caffe_pb2')):\n"
     code += "    try: use()\n"
     code += "    except ImportError as error: print(isinstance(error, netlib.NetlibError), error)\n"
     first, *others = run(code, tmp_path).splitlines()
     assert first.startswith("['x']")
-    assert len(others) == 2
+    assert len(others) == 4
     for line in others:
         assert line.startswith("True caffe.proto and NetSpec need the package protobuf: pip install 'protobuf>=4.25'")
 

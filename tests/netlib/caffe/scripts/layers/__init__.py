@@ -1,0 +1,1 @@
+from layers.conv import ConvLayer
