@@ -20,8 +20,9 @@ from fast.geometry import Geometry, at, image_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
 
-COLUMN_BYTES = 2 << 20  # of a block
-MIN_COLUMNS = 256  # of a block, because BLAS copies the weights for every product
+COLUMN_BYTES = 8 << 20  # of a block; smaller ones take more calls, larger ones do not stay in the cache
+MIN_COLUMNS = 512  # of a block, because BLAS copies the weights for every product
+MIN_WINDOWS = 8  # per output, from which flipping the kernel takes less time than adding instead of copying columns
 MIN_IMAGE = 128  # positions of an image from which a 1 x 1 convolution reads x in place, without joining images
 COPY = 16  # multiplications that take as long as copying a value
 
@@ -37,6 +38,10 @@ class Columns:
 
     def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
         """Write dx."""
+        O, windows = dy.shape[1], len(dy) * math.prod(dy.shape[2:])
+        if dx.shape[1] >= O and windows >= MIN_WINDOWS * O and g.is_turnable(dx.shape, dy.shape) and max(g.kernel) > 1:
+            self.correlate(g.turned, dy, g.flipped(w), bias, dx)
+            return
         for images, rows in _blocks(g, dx, dy.shape):
             gradient = _by_channel(dy[images, :, rows])
             if _in_place(g, images):

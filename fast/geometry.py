@@ -40,6 +40,23 @@ class Geometry:
         """Whether neighbouring windows are one value apart and read neighbouring values."""
         return set(self.stride) | set(self.dilation) == {1}
 
+    @property
+    def turned(self) -> Geometry:
+        """The geometry of the transpose of a convolution with stride 1: a convolution with the flipped kernel."""
+        pad = tuple(d * (k - 1) - p for k, p, d in zip(self.kernel, self.pad, self.dilation))
+        return Geometry(self.kernel, self.stride, pad, self.dilation, self.group)
+
+    def flipped(self, w: Array) -> Array:
+        """The kernel of the transpose of a convolution with stride 1, (C, O / group, ...)."""
+        by_group = w.reshape(self.group, len(w) // self.group, *w.shape[1:]).swapaxes(1, 2)
+        by_channel = by_group.reshape(-1, *by_group.shape[2:]) if self.group > 1 else by_group[0]
+        return by_channel[(slice(None), slice(None)) + (slice(None, None, -1),) * len(self.kernel)]
+
+    def is_turnable(self, x_shape: Sequence[int], y_shape: Sequence[int]) -> bool:
+        """Whether dx of x (N, C, ...) is a convolution of dy with about as many multiplications as that to y."""
+        small = math.prod(x_shape[2:]) <= 1.3 * math.prod(y_shape[2:])
+        return set(self.stride) == {1} and min(self.turned.pad) >= 0 and small
+
     def padded(self, sizes: Sequence[int]) -> tuple[int, ...]:
         """The spatial axes with their padding."""
         return tuple(n + 2 * p for n, p in zip(sizes, self.pad))

@@ -6,11 +6,27 @@ import numpy as np
 import pytest
 
 import netlib
-from fast.convolution import FastConvolution, FastDeconvolution
+from fast.columns import Columns
+from fast.convolution import FastConvolution, FastDeconvolution, choose
+from fast.depthwise import Depthwise
+from fast.geometry import Algorithm, Geometry
+from fast.rows import Rows
+from fast.winograd import Winograd
 from netlib import gradcheck
 from netlib.blob import Array, Blob, Blobs
 
 CASES = range(60)
+SMALL_BLOCKS = {"depthwise.FILTERED": 0, "depthwise.MAX_VALUES": 500, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8,
+                "rows.MIN_ROWS": 2, "winograd.BLOCK_BYTES": 3000, "winograd.MIN_TILES": 6,
+                "columns.COLUMN_BYTES": 3000, "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1}  # fmt: skip
+USUAL = [
+    "num_output: 64 kernel_size: 3 pad: 1",
+    "num_output: 32 kernel_size: 5 pad: 2",
+    "num_output: 64 kernel_size: 1",
+    "num_output: 64 kernel_size: 3 group: 64",
+    "num_output: 8 kernel_size: 3 stride: 2",
+    "num_output: 16 kernel_size: 3 pad: 2 dilation: 2 group: 2",
+]
 
 
 def options(rng: np.random.Generator) -> tuple[str, tuple[int, ...]]:
@@ -78,3 +94,76 @@ def test_random_options(kind: str, case: int) -> None:
         compare(kind, text, shape, rng, np.float64 if case % 2 else np.float32)
     except netlib.NetlibError as error:
         assert "leaves no output" in str(error)
+
+
+def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) -> Geometry:
+    """A random geometry that the algorithm supports."""
+
+    def two(low: int, high: int) -> tuple[int, ...]:
+        return tuple(int(n) for n in rng.integers(low, high, 2))
+
+    if isinstance(algorithm, Depthwise):
+        return Geometry(two(1, 5), two(1, 4), two(0, 4), two(1, 3), channels)
+    kernel = (3, 3) if isinstance(algorithm, Winograd) else two(1, 6)
+    return Geometry(kernel, (1, 1), tuple(int(rng.integers(0, k)) for k in kernel), (1, 1), 1)
+
+
+@pytest.mark.parametrize("algorithm", [Depthwise(), Rows(), Winograd()], ids=lambda a: type(a).__name__)
+@pytest.mark.parametrize("case", range(25))
+def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every algorithm gives the same as Columns, for sizes for which it is not chosen, too, and in small blocks."""
+    rng = np.random.default_rng(case)
+    if case % 2:
+        for name, value in SMALL_BLOCKS.items():
+            monkeypatch.setattr(f"fast.{name}", value)
+    N, C = int(rng.integers(0, 6)), int(rng.integers(1, 5))
+    g = geometry_for(algorithm, rng, C)
+    O = C * int(rng.integers(1, 3)) if g.group > 1 else int(rng.integers(1, 5))
+    sizes = [max(d * (k - 1) + 1 - 2 * p, 1) + int(rng.integers(0, 20))
+             for k, d, p in zip(g.kernel, g.dilation, g.pad)]  # fmt: skip
+    windows = [(n + 2 * p - d * (k - 1) - 1) // s + 1
+               for n, k, s, p, d in zip(sizes, g.kernel, g.stride, g.pad, g.dilation)]  # fmt: skip
+    x, w, dy = (
+        rng.normal(size=(N, C, *sizes)),
+        rng.normal(size=(O, C // g.group, *g.kernel)),
+        rng.normal(size=(N, O, *windows)),
+    )
+    bias, bias_x = rng.normal(size=O), rng.normal(size=C)
+    found = []
+    for one in (algorithm, Columns()):
+        y, dx, dw = np.full(dy.shape, np.nan), np.full(x.shape, np.nan), np.ones(w.shape)
+        one.correlate(g, x, w, bias if case % 3 else None, y)
+        one.transpose(g, dy, w, bias_x if case % 4 == 1 else None, dx)
+        one.gradient(g, x, dy, dw)
+        found.append((y, dx, dw))
+    for got, want in zip(*found):
+        np.testing.assert_allclose(got, want, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("x_shape", "w_shape", "group", "names"),
+    [
+        ((8, 64, 16, 16), (64, 64, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
+        ((8, 32, 16, 16), (32, 32, 5, 5), 1, ["Rows", "Rows", "Rows"]),
+        ((8, 32, 16, 16), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
+        ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
+        ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
+        ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "Columns"]),
+    ],
+)
+def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]) -> None:
+    """Each kind of sizes has its algorithm for y, dx and dw."""
+    pad = tuple(k // 2 for k in w_shape[2:])
+    g = Geometry(w_shape[2:], (1, 1), pad, (1, 1), group)
+    chosen = choose(g, x_shape, (x_shape[0], w_shape[0], *x_shape[2:]))
+    assert chosen
+    assert [type(a).__name__ for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
+
+
+@pytest.mark.parametrize("text", USUAL)
+@pytest.mark.parametrize("batch", [1, 3, 100])
+def test_batches_in_float32(text: str, batch: int) -> None:
+    """Sizes as in usual nets, in small and large batches, agree with the plain layer within float32."""
+    size = 16 if batch < 100 else 5
+    compare("Convolution", text + ' weight_filler { type: "gaussian" }', (batch, 64, size, size),
+            np.random.default_rng(batch), np.float32)  # fmt: skip

@@ -1,0 +1,114 @@
+r"""Rows: convolution with stride 1 by one product per row of outputs, with less copying than im2col.
+
+Im2col copies each value of x kh * kw times. Here it is copied only kw times, to X[h, j, c, n, w] = x[n, c, h, w + j].
+The kh rows of X for a row of outputs are contiguous, so all right factors are one strided view of X:
+
+    Y[h] (O, n Wo)  =  w (O, kh kw C) @ X[h : h + kh] (kh kw C, n Wo)
+
+The gradient of x is a convolution of dy with the flipped kernel, the gradient of w the sum of dY[h] Xᵀ over the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fast.geometry import Geometry, run_parts
+from fast.parallel import scratch
+from netlib.blob import Array
+from netlib.system.memory import blocks
+
+LENGTH = 128  # columns of a product, of several images if their rows are shorter
+BLOCK_BYTES = 1 << 20  # of X
+MIN_ROWS = 8  # of outputs in a block, which reads kh - 1 more rows
+COPY = 16  # multiplications that take as long as copying a value
+
+
+class Rows:
+    """The algorithm for images, stride 1 without dilation and groups, and few outputs."""
+
+    def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
+        """Write y."""
+        weights = w.transpose(0, 2, 3, 1).reshape(len(w), -1)
+        for images, rows in _blocks(g, x, y.shape):
+            X = stacked(g, x[images], rows, y.shape[3])
+            _correlate(weights, X, bias, y[images, :, rows])
+
+    def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
+        """Write dx."""
+        self.correlate(g.turned, dy, g.flipped(w), bias, dx)
+
+    def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
+        """Add to dw."""
+        O, C, kh, kw = dw.shape
+        total = np.zeros((O, kh, kw, C), dw.dtype)
+        for images, rows in _blocks(g, x, dy.shape):
+            X = stacked(g, x[images], rows, dy.shape[3])
+            _gradient(X, dy[images, :, rows], total.reshape(O, -1))
+        dw += total.transpose(0, 3, 1, 2)
+
+
+def _correlate(weights: Array, X: Array, bias: Array | None, y: Array) -> None:
+    """Write the rows y (n, O, rows, Wo) of one block."""
+    n, O, R, Wo = y.shape
+    out = scratch("result", (R, O, n * Wo), y.dtype)
+    by_row = out.reshape(R, O, n, Wo).transpose(2, 1, 0, 3)
+
+    def job(o: slice) -> None:
+        np.matmul(weights[o], X, out=out[:, o])
+        if bias is None:
+            y[:, o] = by_row[:, o]
+        else:
+            np.add(by_row[:, o], bias[o, None, None], out=y[:, o])
+
+    run_parts(job, O, 1, weights.size * n * R * Wo)
+
+
+def _gradient(X: Array, dy: Array, total: Array) -> None:
+    """Add the products of one block to total (O, kh kw C)."""
+    n, O, R, Wo = dy.shape
+    gradient = scratch("dy", (R, O, n, Wo), dy.dtype)
+    gradient[...] = dy.transpose(2, 1, 0, 3)
+    products = scratch("result", (R, *total.shape), dy.dtype)
+
+    def job(o: slice) -> None:
+        np.matmul(gradient.reshape(R, O, -1)[:, o], X.swapaxes(1, 2), out=products[:, o])
+        total[o] += products[:, o].sum(axis=0)
+
+    run_parts(job, O, 1, total.size * n * R * Wo)
+
+
+def stacked(g: Geometry, x: Array, rows: slice, width: int) -> Array:
+    """X of x (n, C, H, W) for these rows of outputs, as the view (rows, kh kw C, n Wo)."""
+    n, C, H, W = x.shape
+    (kh, kw), (top, left), R = g.kernel, g.pad, rows.stop - rows.start
+    X = scratch("columns", (R + kh - 1, kw, C, n, width), x.dtype)
+    low, high = max(rows.start - top, 0), max(min(rows.stop + kh - 1 - top, H), 0)
+    above, below = min(low + top - rows.start, len(X)), max(high + top - rows.start, 0)
+
+    def job(c: slice) -> None:
+        X[:above, :, c] = X[below:, :, c] = 0
+        source = x[:, c, low:high].transpose(2, 1, 0, 3)
+        for j in range(kw):
+            first, end = min(max(left - j, 0), width), max(min(W + left - j, width), 0)
+            target = X[above:below, j, c]
+            target[..., :first] = target[..., end:] = 0
+            target[..., first:end] = source[..., first + j - left : end + j - left]
+
+    run_parts(job, C, 1, X.size * COPY)
+    item, length = X.itemsize, n * width
+    shape, row = (R, kh * kw * C, length), kw * C * length
+    return np.ndarray(shape, X.dtype, X, 0, (row * item, length * item, item))
+
+
+def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
+    """The images and rows of outputs of each block: long products, and as many rows as fit in the cache."""
+    N, C = x.shape[:2]
+    _, _, Ho, Wo = y_shape
+    count = -(-N // min(-(-LENGTH // Wo), N)) if N else 0
+    for images in blocks(N, -(-N // max(count, 1)) or 1):
+        row = g.kernel[1] * C * (images.stop - images.start) * Wo * x.itemsize
+        bands = -(-Ho // max(BLOCK_BYTES // row - g.kernel[0] + 1, MIN_ROWS))
+        for rows in blocks(Ho, -(-Ho // bands)):
+            yield images, rows
