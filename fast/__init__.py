@@ -6,7 +6,8 @@
     tiles         blobs stored in the order in which matrix products write and pooling layers read
     convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
-    columns       the algorithm for convolutions of any shape; geometry has what all algorithms share
+    columns, rows, winograd, depthwise
+                  algorithms for convolutions, of which convolution.py chooses; geometry has what they share
     row_tiles, window_tiles, max_tiles
                   algorithms for convolution and pooling on tiles
     parallel, blas

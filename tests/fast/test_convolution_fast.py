@@ -16,7 +16,7 @@ from netlib import gradcheck
 from netlib.blob import Array, Blob, Blobs
 
 CASES = range(60)
-SMALL_BLOCKS = {"depthwise.FILTERED": 0, "depthwise.MAX_VALUES": 500, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8,
+SMALL_BLOCKS = {"depthwise.FILTERED": 0, "depthwise.MAX_VALUES": 700, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8,
                 "rows.MIN_ROWS": 2, "winograd.BLOCK_BYTES": 3000, "winograd.MIN_TILES": 6,
                 "columns.COLUMN_BYTES": 3000, "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1}  # fmt: skip
 USUAL = [
