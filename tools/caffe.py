@@ -31,7 +31,7 @@ from netlib.net import Net
 from netlib.proto import schema
 from netlib.training import solver_parameter
 from tools.common import training
-from tools.common.arguments import caffes_flags, parser_of, positive
+from tools.common.arguments import MAX_COUNT, caffes_flags, count, parser_of, whole
 from tools.common.caffe_log import BarHandler
 from tools.common.console import DONE, guarded, on_missing_data
 from tools.common.costs import report_test, report_time
@@ -51,9 +51,10 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--model", metavar="FILE", help="test, time: the net's prototxt")
     parser.add_argument("--snapshot", metavar="STATE", help="train: resume from this solver state")
     parser.add_argument("--weights", metavar="FILE", help="test: weights; train: initial weights, comma-separated")
-    parser.add_argument("--iterations", type=positive, default=50, metavar="N", help="default: %(default)s")
+    parser.add_argument("--iterations", type=count, default=50, metavar="N", help="default: %(default)s")
     parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="time (default: %(default)s)")
-    parser.add_argument("--level", type=int, default=0, metavar="N", help="level of the net (default: %(default)s)")
+    parser.add_argument("--level", type=whole(-MAX_COUNT, MAX_COUNT), default=0, metavar="N",
+                        help="level of the net (default: %(default)s)")  # fmt: skip
     parser.add_argument("--stage", default="", metavar="A,B", help="stages of the net, separated by commas")
     parser.add_argument("--sigint_effect", choices=EFFECTS, default="stop", help="train (default: %(default)s)")
     parser.add_argument("--sighup_effect", choices=EFFECTS, default="snapshot", help="train (default: %(default)s)")

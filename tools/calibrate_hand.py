@@ -47,10 +47,11 @@ from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.files.paths import command
 from tools.common import outputs
-from tools.common.arguments import camera, half_cube, natural, parser_of, positive, positive_number, reject_given
+from tools.common.arguments import camera, count, half_cube, parser_of, positive, real, reject_given, seed
 from tools.common.console import DONE, duration, guarded, say
 from tools.common.outputs import check_skeleton, write_skeleton
 from tools.common.progress import ProgressBar
+from tools.common.sources import unit_mm
 
 OF_ANNOTATIONS, OF_DEPTH = ("template", "frames", "joints", "half_cube", "percentile", "seed"), ("unit", "hand")
 UNSURE = 0.03  # standard deviation of a size
@@ -65,22 +66,22 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--from-depth", action="store_true",
                         help="estimate only size and thickness, from depth frames without annotation")  # fmt: skip
     parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0", help="camera of the depth frames")
-    parser.add_argument("--unit", type=positive_number, metavar="MM", help="depth unit (default: 1, for sr305 0.125)")
+    parser.add_argument("--unit", type=unit_mm, metavar="MM", help="depth unit (default: 1, for sr305 0.125)")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
                         help="hand in the depth frames (default: %(default)s, the one in most of them)")  # fmt: skip
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the skeleton file to write")
     parser.add_argument("--template", metavar="SKELETON", help="a skeleton file to start from (default: the NYU hand)")
-    parser.add_argument("--frames", type=positive, default=2000, metavar="N",
+    parser.add_argument("--frames", type=count, default=2000, metavar="N",
                         help="use N random frames (default: %(default)s; more give little improvement)")  # fmt: skip
     parser.add_argument(
-        "--joints", type=int, choices=(31, 14), help="number of NYU's joints to use (default: all available)"
+        "--joints", type=positive, choices=(31, 14), help="number of NYU's joints to use (default: all available)"
     )
     parser.add_argument("--half-cube", type=half_cube, metavar="MM",
                         help="unit of the skeleton, and of frames without half_cube (default: "
                              f"the most frequent one, else {CUBE_MM / 2:g})")  # fmt: skip
-    parser.add_argument("--percentile", type=float, default=0.5, metavar="P",
+    parser.add_argument("--percentile", type=real(0, 50), default=0.5, metavar="P",
                         help="limits are the P-th and (100 - P)-th percentiles (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of the random choices (default: 0)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the random choices (default: 0)")
     parser.add_argument("--force", action="store_true", help="replace FILE if it exists")
     args = parser.parse_args(argv)
     if args.frames < MIN_FRAMES:

@@ -30,7 +30,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, system_error_of
 from netlib.proto.messages import Datum
 from tools.common import databases
-from tools.common.arguments import caffes_flags, natural, parser_of
+from tools.common.arguments import MAX_SIDE, caffes_flags, parser_of, whole
 from tools.common.console import guarded, say
 from tools.common.progress import ProgressBar
 
@@ -46,8 +46,10 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--gray", action="store_true", help="convert images to grey")
     parser.add_argument("--shuffle", action="store_true", help="shuffle the list, in the same order in every run")
     parser.add_argument("--backend", type=databases.backend, default="lmdb", help="lmdb")
-    parser.add_argument("--resize_width", type=natural, default=0, metavar="W", help="in px; 0: do not resize")
-    parser.add_argument("--resize_height", type=natural, default=0, metavar="H", help="in px; 0: do not resize")
+    parser.add_argument("--resize_width", type=whole(0, MAX_SIDE), default=0, metavar="W",
+                        help="in px; 0: do not resize")  # fmt: skip
+    parser.add_argument("--resize_height", type=whole(0, MAX_SIDE), default=0, metavar="H",
+                        help="in px; 0: do not resize")  # fmt: skip
     parser.add_argument("--check_size", action="store_true", help="require the same size of all images")
     parser.add_argument("--encoded", action="store_true", help="store image files instead of pixels")
     parser.add_argument(

@@ -36,7 +36,7 @@ from handpose.synthetic.scenes import draw_scenes
 from netlib.files import atomic
 from netlib.files.paths import command, is_subcommand
 from tools.common import findings, outputs
-from tools.common.arguments import natural, parser_of, positive
+from tools.common.arguments import count, parser_of, seed
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -45,8 +45,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
-    parser.add_argument("--frames", type=positive, default=6, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
+    parser.add_argument("--frames", type=count, default=6, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)")
     args = parser.parse_args(argv)
     return guarded(run, args)
 

@@ -35,7 +35,7 @@ from exercises.stubs import bugs, stub
 from exercises.table import EXERCISES
 from netlib.errors import did_you_mean
 from netlib.files.paths import command
-from tools.common.arguments import natural, parser_of, positive, positive_number
+from tools.common.arguments import MAX_COUNT, count, parser_of, seconds, whole
 from tools.common.console import DONE, FAILED, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -46,13 +46,13 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("name", metavar="NAME", nargs="?", help="the exercise; without it, list all")
     parser.add_argument("--start", action="store_true", help="write the stub NAME.py into the working folder")
     parser.add_argument("--bare", action="store_true", help="with --start: omit formulas and hints")
-    parser.add_argument("--bug", type=positive, metavar="N",
+    parser.add_argument("--bug", type=count, metavar="N",
                         help="write NAME_bug.py, the project's file with the Nth mistake to find")  # fmt: skip
     parser.add_argument("--file", metavar="FILE",
                         help="file to check (default: NAME.py here, else in docs/exercises)")  # fmt: skip
-    parser.add_argument("--iterations", type=natural, default=20, metavar="N",
+    parser.add_argument("--iterations", type=whole(0, MAX_COUNT), default=20, metavar="N",
                         help="iterations of the network in the last step (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--limit", type=positive_number, default=300.0, metavar="S",
+    parser.add_argument("--limit", type=seconds, default=300.0, metavar="S",
                         help="time limit of a step or an iteration (default: %(default)g)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.name is not None and args.name not in EXERCISES:

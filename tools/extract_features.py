@@ -27,7 +27,7 @@ from netlib.errors import NetlibError, did_you_mean
 from netlib.net import Net
 from netlib.proto.messages import Datum
 from tools.common import databases
-from tools.common.arguments import add_engine, parser_of, positive
+from tools.common.arguments import add_engine, count, parser_of
 from tools.common.console import guarded, on_missing_data
 from tools.common.progress import ProgressBar
 
@@ -39,7 +39,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("net", metavar="NET", help="prototxt of the net, with a data layer")
     parser.add_argument("blobs", metavar="BLOB[,BLOB]", help="names of blobs")
     parser.add_argument("databases", metavar="DB[,DB]", help="folders to create, one per blob")
-    parser.add_argument("batches", metavar="NUM_BATCHES", type=positive, help="number of batches to run")
+    parser.add_argument("batches", metavar="NUM_BATCHES", type=count, help="number of batches to run")
     parser.add_argument("backend", metavar="lmdb", type=databases.backend, help="lmdb")
     parser.add_argument("mode", choices=("CPU", "GPU"), nargs="?", help="accepted; this runs on the CPU")
     parser.add_argument("device", metavar="DEVICE_ID", nargs="?", help="accepted")

@@ -43,7 +43,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import read_list
 from tools.common import outputs
-from tools.common.arguments import parser_of, positive, reject_given, weight
+from tools.common.arguments import count, parser_of, reject_given, weight
 from tools.common.console import DONE, duration, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -58,11 +58,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--no-limits", action="store_true", help="allow angles outside their limits")
     parser.add_argument("--ridge", type=weight, default=0.0, metavar="W",
                         help="weight of squared angles, which favours the initial pose (default: 0)")  # fmt: skip
-    parser.add_argument("--starts", type=positive, default=8, metavar="N", help="starts per frame (default: 8)")
+    parser.add_argument("--starts", type=count, default=8, metavar="N", help="starts per frame (default: 8)")
     parser.add_argument("--swarm", action="store_true", help="particle swarm, as in the paper")
-    parser.add_argument("--particles", type=positive, default=128, metavar="N", help="default: %(default)s")
-    parser.add_argument("--generations", type=positive, default=200, metavar="N", help="default: %(default)s")
-    parser.add_argument("--frames", type=positive, metavar="N",
+    parser.add_argument("--particles", type=count, default=128, metavar="N", help="default: %(default)s")
+    parser.add_argument("--generations", type=count, default=200, metavar="N", help="default: %(default)s")
+    parser.add_argument("--frames", type=count, metavar="N",
                         help="fit only N evenly spaced frames (text files)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.swarm and (args.no_limits or args.ridge):

@@ -44,7 +44,7 @@ from handpose.sources.writing import RecordingWriter
 from handpose.track_files.json_file import JsonWriter
 from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
-from tools.common.arguments import camera, natural, parser_of, positive_number
+from tools.common.arguments import camera, parser_of, seconds, seed
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
 from tools.common.sources import rate
@@ -60,10 +60,10 @@ def main(argv: list[str] | None = None) -> int:
                         help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")  # fmt: skip
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")  # fmt: skip
-    parser.add_argument("--seconds", type=positive_number, metavar="S", help="duration (default: that of the script)")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="duration (default: that of the script)")
     parser.add_argument("--hand", choices=SIDES, help="side of the first hand; a second one is the other")
     parser.add_argument("--clean", action="store_true", help="without noise and other artefacts of a camera")
-    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)")
     parser.add_argument("--force", action="store_true", help="replace an existing recording and its ground truth")
     return guarded(run, parser.parse_args(argv))
 

@@ -48,12 +48,12 @@ tools.begin(__name__)
 
 from handpose.synthetic import recipes
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.generator import MAX_SEED, Generator, Recipe, Split
+from handpose.synthetic.generator import Generator, Recipe, Split
 from handpose.synthetic.nyu_format import RawDataSet
 from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
 from netlib.errors import NetlibError
-from tools.common.arguments import natural, parser_of, positive
+from tools.common.arguments import count, parser_of, seed, workers
 from tools.common.console import DONE, duration, guarded, say
 from tools.common.stopper import fill_folder
 
@@ -68,15 +68,13 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="output folder (default: data/nyu; data/nyu_raw, data/places; with "
                         "--body data/ and the skeleton's name)")  # fmt: skip
     parser.add_argument(
-        "--train", type=positive, default=20000, metavar="N", help="frames or crops (default: %(default)s)"
+        "--train", type=count, default=20000, metavar="N", help="frames or crops (default: %(default)s)"
     )
-    parser.add_argument(
-        "--test", type=positive, default=2000, metavar="N", help="frames or crops (default: %(default)s)"
-    )
-    parser.add_argument("--seed", type=lambda text: natural(text, MAX_SEED), default=0, metavar="N",
+    parser.add_argument("--test", type=count, default=2000, metavar="N", help="frames or crops (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N",
                         help="random seed (default: %(default)s)")  # fmt: skip
     parser.add_argument("--recipe", choices=recipes.NAMES, help="hands and cameras (default: nyu)")
-    parser.add_argument("--workers", type=positive, default=engine.available_cpus(), metavar="N",
+    parser.add_argument("--workers", type=workers, default=engine.available_cpus(), metavar="N",
                         help="processes (default: one per processor, %(default)s)")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="replace existing data, even real data")
     args = parser.parse_args(argv)

@@ -32,7 +32,7 @@ from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import KINDS, draw_scenes
 from netlib.blob import Array
 from netlib.errors import DataError
-from tools.common.arguments import add_engine, natural, parser_of, positive
+from tools.common.arguments import add_engine, count, parser_of, seed
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -42,8 +42,8 @@ FOUND_MM = 30.0
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("--scenes", type=positive, default=150, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of the scenes (default: 0)")
+    parser.add_argument("--scenes", type=count, default=150, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the scenes (default: 0)")
     parser.add_argument("--fit", choices=("fast", "accurate"), default="accurate", help="default: %(default)s")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")

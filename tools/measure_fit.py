@@ -41,9 +41,9 @@ from handpose.experiments.fit_figures import Figures, auc, frames_of, measure
 from handpose.prediction.nets import refuse_other_bodies, skeleton_to_fit, trained
 from handpose.prediction.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.synthetic import recipes
-from handpose.synthetic.generator import MAX_SEED, Generator
+from handpose.synthetic.generator import Generator
 from netlib.blob import Array
-from tools.common.arguments import add_engine, natural, parser_of, positive
+from tools.common.arguments import add_engine, count, parser_of, seed
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -69,8 +69,8 @@ def main(argv: list[str] | None = None) -> int:
                         help=f"some of {', '.join(recipes.NAMES)} (default: the first four)")  # fmt: skip
     parser.add_argument("--plans", choices=PLANS, nargs="+", default=list(PLANS), metavar="PLAN",
                         help=f"some of {', '.join(PLANS)} (default: all)")  # fmt: skip
-    parser.add_argument("--frames", type=positive, default=2000, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=lambda text: natural(text, MAX_SEED), default=0, metavar="N",
+    parser.add_argument("--frames", type=count, default=2000, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N",
                         help="seed of the test frames (default: 0)")  # fmt: skip
     parser.add_argument("--hands", action="store_true", help="also fit mirror images (twice the time)")
     parser.add_argument("--roll", action="store_true", help="errors by rotation of the palm in the image")

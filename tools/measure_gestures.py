@@ -33,18 +33,18 @@ from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import SHOWING
 from handpose.track_files.track import TrackedFrame, TrackHeader
 from handpose.tracking.tracker import Tracker
-from tools.common.arguments import add_engine, natural, parser_of, positive_number
+from tools.common.arguments import add_engine, parser_of, seconds, seed
 from tools.common.console import DONE, aligned, guarded, say
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("--seeds", type=natural, nargs="+", default=[100], metavar="N",
+    parser.add_argument("--seeds", type=seed, nargs="+", default=[100], metavar="N",
                         help="seeds of the recordings (default: 100)")  # fmt: skip
     parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
                         help=f"some of {', '.join(CAMERAS)} (default: nyu)")  # fmt: skip
-    parser.add_argument("--seconds", type=positive_number, metavar="S", help="duration of each (default: 30)")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="duration of each (default: 30)")
     parser.add_argument("--truth", action="store_true", help="use the true joints instead of a tracker")
     parser.add_argument("--left", action="store_true", help="use the left hand")
     add_engine(parser)

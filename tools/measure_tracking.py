@@ -37,7 +37,7 @@ from handpose.prediction.packaged import load_predictor
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import SCRIPTS
 from handpose.tracking.tracker import Tracker
-from tools.common.arguments import add_engine, natural, parser_of, positive, positive_number
+from tools.common.arguments import add_engine, count, parser_of, seconds, seed
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 from tools.common.sources import rate
@@ -60,14 +60,14 @@ def main(argv: list[str] | None = None) -> int:
                         help=f"some of {', '.join(SCRIPTS)} (default: all)")  # fmt: skip
     parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
                         help=f"some of {', '.join(CAMERAS)} (default: nyu)")  # fmt: skip
-    parser.add_argument("--seeds", type=natural, nargs="+", default=[0], metavar="N",
+    parser.add_argument("--seeds", type=seed, nargs="+", default=[0], metavar="N",
                         help="seeds of the recordings (default: 0)")  # fmt: skip
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")  # fmt: skip
-    parser.add_argument("--seconds", type=positive_number, metavar="S", help="duration (default: the script's)")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="duration (default: the script's)")
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--raw", action="store_true", help="do not smooth")
-    parser.add_argument("--frame-by-frame", type=positive, nargs="?", const=1, metavar="N",
+    parser.add_argument("--frame-by-frame", type=count, nargs="?", const=1, metavar="N",
                         help="also fit each frame, or every N-th, independently")  # fmt: skip
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")

@@ -34,11 +34,11 @@ from handpose.facts.nyu import CUBE_MM
 from handpose.prediction.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
 from handpose.prediction.packaged import net_content, rounded, write_model
 from handpose.synthetic import recipes
-from handpose.synthetic.generator import MAX_SEED, Generator
+from handpose.synthetic.generator import Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.common import outputs
-from tools.common.arguments import natural, parser_of, positive
+from tools.common.arguments import count, parser_of, seed, whole
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -49,17 +49,15 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("snapshot", metavar="SNAPSHOT", help="weights, *.caffemodel.h5")
     parser.add_argument("--model", metavar="NET", required=True, help="deploy prototxt of their net")
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="file to write")
-    parser.add_argument("--bits", type=natural, default=10, metavar="N",
+    parser.add_argument("--bits", type=whole(0, 23), default=10, metavar="N",
                         help="bits of each mantissa, at most 23 (default: %(default)s)")  # fmt: skip
     parser.add_argument(
         "--recipe", choices=recipes.NAMES, default="people", help="recipe of the frames (default: %(default)s)"
     )
-    parser.add_argument("--frames", type=positive, default=8192, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=lambda text: natural(text, MAX_SEED), default=1000, metavar="N",
+    parser.add_argument("--frames", type=count, default=8192, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=seed, default=1000, metavar="N",
                         help="seed of the frames, unlike that of the training (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
-    if args.bits > 23:
-        parser.error(f"--bits must be at most 23, found {args.bits}")
     return guarded(run, args)
 
 

@@ -55,7 +55,7 @@ from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, outputs
 from tools.common.console import DONE, guarded, say
-from tools.common.sources import print_warnings
+from tools.common.sources import print_warnings, unit_mm
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -76,11 +76,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--camera", type=arguments.camera, metavar="NAME|FX,FY,U0,V0",
                         help="the images are full depth frames of this camera: "
                              f"{', '.join(CAMERAS)}, or FX,FY,U0,V0")  # fmt: skip
-    parser.add_argument("--unit", type=arguments.positive_number, metavar="MM",
+    parser.add_argument("--unit", type=unit_mm, metavar="MM",
                         help="depth unit: mm per stored value of 1 (default: 1, for sr305 0.125)")  # fmt: skip
     parser.add_argument("--center", type=arguments.center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: centre of the hand, once for all frames or once per frame")  # fmt: skip
-    parser.add_argument("--refine", type=lambda text: arguments.natural(text, MAX_REFINE), default=3, metavar="N",
+    parser.add_argument("--refine", type=arguments.whole(0, MAX_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
     arguments.add_engine(parser)
     arguments.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")

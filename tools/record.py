@@ -15,7 +15,6 @@ Ctrl-C ends a recording and keeps it. Nothing is overwritten without --force.
 from __future__ import annotations
 
 import argparse
-import functools
 import sys
 from pathlib import Path
 
@@ -30,7 +29,7 @@ from handpose.sources.recording import Recording
 from handpose.sources.writing import RecordingWriter
 from netlib.errors import NetlibError
 from tools.common import outputs
-from tools.common.arguments import parser_of, positive, positive_number
+from tools.common.arguments import count, parser_of, real, seconds
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
@@ -45,9 +44,9 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     add_source_options(parser)
     parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="output")
-    parser.add_argument("--seconds", type=positive_number, metavar="S", help="maximum duration")
-    parser.add_argument("--frames", type=positive, metavar="N", help="maximum number of frames")
-    parser.add_argument("--out-unit", type=functools.partial(positive_number, most=MAX_UNIT_MM), metavar="MM",
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="maximum duration")
+    parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
+    parser.add_argument("--out-unit", type=real(0, MAX_UNIT_MM, above=True), metavar="MM",
                         help=f"depth unit of the output (default: the source's, at most {COARSEST_MM:g})")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="replace an existing output")
     args = parser.parse_args(argv)

@@ -31,7 +31,7 @@ from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.errors import DataError
 from tools.common import outputs
-from tools.common.arguments import name_in, parser_of, positive
+from tools.common.arguments import count, name_in, parser_of, positive
 from tools.common.console import DONE, guarded, say
 
 MAX_PX = 65000  # per side, close to the limit of JPEG
@@ -45,8 +45,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--out", metavar="FILE", type=name_in(".png", ".jpg"), required=True, help="figure, .png or .jpg"
     )
-    parser.add_argument("--frames", type=positive, default=16, metavar="N", help="frames per set (default: 16)")
-    parser.add_argument("--columns", type=positive, default=8, metavar="N", help="frames per row (default: 8)")
+    parser.add_argument("--frames", type=count, default=16, metavar="N", help="frames per set (default: 16)")
+    parser.add_argument("--columns", type=count, default=8, metavar="N", help="frames per row (default: 8)")
     parser.add_argument("--zoom", type=positive, default=1, metavar="N", help="enlarge N times (default: %(default)s)")
     parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the bodies (default: NYU's hand)")
     parser.add_argument("--plain", action="store_true", help="do not draw annotations")

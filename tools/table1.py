@@ -40,7 +40,7 @@ from layers.hand import skeleton as skeletons
 from netlib.errors import NetlibError
 from netlib.files import atomic
 from netlib.files.paths import IS_CLONE, ROOT, command
-from tools.common.arguments import natural, parser_of, positive, weight
+from tools.common.arguments import MAX_HOURS, count, parser_of, real, seed, workers
 from tools.common.campaign import Campaign
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.outputs import make_folder
@@ -61,17 +61,17 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--networks", nargs="+", choices=names, metavar="NAME",
                         help=f"only some of {', '.join(names)} (default: those needed)")  # fmt: skip
     parser.add_argument("--recipe", choices=RECIPES, help="only this recipe (default: both)")
-    parser.add_argument("--seeds", type=natural, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
-    parser.add_argument("--hours", type=weight, metavar="H", help="stop after about H hours")
-    parser.add_argument("--longest", type=positive, metavar="N", help="train for at most N iterations")
-    parser.add_argument("--threads", type=positive, metavar="N", help="training threads (default: one per processor)")
+    parser.add_argument("--seeds", type=seed, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
+    parser.add_argument("--hours", type=real(0, MAX_HOURS), metavar="H", help="stop after about H hours")
+    parser.add_argument("--longest", type=count, metavar="N", help="train for at most N iterations")
+    parser.add_argument("--threads", type=workers, metavar="N", help="training threads (default: one per processor)")
     parser.add_argument("--ledger", type=Path, default=RESULTS / "table1", metavar="FOLDER",
                         help="folder of scored lengths (default: results/table1, in a clone in docs)")  # fmt: skip
     parser.add_argument("--work", type=Path, default=Path("snapshots/table1"), metavar="FOLDER",
                         help="folder of nets, snapshots and logs (default: %(default)s)")  # fmt: skip
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="FOLDER",
                         help="folder of the page and its figures (default: results, in a clone in docs)")  # fmt: skip
-    parser.add_argument("--lambda-length", type=positive, metavar="N",
+    parser.add_argument("--lambda-length", type=count, metavar="N",
                         help="iterations for other weights of PhysLimit (default: those of weight 1)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.networks and not (args.page or args.speed or args.lambda_length or _jobs(args)):

@@ -26,7 +26,7 @@ import numpy as np
 import netlib
 from netlib import engine
 from netlib.net import Net
-from tools.common.arguments import add_engine, parser_of, positive
+from tools.common.arguments import add_engine, count, parser_of, workers
 from tools.common.console import DONE, guarded, on_missing_data, say
 from tools.common.costs import layer_lines, memory_of, pass_lines, time_passes
 
@@ -35,9 +35,9 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("model", metavar="MODEL", help="prototxt of the net")
-    parser.add_argument("--iterations", type=positive, default=20, metavar="N", help="default: %(default)s")
+    parser.add_argument("--iterations", type=count, default=20, metavar="N", help="default: %(default)s")
     parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="default: %(default)s")
-    parser.add_argument("--threads", type=positive, metavar="N", help="number of threads (default: one per processor)")
+    parser.add_argument("--threads", type=workers, metavar="N", help="number of threads (default: one per processor)")
     add_engine(parser)
     parser.add_argument("--memory", action="store_true", help="report memory use instead")
     args = parser.parse_args(argv)

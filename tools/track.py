@@ -45,11 +45,11 @@ from handpose.sources.recording import Recording
 from handpose.track_files.track import TrackedFrame, TrackHeader
 from handpose.tracking import sizing
 from handpose.tracking.summary import Summary
-from handpose.tracking.tracker import Tracker
+from handpose.tracking.tracker import MAX_HANDS, Tracker
 from netlib.errors import DataError
 from tools.common import findings, outputs
-from tools.common.arguments import add_engine, parser_of, positive, positive_number
-from tools.common.console import DONE, aligned, guarded, say
+from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
+from tools.common.console import DONE, aligned, errors_of, guarded, say
 from tools.common.progress import ProgressBar
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
 from tools.common.stopper import StoppedError, Stopper
@@ -64,11 +64,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
                         help="hands in the recording, if known (default: either, decided from the depth)")  # fmt: skip
-    parser.add_argument("--hands", type=positive, default=2, metavar="N", help="maximum number of hands (default: 2)")
+    parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
     parser.add_argument("--size", type=_size, metavar="S",
                         help="relative to the skeleton (default: estimated in the first seconds)")  # fmt: skip
     parser.add_argument("--raw", action="store_true", help="do not smooth")
-    parser.add_argument("--frames", type=positive, metavar="N", help="maximum number of frames")
+    parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
     add_engine(parser)
     args = parser.parse_args(argv)
     settle_outputs(args, parser)
@@ -110,7 +110,8 @@ def _track(
         outputs.begin(recording, stopper.check)
         for frame in islice(recording, frames):
             stopper.check()
-            found = tracker.step(frame)
+            with errors_of(f"{recording.name}: frame {frame.number}"):
+                found = tracker.step(frame)
             outputs.write(frame.depth, found)
             summary.add(found)
             progress(1)

@@ -25,7 +25,7 @@ import tools
 tools.begin(__name__)
 
 from tools.common import training
-from tools.common.arguments import add_engine, natural, parser_of, positive, positive_number
+from tools.common.arguments import add_engine, count, natural, parser_of, seconds, workers
 from tools.common.console import guarded
 from tools.common.ranks import only_first_prints, world
 
@@ -36,19 +36,19 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("solver", metavar="SOLVER", help="prototxt of the solver")
     parser.add_argument("--snapshot", metavar="STATE", help="resume from this solver state (*.solverstate.h5)")
     parser.add_argument("--weights", metavar="FILE", action="append", help="initial weights (*.caffemodel.h5)")
-    parser.add_argument("--max-iter", type=positive, metavar="N", help="override the solver's max_iter")
+    parser.add_argument("--max-iter", type=count, metavar="N", help="override the solver's max_iter")
     parser.add_argument(
         "--seed",
         type=natural,
         metavar="N",
         help="override the solver's random_seed; snapshots of netlib keep their random numbers",
     )
-    parser.add_argument("--threads", type=positive, metavar="N", help="number of threads (default: one per processor)")
+    parser.add_argument("--threads", type=workers, metavar="N", help="number of threads (default: one per processor)")
     add_engine(parser)
     parser.add_argument("--log", metavar="FILE", help="log file, in addition to stderr; a resumed training appends")
     parser.add_argument("--ranks-divide-batch", action="store_true",
                         help="split the net's batch among the processes instead of running it on each")  # fmt: skip
-    parser.add_argument("--patience", type=positive_number, metavar="S",
+    parser.add_argument("--patience", type=seconds, metavar="S",
                         help="timeout of a process in a step (default: 20 steps, at least 10 s)")  # fmt: skip
     with only_first_prints():
         args = parser.parse_args(argv)

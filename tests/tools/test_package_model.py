@@ -64,7 +64,11 @@ def test_terms():
 @pytest.mark.parametrize(
     ("tool", "arguments", "message"),
     [
-        ("package_model", ["a", "--model", "b", "--out", "c", "--bits", "24"], "--bits must be at most 23, found 24"),
+        (
+            "package_model",
+            ["a", "--model", "b", "--out", "c", "--bits", "24"],
+            "--bits: expected an integer of at most 23, found '24'",
+        ),
         ("package_model", ["--seed", "4294967296"], "--seed: expected an integer of at most 4294967295"),
         ("measure_fit", ["--seed", "4294967296"], "--seed: expected an integer of at most 4294967295"),
         ("measure_fit", ["--weights", "a"], "--weights and --model must be given together"),

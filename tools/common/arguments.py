@@ -16,6 +16,15 @@ from netlib import engine
 from netlib.files.paths import command, is_subcommand
 
 MAX_INTEGER = (1 << 63) - 1  # of integers in files
+MAX_COUNT = (1 << 31) - 1
+MAX_WORKERS = 1024
+MAX_SIDE = 1 << 20  # px
+MAX_HOURS = 1e5
+MAX_SECONDS = 1e6  # 12 days
+MAX_SEED = (1 << 32) - 1  # as of synthetic data
+MAX_PORT = 65535
+MAX_DIGITS = 1000  # Python's int() takes quadratic time
+MAX_SHOWN = 100  # characters of a value in a message
 MAX_PX = 1e6  # of focal lengths and principal points, as in a camera.json
 
 
@@ -75,39 +84,60 @@ def caffes_flags(argv: Sequence[str] | None, switches: Sequence[str] = ()) -> li
     return result
 
 
-def positive(text: str) -> int:
-    """Parse an integer of at least 1."""
-    return _whole(text, 1, "an integer of at least 1")
+def whole(least: int = 0, most: int = MAX_INTEGER) -> Callable[[str], int]:
+    """Return a parser of decimal integers from ``least`` to ``most``."""
+
+    def parse(text: str) -> int:
+        digits = text.removeprefix("-")
+        if not (digits.isascii() and digits.isdigit() and len(digits) < MAX_DIGITS) or int(text) < least:
+            raise argparse.ArgumentTypeError(f"expected an integer of at least {least}, found {_cut(text)}")
+        if int(text) > most:
+            raise argparse.ArgumentTypeError(f"expected an integer of at most {most}, found {_cut(text)}")
+        return int(text)
+
+    return parse
 
 
-def natural(text: str, most: int = MAX_INTEGER) -> int:
-    """Parse an integer from 0 to ``most``."""
-    return _whole(text, 0, "an integer of at least 0", most)
+def real(least: float = -math.inf, most: float = math.inf, *, above: bool = False) -> Callable[[str], float]:
+    """Return a parser of finite numbers from ``least`` to ``most``; ``above`` excludes ``least``."""
+
+    def parse(text: str) -> float:
+        number = _number(text)
+        if not (least < number if above else least <= number) or not number <= most:
+            lower = f" {'greater than' if above else 'of at least'} {least:g}" if least > -math.inf else ""
+            upper = f"{' and' if lower else ' of'} at most {most:g}" if most < math.inf else ""
+            raise argparse.ArgumentTypeError(f"expected a number{lower}{upper}, found {_cut(text)}")
+        return number
+
+    return parse
 
 
-def _whole(text: str, least: int, expected: str, most: int = MAX_INTEGER) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) < 1000) or int(text) < least:
-        raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
-    if int(text) > most:
-        raise argparse.ArgumentTypeError(f"expected an integer of at most {most}, found {text!r}")
-    return int(text)
+natural = whole()
+positive = whole(1)
+count = whole(1, MAX_COUNT)  # of frames, iterations, passes
+workers = whole(1, MAX_WORKERS)  # threads or processes
+seed = whole(0, MAX_SEED)
+weight = real(0)
+seconds = real(0, MAX_SECONDS, above=True)
+positive_number = real(0, above=True)
 
 
-def weight(text: str) -> float:
-    """Parse a finite number of at least 0."""
-    number = _number(text)
-    if not number >= 0:
-        raise argparse.ArgumentTypeError(f"expected a number of at least 0, found {text!r}")
-    return number
+def address(least: int = 1) -> Callable[[str], tuple[str, int]]:
+    """Return a parser of HOST:PORT, with a port from ``least`` on; an IPv6 address is in brackets."""
+    parse_port = whole(least, MAX_PORT)
 
+    def parse(text: str) -> tuple[str, int]:
+        host, _, port = text.rpartition(":")
+        host = host.removeprefix("[").removesuffix("]")
+        try:
+            if not host or port != port.strip():
+                raise argparse.ArgumentTypeError
+            return host, parse_port(port)
+        except argparse.ArgumentTypeError:
+            raise argparse.ArgumentTypeError(f"expected HOST:PORT, a port from {least} to {MAX_PORT}, found "
+                                             f"{_cut(text)}") from None  # fmt: skip
 
-def positive_number(text: str, most: float = math.inf) -> float:
-    """Parse a number greater than 0 and at most ``most``."""
-    number = _number(text)
-    if not 0 < number <= most:
-        limit = f" and at most {most:g}" if most < math.inf else ""
-        raise argparse.ArgumentTypeError(f"expected a number greater than 0{limit}, found {text!r}")
-    return number
+    return parse
 
 
 def cube(text: str, part: float = 1.0) -> float:
@@ -175,3 +205,8 @@ def _numbers(text: str) -> tuple[float, ...]:
     except ValueError:
         return ()
     return numbers if all(map(math.isfinite, numbers)) else ()
+
+
+def _cut(text: str) -> str:
+    """A value in quotes, for messages."""
+    return repr(text) if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]!r}..."

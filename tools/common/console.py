@@ -67,6 +67,15 @@ def duration(seconds: float) -> str:
 
 
 @contextlib.contextmanager
+def errors_of(name: str) -> Iterator[None]:
+    """Context manager that begins every DataError with the name of a file, or of a part of it."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(f"{name}: {error}") from error
+
+
+@contextlib.contextmanager
 def on_missing_data() -> Iterator[None]:
     """Context manager that adds advice to errors about missing lists in data/nyu."""
     try:

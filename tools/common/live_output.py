@@ -22,6 +22,7 @@ from handpose.sources.recording import Recording
 from handpose.track_files.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
+from tools.common import arguments
 from tools.common.arguments import name_in
 from tools.common.console import say
 
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 LIVE = ("serve", "udp")
 LOCAL = "127.0.0.1"
 TOKEN = "HANDPOSE_TOKEN"  # environment variable
-_MAX_PORT = 65535
 _CHECK_S = 0.1  # interval between checks for a request to stop
 
 
@@ -44,7 +44,7 @@ def add_live_options(parser: argparse.ArgumentParser) -> None:
                         help="with --serve: write the addresses, which contain the token, to a file that only you can "
                              "read; removed at the end")  # fmt: skip
     parser.add_argument(
-        "--udp", metavar="HOST:PORT", type=_address, help="a datagram of JSON per frame to this address"
+        "--udp", metavar="HOST:PORT", type=arguments.address(), help="a datagram of JSON per frame to this address"
     )
 
 
@@ -143,12 +143,4 @@ def _written(path: Path, server: LiveServer) -> Iterator[None]:
 
 def _served(text: str) -> tuple[str, int]:
     """Parse HOST:PORT, or a port on the loopback interface."""
-    return _address(f"{LOCAL}:{text}" if text.isdigit() else text, least=0)
-
-
-def _address(text: str, least: int = 1) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]")
-    if not host or not (port.isascii() and port.isdigit()) or not least <= int(port[:6]) <= _MAX_PORT:
-        raise argparse.ArgumentTypeError(f"expected HOST:PORT, found {text!r}")
-    return host, int(port)
+    return arguments.address(0)(f"{LOCAL}:{text}" if text.isdigit() else text)

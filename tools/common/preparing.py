@@ -15,7 +15,7 @@ from handpose.importers.flaws import Flaw
 from handpose.importers.preparation import Outcome, PreparedSplit, refuse_foreign
 from handpose.importers.published_frames import PublishedFrames
 from netlib import engine
-from tools.common.arguments import parser_of, positive
+from tools.common.arguments import parser_of, workers
 from tools.common.console import DONE, FAILED, duration, say
 from tools.common.stopper import fill_folder
 
@@ -40,7 +40,7 @@ def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> ar
     parser = parser_of(doc)
     parser.add_argument("root", type=Path, metavar=importer.root, help="the data set as published")
     parser.add_argument("--out", type=Path, default=importer.out, help="folder to write to (default: %(default)s)")
-    parser.add_argument("--workers", type=positive, default=engine.available_cpus(), metavar="N",
+    parser.add_argument("--workers", type=workers, default=engine.available_cpus(), metavar="N",
                         help="threads (default: one per processor, %(default)s)")  # fmt: skip
     parser.add_argument("--center", default=importer.center, metavar=f"{importer.center}|FILE",
                         help="crop centres (default: %(default)s)")  # fmt: skip

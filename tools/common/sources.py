@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import functools
 import sys
 from pathlib import Path
 from typing import TextIO
@@ -26,7 +25,7 @@ from tools.common.console import say
 # of tools/demo.py the confidence is above 0.99 with the right unit, and at most 0.82 with units 10 times off.
 CONFIRMS_UNIT = 0.95
 # argument types of values that a camera.json may also give
-unit_mm, rate = (functools.partial(arguments.positive_number, most=RANGES[key][1]) for key in ("unit_mm", "rate"))
+unit_mm, rate = (arguments.real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
 
 
 def add_source_options(parser: argparse.ArgumentParser) -> None:

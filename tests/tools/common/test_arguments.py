@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import functools
 from collections.abc import Callable
 
 import pytest
@@ -17,7 +16,7 @@ from tools.common import arguments
     [
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
-        (functools.partial(arguments.natural, most=100), "100", 100),
+        (arguments.whole(0, 100), "100", 100),
         (arguments.cube, "2400", 2400.0),
         (arguments.half_cube, "25", 25.0),
         (arguments.weight, "0", 0.0),
@@ -56,7 +55,7 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.natural, "-1", "an integer of at least 0"),
         (arguments.natural, "1.0", "an integer of at least 0"),
         (arguments.natural, "9" * 5000, "an integer of at least 0"),
-        (functools.partial(arguments.natural, most=100), "101", "an integer of at most 100"),
+        (arguments.whole(0, 100), "101", "an integer of at most 100"),
         (arguments.cube, "0.3", "50 to 10000 mm"),
         (arguments.cube, "nan", "50 to 10000 mm"),
         (arguments.cube, "wide", "50 to 10000 mm"),
@@ -80,7 +79,8 @@ def test_mistakes(kind: Callable[[str], object], text: str, expected: str) -> No
     """Invalid values raise an error that states the expected form."""
     with pytest.raises(argparse.ArgumentTypeError) as raised:
         kind(text)
-    assert str(raised.value) == f"expected {expected}, found {text!r}"
+    found = repr(text) if len(text) < 200 else f"{text[:100]!r}..."
+    assert str(raised.value) == f"expected {expected}, found {found}"
 
 
 @pytest.mark.parametrize(
