@@ -16,6 +16,7 @@ from handpose.gestures.shapes import GESTURES, scores
 from handpose.joint_formats.frames import HandFrames
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
+from netlib.errors import DataError
 
 SMOOTH_S = 0.08
 BEGIN, END = 0.6, 0.35
@@ -43,12 +44,16 @@ class GestureReader:
         self._states: dict[int, _State] = {}
 
     def read(self, id: int, hand: Side, xyz: Array, time: float, frames: HandFrames | None = None) -> Gesture:
-        """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s. Raises DataError for other bodies.
+        """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s.
 
+        Raises DataError for times of a hand that descend, and for joints that are no hand (``hand_frames``).
         frames  the hand's directions, if they are computed already
         """
-        seen = np.array(list(scores(self._skeleton, hand, xyz, frames).values()))
         before = self._states.get(id)
+        if not math.isfinite(time) or (before is not None and time < before.time):
+            after = "" if before is None else f" after {before.time:g} s"
+            raise DataError(f"hand {id} at {time:g} s{after}; expected finite times that do not descend")
+        seen = np.array(list(scores(self._skeleton, hand, xyz, frames).values()))
         if before is None or time - before.time > FORGET_S:
             smooth, name = seen, ""
         else:

@@ -19,10 +19,11 @@ import numpy as np
 
 from handpose.facts.sides import Side
 from handpose.joint_formats.angles import angles_of
-from handpose.joint_formats.frames import HandFrames, hand_frames
+from handpose.joint_formats.frames import MIN_PALM_MM, HandFrames, hand_frames, joints_of
 from handpose.joint_formats.points import FINGERS
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
+from netlib.errors import DataError
 
 STRAIGHT = (100.0, 14.0)  # degrees: where the probability is one half, and the scale of its slope
 OUT = (0.72, 0.05)  # palms
@@ -43,15 +44,17 @@ NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
 
 
 def scores(skeleton: Skeleton, hand: Side, xyz: Array, frames: HandFrames | None = None) -> dict[str, float]:
-    """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError for another body than a hand.
+    """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError, see ``hand_frames``.
 
     frames  the hand's directions, if they are computed already (``hand_frames``)
     """
-    at = {name: xyz[i] for i, name in enumerate(skeleton.joint_names)}
-    angles = angles_of(frames or hand_frames(skeleton, hand, xyz))
+    xyz, frames = joints_of(skeleton, hand, xyz), frames or hand_frames(skeleton, hand, xyz)
+    at, angles = dict(zip(skeleton.joint_names, xyz)), angles_of(frames)
     bends = [sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip")) for finger in FINGERS]
     straight = [1 - _over(bend, STRAIGHT) for bend in bends]
     palm = _distance(at["middle_mcp"], (at["wrist_left"] + at["wrist_middle"]) / 2)
+    if not palm > MIN_PALM_MM:
+        raise DataError("the wrist is at the middle knuckle; expected a palm")
     out = _over(_distance(at["thumb_tip"], at["middle_mcp"]) / palm, OUT)
     touch = 1 - _over(_distance(at["thumb_tip"], at["index_tip"]) / palm, TOUCH)
     found = {PINCH: touch * straight[1]}

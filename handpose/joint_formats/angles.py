@@ -40,7 +40,7 @@ ANGLES = (
 
 
 def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
-    """The angles by name, in degrees, of joints (K, 3) in camera axes. Raises DataError for other bodies than hands."""
+    """The angles by name, in degrees, of joints (K, 3) in camera axes. Raises DataError, see ``hand_frames``."""
     return angles_of(hand_frames(skeleton, hand, xyz))
 
 

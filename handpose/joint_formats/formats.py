@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -23,11 +24,12 @@ import scipy
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
 from handpose.joint_formats.angles import turned
-from handpose.joint_formats.frames import HandFrames, hand_frames, unit
+from handpose.joint_formats.frames import MIN_SHARE, HandFrames, hand_frames, joints_of, unit
 from handpose.joint_formats.points import FINGERS, POINTS, Point, weights_of
 from handpose.surface.model import Surface
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
+from netlib.errors import DataError, did_you_mean
 
 FormatName = Literal["mediapipe", "openxr", "mano", "nyu"]
 FORMAT_NAMES: tuple[FormatName, ...] = get_args(FormatName)
@@ -147,14 +149,21 @@ def formatted(
     cube_mm: float | None = None,
     frames: HandFrames | None = None,
 ) -> FormattedHand:
-    """A hand in a format. Raises DataError for another body than a hand.
+    """A hand in a format.
+
+    Raises DataError for another body than a hand, an unknown format, joints that are not finite, landmarks of a hand
+    that is not before the camera, and a degenerate hand in OpenXR's format (``frames_of``).
 
     xyz      (K, 3) joints of the skeleton in mm, camera axes
     camera   that saw it, for landmarks in the image
     cube_mm  of a crop without its frame: landmarks are in the crop then
     frames   the hand's directions, if they are computed already (``hand_frames``)
     """
-    chosen, xyz = FORMATS[name], np.asarray(xyz, np.float64)
+    if name not in FORMATS:
+        raise DataError(f"format {name!r}{did_you_mean(str(name), FORMATS)}; expected {', '.join(FORMATS)}")
+    if cube_mm is not None and not 0 < cube_mm < math.inf:
+        raise DataError(f"cube_mm {cube_mm}; expected a positive number")
+    chosen, xyz = FORMATS[name], joints_of(skeleton, hand, xyz)
     points = _weights(name, skeleton) @ xyz
     scale = np.array(chosen.axes) / (METRE if chosen.unit == "m" else 1.0)
     if name == "mediapipe":
@@ -176,6 +185,8 @@ def _landmarks(points: Array, camera: Camera | None, cube_mm: float | None) -> A
     """MediaPipe's landmarks of points (J, 3), the wrist first; the corner of the image is half a pixel before 0."""
     x, y, z = points.T
     if camera is not None and camera.width:
+        if not z.min() > 0:
+            raise DataError(f"a joint at depth {z.min():g} mm is not in the image; expected joints before the camera")
         u, v, d = camera.project(points).T
         behind = (d - d[0]) / d[0] * camera.fx
         return np.stack([(u + 0.5) / camera.width, (v + 0.5) / camera.height, behind / camera.width], axis=1)
@@ -207,9 +218,13 @@ def _orientations(frames: HandFrames, points: Array) -> Array:
 
 def _quaternions(directions: Array) -> Array:
     """Quaternions (J, 4) of -Z and +Y (J, 2, 3); the second is made perpendicular to the first."""
-    z = -directions[:, 0] / np.linalg.norm(directions[:, 0], axis=1, keepdims=True)
+    along, z = np.linalg.norm(directions[:, 0], axis=1, keepdims=True), -directions[:, 0]
     x = np.cross(directions[:, 1], z)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    length = np.linalg.norm(x, axis=1, keepdims=True)
+    if not (length > MIN_SHARE).all():
+        joint = list(FORMATS["openxr"].joints)[int(np.argmin(length))]
+        raise DataError(f"the orientation of {joint} is not determined; expected bones along the fingers")
+    x, z = x / length, z / along
     found = scipy.spatial.transform.Rotation.from_matrix(np.stack([x, np.cross(z, x), z], axis=2)).as_quat()
     return np.asarray(np.where(found[:, 3:] < 0, -found, found))
 
@@ -223,4 +238,8 @@ def _radii(skeleton: Skeleton) -> Array:
         [radii[ends == j].mean() if (ends == j).any() else np.nan for j in range(len(skeleton.joint_names))]
     )
     of_joints[skeleton.joint_names.index("palm")] = 0.0  # no point uses it
-    return np.asarray(_weights("openxr", skeleton) @ of_joints)
+    found = np.asarray(_weights("openxr", skeleton) @ of_joints)
+    if not np.isfinite(found).all():
+        joint = list(FORMATS["openxr"].joints)[int(np.argmin(np.isfinite(found)))]
+        raise DataError(f"the surface of skeleton {skeleton.name!r} has no radius at {joint}")
+    return found

@@ -15,20 +15,24 @@ is known for straight fingers, too. The thumb bends about z and points along x: 
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from handpose.facts.sides import Side, mirror_of
-from handpose.joint_formats.points import FINGERS, POINTS, weights_of
+from handpose.facts.sides import SIDES, Side, mirror_of
+from handpose.joint_formats.points import FINGERS, NO_HAND, POINTS, weights_of
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-from netlib.errors import DataError
+from netlib.errors import DataError, reason_of
 
 PALM = ("palm", "wrist_left", "wrist_middle", "thumb_mcp", *(f"{finger}_mcp" for finger in FINGERS))
+MAX_MM = 1e6  # of joints; larger numbers are in another unit, or no positions
+MIN_PALM_MM = 1e-3
+MIN_SHARE = 1e-6  # minimum length of a bone relative to the palm, and sine of an angle between two directions
 HINGES = {"thumb": ("thumb_mcp", "thumb_pip", "thumb_dip", "thumb_tip")} | {
     finger: tuple(f"{finger}_{part}" for part in ("mcp", "base", "pip_b", "tip")) for finger in FINGERS
 }  # the joints at the ends of the model's phalanges
@@ -55,21 +59,57 @@ class HandFrames:
     palm: dict[str, Array]
 
 
+def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
+    """Joints (K, 3) in mm as float64. Raises DataError for another shape or side, and numbers that are not finite."""
+    if hand not in SIDES:
+        raise DataError(f"hand {hand!r}; expected {' or '.join(SIDES)}")
+    try:
+        given = np.asarray(xyz)
+        if given.dtype.kind not in "fiuO":
+            raise TypeError(f"they are {given.dtype}")
+        found = given.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"joints are not numbers: {reason_of(error)}") from None
+    if found.shape != (expected := (len(skeleton.joint_names), 3)):
+        raise DataError(f"joints of shape {found.shape}; expected {expected}, those of skeleton {skeleton.name!r}")
+    bad = ~(np.abs(found) <= MAX_MM).all(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad))
+        raise DataError(f"joint {skeleton.joint_names[first]!r} at {found[first].tolist()}; expected finite numbers "
+                        f"of mm, at most {MAX_MM:g}")  # fmt: skip
+    return found
+
+
 def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
-    """The directions of a hand whose joints, of a right hand or mirrored, are ``right`` (K, 3) mm. Raises DataError."""
-    rest = _rest(skeleton)
+    """The directions of a hand whose joints, of a right hand or mirrored, are ``right`` (K, 3) mm.
+
+    Raises DataError for other bodies than hands, and for degenerate hands: joints of the palm on a line or at one
+    point, bones without a length, or a metacarpal perpendicular to the palm.
+    """
+    rest, right = _rest(skeleton), joints_of(skeleton, "right", right)
     R, unit_mm = _pose_of(rest.palm, right[rest.palm_joints])
     points = rest.points @ right  # wrist, then cmc and mcp of every finger
     wrist, cmc, mcp = points[0], points[1::2], points[2::2]
-    across = np.cross(mcp[0] - wrist, mcp[-1] - wrist)
+    sides = mcp[[0, -1]] - wrist
+    across = np.cross(*sides)
+    size = float(lengths(sides).min())
+    if size < MIN_PALM_MM or not float(np.linalg.norm(across)) > MIN_SHARE * size**2:
+        raise DataError("the wrist and the knuckles of index and little finger are on a line; expected a palm")
     dorsal = unit(across)
     metacarpals = [unit(b - a) for a, b in zip(cmc, mcp)]
-    radial = unit(np.cross(metacarpals[1], dorsal))
+    radials = np.cross(metacarpals, dorsal)
+    if not lengths(radials).min() > MIN_SHARE:
+        raise DataError("a metacarpal has no length or is perpendicular to the palm; expected a hand")
+    radial = unit(radials[1])
     bones, back, palm = {}, {}, dict(zip(FINGERS, metacarpals))
     palm["thumb"] = metacarpals[0]
     for finger, hinges in rest.hinges.items():
         ends = right[hinges]
-        bones[finger] = np.array([unit(bone) for bone in ends[1:] - ends[:-1]])
+        phalanges = ends[1:] - ends[:-1]
+        phalanx_lengths = lengths(phalanges)
+        if not phalanx_lengths.min() > MIN_SHARE * size:
+            raise DataError(f"a bone of the {finger} has no length; expected joints at different positions")
+        bones[finger] = phalanges / phalanx_lengths[:, None]
         M = R @ rest.frames[finger]
         d = M.T @ bones[finger][0]
         if finger == "thumb":
@@ -84,9 +124,9 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
 def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
     """The directions of a hand of this side, mirrored if it is a left one, for joints (K, 3) mm in camera axes.
 
-    Raises DataError for other bodies than hands.
+    Raises DataError for other bodies than hands, joints that are not finite, and degenerate hands (``frames_of``).
     """
-    return frames_of(skeleton, np.asarray(xyz, np.float64) * mirror_of(hand))
+    return frames_of(skeleton, joints_of(skeleton, hand, xyz) * mirror_of(hand))
 
 
 @dataclass(frozen=True)
@@ -104,6 +144,9 @@ def _rest(skeleton: Skeleton) -> _Rest:
     names = ["wrist", *(f"{finger}_{part}" for finger in FINGERS for part in ("cmc", "mcp"))]
     points = weights_of([POINTS[name] for name in names], skeleton.joint_names)
     index = {name: i for i, name in enumerate(skeleton.joint_names)}
+    needed = (*PALM, *itertools.chain.from_iterable(HINGES.values()))
+    if missing := [name for name in needed if name not in index]:
+        raise DataError(NO_HAND.format(missing[0]))
     pose = Kinematics(skeleton).forward(np.zeros((1, len(skeleton.initial))))
     palm = [index[name] for name in PALM]
     root = pose.frames[0, index["palm"]]
@@ -126,13 +169,20 @@ def unit(vector: Array) -> Array:
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
 
 
+def lengths(vectors: Array) -> Array:
+    """The lengths (N,) of vectors (N, 3)."""
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=1)))
+
+
 def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
     """The rotation of the palm, world_from_palm (3, 3), for joints (K, 3).
 
     It is the rotation that best moves the joints fixed to the palm from their positions in its frame to those given.
     Raises DataError if the skeleton has too few such joints.
     """
-    fixed, in_palm = _fixed_to_palm(skeleton)
+    if "palm" not in skeleton.joint_names:
+        raise DataError(NO_HAND.format("palm"))
+    joints, (fixed, in_palm) = joints_of(skeleton, "right", joints), _fixed_to_palm(skeleton)
     from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
     return best_rotation(in_palm, from_palm)
 

@@ -20,6 +20,7 @@ import numpy as np
 from netlib.blob import Array
 from netlib.errors import DataError
 
+NO_HAND = "the skeleton has no joint {!r}; only hands have joints and angles of other formats"
 FINGERS = ("index", "middle", "ring", "little")
 PALM_BONES = {"index": 0.75, "middle": 0.58, "ring": 0.42, "little": 0.25}  # share of wrist_middle; wrist_left the rest
 CARPALS = 0.3  # position between wrist (0) and knuckle (1)
@@ -81,8 +82,6 @@ def weights_of(points: Sequence[Point], joint_names: Sequence[str]) -> Array:
     for row, point in enumerate(points):
         for joint, weight in point.weights.items():
             if joint not in index:
-                raise DataError(
-                    f"the skeleton has no joint {joint!r}; only hands have joints and angles of other formats"
-                )
+                raise DataError(NO_HAND.format(joint))
             weights[row, index[joint]] = weight
     return weights
