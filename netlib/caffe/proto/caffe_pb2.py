@@ -22,8 +22,8 @@ class MissingProtobufError(NetlibError, ImportError):
 
 
 try:
-    from google.protobuf import descriptor_pb2, descriptor_pool
-    from google.protobuf.internal import builder
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+    from google.protobuf.internal.enum_type_wrapper import EnumTypeWrapper
 except ImportError as error:
     raise MissingProtobufError(
         "caffe.proto and NetSpec need the package protobuf: pip install 'protobuf>=4.25'; Net, the solvers, Classifier "
@@ -119,9 +119,16 @@ def _classes() -> dict[str, Any]:
     """
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file_descriptor())
-    names: dict[str, Any] = {"DESCRIPTOR": pool.FindFileByName("caffe.proto")}
-    builder.BuildMessageAndEnumDescriptors(names["DESCRIPTOR"], names)
-    builder.BuildTopDescriptorsAndMessages(names["DESCRIPTOR"], __name__, names)
+    file = pool.FindFileByName("caffe.proto")
+    names: dict[str, Any] = {"DESCRIPTOR": file}
+    for name, enum in file.enum_types_by_name.items():
+        names |= {name: EnumTypeWrapper(enum), f"_{name.upper()}": enum}
+        names |= {value.name: value.number for value in enum.values}
+    for name, message in file.message_types_by_name.items():
+        cls = names[name] = message_factory.GetMessageClass(message)
+        cls.__module__ = __name__  # for pickle
+        names[f"_{name.upper()}"] = message
+        names |= {f"_{name.upper()}_{inner.upper()}": enum for inner, enum in message.enum_types_by_name.items()}
     return names
 
 
