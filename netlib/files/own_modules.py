@@ -20,6 +20,7 @@ from netlib.files.paths import BASE, ROOT, load_module, own
 from netlib.system.one_thread import lock
 
 NAMES = ("layers", "fast")
+OTHERS = ("tools", "export", "exercises", "models", "benchmarks")  # folders of a clone that netlib does not import
 _known: dict[str, ModuleType] = {}  # results of own_module
 _aside: dict[str, ModuleType] = {}  # our modules that are not in sys.modules, by name
 _lock = lock()
@@ -36,7 +37,10 @@ def own_module(name: str) -> ModuleType:
 
 
 def yield_names() -> None:
-    """From now on, imports of ``NAMES`` find a script's own modules first. Ours must have been imported."""
+    """From now on, imports of ``NAMES`` and ``OTHERS`` find a script's own modules first.
+
+    Our ``NAMES`` must have been imported.
+    """
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Finder())
     for top in NAMES:
@@ -82,9 +86,9 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """Spec of the script's own ``layers`` or ``fast``, or of our modules that are set aside."""
+        """Spec of the script's own module, or of ours that is set aside."""
         top, _, inner = name.partition(".")
-        if top not in NAMES or (inner and not is_ours(sys.modules.get(top))):
+        if top not in NAMES + OTHERS or (inner and not is_ours(sys.modules.get(top))):
             return None
         if not inner and (theirs := importlib.machinery.PathFinder.find_spec(name, folders())) and _has_code(theirs):
             return theirs

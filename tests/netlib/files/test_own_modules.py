@@ -54,6 +54,16 @@ def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
     assert run(code, files, *argv) == [f"True {stripe} {os.environ.get('NETLIB_ENGINE', 'fast')} 1", "theirs"]
 
 
+@pytest.mark.parametrize("name", ["tools", "models", "export"])
+@pytest.mark.parametrize("file", ["{}.py", "{}/__init__.py", "{}/inner.py"])
+def test_other_folders_of_a_clone(run, name: str, file: str) -> None:
+    """A script's own modules with names of other folders of a clone win too, also folders without __init__.py."""
+    module = f"{name}.inner" if "inner" in file else name
+    assert run(
+        f"import caffe, {module} as m\nprint(m.mine)", {file.format(name): "mine = 1"}, "-m", "netlib.caffe"
+    ) == ["1"]
+
+
 def test_ours_are_found_if_there_are_no_others(run) -> None:
     """Without modules of its own, a script imports the packages of this project, each once."""
     code = (
