@@ -35,8 +35,16 @@ FILES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", list(FILES))
-@pytest.mark.parametrize("how", ["python -m netlib.caffe", "install_as_caffe", "imported before"])
+@pytest.mark.parametrize(
+    ("kind", "how"),
+    [
+        ("modules", "python -m netlib.caffe"),
+        ("modules", "imported before"),
+        ("packages", "python -m netlib.caffe"),
+        ("packages", "install_as_caffe"),
+        ("folders", "install_as_caffe"),
+    ],
+)
 def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
     """The script finds its own modules, also later and in other modules; nets are built and run by ours."""
     begin = {
@@ -54,14 +62,11 @@ def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
     assert run(code, files, *argv) == [f"True {stripe} {os.environ.get('NETLIB_ENGINE', 'fast')} 1", "theirs"]
 
 
-@pytest.mark.parametrize("name", ["tools", "models", "export"])
-@pytest.mark.parametrize("file", ["{}.py", "{}/__init__.py", "{}/inner.py"])
-def test_other_folders_of_a_clone(run, name: str, file: str) -> None:
+def test_other_folders_of_a_clone(run) -> None:
     """A script's own modules with names of other folders of a clone win too, also folders without __init__.py."""
-    module = f"{name}.inner" if "inner" in file else name
-    assert run(
-        f"import caffe, {module} as m\nprint(m.mine)", {file.format(name): "mine = 1"}, "-m", "netlib.caffe"
-    ) == ["1"]
+    code = "import caffe, tools.inner, models, export\nprint(tools.inner.mine, models.mine, export.mine)"
+    files = dict.fromkeys(["tools/inner.py", "models.py", "export/__init__.py"], "mine = 1")
+    assert run(code, files, "-m", "netlib.caffe") == ["1 1 1"]
 
 
 def test_ours_are_found_if_there_are_no_others(run) -> None:
