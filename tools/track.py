@@ -37,6 +37,9 @@ import tools
 
 tools.begin(__name__)
 
+import numpy as np
+from numpy.typing import NDArray
+
 from handpose.drawing.tracks import Painter
 from handpose.facts.sides import SOUGHT_SIDES
 from handpose.prediction.packaged import load_predictor
@@ -44,6 +47,7 @@ from handpose.sources.inspection import Inspection, inspect
 from handpose.sources.recording import Recording
 from handpose.track_files.track import TrackedFrame, TrackHeader
 from handpose.tracking import sizing
+from handpose.tracking.lookahead import Lookahead
 from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import MAX_HANDS, Tracker
 from netlib.errors import DataError
@@ -106,15 +110,24 @@ def _track(
     recording: Recording, tracker: Tracker, outputs: Outputs, summary: Summary, stopper: Stopper, frames: int | None
 ) -> None:
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
+    held = Lookahead[NDArray[np.float32]]()
+
+    def write(ready: list[tuple[NDArray[np.float32], TrackedFrame]]) -> None:
+        for depth, found in ready:
+            outputs.write(depth, found)
+            summary.add(found)
+
     with outputs, ProgressBar(total_of(recording, frames), what="tracking") as progress:
         outputs.begin(recording, stopper.check)
-        for frame in islice(recording, frames):
-            stopper.check()
-            with errors_of(f"{recording.name}: frame {frame.number}"):
-                found = tracker.step(frame)
-            outputs.write(frame.depth, found)
-            summary.add(found)
-            progress(1)
+        try:
+            for frame in islice(recording, frames):
+                stopper.check()
+                with errors_of(f"{recording.name}: frame {frame.number}"):
+                    found = tracker.step(frame)
+                write([(frame.depth, found)] if outputs.is_live or recording.live else held.add(frame.depth, found))
+                progress(1)
+        finally:
+            write(held.finish())
 
 
 def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextIO) -> None:

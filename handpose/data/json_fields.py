@@ -52,6 +52,10 @@ class Fields:
     def __contains__(self, name: str) -> bool:
         return name in self._values
 
+    def has(self, name: str) -> bool:
+        """True unless the field is null."""
+        return self._value(name) is not None
+
     def part(self, name: str) -> Fields:
         """The field is an object."""
         return Fields(self._value(name), f"{self.where}: {name!r}")

@@ -12,7 +12,6 @@ import numpy as np
 
 from handpose.drawing import strokes
 from handpose.drawing.strokes import Colour, Image
-from handpose.facts.sides import Side
 from handpose.prediction.prediction import percent
 from handpose.track_files.track import LostHand
 
@@ -36,14 +35,14 @@ def colour_of(id: int) -> Colour:
     return _COLOURS[id % len(_COLOURS)]
 
 
-def spoken(hand: Side, confidence: float) -> str:
+def spoken(hand: str, confidence: float) -> str:
     """``right 93%``; without the number if the confidence was not measured."""
     return f"{hand} {percent(confidence)}" if math.isfinite(confidence) else hand
 
 
 def spoken_loss(hand: LostHand, time: float) -> str:
     """``left hand lost 0.4 s: it left the image``."""
-    return f"{hand.hand} hand lost {max(time - hand.since, 0):.1f} s: {hand.reason}"
+    return f"{hand.side_name} hand lost {max(time - hand.since, 0):.1f} s: {hand.reason}"
 
 
 class Tags:

@@ -91,7 +91,10 @@ class RerunView:
             self._stream.log(f"{_CONFIDENCE}/{id}", self._rr.Clear(recursive=True))
         for lost in frame.lost:
             if lost.id in self._shown - seen:
-                words, colour = f"{lost.hand} hand {lost.id} lost: {lost.reason}", colour_of(lost.id)[::-1]
+                words, colour = (
+                    f"{lost.side_name} hand {lost.id} lost: {lost.reason}",
+                    colour_of(lost.id)[::-1],
+                )
                 self._stream.log(_LOST, self._rr.TextLog(words, level="WARN", color=colour))
         self._shown = seen
 
@@ -131,7 +134,7 @@ class RerunView:
             )
             self._stream.log(f"{place}/flesh", surface)
         if np.isfinite(hand.confidence):
-            curve = rr.SeriesLines(colors=colour_of(hand.id)[::-1], names=f"{hand.hand} {hand.id}")
+            curve = rr.SeriesLines(colors=colour_of(hand.id)[::-1], names=f"{hand.side_name} {hand.id}")
             self._stream.log(f"{_CONFIDENCE}/{hand.id}", curve, static=True)
             self._stream.log(f"{_CONFIDENCE}/{hand.id}", rr.Scalars(hand.confidence))
 

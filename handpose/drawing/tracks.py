@@ -114,7 +114,7 @@ class Painter:
             tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
         for hand in frame.hands:
             left, top = self._crop(hand)[0]
-            tags.add(spoken(hand.hand, hand.confidence), left, top, colour_of(hand.id))
+            tags.add(spoken(hand.side_name, hand.confidence), left, top, colour_of(hand.id))
 
 
 def annotated(depth: NDArray[np.floating], frame: TrackedFrame, header: TrackHeader, width: int = WIDTH) -> Image:
@@ -171,8 +171,8 @@ class ConfidenceCurves:
             strokes.text(canvas, words, start + (-strokes.text_width(words, _WORDS) // 2, 16), _FAINT, _WORDS)
         for id, run in self._runs():
             strokes.lines(canvas, np.array([place(*point) for point in run]), colour_of(id), 2)
-        now = [(hand.id, spoken(hand.hand, hand.confidence)) for hand in frame.hands]
-        now += [(lost.id, f"{lost.hand} lost") for lost in frame.lost]
+        now = [(hand.id, spoken(hand.side_name, hand.confidence)) for hand in frame.hands]
+        now += [(lost.id, f"{lost.side_name} lost") for lost in frame.lost]
         for row, (id, words) in enumerate(sorted(now)):
             strokes.text(canvas, words, np.array([right + 14, 20 + _ROW * row]), colour_of(id), 0.5)
         return canvas

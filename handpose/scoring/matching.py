@@ -82,7 +82,7 @@ def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_m
         for gone in frame.lost:
             if gone.reason.startswith(PARTLY):
                 partly += 1
-            else:
+            elif gone.hand is not None:
                 own = hands.setdefault(gone.id, Followed(gone.id, gone.hand))
                 own.gone.append(Gone(number, gone, lost.get(last.get(gone.id, -1))))
         extra = max(len(other.hands) - len(pairs) - partly, 0)

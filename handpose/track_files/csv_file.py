@@ -66,8 +66,8 @@ class CsvWriter:
     def write(self, frame: TrackedFrame) -> None:
         """Add a frame."""
         about = [frame.number, f"{frame.time:.6f}"]
-        rows = [[*about, hand.id, hand.hand, "", *self._values(hand, frame.time)] for hand in frame.hands]
-        rows += [[*about, lost.id, lost.hand, lost.reason, *self._empty] for lost in frame.lost]
+        rows = [[*about, hand.id, hand.side_name, "", *self._values(hand, frame.time)] for hand in frame.hands]
+        rows += [[*about, lost.id, lost.side_name, lost.reason, *self._empty] for lost in frame.lost]
         self._file.append(rows_of(rows))
 
     def _values(self, hand: TrackedHand, time: float) -> list[str]:

@@ -23,7 +23,8 @@ A frame:
 
     number, time_s   in the recording, from 0
     hands            the tracked hands, by id
-        id, hand         the hand's constant number; "right" or "left"
+        id, hand         the hand's constant number; "right" or "left", or null while its side is undecided: then also
+                         assumed_hand, which angles and positions are of, and its probability assumed_confidence
         confidence       probability that the joints' mean error is below 30 mm; null if unknown
         error_mm         expected error; null likewise
         positions_mm     (x, y, z) of each joint, camera axes, to 0.01 mm
@@ -36,7 +37,7 @@ A frame:
         gesture          with gestures only: its name, null for none; number of straight fingers, null of pinch and
                          thumb_up; confidence, 0 to 1 (``handpose.gestures``)
         mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
-    lost             hands tracked before: id, hand, since_s (tracked last), reason (a line)
+    lost             hands tracked before: id, hand (or null), since_s (tracked last), reason (a line)
     refused          only in frames with one: places where a new hand was supposed, position_mm and reason (a line)
 """
 

@@ -119,7 +119,9 @@ class FrameValues:
         new = {} if self._bones.get(hand.id) == bones and not self._every_bone else {"bones_mm": bones}
         self._bones[hand.id] = bones
         return {
-            "id": int(hand.id), "hand": hand.hand,
+            "id": int(hand.id), "hand": hand.known_side,
+            **({} if hand.known_side else {"assumed_hand": hand.hand,
+                                           "assumed_confidence": rounded(hand.side_confidence, 3)}),
             "confidence": rounded(hand.confidence, 4), "error_mm": rounded(hand.error_mm, 2),
             "positions_mm": rounded(hand.xyz, 2),
             "angles_rad": dict(zip(self._angles, rounded(theta[self._dofs.angles], 5))),
@@ -150,12 +152,16 @@ class FrameValues:
     def frame(self, fields: Fields) -> TrackedFrame:
         """The next frame from its object. Raises DataError."""
         hands = tuple(self._hand(hand) for hand in fields.parts("hands"))
-        lost = tuple(LostHand(of.whole("id"), _side(of), of.number("since_s"), of.text("reason"))
-                     for of in fields.parts("lost"))  # fmt: skip
+        lost = tuple(
+            LostHand(of.whole("id"), _side(of) if of.has("hand") else None, of.number("since_s"), of.text("reason"))
+            for of in fields.parts("lost")
+        )
         refused = tuple(_refused(of) for of in fields.parts("refused")) if "refused" in fields else ()
         return TrackedFrame(fields.whole("number"), fields.number("time_s"), hands, lost, refused)
 
     def _hand(self, of: Fields) -> TrackedHand:
+        assumed = not of.has("hand")
+        name = "assumed_hand" if assumed else "hand"
         crop, joints = of.part("crop"), len(self._skeleton.joint_names)
         theta, slides = of.part("angles_rad"), of.part("translations_mm")
         inputs = angles.inputs_of(
@@ -164,9 +170,9 @@ class FrameValues:
             np.array([slides.number(name) for name in self._slides]) / self._unit_mm,
         )  # fmt: skip
         return TrackedHand(
-            of.whole("id"), _side(of), of.known("confidence"), of.known("error_mm"), inputs, self._bones_of(of),
+            of.whole("id"), _side(of, name), of.known("confidence"), of.known("error_mm"), inputs, self._bones_of(of),
             of.numbers("origin_mm", 3), of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3),
-            crop.positive("cube_mm"),
+            crop.positive("cube_mm"), side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
         )  # fmt: skip
 
     def _bones_of(self, of: Fields) -> Array:
@@ -178,11 +184,11 @@ class FrameValues:
         return np.array(self._bones[hand]) / self._unit_mm
 
 
-def _side(fields: Fields) -> Side:
+def _side(fields: Fields, name: str = "hand") -> Side:
     try:
-        return side_of(fields.text("hand"))
+        return side_of(fields.text(name))
     except ValueError as error:
-        raise DataError(f"{fields.where}: 'hand' is {error}") from None
+        raise DataError(f"{fields.where}: {name!r} is {error}") from None
 
 
 def _refused(of: Fields) -> RefusedPlace:

@@ -23,6 +23,7 @@ from netlib.blob import Array
 # Beginnings of the reasons why a hand is missing from a frame, for trackers and for synthetic truth.
 LEFT = "left the image"
 HIDDEN = "hidden"
+UNKNOWN_SIDE = "unknown"
 PARTLY = "partly in sight"  # in synthetic recordings: such frames are not scored
 
 
@@ -59,6 +60,8 @@ class TrackedHand:
     center_uvd  (3,) px, px, mm: centre of its crop
     cube_mm     edge of that crop's cube
     capsules    its surface in mm, camera axes; None if unknown
+    side_confidence  probability that it is a ``hand``; below 1 while the side is undecided, and ``hand`` is assumed
+    other       the same hand as one of the other side, while the side is undecided
     """
 
     id: int
@@ -72,19 +75,37 @@ class TrackedHand:
     center_uvd: Array
     cube_mm: float
     capsules: Capsules | None = None
+    side_confidence: float = 1.0
+    other: TrackedHand | None = None
+
+    @property
+    def known_side(self) -> Side | None:
+        """The side; None while it is undecided."""
+        return self.hand if self.side_confidence >= 1 else None
+
+    @property
+    def side_name(self) -> str:
+        """The side, or "unknown"."""
+        return self.known_side or UNKNOWN_SIDE
 
 
 class LostHand(NamedTuple):
     """A tracked hand that is not found in this frame.
 
+    hand    None if its side was never decided
     since   s, when it was tracked last
     reason  one line
     """
 
     id: int
-    hand: Side
+    hand: Side | None
     since: float
     reason: str
+
+    @property
+    def side_name(self) -> str:
+        """The side, or "unknown"."""
+        return self.hand or UNKNOWN_SIDE
 
 
 class RefusedPlace(NamedTuple):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from handpose.depth_fit.body import SIZE
 from handpose.facts.sides import mirror_of
 from handpose.track_files.track import TrackedHand
-from handpose.tracking.hand_track import HandTrack
+from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.pose_estimator import PoseEstimator
 
 
@@ -17,7 +19,20 @@ def tracked_hand(track: HandTrack, estimator: PoseEstimator, *, smooth: bool, su
     smooth   use the smoothed pose
     surface  include the surface
     """
-    seen, model = track.best, estimator.fitter.model
+    likely, side = track.side_confidence, track.hand
+    hand = _as_side(track, track.best, likely, estimator, smooth=smooth, surface=surface)
+    others = [seen for other, seen in track.sides.items() if other != side and seen.time == track.time]
+    if not others:
+        return hand
+    other = _as_side(track, others[0], 1 - likely, estimator, smooth=smooth, surface=surface)
+    return dataclasses.replace(hand, other=other)
+
+
+def _as_side(
+    track: HandTrack, seen: SideState, likely: float, estimator: PoseEstimator, *, smooth: bool, surface: bool
+) -> TrackedHand:
+    """The hand in the state of one side, of this probability."""
+    model = estimator.fitter.model
     estimate, side = seen.estimate, seen.estimate.region.side
     mirror = mirror_of(side)
     x = estimator.converter.variables(seen.smooth if smooth else estimate.body, estimate.center_mm)[None]
@@ -29,7 +44,7 @@ def tracked_hand(track: HandTrack, estimator: PoseEstimator, *, smooth: bool, su
     return TrackedHand(
         id=track.id,
         hand=side,
-        confidence=float(estimate.fit.confidence[0]),
+        confidence=likely * float(estimate.fit.confidence[0]),
         error_mm=float(estimate.fit.error_mm[0]),
         inputs=model.inputs_of(x)[0],
         bones=model.skeleton.bones * float(np.exp(x[0, SIZE])),
@@ -38,4 +53,5 @@ def tracked_hand(track: HandTrack, estimator: PoseEstimator, *, smooth: bool, su
         center_uvd=estimate.region.center_uvd,
         cube_mm=estimator.cube_mm,
         capsules=capsules,
+        side_confidence=likely,
     )

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.facts.sides import Side
 from handpose.track_files.track import TrackedFrame
 from layers.hand.skeleton import Skeleton
 
@@ -17,7 +16,7 @@ from layers.hand.skeleton import Skeleton
 class HandSummary:
     """One hand.
 
-    hand     "right" or "left", as in its last frame
+    hand     "right", "left" or "unknown", as in its last frame
     frames   number of frames with it
     size     of its bones, relative to the skeleton's, in its last frame
     losses   number of times it was lost
@@ -25,7 +24,7 @@ class HandSummary:
     confidences  histogram of its confidence in per cent
     """
 
-    hand: Side
+    hand: str
     frames: int = 0
     size: float = 1.0
     losses: int = 0
@@ -62,13 +61,13 @@ class Summary:
             self._first = frame.time
         self.frames, self._last = self.frames + 1, frame.time
         for hand in frame.hands:
-            own = self.hands.setdefault(hand.id, HandSummary(hand.hand))
-            own.hand, own.frames, own.is_lost = hand.hand, own.frames + 1, False
+            own = self.hands.setdefault(hand.id, HandSummary(hand.side_name))
+            own.hand, own.frames, own.is_lost = hand.side_name, own.frames + 1, False
             own.size = float(np.median(hand.bones[self._has_bone] / self._bones))
             if np.isfinite(hand.confidence):
                 own.confidences[round(100 * hand.confidence)] += 1
         for lost in frame.lost:
-            own = self.hands.setdefault(lost.id, HandSummary(lost.hand))
+            own = self.hands.setdefault(lost.id, HandSummary(lost.side_name))
             own.losses += not own.is_lost
             own.is_lost = True
             own.longest = max(own.longest, frame.time - lost.since)

@@ -54,7 +54,7 @@ def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tra
 class Known:
     """The state of a hand that is kept even while it is lost."""
 
-    hand: Side
+    hand: Side | None
     since: float
     reason: str
     sizes: SizeKeeper
@@ -159,7 +159,7 @@ class Tracker:
         for track in list(self.tracks):
             known, seen = self.known[track.id], [*estimates[track.id], *again[track.id]]
             if track.take(estimates[track.id], again[track.id], time):
-                known.hand = track.best.estimate.region.side
+                known.hand = track.hand if track.is_decided else known.hand
                 continue
             confidence = max((s.confidence for s in seen if s is not None), default=0.0)
             known.reason = self._reason(readings, track, time, confidence=confidence)
@@ -217,8 +217,9 @@ class Tracker:
         seen = [estimate for estimate in seen if estimate.region.side in returned] or seen
         track = HandTrack(-1, self.estimator, seen, time, self.size, self._side_prior(time))
         track.id = self._id_of(track.hand, time)
-        known = self.known.setdefault(track.id, Known(track.hand, time, "", SizeKeeper(self.estimator), self.size))
-        known.since, known.hand, track.size = time, track.hand, known.size
+        known = self.known.setdefault(track.id, Known(None, time, "", SizeKeeper(self.estimator), self.size))
+        known.since, track.size = time, known.size
+        known.hand = track.hand if track.is_decided else known.hand
         self.tracks = [other for other in self.tracks if other.id != track.id] + [track]
         return []
 
@@ -229,12 +230,9 @@ class Tracker:
 
     def _just_lost(self, place: Array, time: float) -> set[Side]:
         """The sides of hands lost recently near a place (3,) in mm, because a hand does not change its side."""
-        known = [self.known[id] for id in self._missing(time)]
-        return {
-            one.hand
-            for one in known
-            if one.place is not None and time - one.since < RETURN and np.linalg.norm(one.place - place) < RETURN_MM
-        }
+        known = [self.known[id] for id in self._missing(time) if time - self.known[id].since < RETURN]
+        near = [one for one in known if one.place is not None and np.linalg.norm(one.place - place) < RETURN_MM]
+        return {one.hand for one in near if one.hand is not None}
 
     def _side_prior(self, time: float) -> float:
         """Prior evidence for a right hand (1) or a left one (-1): lost hands return."""
@@ -243,7 +241,7 @@ class Tracker:
 
     def _id_of(self, side: Side, time: float) -> int:
         """The id of a new hand: that of the last lost hand of this side, otherwise a new one."""
-        lost = [id for id in self._missing(time) if self.known[id].hand == side]
+        lost = [id for id in self._missing(time) if self.known[id].hand in (side, None)]
         return max(lost, key=lambda id: self.known[id].since) if lost else len(self.known)
 
     def _size_beside(self, id: int) -> float | None:

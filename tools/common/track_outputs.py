@@ -139,6 +139,11 @@ class Outputs:
         if self._live:
             self._live.begin(recording, check, sys.stderr if self._args.json == "-" else sys.stdout)
 
+    @property
+    def is_live(self) -> bool:
+        """True if frames are sent as they are tracked."""
+        return self._live is not None
+
     def write(self, depth: NDArray[np.float32], frame: TrackedFrame) -> None:
         """Write a frame. Raises NetlibError, OSError."""
         for writer in self._writers:

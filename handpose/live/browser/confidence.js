@@ -28,7 +28,8 @@ export class Confidence {
     this.list.replaceChildren(
       ...record.hands.map((hand) => element("li", {}, marked(hand.id), words(hand))),
       ...record.lost.map(({ id, hand, since_s: since, reason }) => element(
-        "li", { class: "lost" }, marked(id), `${hand} hand lost ${shown(record.time_s - since, 1)} s: ${reason}`,
+        "li", { class: "lost" }, marked(id),
+        `${hand ?? "unknown"} hand lost ${shown(record.time_s - since, 1)} s: ${reason}`,
       )),
     );
   }

@@ -65,6 +65,7 @@ export class DepthView {
 
 /* "right 93%"; no estimate is certain. */
 export function spoken({ hand, confidence }) {
-  if (confidence === null) return hand;
-  return `${hand} ${confidence >= 0.995 ? ">99%" : `${shown(100 * confidence, 0)}%`}`;
+  const side = hand ?? "unknown";
+  if (confidence === null) return side;
+  return `${side} ${confidence >= 0.995 ? ">99%" : `${shown(100 * confidence, 0)}%`}`;
 }

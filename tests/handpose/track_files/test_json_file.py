@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from handpose.track_files.json_file import JsonLinesWriter, JsonWriter, Track, read_track
 from handpose.track_files.json_values import rounded
-from handpose.track_files.track import LostHand, TrackedFrame, TrackHeader, joints_of
+from handpose.track_files.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
@@ -207,3 +207,19 @@ def test_a_standard_output_that_is_closed(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("sys.stdout", None)
     with pytest.raises(OSError, match="is closed: 'standard output'"), JsonLinesWriter(None, HAND):
         pytest.fail("began all the same")
+
+
+@both
+def test_an_undecided_side(tmp_path: Path, layout: str) -> None:
+    """The side is null until it is decided, and the assumed one, of which the angles are, returns from the file."""
+    hand = replace(any_hand(HAND, np.random.default_rng(0)), hand="left", side_confidence=0.75)
+    frame = TrackedFrame(
+        0, 0.0, (hand,), (LostHand(4, None, 0.0, "hidden"),), (RefusedPlace((1.0, 2.0, 700.0), "a cup"),)
+    )
+    track = written(tmp_path / f"a.{layout}", HAND, [frame])
+    (found,) = track.frames
+    assert (
+        found.hands[0].hand == "left" and found.hands[0].known_side is None and found.hands[0].side_confidence == 0.75
+    )
+    assert found.lost[0].hand is None and found.refused == frame.refused
+    assert '"hand": null' in (tmp_path / f"a.{layout}").read_text().replace('"hand":null', '"hand": null')

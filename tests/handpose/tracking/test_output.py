@@ -39,7 +39,8 @@ def track(model: CapsuleModel, estimator: Any, side: str = "right", size: float 
     fit: Any = SimpleNamespace(confidence=np.array([0.9]), error_mm=np.array([7.0]))
     seen = Estimate(SearchRegion(CENTER, side), center, np.zeros((128, 128), np.float32), fit, body)
     smooth = body._replace(place=body.place + (6, 0, 0))
-    return SimpleNamespace(id=4, size=size, best=SimpleNamespace(estimate=seen, smooth=smooth))
+    best = SimpleNamespace(estimate=seen, smooth=smooth)
+    return SimpleNamespace(id=4, size=size, best=best, hand=side, sides={side: best}, side_confidence=1.0, time=0.0)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

@@ -120,7 +120,7 @@ def test_the_same_again(shown: Take, predictor: Predictor) -> None:
     for one, other in zip(again(predictor, shown), shown.reported):
         assert one.lost == other.lost and len(one.hands) == len(other.hands)
         for own, same in zip(one.hands, other.hands):
-            for field in dataclasses.fields(TrackedHand):
+            for field in (field for field in dataclasses.fields(TrackedHand) if field.name != "other"):
                 np.testing.assert_array_equal(getattr(own, field.name), getattr(same, field.name))
 
 
