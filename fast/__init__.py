@@ -8,6 +8,7 @@
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
     columns, rows, winograd, depthwise
                   algorithms for convolutions, of which convolution.py chooses; geometry has what they share
+    map_pooling   pooling over any windows by running maxima and sums
     row_tiles, window_tiles, max_tiles
                   algorithms for convolution and pooling on tiles
     parallel, blas

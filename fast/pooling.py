@@ -1,40 +1,42 @@
-"""FastPooling: max pooling over adjacent square windows on tiles (max_tiles.py), as in the hand network.
+"""FastPooling: pooling by running maxima and sums (map_pooling.py), or on tiles (max_tiles.py).
 
-For a single window over the whole map it uses one argmax. Other options are computed by the plain layer.
+Tiles are for adjacent square windows of a blob that a convolution writes as tiles, as in the hand network. A window
+over the whole map is one reduction.
 """
 
 from __future__ import annotations
 
-import math
+import numpy as np
 
 from fast.fast_layer import FastLayer
+from fast.map_pooling import MaxOfMaps, MeanOfMaps, Windows
 from fast.max_tiles import MaxTiles
 from fast.tiles import pitch_of, tile_of
-from layers.vision.pooling import Pooling
-from netlib.blob import Blob, Blobs
+from layers.vision.pooling import NOTHING, Pooling
+from netlib.blob import Array, Blob, Blobs
 
 Layout = tuple[tuple[int, ...], int | None, int]  # shape, tile and pitch of a blob
 MAX_TILE = 15  # the index of a winner must fit in a byte
 
 
 class FastPooling(FastLayer, Pooling):
-    """Max pooling computed on tiles."""
+    """Pooling over any windows."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Read the options and select tiles or the plain layer."""
+        """Read the options; tiles fit adjacent square windows without a mask."""
         super().setup(bottom, top)
         k = self.kernel[0]
         side_by_side = self.kernel == self.stride == (k, k) and self.pad == (0, 0) and self.param.round_mode == "CEIL"
-        self.fits = self.is_max and len(top) == 1  # the plain layer writes a mask
         self.layout: list[Layout] = []
-        self.tile = k if self.fits and side_by_side and 1 < k <= MAX_TILE else None
+        self.tile = k if self.is_max and len(top) == 1 and side_by_side and 1 < k <= MAX_TILE else None
+        self.tiles: MaxTiles | None = None
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
-        """The size of a window, or None for the plain layer."""
+        """The size of a window, or None for other algorithms."""
         return self.tile
 
     def writes_tiles(self) -> bool:
-        """Whether the layer is computed on tiles; it writes tiles of any size."""
+        """Whether the layer can be computed on tiles; it then writes tiles of any size."""
         return self.tile is not None
 
     def reads_sparse(self) -> bool:
@@ -42,29 +44,72 @@ class FastPooling(FastLayer, Pooling):
         return self.tile is not None
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Reshape the top. The winners of the last pass are kept if the layout has not changed."""
+        """Reshape the tops and select an algorithm. The winners are kept if the layout has not changed."""
         super().reshape(bottom, top)
-        if self.tile and _layout(bottom[0], top[0]) != self.layout:
-            self.tiles = MaxTiles(self, self.tile, bottom[0], top[0])
-            self.layout = _layout(bottom[0], top[0])  # after MaxTiles has set the pitch of the top
+        x, y = bottom[0], top[0]
+        if _layout(x, y) == self.layout:
+            return
+        on_tiles = self.tile is not None and (tile_of(x) is not None or tile_of(y) is not None)
+        self.tiles = MaxTiles(self, self.tile, x, y) if on_tiles and self.tile else None
+        (_, _, H, W), (_, _, Ho, Wo) = x.shape, y.shape
+        (kh, kw), (sh, sw), (ph, pw) = self.kernel, self.stride, self.pad
+        self.over = Windows((H, W), (Ho, Wo), (kh, kw), (sh, sw), (ph, pw))
+        self.is_whole = self.kernel == (H, W) and (Ho, Wo) == (1, 1) and self.pad == (0, 0)
+        if self.is_max:
+            self.winners = np.empty(0 if on_tiles else y.shape, MaxOfMaps.winner_type(self.over))
+        else:
+            self.areas = self.area(x.shape, y.shape)
+        self.layout = _layout(x, y)  # after MaxTiles has set the pitch of the top
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Compute the maxima and the winners."""
-        if self.tile:
+        """Compute the maxima and the winners, or the means."""
+        if self.tiles is not None:
             self.tiles.forward(bottom[0], top[0])
-        elif self.fits and self.kernel == bottom[0].shape[2:] and self.pad == (0, 0):
-            flat = bottom[0].data.reshape(*bottom[0].shape[:2], math.prod(self.kernel))  # -1 fails for 0 items
-            self.winners = flat.argmax(axis=2)[..., None, None]
-            top[0].data[...] = flat.max(axis=2)[..., None, None]
+            return
+        x, y = bottom[0].data, top[0].data
+        if not self.is_max:
+            if self.is_whole:
+                np.matmul(_flat(x), np.ones(self.kernel[0] * self.kernel[1], x.dtype), out=y.reshape(-1))
+                y /= self.areas
+            else:
+                MeanOfMaps().forward(self.over, _maps(x), _maps(y), self.areas)
+            return
+        masks = len(top) > 1
+        wanted = self.needs_backward or masks
+        if self.is_whole:
+            if wanted:
+                self.winners = _flat(x).argmax(axis=1).reshape(y.shape)
+            np.maximum(_flat(x).max(axis=1), y.dtype.type(NOTHING), out=y.reshape(-1))
         else:
-            super().forward(bottom, top)
+            MaxOfMaps().forward(self.over, _maps(x), _maps(y), _maps(self.winners) if wanted else None)
+        for n in range(len(x) if masks else 0):
+            top[1].data[n] = np.where(y[n] == NOTHING, -1, self._index(n, x.shape[3]))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Write the gradient of each top value to its winner."""
-        if self.tile and propagate_down[0]:
+        """Write the gradient of each top value to its winner, or to all of its window."""
+        if not propagate_down[0]:
+            return
+        if self.tiles is not None:
             self.tiles.backward(top[0], bottom[0])
-        elif not self.tile:
-            super().backward(top, propagate_down, bottom)
+            return
+        dy, dx = top[0].diff, bottom[0].diff
+        if not self.is_max and self.is_whole:
+            dx[...] = dy / self.areas
+        elif not self.is_max:
+            MeanOfMaps().backward(self.over, _maps(dy), _maps(dx), self.areas)
+        else:
+            MaxOfMaps().backward(self.over, _maps(dy), _maps(self.winners), _maps(dx))
+
+
+def _maps(array: Array) -> Array:
+    """View (N, C, H, W) as N C maps."""
+    return array.reshape(array.shape[0] * array.shape[1], *array.shape[2:])
+
+
+def _flat(array: Array) -> Array:
+    """View (N, C, H, W) as N C rows."""
+    N, C, H, W = array.shape
+    return array.reshape(N * C, H * W)
 
 
 def _layout(*blobs: Blob) -> list[Layout]:

@@ -43,7 +43,7 @@ OPERATIONS = {  # weights of the choice
     "share": 1, "reshape": 2, "backward after reshape": 1,
 }  # fmt: skip
 
-# Kinds of layers, and weights of their choice. "strided" and "ave" have options that only the plain layer computes.
+# Kinds of layers, and weights of their choice.
 ELEMENTWISE = {"relu": "ReLU", "leaky": "ReLU", "tanh": "TanH", "sigmoid": "Sigmoid", "power": "Power",
                "scale": "Scale", "bnll": "BNLL", "dropout": "Dropout", "lrn": "LRN"}  # fmt: skip
 KINDS = dict.fromkeys(ELEMENTWISE, 1) | {

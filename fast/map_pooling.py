@@ -1,0 +1,248 @@
+"""MaxOfMaps and MeanOfMaps: pooling over any windows, for a block of maps at a time, by running maxima and sums.
+
+A map is one channel of one image. The maximum over a window is the maximum along the rows of the maxima along the
+columns. Along the rows, it is computed for all maps of the block in one vector, at every column and not only where a
+window starts: neighbours in memory are then combined with vector instructions, and the windows are copied from it.
+
+    v (n, Ho, Wp)   maximum or sum over the kh rows of each window, with padded columns
+    r (n Ho Wp)     maximum or sum of v over kw neighbours, of which every sw-th column is a window
+
+For backward, MAX needs the first maximum in row-major order. A later row of a column wins only if its value is greater,
+which leaves the first row of each column's maximum. Of the columns with the maximum of the window, the one with the
+first element wins: the elements of a window have ranks that decrease from kh kw to 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from fast import parallel
+from fast.parallel import scratch
+from layers.vision.pooling import NOTHING
+from netlib.blob import Array
+from netlib.system.memory import blocks
+
+BLOCK_BYTES = 128 << 10  # of the padded maps of a block; the arrays of a block together stay in the cache
+PART = 1 << 15  # values; starting a thread takes longer than pooling fewer
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Sizes of maps (H, W) and pooled maps (Ho, Wo), and kernel, stride and pad of the windows."""
+
+    sizes: tuple[int, int]
+    outputs: tuple[int, int]
+    kernel: tuple[int, int]
+    stride: tuple[int, int]
+    pad: tuple[int, int]
+
+    @property
+    def padded(self) -> tuple[int, int]:
+        """The size of a map with padding, including the parts of windows that extend beyond the padding."""
+        high, wide = (
+            max((o - 1) * s + k, p + n)
+            for n, o, k, s, p in zip(self.sizes, self.outputs, self.kernel, self.stride, self.pad)
+        )
+        return high, wide
+
+    @property
+    def inside(self) -> tuple[slice, slice]:
+        """The part of a padded map that is not padding."""
+        (top, left), (H, W) = self.pad, self.sizes
+        return slice(top, top + H), slice(left, left + W)
+
+    @property
+    def overlap(self) -> bool:
+        """Whether a value can be in several windows."""
+        return any(k > s for k, s in zip(self.kernel, self.stride))
+
+    def rows(self) -> Iterator[tuple[int, slice, slice]]:
+        """For each row of the kernel, the windows in which it is inside the map, and the rows of the map there."""
+        (H, _), (Ho, _), (kh, _), (s, _), (p, _) = self.sizes, self.outputs, self.kernel, self.stride, self.pad
+        for i in range(kh):
+            first = max(-(-(p - i) // s), 0)
+            end = min((H - 1 + p - i) // s + 1, Ho)
+            if end > first:
+                begin = first * s + i - p
+                yield i, slice(first, end), slice(begin, begin + (end - first - 1) * s + 1, s)
+
+    def columns(self) -> slice:
+        """The first columns of all windows in a padded map."""
+        return slice(0, (self.outputs[1] - 1) * self.stride[1] + 1, self.stride[1])
+
+    def run(self, maps: int, job: Callable[[slice], None]) -> None:
+        """Call ``job`` for all blocks of maps, on several threads if there are enough values."""
+        values = max(self.padded[0] * self.padded[1], 1)
+        size = max(1, BLOCK_BYTES // (4 * values))
+        block = blocks(maps, size)
+        if maps * values < 2 * PART:
+            for rows in block:
+                job(rows)
+        else:
+            parallel.run([partial(job, rows) for rows in block])
+
+
+def running(op: np.ufunc, values: Array, k: int, out: Array) -> None:
+    """Write ``op`` over k neighbours of a vector: out[i] = values[i] op ... op values[i + k - 1].
+
+    The last k - 1 elements of ``out`` become any values. A maximum takes log2(k) operations, on overlapping parts.
+    """
+    if k == 1:
+        out[...] = values
+        return
+    out[1 - k :] = values[1 - k :]
+    if op is np.maximum and k > 4:
+        op(values[:-1], values[1:], out=out[:-1])
+        done = 2
+        while done < k:
+            step = min(done, k - done)
+            op(out[:-step], out[step:], out=out[:-step])
+            done += step
+        return
+    last = len(values) - k + 1
+    op(values[:last], values[1 : last + 1], out=out[:last])
+    for j in range(2, k):
+        op(out[:last], values[j : last + j], out=out[:last])
+
+
+def _over_columns(w: Windows, op: np.ufunc, x: Array, empty: float) -> Array:
+    """The padded maxima or sums v (n, Ho, Wp) of maps x (n, H, W) over the rows of each window."""
+    v = scratch("pooled rows", (len(x), w.outputs[0], w.padded[1]), x.dtype)
+    left, right = w.inside[1].start, w.inside[1].stop
+    v[..., :left] = v[..., right:] = empty
+    part = v[..., left:right]
+    elements = list(w.rows())
+    whole = [(rows, own) for _, rows, own in elements if rows == slice(0, w.outputs[0])]
+    rest = [(rows, own) for _, rows, own in elements if rows != slice(0, w.outputs[0])]
+    if len(whole) > 1:
+        op(x[:, whole[0][1]], x[:, whole[1][1]], out=part)
+    elif whole:
+        part[...] = x[:, whole[0][1]]
+    else:
+        part[...] = empty
+    for rows, own in [*whole[2:], *rest]:
+        op(part[:, rows], x[:, own], out=part[:, rows])
+    return v
+
+
+def _over_rows(w: Windows, op: np.ufunc, v: Array) -> Array:
+    """The windows (n, Ho, Wo) of v (n, Ho, Wp), a view of working memory."""
+    out = scratch("pooled", v.shape, v.dtype)
+    running(op, v.reshape(-1), w.kernel[1], out.reshape(-1))
+    return out[..., w.columns()]
+
+
+class MaxOfMaps:
+    """Max pooling. Winners are indices in the window, in row-major order."""
+
+    @staticmethod
+    def winner_type(w: Windows) -> type[np.unsignedinteger]:
+        """The smallest type that holds all indices in a window."""
+        return np.uint8 if w.kernel[0] * w.kernel[1] < 256 else np.uint32
+
+    def forward(self, w: Windows, x: Array, y: Array, winners: Array | None) -> None:
+        """Write y (n, Ho, Wo), and the winners if given, from maps x (n, H, W)."""
+
+        def job(maps: slice) -> None:
+            if winners is None:
+                v = _over_columns(w, np.maximum, x[maps], -np.inf)
+                np.maximum(_over_rows(w, np.maximum, v), y.dtype.type(NOTHING), out=y[maps])
+            else:
+                self._with_winners(w, x[maps], y[maps], winners[maps])
+
+        w.run(len(x), job)
+
+    def _with_winners(self, w: Windows, x: Array, y: Array, winners: Array) -> None:
+        kw, count, kind = w.kernel[1], w.kernel[0] * w.kernel[1], winners.dtype.type
+        shape = (len(x), w.outputs[0], w.padded[1])
+        v, rank = scratch("pooled rows", shape, x.dtype), scratch("rank", shape, kind)
+        v.fill(-np.inf)
+        rank.fill(0)
+        part, row = v[..., w.inside[1]], rank[..., w.inside[1]]
+        for i, windows, own in w.rows():
+            value, best, best_row = x[:, own], part[:, windows], row[:, windows]
+            if i:
+                above, mark = scratch("above", value.shape, np.bool_), scratch("mark", value.shape, kind)
+                np.greater(value, best, out=above)
+                np.multiply(above, kind(i), out=mark)
+                np.maximum(best_row, mark, out=best_row)
+            np.maximum(best, value, out=best)
+        rank *= kind(kw)
+        np.subtract(kind(count), rank, out=rank)  # of the first column
+        best, first = scratch("pooled", shape, x.dtype), scratch("first", shape, kind)
+        values, ranks, highest = v.reshape(-1), rank.reshape(-1), first.reshape(-1)
+        running(np.maximum, values, kw, best.reshape(-1))
+        last = values.size - kw + 1
+        equal, mark = scratch("above", (last,), np.bool_), scratch("mark", (last,), kind)
+        for j in range(kw):
+            np.equal(values[j : last + j], best.reshape(-1)[:last], out=equal)
+            np.subtract(ranks[j : last + j], kind(j), out=mark)
+            mark *= equal
+            if j:
+                np.maximum(highest[:last], mark, out=highest[:last])
+            else:
+                highest[:last] = mark
+        np.subtract(kind(count), first[..., w.columns()], out=winners)
+        np.maximum(best[..., w.columns()], y.dtype.type(NOTHING), out=y)
+
+    def backward(self, w: Windows, dy: Array, winners: Array, dx: Array) -> None:
+        """Write dx (n, H, W): the gradient of each window is added to its winner."""
+        (high, wide), (Ho, Wo) = w.padded, w.outputs
+        i, j = np.divmod(np.arange(w.kernel[0] * w.kernel[1]), w.kernel[1])
+        in_window = i * wide + j
+        first = np.arange(Ho)[:, None] * (w.stride[0] * wide) + np.arange(Wo) * w.stride[1]
+
+        def job(maps: slice) -> None:
+            n = maps.stop - maps.start
+            index = scratch("index", (n, Ho, Wo), np.intp)
+            np.take(in_window, winners[maps], out=index, mode="clip")
+            index += first
+            index += (np.arange(n) * (high * wide))[:, None, None]
+            if w.overlap:
+                total = np.bincount(index.reshape(-1), dy[maps].reshape(-1), n * high * wide)
+            else:
+                total = scratch("pooled", (n * high * wide,), dx.dtype)
+                total.fill(0)
+                total[index.reshape(-1)] = dy[maps].reshape(-1)
+            dx[maps] = total.reshape(n, high, wide)[:, w.inside[0], w.inside[1]]
+
+        w.run(len(dx), job)
+
+
+class MeanOfMaps:
+    """Average pooling; ``area`` (Ho, Wo) holds the divisor of each window."""
+
+    def forward(self, w: Windows, x: Array, y: Array, area: Array) -> None:
+        """Write y (n, Ho, Wo) from maps x (n, H, W)."""
+
+        def job(maps: slice) -> None:
+            v = _over_columns(w, np.add, x[maps], 0)
+            with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
+                np.divide(_over_rows(w, np.add, v), area, out=y[maps])
+
+        w.run(len(x), job)
+
+    def backward(self, w: Windows, dy: Array, dx: Array, area: Array) -> None:
+        """Write dx (n, H, W): running sums of the gradients of all windows that start at a column."""
+        kw = w.kernel[1]
+        wide = w.padded[1] + kw - 1
+        starts = slice(kw - 1, kw - 1 + w.columns().stop, w.stride[1])
+        left, right = w.inside[1].start, w.inside[1].stop
+
+        def job(maps: slice) -> None:
+            shape = (maps.stop - maps.start, w.outputs[0], wide)
+            share, total = (scratch(key, shape, dx.dtype) for key in ("pooled rows", "pooled"))
+            share.fill(0)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                np.divide(dy[maps], area, out=share[..., starts])
+            running(np.add, share.reshape(-1), kw, total.reshape(-1))
+            below, gradient = total[..., left:right], dx[maps]
+            gradient.fill(0)
+            for _, windows, rows in w.rows():
+                gradient[:, rows] += below[:, windows]
+
+        w.run(len(dx), job)
