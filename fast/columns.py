@@ -136,20 +136,36 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
     n, C = x.shape[:2]
     if _in_place(g, slice(0, n)):
         return x[0, :, rows].reshape(C, -1)
-    by_channel, inside, padded_sizes = g.band(x.swapaxes(0, 1), rows)
+    by_channel, inside, sizes = g.band(x.swapaxes(0, 1), rows)
     shape = (C, *g.kernel, n, rows.stop - rows.start, *outputs[1:])
     columns = scratch("columns", shape, x.dtype)
-    padded = scratch("padded", (C, n, *padded_sizes), x.dtype) if any(g.pad) else by_channel
+    step = g.stride[-1] if g.kernel[-1] > g.stride[-1] else 1  # values of every column are adjacent in a split map
+    direct = step == 1 and not any(g.pad)
+    padded = scratch("padded", (C, n, *sizes[:-1], step, -(-sizes[-1] // step)), x.dtype)
 
     def job(c: slice) -> None:
-        if any(g.pad):
+        if not direct:
             padded[c] = 0
-            padded[at(c, inside)] = by_channel[c]
+            for phase, source, target in _split(inside[-1], step):
+                padded[at(c, inside[:-1])][..., phase, target] = by_channel[c, ..., source]
         for element, part in g.windows(slice(0, rows.stop - rows.start), outputs):
-            columns[(c,) + element] = padded[at(c, part)]
+            if direct:
+                columns[(c,) + element] = by_channel[at(c, part)]
+            else:
+                first, phase = divmod(part[-1].start, step)
+                last = slice(first, first + (outputs[-1] - 1) * (g.stride[-1] // step) + 1, g.stride[-1] // step)
+                columns[(c,) + element] = padded[at(c, part[:-1])][..., phase, last]
 
     run_parts(job, C, 1, columns.size * COPY)
     return columns.reshape(C * math.prod(g.kernel), -1)
+
+
+def _split(inside: slice, step: int) -> Iterator[tuple[int, slice, slice]]:
+    """For each remainder of a padded axis, the values of x and their places, if x is at ``inside``."""
+    for phase in range(step):
+        source = slice((phase - inside.start) % step, inside.stop - inside.start, step)
+        first = (inside.start + source.start) // step
+        yield phase, source, slice(first, first + len(range(source.start, source.stop, step)))
 
 
 def multiply(g: Geometry, w: Array, columns: Array, out: Array, o: slice) -> None:

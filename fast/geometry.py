@@ -41,6 +41,11 @@ class Geometry:
         return set(self.stride) | set(self.dilation) == {1}
 
     @property
+    def one_group(self) -> Geometry:
+        """The geometry of one of the groups."""
+        return Geometry(self.kernel, self.stride, self.pad, self.dilation, 1)
+
+    @property
     def turned(self) -> Geometry:
         """The geometry of the transpose of a convolution with stride 1: a convolution with the flipped kernel."""
         pad = tuple(d * (k - 1) - p for k, p, d in zip(self.kernel, self.pad, self.dilation))
@@ -97,6 +102,33 @@ class Algorithm(Protocol):
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
+
+
+class ByGroup:
+    """Runs an algorithm for one group on each of several groups."""
+
+    def __init__(self, algorithm: Algorithm) -> None:
+        self.algorithm = algorithm
+
+    def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
+        """Write y."""
+        for i, o in _channels(g, x, y):
+            self.algorithm.correlate(g.one_group, x[:, i], w[o], None if bias is None else bias[o], y[:, o])
+
+    def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
+        """Write dx."""
+        for i, o in _channels(g, dx, dy):
+            self.algorithm.transpose(g.one_group, dy[:, o], w[o], None if bias is None else bias[i], dx[:, i])
+
+    def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
+        """Add to dw."""
+        for i, o in _channels(g, x, dy):
+            self.algorithm.gradient(g.one_group, x[:, i], dy[:, o], dw[o])
+
+
+def _channels(g: Geometry, x: Array, y: Array) -> Iterator[tuple[slice, slice]]:
+    """The channels of x and of y of each group."""
+    return zip(blocks(x.shape[1], x.shape[1] // g.group), blocks(y.shape[1], y.shape[1] // g.group))
 
 
 def channel_parts(channels: int, group: int, cost: float) -> list[slice]:

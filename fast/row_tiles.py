@@ -36,7 +36,8 @@ class RowTiles:
     @staticmethod
     def fits(g: Geometry, w: tuple[int, ...]) -> bool:
         """Whether the convolution has these options, and so few numbers in a row of the kernel that tiles help."""
-        return len(g.kernel) == 2 and g.is_dense and not any(g.pad) and g.group == 1 and 2 <= w[1] * w[3] <= MAX_ROW
+        options = len(g.kernel) == 2 and g.is_dense and not any(g.pad) and g.group == 1
+        return options and max(g.kernel) > 1 and w[1] * w[3] <= MAX_ROW
 
     def tile(self, top_tile: int | None, w: tuple[int, ...]) -> int:
         """Return T: the tile of the top if it is tiled, else a heuristic for w (O, C, kh, kw).

@@ -42,8 +42,8 @@ from netlib.system.memory import blocks
 # Limits of a slice: the size of its largest blob, and its multiplications, so that its blobs stay in the cache. Smaller
 # slices need more calls, in which threads wait for each other.
 SLICE_BYTES = 16 << 20
-SLICE_COST = 200_000_000
-SPLITS = ((2, 16_000_000), (8, 90_000_000))  # number of slices for several threads, if each has so many multiplications
+SLICE_COST = 800_000_000
+SPLITS = ((2, 16_000_000), (4, 90_000_000))  # number of slices for several threads, if each has so many multiplications
 MAX_SLICE = 64
 LANES = 16
 LANE_BYTES = 64 << 20  # of the parameter gradients of all lanes
@@ -216,13 +216,14 @@ def _with_params(layer: Layer, params: Blobs) -> Layer:
 
 
 def _slice_size(items: int, item_bytes: int, item_cost: int) -> int:
-    """Items per slice: a power of two, so that products divide into equal parts; 32 images of the hand network."""
+    """Items per slice: nearly equal for an even number of slices; 32 images of the hand network."""
     wanted = min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1), SLICE_COST // max(item_cost, 1))
     size = 1 << (max(1, wanted).bit_length() - 1)
     for count, cost in SPLITS:
         while size > 1 and size * count > items and size // 2 * item_cost >= cost:
             size //= 2
-    return size
+    count = -(-items // size)
+    return size if count < 2 else -(-items // (count + count % 2))
 
 
 def _cost(at: Connection) -> int:

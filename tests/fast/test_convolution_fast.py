@@ -20,7 +20,8 @@ SMALL_BLOCKS = {"depthwise.FILTERED": 0, "depthwise.MAX_VALUES": 700, "rows.BLOC
                 "rows.MIN_ROWS": 2, "winograd.BLOCK_BYTES": 3000, "winograd.MIN_TILES": 6,
                 "columns.COLUMN_BYTES": 3000, "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1}  # fmt: skip
 USUAL = [
-    "num_output: 64 kernel_size: 3 pad: 1",
+    "num_output: 128 kernel_size: 3 pad: 1",
+    "num_output: 64 kernel_size: 5 pad: 2 group: 2",
     "num_output: 32 kernel_size: 5 pad: 2",
     "num_output: 64 kernel_size: 1",
     "num_output: 64 kernel_size: 3 group: 64",
@@ -143,12 +144,13 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("x_shape", "w_shape", "group", "names"),
     [
-        ((8, 64, 16, 16), (64, 64, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
+        ((8, 96, 16, 16), (96, 96, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
         ((8, 32, 16, 16), (32, 32, 5, 5), 1, ["Rows", "Rows", "Rows"]),
         ((8, 32, 16, 16), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
         ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
         ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
         ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "Columns"]),
+        ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["ByGroup", "ByGroup", "ByGroup"]),
     ],
 )
 def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]) -> None:
