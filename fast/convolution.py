@@ -40,9 +40,9 @@ class Sizes:
     windows: tuple[int, ...]
 
     @property
-    def is_simple(self) -> bool:
-        """Whether this is a sum over images with stride 1 and dilation 1."""
-        return len(self.sizes) == 2 and self.geometry.is_dense
+    def is_undilated(self) -> bool:
+        """Whether this is a sum over images without dilation."""
+        return len(self.sizes) == 2 and set(self.geometry.dilation) == {1}
 
     @property
     def turned(self) -> Sizes:
@@ -58,12 +58,13 @@ def is_depthwise(s: Sizes) -> bool:
 def is_wide_3x3(s: Sizes) -> bool:
     """3 x 3, with so many channels and tiles that the transforms take little time. Up to 1.6 times as fast."""
     channels = s.inputs * s.outputs >= 36 * (s.inputs + s.outputs)
-    return s.is_simple and s.geometry.kernel == (3, 3) and channels and s.images * math.prod(s.windows) >= 500
+    dense = s.geometry.is_dense and s.geometry.kernel == (3, 3)
+    return dense and channels and s.images * math.prod(s.windows) >= 500
 
 
 def has_few_outputs(s: Sizes) -> bool:
     """Few outputs, so that copying takes as long as the product, and long rows. Up to twice as fast."""
-    if not s.is_simple or math.prod(s.geometry.kernel) == 1:
+    if not s.is_undilated or not all(k > n for k, n in zip(s.geometry.kernel, s.geometry.stride)):
         return False
     length, weights = s.images * s.windows[-1], s.inputs * math.prod(s.geometry.kernel) * s.outputs
     return 8 <= s.outputs <= 96 and length >= (16 if weights <= 60_000 else 64)

@@ -1,11 +1,12 @@
-r"""Rows: convolution with stride 1 by one product per row of outputs, with less copying than im2col.
+r"""Rows: convolution of images by one product per row of outputs, with less copying than im2col.
 
 Im2col copies each value of x kh * kw times. Here it is copied only kw times, to X[h, j, c, n, w] = x[n, c, h, w + j].
 The kh rows of X for a row of outputs are contiguous, so all right factors are one strided view of X:
 
     Y[h] (O, n Wo)  =  w (O, kh kw C) @ X[h : h + kh] (kh kw C, n Wo)
 
-The gradient of x is a convolution of dy with the flipped kernel, the gradient of w the sum of dY[h] Xᵀ over the rows.
+With a stride, X has every second column, for example, and Y[h] starts at every second row. The gradient of x, with
+stride 1, is a convolution of dy with the flipped kernel, the gradient of w the sum of dY[h] Xᵀ over the rows.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ COPY = 16  # multiplications that take as long as copying a value
 
 
 class Rows:
-    """The algorithm for images, stride 1 without dilation and groups, and few outputs."""
+    """The algorithm for images without dilation and groups, and few outputs."""
 
     def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
         """Write y."""
@@ -82,24 +83,26 @@ def _gradient(X: Array, dy: Array, total: Array) -> None:
 def stacked(g: Geometry, x: Array, rows: slice, width: int) -> Array:
     """X of x (n, C, H, W) for these rows of outputs, as the view (rows, kh kw C, n Wo)."""
     n, C, H, W = x.shape
-    (kh, kw), (top, left), R = g.kernel, g.pad, rows.stop - rows.start
-    X = scratch("columns", (R + kh - 1, kw, C, n, width), x.dtype)
-    low, high = max(rows.start - top, 0), max(min(rows.stop + kh - 1 - top, H), 0)
-    above, below = min(low + top - rows.start, len(X)), max(high + top - rows.start, 0)
+    (kh, kw), (top, left), (down, right), R = g.kernel, g.pad, g.stride, rows.stop - rows.start
+    X = scratch("columns", ((R - 1) * down + kh, kw, C, n, width), x.dtype)
+    start = rows.start * down - top
+    low, high = max(start, 0), max(min(start + len(X), H), 0)
+    above, below = min(low - start, len(X)), max(high - start, 0)
 
     def job(c: slice) -> None:
         X[:above, :, c] = X[below:, :, c] = 0
         source = x[:, c, low:high].transpose(2, 1, 0, 3)
         for j in range(kw):
-            first, end = min(max(left - j, 0), width), max(min(W + left - j, width), 0)
-            target = X[above:below, j, c]
+            first, end = (min(max(-(-edge // right), 0), width) for edge in (left - j, W + left - j))
+            target, column = X[above:below, j, c], first * right + j - left
             target[..., :first] = target[..., end:] = 0
-            target[..., first:end] = source[..., first + j - left : end + j - left]
+            if end > first:
+                target[..., first:end] = source[..., column : column + (end - first - 1) * right + 1 : right]
 
     run_parts(job, C, 1, X.size * COPY)
     item, length = X.itemsize, n * width
     shape, row = (R, kh * kw * C, length), kw * C * length
-    return np.ndarray(shape, X.dtype, X, 0, (row * item, length * item, item))
+    return np.ndarray(shape, X.dtype, X, 0, (down * row * item, length * item, item))
 
 
 def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
@@ -109,6 +112,6 @@ def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[s
     count = -(-N // min(-(-LENGTH // Wo), N)) if N else 0
     for images in blocks(N, -(-N // max(count, 1)) or 1):
         row = g.kernel[1] * C * (images.stop - images.start) * Wo * x.itemsize
-        bands = -(-Ho // max(BLOCK_BYTES // row - g.kernel[0] + 1, MIN_ROWS))
+        bands = -(-Ho // max((BLOCK_BYTES // row - g.kernel[0]) // g.stride[0] + 1, MIN_ROWS))
         for rows in blocks(Ho, -(-Ho // bands)):
             yield images, rows
