@@ -48,7 +48,7 @@ class SlicedExecutor(Executor):
         self._watched: list[FastBlob] = []
         self._kept: dict[int, tuple[Blob, Array]] = {}  # id -> blob that a caller accessed, its data in forward
         self._kept_back: dict[int, Halves] = {}  # id -> data and diff in the last backward
-        self._planned_for: list[tuple[bool, tuple[int, ...]]] = []
+        self._planned_for: list[tuple[bool, bool, tuple[int, ...]]] = []
         self._plan()
 
     def _plan(self, old: Sequence[WholeStep | SlicedStep] = ()) -> None:
@@ -72,10 +72,10 @@ class SlicedExecutor(Executor):
             assert isinstance(blob, FastBlob)
             blob.on_look = partial(_look, weakref.ref(self), blob)
 
-    def _item_shapes(self) -> list[tuple[bool, tuple[int, ...]]]:
-        """Values that determine a plan: for each blob, whether it has as many items as the first, and their shape."""
+    def _item_shapes(self) -> list[tuple[bool, bool, tuple[int, ...]]]:
+        """What determines a plan: for each blob, whether it has as many items as the first, or one, and its shape."""
         blobs = [blob for at in self.connections for blob in [*at.bottom, *at.top]]
-        return [(blob.shape[:1] == blobs[0].shape[:1], blob.shape[1:]) for blob in blobs]
+        return [(blob.shape[:1] == blobs[0].shape[:1], blob.shape[:1] == (1,), blob.shape[1:]) for blob in blobs]
 
     def hidden(self) -> list[Blob]:
         """Blobs that are not stored for the whole batch."""

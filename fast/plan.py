@@ -104,7 +104,10 @@ def _runs_for(row: list[Connection], users: Mapping[int, int], stored: Callable[
     if all(traits_of(at.layer).elementwise for at in row):  # slices are not faster; includes the empty row
         return [whole(at) for at in [*row, *rest]]
     order = _pool_first(row, hidden)
-    return [Run(row, order, hidden, _agree_on_tiles(order, hidden), sliced=True), *map(whole, rest)]
+    tiles = _agree_on_tiles(order, hidden)
+    if row[0].bottom[0].shape[0] == 1 and not tiles:  # one slice saves no memory and copies the parameters
+        return [whole(at) for at in [*row, *rest]]
+    return [Run(row, order, hidden, tiles, sliced=True), *map(whole, rest)]
 
 
 def _end_of_run(row: list[Connection], users: Mapping[int, int], stored: Callable[[Blob], bool]) -> int:
