@@ -10,7 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from netlib.blob import Blob
+from netlib.blob import Blobs
+
+
+class Connected(Protocol):
+    """A layer's bottom and top blobs."""
+
+    bottom: Blobs
+    top: Blobs
 
 
 class Clearable(Protocol):
@@ -21,33 +28,31 @@ class Clearable(Protocol):
 
 
 class ForwardRecord:
-    """Records which layers of a net have run forwards with the current shapes.
+    """Records which layers of a net have run forwards with the current shapes of their blobs."""
 
-    ``count`` is the number of layers; ``outside`` are the blobs whose shapes a caller can change.
-    """
-
-    def __init__(self, count: int, outside: Sequence[Blob]) -> None:
-        self._has_run, self._outside = [False] * count, outside
-        self._shapes = self._now()
+    def __init__(self, connections: Sequence[Connected]) -> None:
+        self._connections = connections
+        self._has_run = [False] * len(connections)
+        self._shapes = [_shapes_of(at) for at in connections]  # when the layer ran, or was reshaped
 
     def note(self, first: int, last: int | None) -> None:
         """Record that the layers from ``first`` up to but not including ``last`` have run."""
-        if self.is_outdated():
-            self.forget()
         self._has_run[first:last] = [True] * len(self._has_run[first:last])
+        self._shapes[first:last] = [_shapes_of(at) for at in self._connections[first:last]]
 
-    def forget(self) -> None:
-        """Record that no layer has run with the current shapes."""
-        self._has_run = [False] * len(self._has_run)
-        self._shapes = self._now()
+    def note_reshape(self) -> None:
+        """Record that the net was reshaped: layers with new shapes have not run."""
+        now = [_shapes_of(at) for at in self._connections]
+        self._has_run = [ran and old == new for ran, old, new in zip(self._has_run, self._shapes, now)]
+        self._shapes = now
 
-    def is_outdated(self) -> bool:
-        """Whether a caller has changed a shape without a reshape of the net."""
-        return self._shapes != self._now()
+    def is_outdated(self, first: int, last: int | None) -> bool:
+        """Whether a blob of these layers has another shape than when they ran or were reshaped."""
+        return self._shapes[first:last] != [_shapes_of(at) for at in self._connections[first:last]]
 
     def is_complete(self, first: int, last: int | None) -> bool:
         """Whether all these layers have run with the current shapes."""
-        return all(self._has_run[first:last]) and not self.is_outdated()
+        return all(self._has_run[first:last]) and not self.is_outdated(first, last)
 
     def clear_missing(self, steps: Sequence[Clearable], first: int, last: int | None) -> None:
         """Clear those of the steps, one per layer, that have not run."""
@@ -55,5 +60,6 @@ class ForwardRecord:
             if not has_run:
                 step.clear()
 
-    def _now(self) -> list[tuple[int, ...]]:
-        return [blob.shape for blob in self._outside]
+
+def _shapes_of(at: Connected) -> list[tuple[int, ...]]:
+    return [blob.shape for blob in (*at.bottom, *at.top)]

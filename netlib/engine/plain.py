@@ -78,7 +78,7 @@ class Executor:
         self.one_thread = OneThread(name)
         self._fits = False  # whether the check for memory has passed
         self._outside = list(outside)
-        self.record = ForwardRecord(len(self.connections), self._outside)
+        self.record = ForwardRecord(self.connections)
         self.steps: Sequence[Step] = [Step(at) for at in connections]
 
     def forward(self, first: int = 0, last: int | None = None) -> None:
@@ -101,7 +101,7 @@ class Executor:
         """Run the layers from ``first`` up to but not including ``last`` backwards; adds to parameter diffs."""
         with self.one_thread, np.errstate(all="ignore"):
             if not self.record.is_complete(first, last):
-                if self.record.is_outdated():
+                if self.record.is_outdated(first, last):
                     self.reshape()
                 self.record.clear_missing(self.steps, first, last)
             for step in reversed(self.steps[first:last]):
@@ -135,8 +135,7 @@ class Executor:
             for at in self.connections:
                 guarded(at.layer, "reshape", at.bottom, at.top)
             changed = before != self._all_shapes()
-        if changed or self.record.is_outdated():
-            self.record.forget()
+        self.record.note_reshape()
         return changed
 
     def _all_shapes(self) -> list[tuple[int, ...]]:

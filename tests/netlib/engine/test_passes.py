@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -93,6 +94,35 @@ def test_a_middle_blob_is_set_and_the_rest_runs() -> None:
     np.testing.assert_allclose(dx, [[2] * 3] * 2)
 
 
+def test_a_pass_layer_by_layer_is_complete() -> None:
+    """Layers that run one by one with new shapes have all run, so that nothing is cleared."""
+    text = (
+        X + LINEAR % ("a", "x", "y", 1) + layer("Dropout", bottom='bottom: "y"', top="r") + LINEAR % ("b", "r", "z", 1)
+    )
+    net = net_of(text)
+    net.forward()
+    net.blobs["x"].reshape(6, 3)
+    net.blobs["x"].data[...] = 1
+    for name in net.layer_dict:
+        net.forward(start=name, end=name)
+    assert net.backward(z=np.ones((6, 2)))["x"].shape == (6, 3)
+    np.testing.assert_array_equal(net.blobs["y"].diff != 0, net.blobs["r"].data != 0)
+    assert net.blobs["y"].diff.any()
+
+
+def test_a_part_with_new_shapes_keeps_what_it_stored() -> None:
+    """After a part of a pass with a new batch size, a full backward reshapes the rest and keeps the part's masks."""
+    text = X + layer("Dropout", top="r") + LINEAR % ("b", "r", "z", 1)
+    net = net_of(text)
+    net.forward()
+    net.blobs["x"].reshape(6, 3)
+    net.blobs["x"].data[...] = 1
+    net.forward(end="k")
+    mask = net.blobs["r"].data.copy()
+    net.reshape()
+    np.testing.assert_allclose(net.backward(z=np.ones((6, 2)))["x"], 2 * mask)
+
+
 # Layer that stores something in forward -> its gradient before the first forward for dy = 1; x = 1 in every place.
 STORED = {
     "BNLL": (X + layer("BNLL"), 1 / (1 + np.exp(-1))),  # Caffe's backward reads x
@@ -137,6 +167,23 @@ def test_a_forward_pass_gives_the_usual_gradient_again() -> None:
         net.forward(x=x)
     np.testing.assert_array_equal(one.backward(z=np.ones((2, 2)))["x"], two.backward(z=np.ones((2, 2)))["x"])
     np.testing.assert_array_equal(one.params["b"][0].diff, two.params["b"][0].diff)
+
+
+def test_a_python_layer_that_stores_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A layer of type Python runs backwards first; its forward is not called."""
+    (tmp_path / "tripled.py").write_text(
+        "import caffe\n"
+        "class Tripled(caffe.Layer):\n"
+        "    def setup(self, bottom, top): pass\n"
+        "    def reshape(self, bottom, top): top[0].reshape(*bottom[0].data.shape)\n"
+        "    def forward(self, bottom, top): raise RuntimeError\n"
+        "    def backward(self, top, propagate_down, bottom): bottom[0].diff[...] = 3 * top[0].diff\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    net = net_of(X + layer("Python", 'python_param { module: "tripled" layer: "Tripled" }'))
+    net.blobs["y"].diff[...] = 7
+    net.backward()
+    assert (net.blobs["x"].diff == 21).all()
 
 
 def test_a_solver_trains_as_usual_after_a_backward_pass() -> None:
