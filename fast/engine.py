@@ -16,20 +16,29 @@ from numpy.typing import DTypeLike
 from fast import parallel
 from fast.augment import FastHandAugment
 from fast.convolution import FastConvolution, FastDeconvolution
+from fast.eltwise import FastEltwise
 from fast.executor import SlicedExecutor
 from fast.hdf5_data import FastHDF5Data
 from fast.inner_product import FastInnerProduct
 from fast.kinematics import FastHandModel, FastKinematics, FastSizedHandModel
+from fast.lrn import FastLRN
+from fast.per_channel import FastBatchNorm, FastBias, FastPReLU, FastScale
 from fast.pooling import FastPooling
 from fast.relu import FastReLU
 from fast.tiles import FastBlob
+from layers.activation.bias import Bias
+from layers.activation.prelu import PReLU
 from layers.activation.relu import ReLU
+from layers.activation.scale import Scale
+from layers.common.eltwise import Eltwise
 from layers.common.inner_product import InnerProduct
 from layers.data.hdf5_data import HDF5Data
 from layers.hand.augment import HandAugment
 from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import Kinematics
 from layers.hand.sized_hand_model import SizedHandModel
+from layers.normalization.batch_norm import BatchNorm
+from layers.normalization.lrn import LRN
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
 from layers.vision.pooling import Pooling
@@ -42,15 +51,21 @@ LARGE = 1 << 20  # bytes; larger copies take longer than starting jobs on thread
 COPIES = 16  # parts of a large copy, and so the maximum number of threads that share it
 
 FAST_CLASSES: dict[type, type] = {
+    BatchNorm: FastBatchNorm,
+    Bias: FastBias,
     Convolution: FastConvolution,
     Deconvolution: FastDeconvolution,
+    Eltwise: FastEltwise,
     HandAugment: FastHandAugment,
     HandModel: FastHandModel,
     HDF5Data: FastHDF5Data,
     InnerProduct: FastInnerProduct,
     Kinematics: FastKinematics,
+    LRN: FastLRN,
+    PReLU: FastPReLU,
     Pooling: FastPooling,
     ReLU: FastReLU,
+    Scale: FastScale,
     SizedHandModel: FastSizedHandModel,
 }
 

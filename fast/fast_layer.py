@@ -6,6 +6,7 @@ import copy
 import threading
 from typing import Any
 
+import numpy as np
 from numpy.typing import DTypeLike
 
 from fast.parallel import buffer_of
@@ -26,10 +27,22 @@ class FastLayer(Layer):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._buffers = threading.local()
+        self._kept: dict[str, Array] = {}
 
     def buffer(self, key: str, shape: tuple[int, ...], dtype: DTypeLike | None = None) -> Array:
         """Working memory of the calling thread: initially zeros, later the values of its last use."""
         return buffer_of(self._buffers, key, shape, dtype or self.dtype)
+
+    def kept(self, key: str, like: Array) -> Array:
+        """Memory of this layer for values that backward reads, with the shape and type of ``like``."""
+        found = self._kept.get(key)
+        if found is None or found.shape != like.shape:
+            found = self._kept[key] = np.empty_like(like)
+        return found
+
+    def forget(self) -> None:
+        """Release the memory of ``kept``; a copy of a layer must not share that of the original."""
+        self._kept = {}
 
     # Layers that support tiles (tiles.py) override these methods.
 

@@ -87,7 +87,7 @@ class Windows:
 
 
 def running(op: np.ufunc, values: Array, k: int, out: Array) -> None:
-    """Write ``op`` over k neighbours of a vector: out[i] = values[i] op ... op values[i + k - 1].
+    """Write ``op`` over k neighbours along the first axis: out[i] = values[i] op ... op values[i + k - 1].
 
     The last k - 1 elements of ``out`` become any values. A maximum takes log2(k) operations, on overlapping parts.
     """
@@ -134,6 +134,11 @@ def _over_rows(w: Windows, op: np.ufunc, v: Array) -> Array:
     out = scratch("pooled", v.shape, v.dtype)
     running(op, v.reshape(-1), w.kernel[1], out.reshape(-1))
     return out[..., w.columns()]
+
+
+def window_sums(w: Windows, x: Array) -> Array:
+    """The sums (n, Ho, Wo) of maps x (n, H, W) over all windows, a view of working memory."""
+    return _over_rows(w, np.add, _over_columns(w, np.add, x, 0))
 
 
 class MaxOfMaps:
@@ -220,9 +225,8 @@ class MeanOfMaps:
         """Write y (n, Ho, Wo) from maps x (n, H, W)."""
 
         def job(maps: slice) -> None:
-            v = _over_columns(w, np.add, x[maps], 0)
             with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
-                np.divide(_over_rows(w, np.add, v), area, out=y[maps])
+                np.divide(window_sums(w, x[maps]), area, out=y[maps])
 
         w.run(len(x), job)
 

@@ -208,6 +208,8 @@ def _with_params(layer: Layer, params: Blobs) -> Layer:
     """Copy a layer for one slice of a batch, with the same options and the given parameters."""
     other = copy.copy(layer)
     other.blobs = params
+    if isinstance(other, FastLayer):
+        other.forget()
     of_layer = {id(param): of_lane for param, of_lane in zip(layer.blobs, params)}
     for name, value in vars(layer).items():  # self.weight, self.bias
         if id(value) in of_layer:

@@ -10,11 +10,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fast.fast_layer import FastLayer
+from layers.activation.bias import Bias
 from layers.activation.power import Power
+from layers.activation.prelu import PReLU
 from layers.activation.relu import ReLU
+from layers.activation.scale import Scale
 from layers.activation.sigmoid import Sigmoid
 from layers.activation.tanh import TanH
+from layers.common.concat import Concat
+from layers.common.dropout import Dropout
+from layers.common.eltwise import Eltwise
+from layers.common.softmax import Softmax
 from layers.common.split import Split
+from layers.normalization.batch_norm import BatchNorm
+from layers.normalization.lrn import LRN
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
 from layers.vision.im2col import Im2col
@@ -63,15 +72,60 @@ def _pooling(layer: Pooling) -> LayerTraits:
     )
 
 
+def _axis(layer: Layer) -> int:
+    """The first axis of a layer, 0 before its first reshape."""
+    return int(getattr(layer, "axis", 0))
+
+
+def _scale(layer: Scale) -> LayerTraits:
+    own = layer.learned and (_axis(layer) > 0 or layer.gain.shape == ())  # a second bottom may have no items
+    return LayerTraits(batchwise=own, reads_top=False)
+
+
+def _bias(layer: Bias) -> LayerTraits:
+    own = layer.learned and (layer.bias.shape == () or 0 in getattr(layer, "others", ()))
+    return LayerTraits(batchwise=own, reads_bottom=False, reads_top=False)
+
+
+def _batch_norm(layer: BatchNorm) -> LayerTraits:
+    return LayerTraits(batchwise=layer.uses_sums, reads_bottom=False, reads_top=False)
+
+
+def _eltwise(layer: Eltwise) -> LayerTraits:
+    product = layer.param.operation == "PROD"
+    return LayerTraits(batchwise=True, reads_bottom=product, reads_top=layer.reads_top)
+
+
+def _concat(layer: Concat) -> LayerTraits:
+    return LayerTraits(batchwise=_axis(layer) > 0, reads_bottom=False, reads_top=False)
+
+
+def _softmax(layer: Softmax) -> LayerTraits:
+    return LayerTraits(batchwise=_axis(layer) > 0, reads_bottom=False)
+
+
+def _dropout(layer: Dropout) -> LayerTraits:
+    return LayerTraits(batchwise=not layer.active, reads_bottom=False, reads_top=False)
+
+
 # Traits of a layer type, or a function of the layer if they depend on its options.
 TABLE: dict[type[Layer], LayerTraits | Callable[..., LayerTraits]] = {
+    BatchNorm: _batch_norm,
+    Bias: _bias,
+    Concat: _concat,
     Convolution: _convolution,
     Deconvolution: _convolution,
+    Dropout: _dropout,
+    Eltwise: _eltwise,
     Im2col: _im2col,
+    LRN: LayerTraits(batchwise=True, reads_top=False),
+    PReLU: LayerTraits(batchwise=True, reads_top=False),
     Pooling: _pooling,
     Power: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
     ReLU: _relu,
+    Scale: _scale,
     Sigmoid: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
+    Softmax: _softmax,
     Split: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False, reads_top=False),
     TanH: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
 }

@@ -45,7 +45,8 @@ OPERATIONS = {  # weights of the choice
 
 # Kinds of layers, and weights of their choice.
 ELEMENTWISE = {"relu": "ReLU", "leaky": "ReLU", "tanh": "TanH", "sigmoid": "Sigmoid", "power": "Power",
-               "scale": "Scale", "bnll": "BNLL", "dropout": "Dropout", "lrn": "LRN"}  # fmt: skip
+               "scale": "Scale", "bnll": "BNLL", "dropout": "Dropout", "lrn": "LRN", "norm": "BatchNorm",
+               "prelu": "PReLU", "bias": "Bias", "softmax": "Softmax"}  # fmt: skip
 KINDS = dict.fromkeys(ELEMENTWISE, 1) | {
     "relu": 5, "power": 2, "conv": 5, "two bottoms": 1, "shared": 1, "strided": 1, "max": 4, "ave": 1, "eltwise": 1,
     "concat": 1, "product": 1,
