@@ -1,7 +1,7 @@
 """FastConvolution and FastDeconvolution: each chooses algorithms for the shapes of its blobs.
 
 For each of the sums y, dx and dw (geometry.py), the first algorithm in ALGORITHMS that is the fastest for the sizes is
-used. Its condition says for which sizes it is, as measured by itself with one thread; geometry.py explains the sums.
+used. Its condition says for which sizes it is, as measured alone with one thread; geometry.py explains the sums.
 Convolutions without padding next to poolings may be computed on tiles instead (row_tiles.py, window_tiles.py), and
 without a spatial axis by the plain layer.
 
@@ -56,7 +56,7 @@ def is_depthwise(s: Sizes) -> bool:
 
 
 def is_wide_3x3(s: Sizes) -> bool:
-    """3 x 3, with so many channels and tiles that the transforms take little time. Up to 1.6 times as fast."""
+    """3 x 3, with enough channels and tiles to make the time of the transforms small. Up to 1.6 times as fast."""
     channels = s.inputs * s.outputs >= 36 * (s.inputs + s.outputs)
     dense = s.geometry.is_dense and s.geometry.kernel == (3, 3)
     return dense and channels and s.images * math.prod(s.windows) >= 500

@@ -46,7 +46,7 @@ class GestureReader:
     def read(self, id: int, hand: Side, xyz: Array, time: float, frames: HandFrames | None = None) -> Gesture:
         """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s.
 
-        Raises DataError for times of a hand that descend, and for joints that are no hand (``hand_frames``).
+        Raises DataError for times of a hand that descend, and for joints that form no hand (``hand_frames``).
         frames  the hand's directions, if they are computed already
         """
         before = self._states.get(id)

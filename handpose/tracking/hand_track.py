@@ -27,7 +27,7 @@ COMPARE = 0.1  # s between comparisons of the sides, until the side is decided
 # The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
 # has the right sign in 64% to 100% of the frames, and the mean of the first second always.
 MAX_RATIO = 0.5  # maximum contribution of one frame
-MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6  # s of comparisons: at least, at most; at least so many
+MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6  # s of comparisons: at least, at most; minimum number
 CLEAR = 0.1  # mean ratio that decides before the maximum
 SIDE_SLOPE = 8.0  # of the log-odds of the more likely side by the mean ratio
 MAX_SIDE_CONFIDENCE = 0.99  # of a side that is not decided
