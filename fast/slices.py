@@ -43,7 +43,7 @@ from netlib.system.memory import blocks
 # slices need more calls, in which threads wait for each other.
 SLICE_BYTES = 16 << 20
 SLICE_COST = 800_000_000
-SPLITS = ((2, 16_000_000), (4, 90_000_000))  # number of slices for several threads, if each has this number of multiplications
+SPLITS = ((2, 16_000_000), (4, 90_000_000))  # number of slices for several threads, each with this many multiplications
 MAX_SLICE = 64
 LANES = 16
 LANE_BYTES = 64 << 20  # of the parameter gradients of all lanes
