@@ -40,18 +40,17 @@ tools.begin(__name__)
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.drawing.tracks import Painter
 from handpose.facts.sides import SOUGHT_SIDES
 from handpose.prediction.packaged import load_predictor
-from handpose.sources.inspection import Inspection, inspect
+from handpose.sources.inspection import inspect
 from handpose.sources.recording import Recording
-from handpose.track_files.track import TrackedFrame, TrackHeader
+from handpose.track_files.track import TrackedFrame
 from handpose.tracking import sizing
 from handpose.tracking.lookahead import Lookahead
 from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import MAX_HANDS, Tracker
 from netlib.errors import DataError
-from tools.common import findings, outputs
+from tools.common import findings
 from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
 from tools.common.console import DONE, aligned, errors_of, guarded, say
 from tools.common.progress import ProgressBar
@@ -86,9 +85,9 @@ def run(args: argparse.Namespace) -> int:
         refuse_inputs(args, recording)
         seen = inspect(recording)
         print_inspection(seen, talk)
-        if args.look is not None:
-            return _draw_first(args, seen)
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine)
+        if args.look is not None:
+            return findings.draw_first(seen, predictor, args.look)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args))
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
@@ -143,22 +142,6 @@ def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextI
         print(aligned(rows), file=talk)
     for name in outputs.written:
         say(f"wrote {name}", file=talk)
-
-
-def _draw_first(args: argparse.Namespace, seen: Inspection) -> int:
-    """Draw the first hand in the first frames; if there is none, draw the first frame, which may show why."""
-    predictor = load_predictor(seen.camera, fit=args.fit, hand=args.hand, engine=args.engine)
-    for frame in seen.frames:
-        try:
-            found = predictor.in_frame(frame.depth)
-        except DataError:
-            continue
-        findings.draw(Path(args.look), found, predictor)
-        say(f"frame {frame.number}: {findings.in_words(found, predictor)}; figure {args.look}")
-        return DONE
-    first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
-    outputs.write_image(args.look, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ())))
-    raise DataError(f"{seen.name}: no hand in the first {len(seen.frames)} frames; {args.look} shows the first one")
 
 
 def _size(text: str) -> float:

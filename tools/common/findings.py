@@ -12,6 +12,7 @@ import numpy as np
 from handpose.drawing import hands, strokes, surface
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content, hand
+from handpose.drawing.tracks import Painter
 from handpose.facts.sides import as_right
 from handpose.joint_formats.formats import FORMATS, FormatName
 from handpose.joint_formats.frames import hand_frames
@@ -19,11 +20,15 @@ from handpose.prediction.nets import hand_inputs
 from handpose.prediction.prediction import Prediction, percent
 from handpose.prediction.predictor import Predictor
 from handpose.sequences.gestures import poses
+from handpose.sources.inspection import Inspection
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.track_files import angles, csv_file, joint_values
+from handpose.track_files.track import TrackedFrame, TrackHeader
 from netlib.blob import Array
+from netlib.errors import DataError
 from netlib.files import atomic
 from tools.common import outputs
+from tools.common.console import DONE, say
 
 
 def values(found: Prediction, predictor: Predictor, joints: FormatName | None) -> dict[str, Any]:
@@ -158,3 +163,21 @@ def _on_page(image: str, found: Prediction, predictor: Predictor) -> dict[str, A
     words = in_words(found, predictor).partition(";")[0]
     return hand(Path(image).name, words, inputs, camera=found.camera, center_uvd=found.center_uvd,
                 cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness, side=found.hand)  # fmt: skip
+
+
+def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
+    """Draw the first hand in the first frames; returns the exit status.
+
+    If there is none, the first frame is drawn, which may show why, and DataError is raised.
+    """
+    for frame in seen.frames:
+        try:
+            found = predictor.in_frame(frame.depth)
+        except DataError:
+            continue
+        draw(Path(picture), found, predictor)
+        say(f"frame {frame.number}: {in_words(found, predictor)}; figure {picture}")
+        return DONE
+    first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
+    outputs.write_image(picture, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ())))
+    raise DataError(f"{seen.name}: no hand in the first {len(seen.frames)} frames; {picture} shows the first one")
