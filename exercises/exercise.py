@@ -8,6 +8,7 @@ mistakes on the same inputs until one reproduces the result of the reader's part
 from __future__ import annotations
 
 import contextlib
+import functools
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,8 +28,8 @@ class Case:
     """One computation by a part.
 
     title      description of the inputs
-    run        computes the results with the part
-    wanted     computes the expected results; takes the part, for finite differences of its forward
+    run        computes the results with a part
+    wanted     computes the expected results
     source     where the expected results come from, for messages: "Caffe has"
     axes       names of the axes of each result, for the index in a message
     tolerance  relative to the largest value of the same array, or to 1 if that is larger; 0: bit for bit
@@ -37,11 +38,17 @@ class Case:
 
     title: str
     run: Callable[[Part], Values]
-    wanted: Callable[[Part], Values]
+    wanted: Callable[[], Values]
     source: str
     axes: Mapping[str, Sequence[str]]
     tolerance: float
     method: str = ""
+
+    @functools.cached_property
+    def expected(self) -> Values:
+        """The expected results."""
+        with unwarned():
+            return self.wanted()
 
 
 @dataclass(frozen=True)
@@ -157,9 +164,11 @@ def agree(got: Array, wanted: Array, tolerance: float) -> Array:
     return np.asarray(near | (got == wanted))
 
 
-def first_difference(case: Case, got: Values, wanted: Values) -> Difference | None:
-    """Return the first result that differs, in the order of ``wanted``, with the index of its first wrong element."""
-    for name, right in wanted.items():
+def first_difference(case: Case, got: Values) -> Difference | None:
+    """Return the first result that differs, in the order of the expected ones, with the index of its first wrong
+    element.
+    """
+    for name, right in case.expected.items():
         right, mine = np.asarray(right, np.float64), np.asarray(got[name], np.float64)
         if mine.shape != right.shape:
             return Difference(case, name, None, mine, right)

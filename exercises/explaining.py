@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 import numpy as np
 
-from exercises.exercise import Case, Difference, Exercise, Part, Values, agree, first_difference, unwarned
+from exercises.exercise import (
+    Case,
+    Difference,
+    Exercise,
+    Mistake,
+    Remedy,
+    Values,
+    agree,
+    first_difference,
+    unwarned,
+)
+from exercises.runner import Runner, results
 from netlib.blob import Array
 
 T = TypeVar("T")
@@ -17,10 +29,10 @@ FACTORS = 1e-5  # tolerance of a constant factor or offset
 COARSE = {"float16": 2e-3, "float32": 3e-6}  # relative error after rounding to the type
 
 
-def sentences(exercise: Exercise, part: Part, found: Difference) -> Iterator[str]:
+def sentences(exercise: Exercise, runner: Runner, found: Difference) -> Iterator[str]:
     """Yield what differs, then the likely reason."""
     yield _what_differs(found)
-    yield advice(exercise, part, found) or _unsteady(part, found) or _pattern(found) or NO_IDEA
+    yield advice(exercise, runner, found) or _unsteady(runner, found) or _pattern(found) or NO_IDEA
     if where := where_wrong(found):
         yield where
     if found.index is not None and 1 < found.got.size <= SMALL:
@@ -55,7 +67,7 @@ def _distinct(a: float, b: float) -> tuple[str, str]:
     return pair
 
 
-def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
+def advice(exercise: Exercise, runner: Runner, found: Difference) -> str | None:
     """Return the advice of the known mistake that reproduces the reader's results; None if there is none.
 
     The mistake must be correct where the reader's part is, and wrong in the same way elsewhere, in every case of the
@@ -63,16 +75,20 @@ def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
     that gives the same results in half of the wrong cases is reported as a similar one.
     """
     for remedy in exercise.remedies:
-        if remedy.looks_like(found.got) and _passes(found.case, part, remedy.cured):
+        if remedy.looks_like(found.got) and _is_cured(found.case, runner, remedy):
             return remedy.advice
-    like = [m for m in exercise.mistakes if _same(found, _run(found.case, m.part) or {})]
+    like = [m for m in exercise.mistakes if _same(found, _by_mistake(found.case, m) or {})]
     if not like:
         return None
     step = next(check.cases for check in exercise.checks if found.case in check.cases)
-    right = [case for case in step if _passes(case, part)]
-    wrong = [other for case in step if case not in right and (other := _difference(case, part))]
-    like = [m for m in like if all(_passes(case, m.part) for case in right)]
-    shares = {m: np.mean([_same(other, _run(other.case, m.part) or {}) for other in wrong]) for m in like}
+    mine = {case: _run(case, runner) for case in step}
+    differences = {case: _difference(case, values) for case, values in mine.items() if values is not None}
+    right = [case for case, difference in differences.items() if difference is None]
+    wrong = [difference for difference in differences.values() if difference]
+    if not wrong:  # the results change from call to call
+        return None
+    like = [m for m in like if all(_mistake_passes(case, m) for case in right)]
+    shares = {m: np.mean([_same(other, _by_mistake(other.case, m) or {}) for other in wrong]) for m in like}
     whole = [m for m in like if shares[m] == 1]
     if not whole:
         half = [m for m in like if shares[m] >= 0.5]
@@ -80,29 +96,40 @@ def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
     like = whole
     if len(like) == 1:
         return like[0].advice
-    cases = [case for check in exercise.checks for case in check.cases]
-    mine = {case: _run(case, part) or {} for case in cases}
-    return max(like, key=lambda m: sum(_alike(c, mine[c], _run(c, m.part) or {}) for c in cases)).advice
+    mine |= {case: _run(case, runner) for check in exercise.checks for case in check.cases if case not in mine}
+
+    def agreement(mistake: Mistake) -> int:
+        return sum(_alike(case, values or {}, _by_mistake(case, mistake) or {}) for case, values in mine.items())
+
+    return max(like, key=agreement).advice
 
 
-def _difference(case: Case, part: Part) -> Difference | None:
-    """Return the first difference of a case; None if there is none or the part raises."""
-    return tried(lambda: first_difference(case, case.run(part), case.wanted(part)))
+def _run(case: Case, runner: Runner) -> Values | None:
+    """Return the results of the reader's part, None if it raises."""
+    return tried(lambda: results(runner, case))
 
 
-def _passes(case: Case, part: Part, changed: Callable[[Part], Part] = lambda part: part) -> bool:
-    """Return whether a case passes with ``changed(part)``."""
-
-    def passes() -> bool:
-        made = changed(part)
-        return first_difference(case, case.run(made), case.wanted(made)) is None
-
-    return bool(tried(passes))
+def _difference(case: Case, values: Values) -> Difference | None:
+    """Return the first difference of results; None if there is none."""
+    return tried(lambda: first_difference(case, values))
 
 
-def _run(case: Case, part: Part) -> Values | None:
-    """Return the results of a part, None if it raises."""
-    return tried(lambda: case.run(part))
+def _is_cured(case: Case, runner: Runner, remedy: Remedy) -> bool:
+    """Return whether a case passes with a remedy."""
+    return bool(tried(lambda: first_difference(case, results(runner, case, remedy)) is None))
+
+
+@functools.cache
+def _by_mistake(case: Case, mistake: Mistake) -> Values | None:
+    """Return the results of a known mistake, None if it raises."""
+    return tried(lambda: case.run(mistake.part))
+
+
+@functools.cache
+def _mistake_passes(case: Case, mistake: Mistake) -> bool:
+    """Return whether a known mistake makes no difference in a case."""
+    values = _by_mistake(case, mistake)
+    return values is not None and bool(tried(lambda: first_difference(case, values) is None))
 
 
 def tried(compute: Callable[[], T]) -> T | None:
@@ -110,9 +137,7 @@ def tried(compute: Callable[[], T]) -> T | None:
     try:
         with unwarned():
             return compute()
-    except KeyboardInterrupt:
-        raise
-    except BaseException:  # including SystemExit and the reader's own exceptions
+    except Exception:
         return None
 
 
@@ -175,9 +200,10 @@ def _along(letter: str, wrong: Array, k: int, size: int) -> str | None:
     return f"with {letter} in {', '.join(map(str, at))}" if len(at) <= size // 2 else None
 
 
-def _unsteady(part: Part, found: Difference) -> str | None:
+def _unsteady(runner: Runner, found: Difference) -> str | None:
     """Return advice if the result changes from call to call."""
-    if _same(found, _run(found.case, part) or {}):
+    again = _run(found.case, runner)
+    if again is None or _same(found, again):
         return None
     return (
         "The value changes from call to call. Draw a layer's random numbers from self.rng, whose state a resume "

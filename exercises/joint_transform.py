@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from exercises import hand, recorded
-from exercises.exercise import Case, Check, Exercise, Mistake, Part, Progress, Values, advice_of
+from exercises.exercise import Case, Check, Exercise, Mistake, Progress, Values, advice_of
 from layers.hand import kinematics as source
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Motion
@@ -65,10 +65,10 @@ REFERENCE = Transform(Kinematics, source.rotation)
 
 
 def _case(title: str, run: Callable[[Transform], Values], method: str = "forward") -> Case:
-    return Case(title, run, lambda part: run(REFERENCE), "expected", AXES, 1e-12, method)
+    return Case(title, run, lambda: run(REFERENCE), "expected", AXES, 1e-12, method)
 
 
-def _caffes(part: Part) -> Values:
+def _caffes() -> Values:
     top = recorded.everything()["hand_model/top_f64"]
     return {"joints": top.reshape(len(top), -1, 3)}
 

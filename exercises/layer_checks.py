@@ -40,8 +40,8 @@ def checks(
         def gradient(part: Part, example: Example = example) -> Values:
             return {name: g.analytic for name, g in gradients_of(part, type_name, example, letters)}
 
-        def differences(part: Part, example: Example = example) -> Values:
-            return {name: g.differences() for name, g in gradients_of(part, type_name, example, letters)}
+        def differences(example: Example = example) -> Values:
+            return {name: g.differences() for name, g in gradients_of(reference, type_name, example, letters)}
 
         shapes.append(Case(example.title, shape, _by(shape, reference), "expected", axes, 0, shaped_by))
         values.append(
@@ -84,11 +84,11 @@ def checks(
 
 
 def _by(run: Any, reference: Part) -> Any:
-    return lambda part: run(reference)
+    return lambda: run(reference)
 
 
 def _given(values: Values) -> Any:
-    return lambda part: values
+    return lambda: values
 
 
 def _as_recorded(name: str, example: Example) -> Example:

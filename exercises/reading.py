@@ -5,9 +5,11 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,25 +19,59 @@ from netlib import files
 from netlib.errors import NetlibError, reason_of
 from netlib.files.paths import load_module
 
+MAX_BYTES = 1 << 20  # of a reader's file
+MAX_TEXT = 500  # characters of an exception's text
+
 
 class ExerciseError(NetlibError):
     """Raised if a reader's file cannot be checked."""
 
 
-class ReadersFile:
-    """The file with the reader's solution of an exercise. Raises ExerciseError if it cannot be loaded.
+@dataclass(frozen=True)
+class Outline:
+    """What a reader's file defines.
 
     path    as given by the user
     lines   maps a function or ``Class.method`` to its line
     to_do   maps those not yet written to the line that raises NotImplementedError
     needed  the names in to_do that are required or used
-    part    the solution
+    """
+
+    path: Path
+    lines: Mapping[str, int]
+    to_do: Mapping[str, int]
+    needed: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An exception in a part.
+
+    text          the exception on one line
+    where         ``file:line`` and the source line of the reader's code that raised it, if any did
+    function      the qualified name of the reader's function that is not yet written and raised it, if any did
+    is_unwritten  whether it says that a function is not yet written
+    assigns       whether it was raised by an assignment to an attribute that can only be written into
+    """
+
+    text: str
+    where: str | None = None
+    function: str | None = None
+    is_unwritten: bool = False
+    assigns: bool = False
+
+
+class ReadersFile:
+    """The file with the reader's solution of an exercise. Raises ExerciseError if it cannot be loaded.
+
+    outline  what it defines
+    part     the solution
     """
 
     def __init__(self, exercise: Exercise, path: Path) -> None:
         self.path = path
         self._whole = path.resolve()  # resolved now: the reader's code may change the working directory
-        text = files.read_text(path, f"the exercise {exercise.name}", ExerciseError)
+        text = files.read_text(path, f"the exercise {exercise.name}", ExerciseError, limit=MAX_BYTES)
         if path.suffix != ".py":
             raise ExerciseError(f"{path}: expected a Python module (.py)")
         try:
@@ -45,9 +81,9 @@ class ReadersFile:
             raise ExerciseError(f"{path}:{error.lineno or 1}: {error.msg}") from error
         except (ValueError, RecursionError, MemoryError) as error:  # ValueError: a NUL character
             raise ExerciseError(f"{path}: {reason_of(error)}") from error
-        self.lines = {name: node.lineno for name, node in functions(tree)}
-        self.to_do = {name: line for name, node in functions(tree) if (line := _raises_not_implemented(node))}
-        self.needed = {name for name in self.to_do if name in exercise.names or _is_used(name, tree)}
+        to_do = {name: line for name, node in functions(tree) if (line := _raises_not_implemented(node))}
+        needed = frozenset(name for name in to_do if name in exercise.names or _is_used(name, tree))
+        self.outline = Outline(path, {name: node.lineno for name, node in functions(tree)}, to_do, needed)
         module = self._load(exercise)
         missing = [name for name in exercise.names if not _has(module, name)]
         if missing:
@@ -76,7 +112,8 @@ class ReadersFile:
         """Raise ExerciseError if the base classes or the parameters differ from the reference."""
         source = importlib.import_module(exercise.file.removesuffix(".py").replace("/", "."))
         for whole in exercise.names:
-            place = f"{self.path}:{self.lines[whole]}" if whole in self.lines else str(self.path)
+            lines = self.outline.lines
+            place = f"{self.path}:{lines[whole]}" if whole in lines else str(self.path)
             name = whole.split(".")[0]
             reference, mine = getattr(source, name), getattr(module, name)
             if isinstance(reference, type) and not (isinstance(mine, type) and issubclass(mine, reference.__bases__)):
@@ -97,15 +134,34 @@ class ReadersFile:
         """Return the qualified name of the reader's unwritten function that raised an error; None if none did."""
         mine = str(self._whole)
         names = [frame.name for frame in traceback.extract_tb(error.__traceback__) if frame.filename == mine]
-        return next((full for full in self.to_do if names and full.split(".")[-1] == names[-1]), None)
+        return next((full for full in self.outline.to_do if names and full.split(".")[-1] == names[-1]), None)
+
+
+def failure_of(error: BaseException, reader: ReadersFile | None) -> Failure:
+    """Describe an exception that a part raised."""
+    causes = [error] if error.__cause__ is None else [error, error.__cause__]
+    where = next((where for cause in causes if (where := reader.where(cause))), None) if reader else None
+    text = _text(error)
+    return Failure(
+        text=text if text and isinstance(error, NetlibError) else describe(error),
+        where=where,
+        function=reader.function_at(error) if reader else None,
+        is_unwritten=isinstance(error, NotImplementedError),
+        assigns=isinstance(error, AttributeError) and bool(re.search("no setter|can't set", text)),
+    )
+
+
+def _text(error: BaseException) -> str:
+    """Return the first line of an exception's text."""
+    try:
+        return str(error).strip().split("\n")[0][:MAX_TEXT]
+    except Exception:  # the reader's exception may fail in __str__
+        return ""
 
 
 def describe(error: BaseException) -> str:
     """Format an exception on one line."""
-    try:
-        text = str(error).strip().split("\n")[0]
-    except Exception:  # the reader's exception may fail in __str__
-        text = ""
+    text = _text(error)
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -88,14 +87,13 @@ def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case
         with solvers() as make, interrupted(part, make, BEFORE) as solver:
             return _found(solver)
 
-    @functools.cache
     def uninterrupted() -> Values:
         with solvers() as make:
             solver = make(1)
             solver.step(BEFORE)
             return _found(solver)
 
-    return Case(title, run, lambda part: uninterrupted(), "the uninterrupted run has", AXES, 0, "restore_state")
+    return Case(title, run, uninterrupted, "the uninterrupted run has", AXES, 0, "restore_state")
 
 
 def _rows(folder: Path) -> str:

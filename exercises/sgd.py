@@ -85,12 +85,12 @@ def _by_hand(title: str, momentum: float, *rates: float, decay: float = 0.0) -> 
     def run(part: Part) -> Values:
         return followed(part, momentum, rates, decay)
 
-    return Case(title, run, lambda part: run(REFERENCE), "the reference rule has", AXES, 1e-12, "_sgd")
+    return Case(title, run, lambda: run(REFERENCE), "the reference rule has", AXES, 1e-12, "_sgd")
 
 
 def _by_caffe(name: str) -> Case:
     wanted = {t: recorded.everything()[f"training/{name}/{layer}/{i}"] for t, (layer, i) in WEIGHTS.items()}
-    return Case(TRAININGS[name], lambda part: caffes_training(part, name), lambda part: wanted, "Caffe has", AXES, 1e-5,
+    return Case(TRAININGS[name], lambda part: caffes_training(part, name), lambda: wanted, "Caffe has", AXES, 1e-5,
                 "_sgd")  # fmt: skip
 
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 from exercises.exercise import Exercise
-from exercises.reading import ExerciseError
+from exercises.reading import MAX_BYTES, ExerciseError
 from handpose.data.json_fields import parsed
 from netlib import files
 from netlib.errors import NetlibError
@@ -41,26 +42,39 @@ def to_check(exercise: Exercise) -> Path:
     raise ExerciseError(f"{here}: not found; run {command('exercise')} {exercise.name} --start to create it")
 
 
-def mark(exercise: Exercise, passed: dict[str, str]) -> str:
-    """Return a tick if the solution has passed, a dot if it has not or was changed since, a space if there is none."""
-    if not exists(place(exercise)):
-        return " "
-    return "✓" if passed.get(exercise.name) == _checksum(exercise) else "·"
+def mark(exercise: Exercise, passed: dict[str, Any]) -> str:
+    """Return a tick if the solution has passed, a dot if it has not or was changed since, a space if there is none.
+
+    Something other than a regular file is no solution.
+    """
+    try:
+        same = passed.get(exercise.name) == checksum(exercise, place(exercise))
+    except ExerciseError:
+        return "·" if _is_file(place(exercise)) else " "
+    return "✓" if same else "·"
 
 
-def note(exercise: Exercise) -> None:
-    """Record that the solution has passed."""
-    atomic.replace_text(PASSED, json.dumps(passed() | {exercise.name: _checksum(exercise)}, indent=1) + "\n")
+def note(exercise: Exercise, checksum: str) -> None:
+    """Record that the solution with this checksum has passed. Raises OSError."""
+    atomic.replace_text(PASSED, json.dumps(passed() | {exercise.name: checksum}, indent=1) + "\n")
 
 
-def passed() -> dict[str, str]:
+def passed() -> dict[str, Any]:
     """Return the checksums by exercise; empty if the file is missing or unreadable."""
     try:
-        found = parsed(files.read_text(PASSED, "the list of exercises"), str(PASSED))
+        found = parsed(files.read_text(PASSED, "the list of exercises", limit=MAX_BYTES), str(PASSED))
     except NetlibError:
         return {}
     return found if isinstance(found, dict) else {}
 
 
-def _checksum(exercise: Exercise) -> str:
-    return hashlib.sha256(place(exercise).read_bytes()).hexdigest()
+def checksum(exercise: Exercise, path: Path) -> str:
+    """Return the checksum of a solution. Raises ExerciseError if it cannot be read."""
+    return hashlib.sha256(files.read_bytes(path, f"the exercise {exercise.name}", ExerciseError, MAX_BYTES)).hexdigest()
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:
+        return False

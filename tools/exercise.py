@@ -7,7 +7,7 @@
     python tools/exercise.py relu
 
 The first command lists the exercises and marks those solved. --start writes relu.py into the working folder: the
-project's file without the bodies to implement; with --bare also without formulas. --bug writes relu_bug.py, the
+project's file without the bodies to implement; with --bare also without formulas. --bug writes relu_bug1.py, the
 project's file with a mistake to find. The last command checks relu.py: shapes, values against Caffe's, the gradient
 against central differences, and the paper's network with it. The first difference is explained. The file is executed,
 in a separate process.
@@ -33,7 +33,7 @@ from exercises.exercise import Exercise
 from exercises.reading import ExerciseError
 from exercises.stubs import bugs, stub
 from exercises.table import EXERCISES
-from netlib.errors import did_you_mean
+from netlib.errors import did_you_mean, reason_of
 from netlib.files.paths import command
 from tools.common.arguments import MAX_COUNT, count, parser_of, seconds, whole
 from tools.common.console import DONE, FAILED, guarded, say
@@ -47,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--start", action="store_true", help="write the stub NAME.py into the working folder")
     parser.add_argument("--bare", action="store_true", help="with --start: omit formulas and hints")
     parser.add_argument("--bug", type=count, metavar="N",
-                        help="write NAME_bug.py, the project's file with the Nth mistake to find")  # fmt: skip
+                        help="write NAME_bugN.py, the project's file with the Nth mistake to find")  # fmt: skip
     parser.add_argument("--file", metavar="FILE",
                         help="file to check (default: NAME.py here, else in docs/exercises)")  # fmt: skip
     parser.add_argument("--iterations", type=whole(0, MAX_COUNT), default=20, metavar="N",
@@ -63,7 +63,7 @@ def main(argv: list[str] | None = None) -> int:
     if args.bare and not args.start:
         parser.error("--bare needs --start")
     if args.bug and (args.start or args.file is not None):
-        parser.error("--bug writes NAME_bug.py; use --file to check it")
+        parser.error("--bug writes NAME_bugN.py; use --file to check it")
     if args.start and args.file is not None:
         parser.error("--start writes NAME.py; use --file to check it")
     return guarded(run, args)
@@ -94,7 +94,7 @@ def show_all() -> int:
 
 def plant(exercise: Exercise, number: int) -> int:
     """Write a file with a bug. Raises ExerciseError if the bug does not exist or the file exists."""
-    files, path = bugs(exercise), Path(f"{exercise.name}_bug.py")
+    files, path = bugs(exercise), Path(f"{exercise.name}_bug{number}.py")
     if not 1 <= number <= len(files):
         raise ExerciseError(f"{exercise.name} has bugs 1 to {len(files)}, found {number}")
     solutions.write_new(path, files[number - 1])
@@ -115,21 +115,27 @@ def start(exercise: Exercise, *, bare: bool = False) -> int:
 def check(exercise: Exercise, path: Path, iterations: int, limit_s: float, python_layers: bool) -> int:
     """Run the checks and print each. Raises ExerciseError."""
     say(f"{exercise.title} ({path})")
-    passed = False
+    passed, checksum = False, solutions.checksum(exercise, path)  # before its code runs, which could change the file
     with contextlib.ExitStack() as stack:
-        bar = None
-        for result in process.checked(exercise, path, iterations, limit_s, python_layers):
-            if isinstance(result, Step):
-                stack.close()  # removes the bar before the last line
-                print_step(result)
-                passed = result.passed
-                continue
-            bar = bar or stack.enter_context(ProgressBar(iterations, "iterations", "training"))
-            bar(result)
+        bars: list[ProgressBar] = []
+
+        def progress(count: int) -> None:
+            if not bars:
+                bars.append(stack.enter_context(ProgressBar(iterations, "iterations", "training")))
+            bars[0](count)
+
+        for step in process.checked(exercise, path, iterations, limit_s, python_layers, progress):
+            stack.close()  # removes the bar before the last line
+            print_step(step)
+            passed = step.passed
     if not passed:
         return FAILED
     if path == solutions.place(exercise):
-        solutions.note(exercise)
+        try:
+            solutions.note(exercise, checksum)
+        except OSError as error:
+            say(f"{solutions.PASSED}: cannot be written, so the list will not show this: {reason_of(error)}",
+                file=sys.stderr)  # fmt: skip
     say(f"Everything is correct. For comparison, the project's file: {exercise.file}")
     return DONE
 

@@ -98,9 +98,15 @@ def read_pieces(
             raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
 
 
-def read_text(path: str | Path, what: str, kind: type[NetlibError] = DataError, errors: str = "strict") -> str:
+def read_text(
+    path: str | Path,
+    what: str,
+    kind: type[NetlibError] = DataError,
+    errors: str = "strict",
+    limit: int = MAX_TEXT_BYTES,
+) -> str:
     """Text of a UTF-8 file without byte order mark, with line breaks converted to ``\\n``. Raises ``kind``."""
-    content = read_bytes(path, what, kind, MAX_TEXT_BYTES)
+    content = read_bytes(path, what, kind, limit)
     try:
         text = content.decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:

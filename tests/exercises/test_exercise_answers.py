@@ -12,6 +12,7 @@ from exercises import network
 from exercises.checking import Step, in_network, steps
 from exercises.exercise import Exercise, Mistake
 from exercises.reading import ReadersFile
+from exercises.runner import LocalRunner
 from exercises.table import EXERCISES
 from layers import LAYER_TYPES
 from netlib.blob import Blobs
@@ -34,9 +35,10 @@ def last_step(exercise: Exercise, part: Any, iterations: int = 0, reader: Reader
 
 def all_steps(exercise: Exercise, part: Any, iterations: int, reader: ReadersFile | None = None) -> list[Step]:
     """Return the steps up to the one that fails; with iterations=0 the network's step is left out."""
-    made = list(steps(exercise, part, reader))
+    runner = LocalRunner(exercise, part, reader)
+    made = list(steps(exercise, runner))
     if made[-1].passed and iterations:
-        made.append(in_network(exercise, part, iterations, reader))
+        made.append(in_network(exercise, runner, iterations))
     return made
 
 
@@ -64,18 +66,18 @@ def test_the_advice_is_short_and_never_the_same(exercise: Exercise) -> None:
 def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise) -> None:
     """The report of a stub names the file in docs/exercises, the function to write first and its line."""
     reader = ReadersFile(exercise, ROOT / "docs" / "exercises" / f"{exercise.name}.py")
-    assert set(reader.to_do) == set(exercise.to_do)
+    assert set(reader.outline.to_do) == set(exercise.to_do)
     step = last_step(exercise, reader.part, ITERATIONS, reader)
     assert not step.passed
     name, _, rest = step.lines[0].partition(" is not written yet: ")
-    assert rest == f"{reader.path}:{reader.to_do[name]} (raise NotImplementedError)"
+    assert rest == f"{reader.path}:{reader.outline.to_do[name]} (raise NotImplementedError)"
 
 
 @exercises
 def test_our_own_source_passes(exercise: Exercise) -> None:
     """The project's source passes all steps, loaded like a reader's file; this includes the paper's network."""
     reader = ReadersFile(exercise, ROOT / exercise.file)
-    assert not reader.to_do
+    assert not reader.outline.to_do
     assert reader.part is not exercise.reference
     before = dict(LAYER_TYPES), dict(RULES)
     made = all_steps(exercise, reader.part, 20 if exercise.name == "relu" else ITERATIONS, reader)

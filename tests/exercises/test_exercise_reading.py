@@ -10,6 +10,7 @@ import pytest
 
 from exercises.checking import first_step, steps
 from exercises.reading import ExerciseError, ReadersFile
+from exercises.runner import LocalRunner
 from exercises.stubs import stub
 from exercises.table import EXERCISES
 
@@ -42,7 +43,7 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 def failed(path: Path) -> list[str]:
     """Return the message of the step that fails."""
     reader = ReadersFile(RELU, path)
-    *_, step = steps(RELU, reader.part, reader)
+    *_, step = steps(RELU, LocalRunner(RELU, reader.part, reader))
     assert not step.passed
     return list(step.lines)
 
@@ -52,8 +53,8 @@ def test_a_solution_is_read(write: Write, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     path = write()
     reader = ReadersFile(RELU, path)
-    assert all(step.passed for step in steps(RELU, reader.part, reader))
-    assert first_step(RELU, reader).lines == ()
+    assert all(step.passed for step in steps(RELU, LocalRunner(RELU, reader.part, reader)))
+    assert first_step(RELU, reader.outline).lines == ()
     assert [p.name for p in Path().iterdir()] == ["relu.py"]
     assert not sys.dont_write_bytecode
 
@@ -62,7 +63,7 @@ def test_a_file_that_was_changed_is_read_again(write: Write) -> None:
     """A changed file is read again at once."""
     assert failed(write(forward="top[0].data[...] = bottom[0].data"))
     reader = ReadersFile(RELU, write())
-    assert all(step.passed for step in steps(RELU, reader.part, reader))
+    assert all(step.passed for step in steps(RELU, LocalRunner(RELU, reader.part, reader)))
 
 
 def test_one_method_after_the_other(write: Write) -> None:
@@ -70,8 +71,8 @@ def test_one_method_after_the_other(write: Write) -> None:
     path = write(backward=None)
     line = path.read_text().splitlines().index("        raise NotImplementedError") + 1
     reader = ReadersFile(RELU, path)
-    assert first_step(RELU, reader).lines == (f"not yet written: ReLU.backward (line {line})",)
-    made = list(steps(RELU, reader.part, reader))
+    assert first_step(RELU, reader.outline).lines == (f"not yet written: ReLU.backward (line {line})",)
+    made = list(steps(RELU, LocalRunner(RELU, reader.part, reader)))
     assert [step.passed for step in made] == [True, True, False]
     assert made[-1].lines == (f"ReLU.backward is not written yet: relu.py:{line} (raise NotImplementedError)",)
 
@@ -79,8 +80,8 @@ def test_one_method_after_the_other(write: Write) -> None:
 def test_what_nothing_asks_for_need_not_be_written() -> None:
     """A function that the solution does not call, such as im2col, may stay unwritten."""
     reader = ReadersFile(EXERCISES["convolution"], Path(__file__).parents[2] / "docs/exercises/convolution.py")
-    assert "Convolution.im2col" in reader.to_do
-    assert reader.needed == {"Convolution._outputs", "Convolution.forward", "Convolution.backward"}
+    assert "Convolution.im2col" in reader.outline.to_do
+    assert reader.outline.needed == {"Convolution._outputs", "Convolution.forward", "Convolution.backward"}
 
 
 def test_an_error_in_the_code_is_told_with_its_line(write: Write) -> None:
@@ -178,7 +179,7 @@ def test_other_names_and_more_arguments_will_do(write: Write) -> None:
     path.write_text(text.replace("backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:",
                                  "backward(self, *all):\n        top, _, bottom = all"))  # fmt: skip
     reader = ReadersFile(RELU, path)
-    assert all(step.passed for step in steps(RELU, reader.part, reader))
+    assert all(step.passed for step in steps(RELU, LocalRunner(RELU, reader.part, reader)))
 
 
 @pytest.mark.parametrize(
