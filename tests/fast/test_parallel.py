@@ -26,7 +26,7 @@ def test_every_job_is_done_once(threads: int, count: int) -> None:
 def test_two_threads_work_at_the_same_time() -> None:
     """Two jobs that wait for each other both end."""
     netlib.set_threads(2)
-    both = threading.Barrier(2, timeout=30)
+    both = threading.Barrier(2, timeout=60)
     parallel.run([both.wait, both.wait])
 
 

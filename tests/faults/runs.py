@@ -40,7 +40,7 @@ from tests.faults.readers import digest
 
 # ---------------------------------------------------------------------------------------------- the runs
 
-LONGEST_S = 120  # time limit of a child
+LONGEST_S = 600  # time limit of a child
 FOREIGN = ".foreign_iter_5.caffemodel.h5.4194305.tmp"  # of an impossible process id: must not be removed
 
 
@@ -412,6 +412,24 @@ def expect_good(status: int, answer: Any, what: str) -> None:
 
 
 # ---------------------------------------------------------------------------------------------- children and events
+
+
+class Event:
+    """An event for one process to wait for and a forked one to set, or the other way round; made before the fork."""
+
+    def __init__(self) -> None:
+        self._readable, self._writable = os.pipe()
+
+    def set(self) -> None:
+        """Set the event."""
+        os.close(self._readable)
+        os.close(self._writable)
+
+    def wait(self) -> None:
+        """Wait until the other process has set the event, or has ended."""
+        os.close(self._writable)
+        os.read(self._readable, 1)
+        os.close(self._readable)
 
 
 def forked(

@@ -34,7 +34,10 @@ def case(name: str, seed: int, number: int) -> Outcome:
     with readers._copied(before.folder):
         if where == "a random moment":
             wait = random.Random(f"{name} {number} {seed}").uniform(0, 0.1)
-            status, answer = runs.forked(lambda: _train(_tell_begun), lambda child: _send(child, wanted, wait))
+            begun = runs.Event()
+            status, answer = runs.forked(
+                lambda: _train(lambda: _at_first_forward(begun.set)), lambda child: _send(child, wanted, begun, wait)
+            )
         else:
             arm = _at_forward if where == "a forward" else _at_event
             status, answer = runs.forked(lambda: _train(lambda: arm(number + 1, wanted)))
@@ -89,22 +92,19 @@ def _at_forward(number: int, wanted: signal.Signals) -> None:
     Net.run_forward = counted  # type: ignore[method-assign]
 
 
-def _tell_begun() -> None:
-    """Write a file at the first forward, so that the parent can detect that the signal handlers are installed."""
+def _at_first_forward(call: Callable[[], None]) -> None:
+    """Call a function at the first forward, when the signal handlers are installed."""
     forward = Net.run_forward
 
     def told(net: Net) -> float:
-        Path("begun").touch()
+        call()
         Net.run_forward = forward  # type: ignore[method-assign]
         return forward(net)
 
     Net.run_forward = told  # type: ignore[method-assign]
 
 
-def _send(child: int, wanted: signal.Signals, wait: float) -> None:
-    begun = time.monotonic()
-    while not Path("begun").exists() and time.monotonic() - begun < 10:
-        time.sleep(0.001)
-    Path("begun").unlink(missing_ok=True)
-    time.sleep(wait)
+def _send(child: int, wanted: signal.Signals, begun: runs.Event, wait: float) -> None:
+    begun.wait()
+    time.sleep(wait)  # any moment is right, also after the end
     os.kill(child, wanted)

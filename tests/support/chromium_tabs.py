@@ -39,7 +39,7 @@ def visits(browser: Any) -> Iterator[Callable[..., Any]]:
     def opened(place: Path | str, fragment: str = "", **options: Any) -> Any:
         context = browser.new_context(**{"viewport": {"width": 1000, "height": 800}, **options})
         contexts.append(context)
-        context.set_default_timeout(10_000)
+        context.set_default_timeout(120_000)  # reached by a hang only
         tab = context.new_page()
         file = place if isinstance(place, str) else place.as_uri()
         address = file + (f"#{fragment}" if fragment else "")

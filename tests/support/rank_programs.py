@@ -5,8 +5,9 @@ mpiexec -n N python -m mpi4py tests/support/rank_programs.py NAME
 
 import functools
 import json
+import os
+import signal
 import sys
-import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -138,14 +139,25 @@ def cut_off(ranks):
 
         def Abort(self, status):
             while True:
-                time.sleep(0.1)
+                signal.pause()
 
     comm, ranks._comm = ranks._comm, CutOff()
     mpi.ABORT_S = 1
     mpi.START_S = ranks.patience = 0.1  # the larger one applies before the first step
-    if ranks.rank == 1:
-        time.sleep(60)
+    while ranks.rank == 1:
+        signal.pause()
     ranks.agree(0.0, None, None)
+
+
+def stopped(ranks):
+    """Rank 1 is stopped after 40 iterations, and the other one waits for it in vain."""
+    solver = netlib.get_solver("solver.prototxt", ranks=ranks)
+    solver.step(40)
+    ranks._comm.Barrier()
+    if ranks.rank == 1:
+        os.kill(os.getpid(), signal.SIGSTOP)
+    ranks.patience = 0.1
+    solver.step(1)
 
 
 def two_solvers(ranks):

@@ -208,7 +208,7 @@ def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
             os.killpg(process.pid, number)  # as a terminal does: to all processes
         else:
             process.send_signal(number)
-        stdout, stderr = process.communicate(timeout=60)
+        stdout, stderr = process.communicate(timeout=300)
     assert (process.returncode, stdout) == (status, "")
     assert stderr == "stopped; whole files are kept, and the next run continues after them\n"
     assert all(name.startswith("train_") and name.endswith(".h5") for name in names(out))

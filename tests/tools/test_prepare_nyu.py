@@ -5,9 +5,6 @@ from __future__ import annotations
 import io
 import os
 import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,7 +20,7 @@ from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import ANNOTATION_OF_JOINT, frame_name
 from handpose.importers import matlab_file, matlab_worker, nyu_files
-from tests.support.running import Done, run_tool, wait_until
+from tests.support.running import Done, run_python, run_tool
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "nyu"
@@ -278,22 +275,26 @@ def test_labels_that_are_no_numbers(root):
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_interrupted(root):
     """SIGTERM leaves only complete files."""
-    source = root / "test" / frame_name(0)
-    count = 4000
-    labels = nyu_files.read_annotation(root / "test" / nyu_files.ANNOTATION).xyz[:1].repeat(count, axis=0)
-    nyu_files.write_annotation(root / "test" / nyu_files.ANNOTATION, labels, "synthetic")
-    for i in range(1, count):
-        (root / "test" / frame_name(i)).unlink(missing_ok=True)
-        os.link(source, root / "test" / frame_name(i))
     out = root.parent / "out"
-    command = [sys.executable, str(ROOT / "tools" / "prepare_nyu.py"), str(root), "--out", str(out), "--splits", "test"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        wait_until(lambda: list(out.glob(".*.tmp")), process)
-        process.send_signal(signal.SIGTERM)
-        stdout, stderr = process.communicate(timeout=60)
-    assert (process.returncode, stdout) == (143, "")
-    assert stderr == "stopped; whole files are kept, and the next run continues after them\n"
-    assert set(names(out)) <= {"test_000.h5"}
+    run = run_python("-c", INTERRUPTED, root, "--out", out, "--splits", "test", status=143)
+    assert run[1:] == ("", "stopped; whole files are kept, and the next run continues after them\n")
+    assert not names(out)
+
+
+INTERRUPTED = """
+import os, signal, sys
+from pathlib import Path
+from handpose.importers import nyu_files
+from tools import prepare_nyu
+
+def read(path):
+    if not sent and list(Path(sys.argv[3]).glob(".*.tmp")):
+        sent.append(os.kill(os.getpid(), signal.SIGTERM))
+    return original(path)
+
+sent, original, nyu_files.read_nyu_depth = [], nyu_files.read_nyu_depth, read
+sys.exit(prepare_nyu.main(sys.argv[1:]))
+"""
 
 
 def test_leaves_foreign_files_alone(root):

@@ -33,7 +33,7 @@ class Shown:
     def __init__(self, server: LiveServer, visit: Visit) -> None:
         self.server, self.messages = server, Messages(HEADER, gestures=True)
         self.tab = visit(server.page_url, viewport={"width": 1200, "height": 900})
-        assert server.wait_for_client(30)
+        assert server.wait_for_client(60)
 
     def put(self, frame: TrackedFrame) -> None:
         self.server.put(VIEWS, self.messages.view(self.messages.record(frame), DEPTH, frame))

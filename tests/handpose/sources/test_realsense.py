@@ -243,8 +243,7 @@ def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 def test_the_real_module(software: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames of a software device are read one by one, until it sends no more."""
-    monkeypatch.setattr(realsense, "WAIT_MS", 200)
-    monkeypatch.setattr(realsense, "WAITS", 2)
+    monkeypatch.setattr(realsense, "WAIT_MS", 60_000)
     with open_live(None, UNKNOWN) as recording:
         assert recording.camera == Camera("Software 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
         assert (recording.unit_mm, recording.rate) == (0.1, 30.0)
@@ -256,6 +255,7 @@ def test_the_real_module(software: Any, monkeypatch: pytest.MonkeyPatch) -> None
             sender.join()
             assert (frame.number, round(frame.time, 6)) == (number - 10, round(0.033 * (number - 10), 6))
             assert (frame.depth == np.float32(1000 + i) * np.float32(0.1)).all()
+        monkeypatch.setattr(realsense, "WAIT_MS", 1)
         assert list(frames) == []
         assert "was the camera unplugged" in recording.cut
         assert recording.remarks == ("frames lost because they were not taken in time: 1",)

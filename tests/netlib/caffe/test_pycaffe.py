@@ -373,4 +373,4 @@ def test_a_timer() -> None:
     assert timer.ms == 0
     timer.start()
     timer.stop()
-    assert 0 < timer.ms < 1000
+    assert timer.ms > 0

@@ -281,12 +281,12 @@ def test_a_batch_that_is_being_read_at_the_fork_is_read_again(solver: netlib.Sol
 
     def wait_and_read(*args: Any) -> Any:
         if os.getpid() == parent and threading.current_thread() is not threading.main_thread():
-            forked.wait(60)
+            forked.wait(300)
         return read(*args)
 
     data.read = wait_and_read
     solver.net.forward()
-    found = in_a_child(lambda: after(solver, 2), seconds=20)
+    found = in_a_child(lambda: after(solver, 2))
     forked.set()
     assert found == after(solver, 2)
 

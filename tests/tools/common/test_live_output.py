@@ -69,7 +69,7 @@ def test_datagrams() -> None:
     """One datagram is sent for each frame, without a server."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(10)
+        receiver.settimeout(60)
         with LiveOutput(parsed("--udp", f"127.0.0.1:{receiver.getsockname()[1]}"), HEADER) as output:
             output.begin(source(live=True), ends, sys.stdout)
             for number in range(2):
@@ -149,22 +149,24 @@ def test_a_token_that_can_be_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of a hand at rest."""
-    path = tmp_path_factory.mktemp("recorded") / "take.npz"
+    """A folder with two recordings of a hand at rest: quick.npz, and slow.npz with an hour between its frames."""
+    folder = tmp_path_factory.mktemp("recorded")
     recording = SyntheticRecording("rest", ICVL, rate=15, seconds=COUNT / 15)
-    with RecordingWriter(path, recording.camera, recording.unit_mm, recording.rate) as writer:
-        for frame in recording:
-            writer.write(frame)
-    return path
+    frames = list(recording)
+    for name, rate in (("quick.npz", recording.rate), ("slow.npz", 1 / 3600)):
+        with RecordingWriter(folder / name, recording.camera, recording.unit_mm, rate) as writer:
+            for number, frame in enumerate(frames):
+                writer.write(frame._replace(time=number / rate))
+    return folder
 
 
 @pytest.fixture
 def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """``running("--serve", ...)`` starts the tracker of that recording as a process, which is killed after the test."""
+    """``running("quick.npz", "--serve", ...)`` starts the tracker as a process, which is killed after the test."""
     begun: list[subprocess.Popen[str]] = []
 
-    def start(*options: str) -> subprocess.Popen[str]:
-        command = [sys.executable, str(ROOT / "tools" / "track.py"), str(recorded), *options]
+    def start(name: str, *options: str) -> subprocess.Popen[str]:
+        command = [sys.executable, str(ROOT / "tools" / "track.py"), str(recorded / name), *options]
         begun.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path))
         return begun[-1]
 
@@ -190,10 +192,10 @@ def client_of(process: subprocess.Popen[str]) -> contextlib.AbstractContextManag
 
 def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subprocess.Popen[str]]) -> None:
     """Tracking starts when a client connects; it receives the lines of --json up to the end of the recording."""
-    process = running("--serve", "--json", "a.jsonl", "--joints", "mano")
+    process = running("quick.npz", "--serve", "--json", "a.jsonl", "--joints", "mano")
     with client_of(process) as client:
         header, *frames = (json.loads(line) for line in client)
-    out, error = process.communicate(timeout=60)
+    out, error = process.communicate(timeout=300)
     assert process.returncode == 0 and error == "" and "wrote a.jsonl" in out
     assert header["format"] == "handpose track" and header["joint_format"]["name"] == "mano"
     assert [frame["number"] for frame in frames] == list(range(COUNT))
@@ -202,14 +204,14 @@ def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subproc
 
 def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None:
     """A signal ends the tracker while it waits for a client and while it tracks, with a reason sent to clients."""
-    waiting = running("--serve")
+    waiting = running("slow.npz", "--serve")
     address_of(waiting)
     waiting.send_signal(signal.SIGINT)
-    assert waiting.communicate(timeout=60)[1].splitlines() == ["stopped"] and waiting.returncode == 130
-    tracking = running("--serve")
+    assert waiting.communicate(timeout=300)[1].splitlines()[-1] == "stopped" and waiting.returncode == 130
+    tracking = running("slow.npz", "--serve")
     with client_of(tracking) as client:
-        json.loads(client.recv(timeout=60))
-        json.loads(client.recv(timeout=60))
+        json.loads(client.recv(timeout=300))
+        json.loads(client.recv(timeout=300))
         tracking.send_signal(signal.SIGTERM)
         list(client)
-    assert tracking.wait(60) == 143 and client.protocol.close_reason == "the tracker was stopped"
+    assert tracking.wait(300) == 143 and client.protocol.close_reason == "the tracker was stopped"
