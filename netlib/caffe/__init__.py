@@ -5,37 +5,40 @@ draw are modules of this package; NetSpec, draw and caffe_pb2 need the package p
 requests for a GPU only log a warning.
 """
 
-from netlib import TEST, TRAIN, Layer, layer_type_list, set_mode_cpu, set_mode_gpu, set_random_seed
+from netlib import TEST, TRAIN
 from netlib.caffe import _caffe, io, proto
-from netlib.caffe.classifier import Classifier
-from netlib.caffe.detector import Detector
-from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
-from netlib.caffe.process import (
+from netlib.caffe._caffe import (
     NCCL,
-    Timer,
-    has_nccl,
-    init_log,
-    log,
-    set_device,
-    set_multiprocess,
-    set_solver_count,
-    set_solver_rank,
-    solver_count,
-    solver_rank,
-)
-from netlib.caffe.pycaffe import (
     AdaDeltaSolver,
     AdaGradSolver,
     AdamSolver,
+    Layer,
     NesterovSolver,
     Net,
     RMSPropSolver,
     SGDSolver,
     Solver,
+    Timer,
     get_solver,
+    has_nccl,
+    init_log,
+    layer_type_list,
+    log,
+    set_device,
+    set_mode_cpu,
+    set_mode_gpu,
+    set_multiprocess,
+    set_random_seed,
+    set_solver_count,
+    set_solver_rank,
+    solver_count,
+    solver_rank,
 )
+from netlib.caffe.classifier import Classifier
+from netlib.caffe.detector import Detector
+from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
 
-__version__ = "1.0.0"  # version of Caffe whose interface this is
+__version__ = _caffe.__version__
 __all__ = [
     "NCCL",
     "TEST",

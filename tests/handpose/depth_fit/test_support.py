@@ -49,6 +49,6 @@ def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str
 
 
 def test_elsewhere(model: CapsuleModel, image: np.ndarray) -> None:
-    """A pose beside the hand is in empty space; outside the image there is no support of any kind."""
+    """A pose next to the hand is in empty space; outside the image there is no support of any kind."""
     assert of(model, image, (250, 0, 0)).empty[0] > 0.9
     assert sum(share[0] for share in of(model, image, (2000, 0, 0))) == 0
