@@ -10,12 +10,12 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-import sys
 import textwrap
 
 from exercises.exercise import Exercise, Mistake
 from exercises.reading import body_lines, functions
 from netlib import files
+from netlib.files.own_modules import own_module
 from netlib.files.paths import command, own
 
 WIDTH = 116  # of a comment, including indentation
@@ -146,6 +146,6 @@ def _methods(exercise: Exercise, mistake: Mistake) -> dict[str, str]:
         return {}
     own = {name: thing for name, thing in vars(part).items() if inspect.isfunction(thing)}
     found = {f"{exercise.reference.__name__}.{name}": inspect.getsource(thing) for name, thing in own.items()}
-    namespace = vars(sys.modules[exercise.reference.__module__])
+    namespace = vars(own_module(exercise.reference.__module__))
     used = {name for thing in own.values() for name in thing.__code__.co_names if name in thing.__globals__}
     return {} if any("super()" in text for text in found.values()) or not used <= namespace.keys() else found

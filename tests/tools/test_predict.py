@@ -402,7 +402,10 @@ def test_a_frame_without_its_camera(frame):
             ["--camera", "nyu", *["--center", "1,2"] * 3],
             "--center is given 3 times for 2 images; expected once, or once per image",
         ),
-        (["--camera", "nyu", "--unit", "0"], "argument --unit: expected a number greater than 0 and at most 10000, found '0'"),
+        (
+            ["--camera", "nyu", "--unit", "0"],
+            "argument --unit: expected a number greater than 0 and at most 10000, found '0'",
+        ),
         (["--camera", "nyu", "--refine", "-1"], "expected an integer of at least 0, found '-1'"),
         (["--refine", "101"], "expected an integer of at most 100, found '101'"),
         (["--cube", "0.3"], "argument --cube: expected 50 to 10000 mm, found '0.3'"),
