@@ -75,8 +75,8 @@ test: .venv/test
 SIMD := import numpy; print(*numpy.show_config("dicts").get("SIMD Extensions", {}).get("found", []))
 kernels: .venv/test
 	OPENBLAS_CORETYPE=Nehalem NPY_DISABLE_CPU_FEATURES="$$($(RUN) -c '$(SIMD)')" $(RUN) -m pytest -n auto \
-		--dist worksteal tests/docs/test_made.py tests/handpose/depth_fit tests/handpose/prediction tests/layers/hand \
-		--ignore tests/handpose/prediction/test_processors.py
+		--dist worksteal tests/docs/test_made.py tests/handpose/fit tests/handpose/estimate tests/layers/hand \
+		--ignore tests/handpose/estimate/test_processors.py
 
 faults: .venv/test
 	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")
@@ -98,7 +98,7 @@ endif
 # in the code.
 WORDED := README.md CHANGELOG.md CONTRIBUTING.md docs/*.md docs/book docs/results docs/exercises/README.md models prototxt \
 	tests/caffe/README.md
-WORDED_CODE := netlib layers fast handpose exercises export tools benchmarks docs/making
+WORDED_CODE := netlib layers fast handpose exercises experiments export tools benchmarks docs/making
 NAMES := ledger,misfit,mot,nd,trainings
 lint: .venv/dev
 	$(BIN)/ruff check .

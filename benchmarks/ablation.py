@@ -27,9 +27,9 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.data import parts
-from handpose.experiments.table1.recipes import with_fields
-from handpose.prediction import nets
+from experiments.table1.recipes import with_fields
+from handpose.datasets import parts
+from handpose.estimate import nets
 from handpose.scoring.held_out import figures_of, predict_all
 from handpose.synthetic import prior_file, recipes, workers
 from handpose.synthetic.generator import Generator, Recipe, View

@@ -23,12 +23,11 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.depth_fit.observation import HandCrops
-from handpose.depth_fit.search import PLANS
-from handpose.facts.cameras import NYU
-from handpose.prediction.crop_fits import MAX_CROPS, fit_crops
-from handpose.prediction.nets import hand_inputs
-from handpose.prediction.packaged import load_predictor
+from handpose import NYU, load_predictor
+from handpose.estimate.crop_fits import MAX_CROPS, fit_crops
+from handpose.estimate.nets import hand_inputs
+from handpose.fit.observation import HandCrops
+from handpose.fit.search import PLANS
 from handpose.synthetic.generator import Generator
 from netlib import engine
 from tools.common.arguments import parser_of, positive

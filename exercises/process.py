@@ -30,7 +30,7 @@ from exercises.checking import Step, first_step, in_network, steps
 from exercises.exercise import Case, Exercise, Progress, Remedy, Values
 from exercises.reading import ExerciseError, Failure, Outline
 from exercises.runner import PartError
-from handpose.data.json_fields import parsed
+from handpose.frames.json_fields import parsed
 from netlib.blob import Array
 from netlib.errors import NetlibError
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from exercises.exercise import Exercise
 from exercises.reading import MAX_BYTES, ExerciseError
-from handpose.data.json_fields import parsed
+from handpose.frames.json_fields import parsed
 from netlib import files
 from netlib.errors import NetlibError
 from netlib.files import atomic

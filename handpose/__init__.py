@@ -1,14 +1,60 @@
 """Hand pose from depth images: data sets, synthetic frames, predictors, fits, trackers and their scores.
 
-facts, data, importers, sources (cameras and recordings), surface, joint_formats, synthetic, sequences,
-joint_fit, depth_fit, prediction, gestures, tracking, track_files, live, scoring, drawing, experiments.
-setup.cfg has the order of their imports.
+predictor = handpose.load_predictor()
+hand = predictor(image, handpose.NYU)[0]
+
+tracker = handpose.load_tracker(recording.camera)
+for frame in handpose.open_recording("takes/wave"):
+    hands = tracker.step(frame)
+
+In the order in which a frame passes them: frames, body, datasets, fit, estimate, tracking, output. Besides these,
+synthetic renders single frames, sequences renders recordings, and scoring compares results with labels.
 """
 
-import sys
-
-from handpose.moved import OldNames
-
-sys.meta_path.insert(0, OldNames())
+import importlib
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"  # of the package: setup.cfg and 'handpose --version' read it here
+
+if TYPE_CHECKING:
+    from handpose.estimate.packaged import load_predictor as load_predictor
+    from handpose.frames.cameras import CAMERAS as CAMERAS
+    from handpose.frames.cameras import ICVL as ICVL
+    from handpose.frames.cameras import KINECT2 as KINECT2
+    from handpose.frames.cameras import MSRA15 as MSRA15
+    from handpose.frames.cameras import NYU as NYU
+    from handpose.frames.cameras import SR305 as SR305
+    from handpose.frames.cameras import Camera as Camera
+    from handpose.frames.opening import open_recording as open_recording
+    from handpose.frames.recording import CameraInfo as CameraInfo
+    from handpose.frames.recording import DepthFrame as DepthFrame
+    from handpose.frames.recording import Recording as Recording
+    from handpose.frames.writing import RecordingWriter as RecordingWriter
+    from handpose.output.tracks.json_file import Track as Track
+    from handpose.output.tracks.json_file import read_track as read_track
+    from handpose.tracking.tracker import Tracker as Tracker
+    from handpose.tracking.tracker import load_tracker as load_tracker
+
+# Each name is imported when it is first used: one who reads the parameters of a camera loads NumPy only.
+_MODULES = {
+    "frames.cameras": ("CAMERAS", "ICVL", "KINECT2", "MSRA15", "NYU", "SR305", "Camera"),
+    "frames.recording": ("CameraInfo", "DepthFrame", "Recording"),
+    "frames.opening": ("open_recording",),
+    "frames.writing": ("RecordingWriter",),
+    "estimate.packaged": ("load_predictor",),
+    "tracking.tracker": ("Tracker", "load_tracker"),
+    "output.tracks.json_file": ("Track", "read_track"),
+}
+_MODULE_OF = {name: f"handpose.{module}" for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    """Import and return a public name. Raises AttributeError for others."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'handpose' has no attribute {name!r}")
+    value = globals()[name] = getattr(importlib.import_module(_MODULE_OF[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_MODULE_OF])

@@ -64,14 +64,6 @@ def _install_if_missing() -> None:
 
 
 python_layer.before_import = _install_if_missing
-aliases.keep_old_names({
-    "netlib.hdf5": "netlib.files.hdf5", "netlib.messages": "netlib.proto.messages",
-    "netlib.mpi": "netlib.distributed.mpi",
-    "netlib.net_parameter": "netlib.proto.net_parameter", "netlib.pictures": "netlib.files.pictures",
-    "netlib.prototxt": "netlib.proto.prototxt", "netlib.saved": "netlib.snapshots.solver_state",
-    "netlib.schema": "netlib.proto.schema", "netlib.snapshot": "netlib.snapshots.snapshot",
-    "netlib.weights": "netlib.snapshots.weights",
-})  # fmt: skip
 
 
 def threads() -> int:

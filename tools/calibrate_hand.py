@@ -33,16 +33,16 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.data.images import read_frame
-from handpose.depth_fit.size_calibration import GRID, sized
-from handpose.facts.nyu import CUBE_MM
-from handpose.facts.sides import SOUGHT_SIDES, is_mirrored
-from handpose.joint_fit import calibration_report
-from handpose.joint_fit.calibration import calibrate
-from handpose.joint_fit.calibration_problem import MIN_FRAMES
-from handpose.joint_fit.observations import read_observations
-from handpose.prediction.packaged import load_predictor
-from handpose.prediction.person import hand_of
+from handpose import load_predictor
+from handpose.body.nyu import CUBE_MM
+from handpose.body.sides import SOUGHT_SIDES, is_mirrored
+from handpose.estimate.person import hand_of
+from handpose.fit.joints import calibration_report
+from handpose.fit.joints.calibration import calibrate
+from handpose.fit.joints.calibration_problem import MIN_FRAMES
+from handpose.fit.joints.observations import read_observations
+from handpose.fit.size_calibration import GRID, sized
+from handpose.frames.images import read_frame
 from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.files.paths import command

@@ -27,10 +27,9 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.drawing import hands, strokes, surface
-from handpose.facts.cameras import NYU
-from handpose.prediction.packaged import load_predictor
-from handpose.prediction.prediction import percent
+from handpose import NYU, load_predictor
+from handpose.estimate.prediction import percent
+from handpose.output.drawing import hands, strokes, surface
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from netlib.files import atomic

@@ -31,7 +31,7 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.facts import nyu
+from handpose.body import nyu
 from handpose.scoring import published_predictions as published
 from handpose.scoring.fitted_angles import FittedAngles, compare_angles
 from handpose.scoring.metrics import joint_errors

@@ -25,7 +25,7 @@ import tools
 tools.begin(__name__)
 
 from export.onnx.net import differences, load, onnx_image
-from handpose.facts.nyu import CUBE_MM
+from handpose.body.nyu import CUBE_MM
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
 from tools.common import outputs

@@ -29,13 +29,13 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.data.examples import spread
-from handpose.facts import nyu
-from handpose.facts.cameras import NYU
-from handpose.joint_fit.absolute_joints import fit_absolute, write_fit
-from handpose.joint_fit.companions import fit_list
-from handpose.joint_fit.levenberg_marquardt import fit_joints
-from handpose.joint_fit.particle_swarm import fit_joints_by_swarm
+from handpose import NYU
+from handpose.body import nyu
+from handpose.datasets.examples import spread
+from handpose.fit.joints.absolute_joints import fit_absolute, write_fit
+from handpose.fit.joints.companions import fit_list
+from handpose.fit.joints.fit_joints import fit_joints
+from handpose.fit.joints.particle_swarm import fit_joints_by_swarm
 from handpose.scoring import metrics
 from handpose.scoring.published_predictions import FORMATS, is_list, read_joints
 from layers.hand import skeleton as skeletons

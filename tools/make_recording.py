@@ -36,12 +36,11 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.facts.cameras import CAMERAS, NYU
-from handpose.facts.sides import SIDES
+from handpose import CAMERAS, NYU, RecordingWriter
+from handpose.body.sides import SIDES
+from handpose.output.tracks.json_file import JsonWriter
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import SCRIPTS
-from handpose.sources.writing import RecordingWriter
-from handpose.track_files.json_file import JsonWriter
 from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
 from tools.common.arguments import camera, parser_of, seconds, seed

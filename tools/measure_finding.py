@@ -26,8 +26,7 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.facts.cameras import NYU
-from handpose.prediction.packaged import load_predictor
+from handpose import NYU, load_predictor
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import KINDS, draw_scenes
 from netlib.blob import Array

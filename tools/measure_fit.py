@@ -33,13 +33,13 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.depth_fit.fit import DepthFitter
-from handpose.depth_fit.network_errors import GOOD_MM
-from handpose.depth_fit.objective import Weights
-from handpose.depth_fit.search import PLANS
-from handpose.experiments.fit_figures import Figures, auc, frames_of, measure
-from handpose.prediction.nets import refuse_other_bodies, skeleton_to_fit, trained
-from handpose.prediction.packaged import SYNTHETIC_HAND, checked_weights, read_card
+from experiments.fit_figures import Figures, auc, frames_of, measure
+from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit, trained
+from handpose.estimate.packaged import SYNTHETIC_HAND, checked_weights, read_card
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.network_errors import GOOD_MM
+from handpose.fit.objective import Weights
+from handpose.fit.search import PLANS
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
 from netlib.blob import Array

@@ -25,14 +25,12 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.experiments.gesture_figures import READ, measure
-from handpose.facts.cameras import CAMERAS
-from handpose.gestures.shapes import GESTURES
-from handpose.prediction.packaged import load_predictor
+from experiments.gesture_figures import READ, measure
+from handpose import CAMERAS, Tracker, load_predictor
+from handpose.body.gestures.shapes import GESTURES
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import SHOWING
-from handpose.track_files.track import TrackedFrame, TrackHeader
-from handpose.tracking.tracker import Tracker
+from handpose.tracking.track import TrackedFrame, TrackHeader
 from tools.common.arguments import add_engine, parser_of, seconds, seed
 from tools.common.console import DONE, aligned, guarded, say
 

@@ -30,13 +30,11 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.experiments.tracking_figures import Alone, HandFigures, Tracked, follow, summary
-from handpose.facts.cameras import CAMERAS, Camera
-from handpose.facts.sides import SIDES
-from handpose.prediction.packaged import load_predictor
+from experiments.tracking_figures import Alone, HandFigures, Tracked, follow, summary
+from handpose import CAMERAS, Camera, Tracker, load_predictor
+from handpose.body.sides import SIDES
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import SCRIPTS
-from handpose.tracking.tracker import Tracker
 from tools.common.arguments import add_engine, count, parser_of, seconds, seed
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar

@@ -24,15 +24,15 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.depth_fit.body import CapsuleModel
-from handpose.depth_fit.fit import DepthFitter
-from handpose.depth_fit.network_errors import NetworkErrors, covariance, table_of, uncertainty_of, weights_of
-from handpose.depth_fit.search import PLANS, Plan
-from handpose.experiments import fit_figures
-from handpose.experiments.fit_figures import frames_of
-from handpose.facts.nyu import CUBE_MM
-from handpose.prediction.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
-from handpose.prediction.packaged import net_content, rounded, write_model
+from experiments import fit_figures
+from experiments.fit_figures import frames_of
+from handpose.body.nyu import CUBE_MM
+from handpose.estimate.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
+from handpose.estimate.packaged import net_content, rounded, write_model
+from handpose.fit.body import CapsuleModel
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.network_errors import NetworkErrors, covariance, table_of, uncertainty_of, weights_of
+from handpose.fit.search import PLANS, Plan
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
 from netlib.errors import NetlibError

@@ -43,14 +43,14 @@ tools.begin(__name__)
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.images import UnitError, read_crop, read_frame
-from handpose.depth_fit.search import PLANS
-from handpose.facts.cameras import CAMERAS, NYU
-from handpose.facts.nyu import CUBE_MM
-from handpose.facts.sides import SOUGHT_SIDES
-from handpose.prediction.packaged import load_predictor, predictor_of
-from handpose.prediction.prediction import Prediction
-from handpose.prediction.predictor import MAX_REFINE, Predictor
+from handpose import CAMERAS, NYU, load_predictor
+from handpose.body.nyu import CUBE_MM
+from handpose.body.sides import SOUGHT_SIDES
+from handpose.estimate.packaged import predictor_of
+from handpose.estimate.prediction import Prediction
+from handpose.estimate.predictor import MAX_REFINE, Predictor
+from handpose.fit.search import PLANS
+from handpose.frames.images import UnitError, read_crop, read_frame
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, outputs

@@ -27,7 +27,7 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.importers import icvl_files
+from handpose.datasets import icvl_files
 from tools.common import preparing
 from tools.common.console import guarded
 from tools.common.preparing import Importer

@@ -27,8 +27,8 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.facts.nyu import CENTER_JOINT
-from handpose.importers import nyu_files
+from handpose.body.nyu import CENTER_JOINT
+from handpose.datasets import nyu_files
 from tools.common import preparing
 from tools.common.console import guarded
 from tools.common.preparing import Importer

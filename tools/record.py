@@ -24,9 +24,8 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.sources.inspection import inspect
-from handpose.sources.recording import Recording
-from handpose.sources.writing import RecordingWriter
+from handpose import Recording, RecordingWriter
+from handpose.frames.inspection import inspect
 from netlib.errors import NetlibError
 from tools.common import outputs
 from tools.common.arguments import count, parser_of, real, seconds

@@ -25,8 +25,8 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.data.examples import Example, examples_of
-from handpose.drawing import hands, strokes
+from handpose.datasets.examples import Example, examples_of
+from handpose.output.drawing import hands, strokes
 from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.errors import DataError

@@ -30,12 +30,12 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.experiments.table1 import page as table1_page
-from handpose.experiments.table1 import speed, store
-from handpose.experiments.table1.networks import NETWORKS
-from handpose.experiments.table1.plan import Job, lambdas, order, report
-from handpose.experiments.table1.recipes import ADAM, RECIPES
-from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS, Setting, is_real_nyu
+from experiments.table1 import page as table1_page
+from experiments.table1 import speed, store
+from experiments.table1.networks import NETWORKS
+from experiments.table1.plan import Job, lambdas, order, report
+from experiments.table1.recipes import ADAM, RECIPES
+from experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS, Setting, is_real_nyu
 from layers.hand import skeleton as skeletons
 from netlib.errors import NetlibError
 from netlib.files import atomic

@@ -31,10 +31,10 @@ import tools
 tools.begin(__name__)
 
 import netlib
-from handpose.data.examples import spread
-from handpose.depth_fit.search import PLANS
-from handpose.drawing import sheets
-from handpose.prediction.nets import centers_of, crops_of, data_layer, hand_layer
+from handpose.datasets.examples import spread
+from handpose.estimate.nets import centers_of, crops_of, data_layer, hand_layer
+from handpose.fit.search import PLANS
+from handpose.output.drawing import sheets
 from handpose.scoring.held_out import Predictions, deploy_of, errors_by_joint, figures_of, fit_all, predict_all
 from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons

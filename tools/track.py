@@ -40,15 +40,14 @@ tools.begin(__name__)
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.facts.sides import SOUGHT_SIDES
-from handpose.prediction.packaged import load_predictor
-from handpose.sources.inspection import inspect
-from handpose.sources.recording import Recording
-from handpose.track_files.track import TrackedFrame
+from handpose import Recording, Tracker, load_predictor
+from handpose.body.sides import SOUGHT_SIDES
+from handpose.frames.inspection import inspect
 from handpose.tracking import sizing
 from handpose.tracking.lookahead import Lookahead
 from handpose.tracking.summary import Summary
-from handpose.tracking.tracker import MAX_HANDS, Tracker
+from handpose.tracking.track import TrackedFrame
+from handpose.tracking.tracker import MAX_HANDS
 from netlib.errors import DataError
 from tools.common import findings
 from tools.common.arguments import add_engine, count, parser_of, positive_number, whole

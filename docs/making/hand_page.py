@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from docs.making.made import Made
-from handpose.drawing.page.assembly import page
-from handpose.drawing.page.content import body, content
+from handpose.output.drawing.page.assembly import page
+from handpose.output.drawing.page.content import body, content
 from handpose.sequences.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons

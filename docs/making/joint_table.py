@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from handpose.joint_formats.formats import FORMATS, FormatName, JointFormat
-from handpose.joint_formats.points import POINTS, Point
+from handpose.body.joint_formats.formats import FORMATS, FormatName, JointFormat
+from handpose.body.joint_formats.points import POINTS, Point
 
 MARK = re.compile(r"^<!-- table of joint formats -->\n(?:\|.*\n)*", re.MULTILINE)
 COLUMNS: dict[FormatName, str] = {"mediapipe": "MediaPipe", "openxr": "OpenXR", "mano": "MANO"}

@@ -10,12 +10,11 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from docs.making import chromium
-from handpose.facts.cameras import NYU
-from handpose.live.messages import VIEWS, Messages
-from handpose.live.page import page
-from handpose.live.server import LiveServer
+from handpose import NYU, load_tracker
+from handpose.output.live.messages import VIEWS, Messages
+from handpose.output.live.page import page
+from handpose.output.live.server import LiveServer
 from handpose.sequences.recordings import SyntheticRecording
-from handpose.tracking.tracker import load_tracker
 from netlib.files.paths import ROOT
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 
 from export.onnx.graph import PRODUCER, Graph, Place, Shape, Translation, package, symbolic
 from export.onnx.table import LAYERS
-from handpose.prediction.nets import cube_of, hand_layer, trained
+from handpose.estimate.nets import cube_of, hand_layer, trained
 from layers.hand.hand_model import HandModel
 from netlib.blob import Array
 from netlib.errors import LayerError, NetlibError, did_you_mean

@@ -14,9 +14,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from handpose.facts import nyu
-from handpose.joint_fit import angles
-from handpose.joint_fit.absolute_joints import fit_absolute
+from handpose.body import nyu
+from handpose.fit.joints import angles
+from handpose.fit.joints.absolute_joints import fit_absolute
 from handpose.scoring import metrics
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

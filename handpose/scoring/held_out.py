@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from handpose.data import labels
-from handpose.depth_fit.fit import DepthFitter
-from handpose.depth_fit.observation import HandCrops
-from handpose.depth_fit.search import Plan
-from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
-from handpose.prediction.crop_fits import MAX_CROPS, fit_crops
-from handpose.prediction.nets import crops_of, data_layer, hand_layer, skeleton_to_fit
+from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.datasets import labels
+from handpose.estimate.crop_fits import MAX_CROPS, fit_crops
+from handpose.estimate.nets import crops_of, data_layer, hand_layer, skeleton_to_fit
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.observation import HandCrops
+from handpose.fit.search import Plan
 from handpose.scoring import metrics
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton

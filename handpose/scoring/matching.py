@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.facts.sides import Side
-from handpose.track_files.track import PARTLY, LostHand, TrackedFrame, TrackedHand
+from handpose.body.sides import Side
+from handpose.tracking.track import PARTLY, LostHand, TrackedFrame, TrackedHand
 from netlib.errors import DataError
 
 BOUND_MM = 100.0  # maximum mean error of the joints of a matched hand; a hand is twice as long

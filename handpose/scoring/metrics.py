@@ -1,6 +1,6 @@
 """Scores of poses: joint errors in mm, success rates, violated limits.
 
-Every figure on NYU is over the 14 ``EVALUATION_JOINTS`` of ``handpose.facts.nyu`` (indices of the model's 31), and
+Every figure on NYU is over the 14 ``EVALUATION_JOINTS`` of ``handpose.body.nyu`` (indices of the model's 31), and
 is meaningless without the centre of its crops, which for NYU is the annotated joint 34.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.body.nyu import EVALUATION_JOINTS
 from netlib.blob import Array
 from netlib.errors import DataError
 

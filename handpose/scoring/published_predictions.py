@@ -13,9 +13,10 @@ from typing import Literal
 
 import numpy as np
 
-from handpose.data.places import MIN_DEPTH_MM
-from handpose.facts import icvl, nyu
-from handpose.facts.cameras import ICVL, NYU, Camera
+from handpose.body import nyu
+from handpose.datasets import icvl
+from handpose.frames.cameras import ICVL, NYU, Camera
+from handpose.frames.places import MIN_DEPTH_MM
 from handpose.scoring import metrics
 from layers.hand import skeleton
 from netlib import files

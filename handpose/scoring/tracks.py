@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handpose.facts.nyu import ANNOTATION_OF_JOINT, EVALUATION_JOINTS
-from handpose.facts.sides import Side
+from handpose.body.nyu import ANNOTATION_OF_JOINT, EVALUATION_JOINTS
+from handpose.body.sides import Side
 from handpose.scoring.matching import BOUND_MM, Followed, match
 from handpose.scoring.motion import bone_changes, jitter, lag_s
-from handpose.track_files.track import TrackedFrame, TrackHeader
+from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.blob import Array
 
 NAN = float("nan")
@@ -111,7 +111,7 @@ def score(
     header    of the track
     bound_mm  on the joints' mean error of a hand that is found
 
-    Frames in which a true hand is partly visible are not scored (``handpose.track_files.track``). Raises DataError.
+    Frames in which a true hand is partly visible are not scored (``handpose.tracking.track``). Raises DataError.
     """
     true = list(truth)
     hands, invented = match(frames, true, bound_mm)

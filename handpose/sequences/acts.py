@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handpose.facts.sides import Side
+from handpose.body.sides import Side
 from handpose.sequences.choices import Choices
 from handpose.sequences.gestures import fingers_of
 from handpose.sequences.movements import OVERLAP, TOP_SPEED, Movement, Strokes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handpose.facts.sides import Side, mirror_of
+from handpose.body.sides import Side, mirror_of
 from handpose.sequences.movements import posed
 from handpose.sequences.person import Person
 from handpose.synthetic.pose_prior import BodySampler

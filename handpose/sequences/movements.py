@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handpose.facts.sides import Side
+from handpose.body.render import Capsules
+from handpose.body.sides import Side
 from handpose.sequences.person import Person
-from handpose.surface.render import Capsules
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.track_files.track import joints_of
+from handpose.tracking.track import joints_of
 from netlib.blob import Array
 
 TOP_SPEED = 1.875  # top speed of a stroke, relative to its mean speed

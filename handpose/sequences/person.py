@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handpose.facts.sides import Side, mirror_of
-from handpose.surface.model import Surface
-from handpose.surface.render import Capsules
+from handpose.body.model import Surface
+from handpose.body.render import Capsules
+from handpose.body.sides import Side, mirror_of
 from handpose.synthetic.pose_prior import BodySampler, cut_normal
 from handpose.synthetic.surface_prior import PERSON_SURFACE, SurfacePrior
 from netlib.blob import Array

@@ -21,14 +21,14 @@ from typing import Literal
 
 import numpy as np
 
-from handpose.facts.cameras import NYU, UNIT_MM, Camera
-from handpose.facts.nyu import CUBE_MM
+from handpose.body.nyu import CUBE_MM
+from handpose.frames.cameras import NYU, UNIT_MM, Camera
+from handpose.frames.recording import DepthFrame, Recording
 from handpose.sequences.scripts import SCRIPTS, Script
 from handpose.sequences.stage import SURROUNDINGS, Shot, Stage
 from handpose.sequences.surroundings import NOWHERE_MM
-from handpose.sources.recording import DepthFrame, Recording
 from handpose.synthetic.sensor import Sensor, sense, sensor_of
-from handpose.track_files.track import PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.errors import DataError, did_you_mean
 
 MAX_SECONDS = 36000.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from handpose.facts.sides import Side, other_side
+from handpose.body.sides import Side, other_side
 from handpose.sequences.acts import Act
 from handpose.sequences.gestures import SHOWN
 from handpose.synthetic.prior_file import PoseParameter
@@ -65,5 +65,5 @@ SCRIPTS = {
         body=True,
     ),
 }
-# A hand that shows the gestures of handpose/gestures.
+# A hand that shows the gestures of handpose/body/gestures.
 SHOWING = Script(30, (Role("right", (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)),), poses=SHOWN)

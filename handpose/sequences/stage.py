@@ -7,17 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.facts.cameras import Camera
+from handpose.body.render import Floats, in_front, joined
+from handpose.frames.cameras import Camera
 from handpose.sequences.acts import Actor
 from handpose.sequences.movements import HandPose, Movement
 from handpose.sequences.person import Person
 from handpose.sequences.scripts import Script
 from handpose.sequences.surroundings import NOWHERE_MM, Volume, draw_surroundings
-from handpose.surface.render import Floats, in_front, joined
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import render_image
-from handpose.track_files.track import HIDDEN, LEFT, PARTLY
+from handpose.tracking.track import HIDDEN, LEFT, PARTLY
 
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
 MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.facts.cameras import Camera
-from handpose.facts.sides import Side
-from handpose.surface.render import Capsules, Floats, in_front
+from handpose.body.render import Capsules, Floats, in_front
+from handpose.body.sides import Side
+from handpose.frames.cameras import Camera
 from handpose.synthetic.scenes import BODY, render_image
 from netlib.blob import Array
 

@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from handpose.data import parts
-from handpose.data.parts import Columns, Part
-from handpose.importers import nyu_files
+from handpose.datasets import nyu_files, parts
+from handpose.datasets.parts import Columns, Part
 from handpose.synthetic.many import Source, generate
 from handpose.synthetic.workers import processes
 from netlib.errors import DataError

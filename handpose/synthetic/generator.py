@@ -4,7 +4,7 @@ A frame is made in four steps, each described by one dataclass of numbers:
 
     PosePrior    poses: rotations, bent limbs, place, bone lengths (``prior_file``, ``pose_prior``)
     SurfacePrior surfaces: thickness, limbs, sleeve (``surface_prior``); the capsules are the skeleton file's
-    render       the depth image, along the rays of the crop's pixels (``handpose.surface.render``)
+    render       the depth image, along the rays of the crop's pixels (``handpose.body.render``)
     Sensor       the errors of a depth camera (``sensor``)
 
 A ``Recipe`` holds the numbers of all four; ``recipes`` has the named ones.
@@ -25,10 +25,10 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from handpose.data.crops import SIZE, window
-from handpose.data.frames import Frames, empty_frames
-from handpose.facts.cameras import NYU, Camera
-from handpose.surface.render import Floats, normalise_depth, render_crop
+from handpose.body.render import Floats, normalise_depth, render_crop
+from handpose.datasets.frames import Frames, empty_frames
+from handpose.frames.cameras import NYU, Camera
+from handpose.frames.crops import SIZE, window
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal
 from handpose.synthetic.prior_file import PosePrior

@@ -14,12 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data import parts
-from handpose.data.crops import restore_joints, window
-from handpose.data.images import pack_depth
-from handpose.facts.cameras import NYU
-from handpose.facts.nyu import CUBE_MM, frame_name
-from handpose.importers import nyu_files
+from handpose.body.nyu import CUBE_MM, frame_name
+from handpose.datasets import nyu_files, parts
+from handpose.frames.cameras import NYU
+from handpose.frames.crops import restore_joints, window
+from handpose.frames.images import pack_depth
 from handpose.synthetic.generator import BLOCK, Generator, Recipe, Scene, Split
 from handpose.synthetic.workers import no_interrupt, processes
 from netlib import files

@@ -1,6 +1,6 @@
 """Crops of places in synthetic scenes, with and without a hand: training data of a locator.
 
-The labels are whether a hand is near, and where its middle is (``handpose.prediction.locator``).
+The labels are whether a hand is near, and where its middle is (``handpose.estimate.locator``).
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.places import BEHIND_MM, CUBE_MM, SIZE, VOXEL_MM, place_crops, surface_places
-from handpose.facts.cameras import KINECT2, SR305
+from handpose.frames.cameras import KINECT2, SR305
+from handpose.frames.places import BEHIND_MM, CUBE_MM, SIZE, VOXEL_MM, place_crops, surface_places
 from handpose.synthetic.generator import BLOCK, VERSION, Split, View, body_hash, check_source, numbers_of
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import RangeParameter
@@ -27,7 +27,7 @@ UNKNOWN = -1.0
 PER_SCENE = 16  # places per scene
 REFINED, WITH_HAND = 4, 4  # numbers of places moved as by a locator, and of others with a hand
 REFINED_MM, JITTER_MM = 25.0, 15.0  # deviations
-PLACES_VERSION = 1  # increase if the code here, in scenes.py or in handpose/data/places.py changes places
+PLACES_VERSION = 1  # increase if the code here, in scenes.py or in handpose/frames/places.py changes places
 VIEWS = ((View(), (400.0, 1200.0)), (View(KINECT2, TIME_OF_FLIGHT), (450.0, 1500.0)),
          (View(SR305, CODED_LIGHT), (250.0, 900.0)))  # fmt: skip
 

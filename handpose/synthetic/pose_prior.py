@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.facts.cameras import Camera
-from handpose.surface.model import Surface
+from handpose.body.model import Surface
+from handpose.frames.cameras import Camera
 from handpose.synthetic import prior_file
 from handpose.synthetic.prior_file import BendParameter, PoseParameter, PosePrior, TurnParameter
 from layers.hand.bodies import kinematics_of

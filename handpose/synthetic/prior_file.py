@@ -23,7 +23,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from handpose.facts.cameras import CAMERAS
+from handpose.frames.cameras import CAMERAS
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import NYU_HAND, Skeleton
 from netlib.errors import PrototxtError, did_you_mean

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from handpose.facts.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
-from handpose.facts.nyu import CUBE_MM
+from handpose.body.nyu import CUBE_MM
+from handpose.frames.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, Subject, View
 from handpose.synthetic.prior_file import PosePrior, RangeParameter

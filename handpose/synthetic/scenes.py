@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.facts.cameras import NYU, Camera
-from handpose.facts.nyu import CUBE_MM
-from handpose.surface.render import Capsules, Floats, in_front, joined, render
+from handpose.body.nyu import CUBE_MM
+from handpose.body.render import Capsules, Floats, in_front, joined, render
+from handpose.frames.cameras import NYU, Camera
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import NormalParameter, PosePrior, RangeParameter
 from handpose.synthetic.recipes import any_roll

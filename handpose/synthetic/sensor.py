@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.facts.cameras import Camera
-from handpose.surface.render import Floats
+from handpose.body.render import Floats
+from handpose.frames.cameras import Camera
 
 _CHUNK = 4  # frames per batch, so that their arrays stay in the cache
 _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte

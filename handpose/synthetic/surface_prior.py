@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handpose.surface.model import Surface
-from handpose.surface.render import Capsules, in_front
+from handpose.body.model import Surface
+from handpose.body.render import Capsules, in_front
 from handpose.synthetic.pose_prior import cut_normal
 from netlib.blob import Array
 

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.search import ACCURATE, FAST, Plan
-from handpose.facts.sides import mirror_of
-from handpose.prediction.predictor import Predictor
+from handpose.body.sides import mirror_of
+from handpose.estimate.predictor import Predictor
+from handpose.fit.search import ACCURATE, FAST, Plan
 from handpose.tracking.detector import Detector
 from handpose.tracking.hand_track import ENOUGH
 from handpose.tracking.pose_estimator import LIKELY, Estimate, PoseEstimator, SearchRegion

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.depth_fit.body import CapsuleModel, RootMotion
+from handpose.fit.body import CapsuleModel, RootMotion
 from handpose.tracking.one_euro import turn_between, turned
 from netlib.blob import Array
 

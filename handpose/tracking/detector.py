@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.places import surface_places
-from handpose.facts.cameras import Camera
-from handpose.prediction.locator import Locator, odds_of
+from handpose.estimate.locator import Locator, odds_of
+from handpose.frames.cameras import Camera
+from handpose.frames.places import surface_places
 from handpose.tracking.pose_estimator import LIKELY
 from netlib.blob import Array
 

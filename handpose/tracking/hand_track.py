@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.facts.sides import SIDES, Side
+from handpose.body.sides import SIDES, Side
 from handpose.tracking.body_pose import Motion, WorldPose, motion_between, moved
 from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
 from handpose.tracking.smoothing import PoseFilter

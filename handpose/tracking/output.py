@@ -1,4 +1,4 @@
-"""The output of the tracker for one hand, as in ``handpose.track_files``."""
+"""The output of the tracker for one hand, as in ``handpose.output.tracks``."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from handpose.depth_fit.body import SIZE
-from handpose.facts.sides import mirror_of
-from handpose.track_files.track import TrackedHand
+from handpose.body.sides import mirror_of
+from handpose.fit.body import SIZE
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.pose_estimator import PoseEstimator
+from handpose.tracking.track import TrackedHand
 
 
 def tracked_hand(track: HandTrack, estimator: PoseEstimator, *, smooth: bool, surface: bool) -> TrackedHand:

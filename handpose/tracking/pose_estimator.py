@@ -12,17 +12,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.crops import clear_crop
-from handpose.depth_fit.fit import DepthFit
-from handpose.depth_fit.observation import HandCrops
-from handpose.depth_fit.rejection import rejection_score
-from handpose.depth_fit.search import Plan
-from handpose.depth_fit.support import support
-from handpose.facts.cameras import Camera
-from handpose.facts.sides import Side, mirror_of
-from handpose.prediction.crop_fits import fit_starts
-from handpose.prediction.locator import recenter
-from handpose.prediction.predictor import Predictor
+from handpose.body.sides import Side, mirror_of
+from handpose.estimate.crop_fits import fit_starts
+from handpose.estimate.locator import recenter
+from handpose.estimate.predictor import Predictor
+from handpose.fit.depth_fit import DepthFit
+from handpose.fit.observation import HandCrops
+from handpose.fit.rejection import rejection_score
+from handpose.fit.search import Plan
+from handpose.fit.support import support
+from handpose.frames.cameras import Camera
+from handpose.frames.crops import clear_crop
 from handpose.tracking.body_pose import PoseConverter, WorldPose
 from handpose.tracking.reasons import Expected
 from netlib.blob import Array

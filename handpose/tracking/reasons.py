@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.crops import crop
-from handpose.depth_fit.observation import BACKGROUND
-from handpose.depth_fit.support import Support
-from handpose.facts.cameras import Camera
-from handpose.track_files.track import HIDDEN, LEFT
+from handpose.fit.observation import BACKGROUND
+from handpose.fit.support import Support
+from handpose.frames.cameras import Camera
+from handpose.frames.crops import crop
+from handpose.tracking.track import HIDDEN, LEFT
 from netlib.blob import Array
 from netlib.errors import DataError
 

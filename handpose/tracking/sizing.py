@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.depth_fit.body import SIZE, SIZE_LIMIT
-from handpose.depth_fit.observation import HandCrops
-from handpose.depth_fit.search import FAST
-from handpose.depth_fit.size_calibration import calibrate_size
+from handpose.fit.body import SIZE, SIZE_LIMIT
+from handpose.fit.observation import HandCrops
+from handpose.fit.search import FAST
+from handpose.fit.size_calibration import calibrate_size
 from handpose.tracking.pose_estimator import Estimate, PoseEstimator
 from netlib.errors import DataError
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.track_files.track import TrackedFrame
+from handpose.tracking.track import TrackedFrame
 from layers.hand.skeleton import Skeleton
 
 

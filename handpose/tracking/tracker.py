@@ -17,16 +17,15 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.crops import check_size
-from handpose.data.images import check_unit, depth_image
-from handpose.depth_fit.search import ACCURATE, Fit, Plan
-from handpose.facts.cameras import Camera
-from handpose.facts.sides import Side
-from handpose.prediction.nets import refuse_other_bodies
-from handpose.prediction.packaged import load_predictor
-from handpose.prediction.predictor import Predictor, check_whole
-from handpose.sources.recording import DepthFrame
-from handpose.track_files.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader
+from handpose.body.sides import Side
+from handpose.estimate.nets import refuse_other_bodies
+from handpose.estimate.packaged import load_predictor
+from handpose.estimate.predictor import Predictor, check_whole
+from handpose.fit.search import ACCURATE, Fit, Plan
+from handpose.frames.cameras import Camera
+from handpose.frames.crops import check_size
+from handpose.frames.images import check_unit, depth_image
+from handpose.frames.recording import DepthFrame
 from handpose.tracking.acceptance import Acceptance
 from handpose.tracking.detector import NOWHERE, Detector
 from handpose.tracking.hand_track import COAST, HandTrack
@@ -34,6 +33,7 @@ from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
 from handpose.tracking.reasons import reason
 from handpose.tracking.sizing import SizeKeeper, checked
+from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 

@@ -20,7 +20,8 @@ from netlib.files.paths import BASE, ROOT, load_module, own
 from netlib.system.one_thread import lock
 
 NAMES = ("layers", "fast")
-OTHERS = ("tools", "export", "exercises", "models", "benchmarks")  # folders of a clone that netlib does not import
+# Folders of a clone that netlib does not import.
+OTHERS = ("tools", "export", "exercises", "experiments", "models", "benchmarks")
 _known: dict[str, ModuleType] = {}  # results of own_module
 _aside: dict[str, ModuleType] = {}  # our modules that are not in sys.modules, by name
 _lock = lock()

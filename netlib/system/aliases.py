@@ -1,4 +1,4 @@
-"""Module aliases: ``caffe`` for netlib.caffe, and the old names of moved modules."""
+"""Module aliases: ``caffe`` for netlib.caffe."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import importlib.machinery
 import importlib.util
 import sys
 import types
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 
 class Alias(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -43,33 +42,6 @@ class Alias(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         return self.target + name.removeprefix(self.name)
 
 
-class OldNames(Alias):
-    """Import hook that resolves the old names of moved modules, with a DeprecationWarning.
-
-    moved  old name -> new name
-    """
-
-    def __init__(self, moved: Mapping[str, str]) -> None:
-        super().__init__("", "")
-        self.moved = moved
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None, target: types.ModuleType | None = None
-    ) -> importlib.machinery.ModuleSpec | None:
-        """Spec of a module under its old name."""
-        return importlib.machinery.ModuleSpec(name, self) if name in self.moved else None
-
-    def create_module(self, spec: importlib.machinery.ModuleSpec) -> types.ModuleType:
-        """Import and return the moved module, with a warning."""
-        text = f"{spec.name} is now {self.moved[spec.name]}; the old name will be removed in the next release"
-        # stacklevel 2 is the import statement: Python skips its own frames
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
-        return super().create_module(spec)
-
-    def _target_of(self, name: str) -> str:
-        return self.moved[name]
-
-
 def install(name: str, target: str) -> bool:
     """Make ``name`` an alias of ``target`` in this process, even if ``name`` is installed. False if it already is."""
     if any(isinstance(finder, Alias) and finder.name == name for finder in sys.meta_path):
@@ -78,11 +50,6 @@ def install(name: str, target: str) -> bool:
         del sys.modules[known]
     sys.meta_path.insert(0, Alias(name, target))
     return True
-
-
-def keep_old_names(moved: Mapping[str, str]) -> None:
-    """Keep the old names of moved modules importable, with a DeprecationWarning."""
-    sys.meta_path.append(OldNames(moved))
 
 
 def is_installed(name: str, attribute: str) -> bool:

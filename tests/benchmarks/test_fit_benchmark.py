@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks import fit
-from handpose.depth_fit.search import PLANS
+from handpose.fit.search import PLANS
 from tests.support.running import run_tool
 
 

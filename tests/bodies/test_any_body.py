@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.data.crops import crop_pixels, restore_joints
-from handpose.depth_fit.body import CapsuleModel
-from handpose.depth_fit.fit import DepthFitter
-from handpose.depth_fit.observation import observe
-from handpose.depth_fit.search import FAST
-from handpose.facts.cameras import KINECT2
-from handpose.joint_fit.levenberg_marquardt import fit_joints
-from handpose.prediction.nets import hand_layer
-from handpose.prediction.predictor import Predictor
+from handpose.estimate.nets import hand_layer
+from handpose.estimate.predictor import Predictor
+from handpose.fit.body import CapsuleModel
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.joints.fit_joints import fit_joints
+from handpose.fit.observation import observe
+from handpose.fit.search import FAST
+from handpose.frames.cameras import KINECT2
+from handpose.frames.crops import crop_pixels, restore_joints
 from handpose.scoring.held_out import errors_by_joint, figures_of, predict_all
 from handpose.synthetic import prior_file
 from handpose.synthetic.files import DataSet

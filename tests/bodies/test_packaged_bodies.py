@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.drawing.page.content import content
+from handpose.output.drawing.page.content import content
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.pose_prior import BodySampler

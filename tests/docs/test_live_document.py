@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from handpose.live.messages import Messages
-from handpose.live.server import LINES, LiveServer
-from handpose.track_files.track import TrackedFrame
+from handpose.output.live.messages import Messages
+from handpose.output.live.server import LINES, LiveServer
+from handpose.tracking.track import TrackedFrame
 from netlib.files.paths import ROOT
 from tests.support.tracked_hands import HEADER, tracked
 

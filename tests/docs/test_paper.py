@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from docs.making.markdown import anchor_of
-from handpose.experiments.table1.findings import FINDINGS
-from handpose.experiments.table1.networks import NETWORKS
+from experiments.table1.findings import FINDINGS
+from experiments.table1.networks import NETWORKS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAPER = (DOCS / "paper.md").read_text(encoding="utf-8")

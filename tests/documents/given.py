@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import netlib
-from handpose.data import crops
-from handpose.facts.cameras import KINECT2, NYU
-from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.frames import crops
+from handpose.frames.cameras import KINECT2, NYU
+from handpose.frames.recording import DepthFrame
+from handpose.frames.writing import RecordingWriter
 from handpose.sequences.recordings import SyntheticRecording
-from handpose.sources.recording import DepthFrame
-from handpose.sources.writing import RecordingWriter
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons

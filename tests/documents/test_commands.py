@@ -247,7 +247,7 @@ RUN_BY = {
     "tests.caffe.reduce": "tests/caffe/test_caffe_whole.py",
     "tests.exercises.reduce_recordings": "tests/exercises/test_exercise_stubs.py",
     "tests.faults.campaign": "tests/documents/test_commands.py",  # make faults
-    "tests.handpose.prediction.moved_frames": "tests/handpose/prediction/test_processors.py",
+    "tests.handpose.estimate.moved_frames": "tests/handpose/estimate/test_processors.py",
     "tests.support.random_programs": "tests/fast/test_random_programs.py",
     "tests.support.rank_programs": "tests/netlib/distributed/test_mpi.py",
     "tools.exercise": "tests/exercises/test_exercise_command.py",

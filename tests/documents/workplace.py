@@ -16,7 +16,19 @@ import numpy as np
 import netlib
 
 ROOT = Path(__file__).resolve().parents[2]
-CODE = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "benchmarks", "docs")
+CODE = [
+    "netlib",
+    "layers",
+    "fast",
+    "handpose",
+    "exercises",
+    "experiments",
+    "export",
+    "tools",
+    "benchmarks",
+    "web",
+    "docs",
+]
 LINKED = (*CODE, "tests", "setup.cfg", "Makefile")
 COPIED = ("prototxt", "models")  # folders into which documents may write
 LARGE = 100_000  # bytes; larger files are linked even there, and replaced when written, as all writers do

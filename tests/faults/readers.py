@@ -407,7 +407,7 @@ def make_old_state() -> list[str]:
 
 def make_fit() -> list[str]:
     """Write weights with a group about the network's errors."""
-    from handpose.depth_fit.network_errors import SIGNS
+    from handpose.fit.network_errors import SIGNS
 
     table = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
     with h5py.File("model.caffemodel.h5", "w") as file:
@@ -419,7 +419,7 @@ def make_fit() -> list[str]:
 
 @functools.cache
 def _surface_model() -> Any:
-    from handpose.depth_fit.body import CapsuleModel
+    from handpose.fit.body import CapsuleModel
     from layers.hand import skeleton
 
     return CapsuleModel(skeleton.load(), 150.0)
@@ -427,7 +427,7 @@ def _surface_model() -> Any:
 
 def read_fit(path: Path) -> Any:
     """Read the group in addition to the weights."""
-    from handpose.depth_fit.network_errors import read_errors
+    from handpose.fit.network_errors import read_errors
 
     read_errors(path, _surface_model())
 
@@ -447,7 +447,7 @@ def make_card() -> list[str]:
 
 def read_packaged(path: Path) -> Any:
     """Read the card of a model, and its weights and net if they are those of the card."""
-    from handpose.prediction.packaged import checked_net, checked_weights, net_content, read_card
+    from handpose.estimate.packaged import checked_net, checked_weights, net_content, read_card
 
     card = read_card(Path("model"))
     return checked_weights(card).read_bytes(), net_content(checked_net(card))
@@ -617,8 +617,8 @@ def make_depth() -> list[str]:
 
 def read_depth(path: Path) -> Any:
     """Read a frame as tools/predict.py and the data sets do."""
-    from handpose.data.images import read_crop, read_frame, read_png
-    from handpose.facts.cameras import Camera
+    from handpose.frames.cameras import Camera
+    from handpose.frames.images import read_crop, read_frame, read_png
 
     if path.name == "crop.png":
         return read_crop(path)
@@ -628,11 +628,11 @@ def read_depth(path: Path) -> Any:
 
 def make_nyu() -> list[str]:
     """Write the annotation of a small split in MATLAB's formats 5 and 7.3."""
-    from handpose.importers.nyu_files import write_annotation
+    from handpose.datasets.nyu_files import write_annotation
 
     xyz = np.random.default_rng(0).normal(0, 50, (6, 36, 3)) + (0, 0, 700)
     write_annotation(Path("five.mat"), xyz, "synthetic")
-    from handpose.facts.cameras import NYU
+    from handpose.frames.cameras import NYU
 
     with h5py.File("seven.mat", "w", userblock_size=512) as file:
         file["joint_uvd"] = np.ascontiguousarray(NYU.project(xyz)[None].T)
@@ -642,8 +642,8 @@ def make_nyu() -> list[str]:
 
 def read_nyu(path: Path) -> Any:
     """Read the joints of an annotation."""
-    from handpose.importers import matlab_file
-    from handpose.importers.nyu_files import read_annotation
+    from handpose.datasets import matlab_file
+    from handpose.datasets.nyu_files import read_annotation
 
     with mock.patch.object(matlab_file.subprocess, "run", _matlab_worker_forked):
         read_annotation(path)
@@ -652,9 +652,9 @@ def read_nyu(path: Path) -> Any:
 def _matlab_worker_forked(command: list[str], **options: Any) -> subprocess.CompletedProcess[bytes]:
     """Run matlab_worker.py in a forked process, because a new one would import SciPy again for every case.
 
-    tests/handpose/importers/test_matlab_file.py tests the program itself, its crash and its time limit.
+    tests/handpose/datasets/test_matlab_file.py tests the program itself, its crash and its time limit.
     """
-    from handpose.importers import matlab_worker
+    from handpose.datasets import matlab_worker
 
     with tempfile.TemporaryFile() as out:
         child = os.fork()
@@ -680,7 +680,7 @@ def make_icvl() -> list[str]:
 
 def read_icvl(path: Path) -> Any:
     """Read the joints of the labels."""
-    from handpose.importers.icvl_files import read_annotation
+    from handpose.datasets.icvl_files import read_annotation
 
     read_annotation([path])
 
@@ -697,7 +697,7 @@ def make_centers() -> list[str]:
 
 def read_centers(path: Path) -> Any:
     """Read the centres of five frames."""
-    from handpose.importers.published_frames import read_centers as read
+    from handpose.datasets.published_frames import read_centers as read
 
     read(path, 5)
 
@@ -709,7 +709,7 @@ def make_predictions() -> list[str]:
 
 def read_predictions(path: Path) -> Any:
     """Read predictions in pixels and in mm."""
-    from handpose.facts.cameras import NYU
+    from handpose.frames.cameras import NYU
     from handpose.scoring import published_predictions
 
     if published_predictions.is_list(path):
@@ -742,7 +742,7 @@ def make_examples() -> list[str]:
 
 def read_examples(path: Path) -> Any:
     """Read examples as tools/show_data.py does."""
-    from handpose.data.examples import examples_of
+    from handpose.datasets.examples import examples_of
 
     examples_of(path, 4)
 
@@ -751,7 +751,7 @@ def make_labels() -> list[str]:
     """Write a file of frames with all of its data sets."""
     rng = np.random.default_rng(0)
     uvd = rng.normal(0, 20, (6, 3)) + (320, 240, 700)
-    from handpose.facts.cameras import NYU
+    from handpose.frames.cameras import NYU
 
     with h5py.File("part.h5", "w") as file:
         file["joint"] = rng.uniform(-0.9, 0.9, (6, 93)).astype(np.float32)
@@ -763,7 +763,7 @@ def make_labels() -> list[str]:
 
 def read_labels(path: Path) -> Any:
     """Read joints, half-cubes and centres."""
-    from handpose.data import labels
+    from handpose.datasets import labels
     from netlib.files.hdf5 import File
 
     labels.read(path, [31])
@@ -778,7 +778,7 @@ def make_companions() -> list[str]:
 
 
 def _fit_companion() -> Any:
-    from handpose.joint_fit import companions
+    from handpose.fit.joints import companions
     from layers.hand import skeleton
 
     with contextlib.suppress(OSError):
@@ -793,7 +793,7 @@ def read_companions(path: Path) -> Any:
 
 def make_store() -> list[str]:
     """Write an entry of the store of Table 1, the frames that are drawn, and a speed."""
-    from handpose.experiments.table1 import speed, store
+    from experiments.table1 import speed, store
     from tests.support import made_store
 
     entry = store.write(Path("store"), made_store.entry())
@@ -804,7 +804,7 @@ def make_store() -> list[str]:
 
 def read_store(path: Path) -> Any:
     """Read the store as tools/table1.py --page does."""
-    from handpose.experiments.table1 import speed, store
+    from experiments.table1 import speed, store
 
     return (store.read_all(Path("store"), "one_hand"), store.read_shown(Path("store"), "one_hand"),
             speed.read(Path("store/speed.json")))  # fmt: skip
@@ -817,7 +817,7 @@ def make_components() -> list[str]:
 
 def read_components(path: Path) -> Any:
     """Read the joints as tools/table1.py does for DeepPrior."""
-    from handpose.experiments.table1.derived_nets import write_components
+    from experiments.table1.derived_nets import write_components
 
     write_components(Path("out.h5"), [Path("a.h5"), Path("b.h5")])
 
@@ -837,10 +837,10 @@ def make_frames() -> None:
 
 
 def _prepare() -> Any:
-    from handpose.data.images import read_png, unpack_depth
-    from handpose.facts.cameras import Camera
-    from handpose.importers.preparation import PreparedSplit, refuse_foreign
-    from handpose.importers.published_frames import PublishedFrames
+    from handpose.datasets.preparation import PreparedSplit, refuse_foreign
+    from handpose.datasets.published_frames import PublishedFrames
+    from handpose.frames.cameras import Camera
+    from handpose.frames.images import read_png, unpack_depth
 
     joints = np.zeros((3, 31, 3)) + (0, 0, 700)
     camera = Camera("own", 60, 60, 32, 24, 64, 48)
@@ -865,9 +865,9 @@ def read_parts(path: Path) -> Any:
 
 def make_videos() -> list[str]:
     """Write a video with the project's writer, and one of raw values."""
-    from handpose.facts.cameras import Camera
-    from handpose.sources.recording import DepthFrame
-    from handpose.sources.video_writer import VideoWriter
+    from handpose.frames.cameras import Camera
+    from handpose.frames.formats.video_writer import VideoWriter
+    from handpose.frames.recording import DepthFrame
 
     depth = np.random.default_rng(0).integers(0, 4000, (4, 24, 32)).astype(np.float32)
     for name, images in (("noise.mkv", depth), ("smooth.mkv", np.sort(depth, axis=2))):
@@ -895,9 +895,9 @@ def make_dice() -> list[str]:
 
 def read_mixed_bag(path: Path) -> Any:
     """Read a bag of random records: messages of any type with any name, several types with one name."""
-    from handpose.facts.cameras import Camera
-    from handpose.sources.recording import CameraInfo
-    from handpose.sources.ros_bag import open_bag
+    from handpose.frames.cameras import Camera
+    from handpose.frames.formats.ros_bag import open_bag
+    from handpose.frames.recording import CameraInfo
     from tests.support import bags
 
     if path.read_bytes() == DICE.encode():  # the undamaged file is valid
@@ -979,8 +979,8 @@ def make_camera_json() -> list[str]:
 
 def read_camera_json(path: Path) -> Any:
     """Read a camera file and use its lens parameters."""
-    from handpose.sources import camera_file
-    from handpose.sources.raw import calibration_of
+    from handpose.frames import camera_file
+    from handpose.frames.raw import calibration_of
 
     given = camera_file.read(path)
     raw = np.full((48, 64), 4000, np.uint16)
@@ -1028,8 +1028,8 @@ def make_stacks() -> list[str]:
 
 def read_recording(path: Path) -> Any:
     """Inspect a recording, then read all its frames; for a file of a folder, those of the folder."""
-    from handpose.sources.inspection import inspect
-    from handpose.sources.opening import open_recording
+    from handpose.frames.inspection import inspect
+    from handpose.frames.opening import open_recording
 
     with open_recording(path.parent if path.suffix in (".png", ".bin", ".yaml") else path) as recording:
         inspect(recording)
@@ -1045,7 +1045,7 @@ def _hdf5(layout: str) -> Callable[[], list[str]]:
 
 def make_tracks() -> list[str]:
     """Write two hands over a few frames, in both layouts."""
-    from handpose.track_files.json_file import JsonLinesWriter, JsonWriter
+    from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter
     from layers.hand import skeleton
     from tests.support.made_tracks import any_track, header_of
 
@@ -1059,7 +1059,7 @@ def make_tracks() -> list[str]:
 
 def read_tracks(path: Path) -> Any:
     """Read all frames of the tracks."""
-    from handpose.track_files.json_file import read_track
+    from handpose.output.tracks.json_file import read_track
 
     read_track(path)
 
@@ -1080,8 +1080,8 @@ READERS: tuple[Reader, ...] = (
     Reader("resume binary", ("netlib/snapshots/snapshot.py",), _hdf5("BINARYPROTO"), read_pair, exact=True),
     Reader("resume older", ("netlib/snapshots/snapshot.py", "netlib/snapshots/hdf5_format.py"),
            make_old_state, read_pair),
-    Reader("errors of a network", ("handpose/depth_fit/network_errors.py",), make_fit, read_fit),
-    Reader("packaged model", ("handpose/prediction/packaged.py",), make_card, read_packaged, exact=True),
+    Reader("errors of a network", ("handpose/fit/network_errors.py",), make_fit, read_fit),
+    Reader("packaged model", ("handpose/estimate/packaged.py",), make_card, read_packaged, exact=True),
     Reader("data hdf5", ("netlib/files/hdf5.py", "netlib/files/hdf5_check.py", "layers/data/hdf5_data.py"),
            make_hdf5, read_batches),
     Reader("data pictures", ("layers/data/image_data.py", "layers/data/images.py", "netlib/proto/binaryproto.py"),
@@ -1093,36 +1093,38 @@ READERS: tuple[Reader, ...] = (
     Reader("picture", ("netlib/caffe/io.py",), lambda: make_pictures()[:5], read_image),
     Reader("picture list", ("tools/convert_imageset.py", "layers/data/image_data.py"),
            lambda: [name for name in make_pictures() if name != "mean.binaryproto"], read_imageset),
-    Reader("depth picture", ("handpose/data/images.py",), make_depth, read_depth, exact=True),
-    Reader("nyu annotation", ("handpose/importers/nyu_files.py", "handpose/importers/matlab_worker.py"), make_nyu,
+    Reader("depth picture", ("handpose/frames/images.py",), make_depth, read_depth, exact=True),
+    Reader("nyu annotation", ("handpose/datasets/nyu_files.py", "handpose/datasets/matlab_worker.py"), make_nyu,
            read_nyu),
-    Reader("icvl labels", ("handpose/importers/icvl_files.py",), make_icvl, read_icvl),
-    Reader("centres", ("handpose/importers/published_frames.py",), make_centers, read_centers),
+    Reader("icvl labels", ("handpose/datasets/icvl_files.py",), make_icvl, read_icvl),
+    Reader("centres", ("handpose/datasets/published_frames.py",), make_centers, read_centers),
     Reader("predictions", ("handpose/scoring/published_predictions.py", "netlib/files/hdf5.py"),
            make_predictions, read_predictions),
     Reader("log", ("tools/plot_log.py",), make_logs, read_log),
-    Reader("examples", ("handpose/data/examples.py",), make_examples, read_examples),
-    Reader("labels", ("netlib/files/hdf5.py", "handpose/data/labels.py"), make_labels, read_labels),
-    Reader("companions", ("handpose/joint_fit/companions.py", "handpose/data/parts.py"),
+    Reader("examples", ("handpose/datasets/examples.py",), make_examples, read_examples),
+    Reader("labels", ("netlib/files/hdf5.py", "handpose/datasets/labels.py"), make_labels, read_labels),
+    Reader("companions", ("handpose/fit/joints/companions.py", "handpose/datasets/parts.py"),
            make_companions, read_companions),
-    Reader("store of table 1", ("handpose/experiments/table1/store.py", "handpose/experiments/table1/speed.py"),
+    Reader("store of table 1", ("experiments/table1/store.py", "experiments/table1/speed.py"),
            make_store, read_store),
-    Reader("principal components", ("handpose/experiments/table1/derived_nets.py",), make_components,
+    Reader("principal components", ("experiments/table1/derived_nets.py",), make_components,
            read_components),
-    Reader("video", ("handpose/sources/ffmpeg.py", "handpose/sources/video.py"), make_videos, read_recording),
-    Reader("azure kinect", ("handpose/sources/ffmpeg.py", "handpose/sources/video.py"),
+    Reader("video", ("handpose/frames/formats/ffmpeg.py", "handpose/frames/formats/video.py"),
+           make_videos, read_recording),
+    Reader("azure kinect", ("handpose/frames/formats/ffmpeg.py", "handpose/frames/formats/video.py"),
            make_azure, read_recording),
     Reader("records of a bag under other names", (), make_dice, read_mixed_bag),
     Reader("log of many names", (), make_dice, read_log_of_many_names),
-    Reader("ros bag", ("handpose/sources/ros_bag.py", "handpose/sources/ros_limits.py"),
+    Reader("ros bag", ("handpose/frames/formats/ros_bag.py", "handpose/frames/formats/ros_limits.py"),
            make_bags, read_recording),
-    Reader("camera.json", ("handpose/sources/camera_file.py",), make_camera_json, read_camera_json),
-    Reader("depth folder", ("handpose/sources/data_sets.py", "handpose/data/images.py"),
+    Reader("camera.json", ("handpose/frames/camera_file.py",), make_camera_json, read_camera_json),
+    Reader("depth folder", ("handpose/frames/formats/data_sets.py", "handpose/frames/images.py"),
            make_depth_folders, read_recording),
-    Reader("depth stack", ("handpose/sources/stack.py", "handpose/sources/numpy_files.py"),
+    Reader("depth stack", ("handpose/frames/formats/stack.py", "handpose/frames/formats/numpy_files.py"),
            make_stacks, read_recording),
-    Reader("prepared data", ("handpose/data/parts.py", "handpose/importers/preparation.py", "netlib/files/atomic.py"),
+    Reader("prepared data",
+           ("handpose/datasets/parts.py", "handpose/datasets/preparation.py", "netlib/files/atomic.py"),
            make_parts, read_parts),
     Reader("exercises that have passed", ("exercises/solutions.py",), make_passed, read_passed),
-    Reader("track", ("handpose/track_files/json_file.py",), make_tracks, read_tracks),
+    Reader("track", ("handpose/output/tracks/json_file.py",), make_tracks, read_tracks),
 )  # fmt: skip

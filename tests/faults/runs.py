@@ -30,7 +30,7 @@ import netlib  # before NumPy: it chooses the BLAS threads
 import h5py
 import numpy as np
 
-from handpose.drawing import strokes
+from handpose.output.drawing import strokes
 from handpose.synthetic import prior_file
 from netlib.errors import NetlibError
 from netlib.files import atomic, hdf5_check, hdf5_helper
@@ -136,8 +136,8 @@ def make_texts() -> None:
 
 def write_texts(word: str = "new") -> Any:
     """Replace an old text, mean image, picture, fitted poses and model by new ones."""
-    from handpose.joint_fit.absolute_joints import AbsoluteFit, write_fit
-    from handpose.prediction.packaged import write_model
+    from handpose.estimate.packaged import write_model
+    from handpose.fit.joints.absolute_joints import AbsoluteFit, write_fit
     from netlib.proto.binaryproto import write_blob
     from tools.common import outputs
 
@@ -223,7 +223,7 @@ def check_tracks(result: str) -> None:
     """Check that each file is complete: the old one, the new one, or the part of it that fitted on the disk."""
     import av
 
-    from handpose.track_files.json_file import read_track
+    from handpose.output.tracks.json_file import read_track
 
     read_track("a.json")
     readers.read_image(Path("a.png"))
@@ -243,9 +243,9 @@ RECORDINGS = ("frames", "stack.npz", "take.mkv")
 
 def write_recordings(value: int = 2) -> Any:
     """Replace an old folder of frames, stack and video by new ones."""
-    from handpose.facts.cameras import Camera
-    from handpose.sources.recording import DepthFrame
-    from handpose.sources.writing import RecordingWriter
+    from handpose.frames.cameras import Camera
+    from handpose.frames.recording import DepthFrame
+    from handpose.frames.writing import RecordingWriter
 
     for name in RECORDINGS:
         with RecordingWriter(Path(name), Camera("own", 60, 60, 4, 3, 8, 6), 0.5, 30, replace=True) as writer:
@@ -256,14 +256,14 @@ def write_recordings(value: int = 2) -> Any:
 
 def read_recordings() -> Any:
     """Read all recordings as far as possible."""
-    from handpose.sources.opening import open_recording
+    from handpose.frames.opening import open_recording
 
     return [[(frame.time, frame.depth) for frame in open_recording(name)] for name in RECORDINGS]
 
 
 def check_recordings(result: str) -> None:
     """Check that a stack or video is the old one or the new one, and that all frames in a folder are complete."""
-    from handpose.sources.opening import open_recording
+    from handpose.frames.opening import open_recording
 
     for name in RECORDINGS[1:]:
         means = [float(frame.depth.mean()) for frame in open_recording(name)]
@@ -281,7 +281,7 @@ SYNTHETIC = ("made", "stack.npz", "take.mkv")
 
 def make_recordings(seed: int = 2) -> Any:
     """Replace old recordings and their truths by new ones, as tools/make_recording.py does."""
-    from handpose.facts.cameras import Camera
+    from handpose.frames.cameras import Camera
     from tools import make_recording
 
     for name in SYNTHETIC:
@@ -300,7 +300,7 @@ def make_old_recordings() -> None:
 
 def read_pair_of_recording(name: str) -> Any:
     """Read depth and truth; None if a file does not exist."""
-    from handpose.sources.opening import open_recording
+    from handpose.frames.opening import open_recording
 
     truth = Path(f"{Path(name).stem}.truth.json")
     frames = [(frame.time, frame.depth) for frame in open_recording(name)] if Path(name).exists() else None

@@ -13,15 +13,15 @@ from tests.faults.readers import READERS
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [
     path
-    for package in ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools")
+    for package in ("netlib", "layers", "fast", "handpose", "exercises", "experiments", "export", "tools")
     for path in (ROOT / package).rglob("*.py")
 ]
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
-    "handpose/experiments/table1/results.py": "asks netlib/files/hdf5.py for rows, and looks at their shape",
+    "experiments/table1/results.py": "asks netlib/files/hdf5.py for rows, and looks at their shape",
     "handpose/__main__.py": "reads the commands that come with the project",
-    "handpose/drawing/page/assembly.py": "reads the page that comes with the project",
-    "handpose/sources/video_writer.py": "looks whether a frame of what it has written itself reached the disk",
+    "handpose/output/drawing/page/assembly.py": "reads the page that comes with the project",
+    "handpose/frames/formats/video_writer.py": "looks whether a frame of what it has written itself reached the disk",
     "netlib/system/memory.py": "reads what Linux says of the memory that there is",
     "netlib/files/reading.py": "opens for all others what a user names",
     "netlib/files/locks.py": "opens a file to lock it, and reads the number of the process that has it",
@@ -32,9 +32,9 @@ NO_READERS = {
     "exercises/recorded.py": "reads numbers that come with the project",
     "exercises/stubs.py": "reads the project's own source",
     "tools/export_onnx.py": "reads back what it has just written",
-    "tools/record.py": "opens recordings by handpose.sources.opening",
+    "tools/record.py": "opens recordings by handpose.frames.opening",
     "tools/common/campaign.py": "asks netlib/files/hdf5.py how many rows there are",
-    "tools/track.py": "opens recordings by handpose.sources.opening",
+    "tools/track.py": "opens recordings by handpose.frames.opening",
     "tools/package_model.py": "reads back what it has just written",
 }
 # Names of functions that open files; for those that also write, the mode is checked.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.facts.cameras import NYU, Camera
-from handpose.facts.nyu import CUBE_MM
-from handpose.surface.render import Capsules, Floats, render
+from handpose.body.nyu import CUBE_MM
+from handpose.body.render import Capsules, Floats, render
+from handpose.frames.cameras import NYU, Camera
 from handpose.synthetic.pose_prior import Bodies, BodySampler
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior, draw_capsules
 

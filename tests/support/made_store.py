@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from handpose.experiments.table1.networks import NETWORKS
-from handpose.experiments.table1.recipes import PAPER, Recipe
-from handpose.experiments.table1.settings import ONE_HAND, Setting
-from handpose.experiments.table1.store import DRAWN, JOINTS, ROTATIONS, THRESHOLDS_MM, Entry, Figures, Shown
+from experiments.table1.networks import NETWORKS
+from experiments.table1.recipes import PAPER, Recipe
+from experiments.table1.settings import ONE_HAND, Setting
+from experiments.table1.store import DRAWN, JOINTS, ROTATIONS, THRESHOLDS_MM, Entry, Figures, Shown
 
 # Joint error in mm, angle error in degrees, frames out of limits: the paper's for its networks, made up for others.
 PAPERS = {

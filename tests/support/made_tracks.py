@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.facts.cameras import NYU
-from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader, joints_of
+from handpose.frames.cameras import NYU
+from handpose.tracking.track import LostHand, TrackedFrame, TrackedHand, TrackHeader, joints_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.proto import prototxt, schema

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from handpose.data.frames import Frames
+from handpose.datasets.frames import Frames
 
 
 def assert_equal(one: Frames, two: Frames) -> None:

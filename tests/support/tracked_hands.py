@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.depth_fit.body import CapsuleModel
-from handpose.facts.cameras import Camera
-from handpose.facts.nyu import CUBE_MM
-from handpose.facts.sides import Side, mirror_of
-from handpose.surface.render import Capsules, render
-from handpose.track_files.track import TrackedHand, TrackHeader, joints_of
+from handpose.body.nyu import CUBE_MM
+from handpose.body.render import Capsules, render
+from handpose.body.sides import Side, mirror_of
+from handpose.fit.body import CapsuleModel
+from handpose.frames.cameras import Camera
+from handpose.tracking.track import TrackedHand, TrackHeader, joints_of
 from layers.hand import skeleton
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)

@@ -8,10 +8,10 @@ import h5py
 import numpy as np
 import pytest
 
-from handpose.depth_fit.size_calibration import GRID, HandSize
-from handpose.facts.cameras import KINECT2
-from handpose.facts.nyu import EVALUATION_JOINTS
-from handpose.joint_fit.levenberg_marquardt import fit_joints
+from handpose.body.nyu import EVALUATION_JOINTS
+from handpose.fit.joints.fit_joints import fit_joints
+from handpose.fit.size_calibration import GRID, HandSize
+from handpose.frames.cameras import KINECT2
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons

@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handpose.data.images import read_frame
-from handpose.facts.cameras import NYU
+from handpose.frames.cameras import NYU
+from handpose.frames.images import read_frame
 from tests.support.running import run_tool
 
 

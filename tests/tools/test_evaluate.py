@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import ICVL, NYU
-from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.body.nyu import EVALUATION_JOINTS
+from handpose.frames.cameras import ICVL, NYU
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import NYU
-from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.frames.cameras import NYU
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import ICVL
+from handpose.frames.cameras import ICVL
+from handpose.frames.opening import open_recording
+from handpose.output.tracks.json_file import read_track
 from handpose.scoring.tracks import score
 from handpose.sequences.recordings import SyntheticRecording
-from handpose.sources.opening import open_recording
-from handpose.track_files.json_file import read_track
 from netlib.files import atomic
 from tests.support.running import run_tool
 
@@ -83,11 +83,11 @@ def contents() -> dict[str, bytes]:
 
 
 PLACES = {
-    "a frame of a folder": ("a", "handpose.sources.folder_writer.FolderWriter.write", 3),
-    "a frame of a stack": ("a.npz", "handpose.sources.writing.StackWriter.write", 3),
-    "the end of a stack": ("a.npz", "handpose.sources.writing.StackWriter._fill", 1),
-    "a frame of a video": ("a.mkv", "handpose.sources.video_writer.VideoWriter.write", 3),
-    "a frame of the truth": ("a.npz", "handpose.track_files.growing.GrowingFile.append", 3),
+    "a frame of a folder": ("a", "handpose.frames.formats.folder_writer.FolderWriter.write", 3),
+    "a frame of a stack": ("a.npz", "handpose.frames.writing.StackWriter.write", 3),
+    "the end of a stack": ("a.npz", "handpose.frames.writing.StackWriter._fill", 1),
+    "a frame of a video": ("a.mkv", "handpose.frames.formats.video_writer.VideoWriter.write", 3),
+    "a frame of the truth": ("a.npz", "handpose.output.tracks.growing.GrowingFile.append", 3),
 }
 
 

@@ -17,9 +17,8 @@ import h5py
 import numpy as np
 import pytest
 
-from handpose.data import parts
-from handpose.facts.nyu import CENTER_JOINT, frame_name
-from handpose.importers import nyu_files
+from handpose.body.nyu import CENTER_JOINT, frame_name
+from handpose.datasets import nyu_files, parts
 from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND

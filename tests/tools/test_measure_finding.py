@@ -2,7 +2,7 @@
 
 import json
 
-from handpose.prediction.locator import Locator
+from handpose.estimate.locator import Locator
 from netlib.errors import DataError
 from tests.support.running import run_tool
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.depth_fit.body import CapsuleModel
-from handpose.depth_fit.network_errors import read_errors
-from handpose.prediction.packaged import HAND_LOCATOR, SYNTHETIC_HAND, read_card, rounded
+from handpose.estimate.packaged import HAND_LOCATOR, SYNTHETIC_HAND, read_card, rounded
+from handpose.fit.body import CapsuleModel
+from handpose.fit.network_errors import read_errors
 from layers.hand import skeleton
 from tests.support.running import run_tool
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.data.crops import crop
-from handpose.data.images import pack_depth, read_crop, read_frame
-from handpose.facts.cameras import KINECT2, NYU, SR305, Camera
-from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
-from handpose.prediction import locator, packaged, pipeline
+from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.estimate import locator, packaged, pipeline
+from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
+from handpose.frames.crops import crop
+from handpose.frames.images import pack_depth, read_crop, read_frame
+from handpose.output.tracks import joint_values
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.track_files import joint_values
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter

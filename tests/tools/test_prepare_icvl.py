@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.data.crops import crop
-from handpose.facts.cameras import ICVL
-from handpose.importers import icvl_files
+from handpose.datasets import icvl_files
+from handpose.frames.cameras import ICVL
+from handpose.frames.crops import crop
 from netlib.proto import prototxt
 from tests.support.running import Done, run_tool
 

@@ -14,12 +14,11 @@ import numpy as np
 import pytest
 import scipy.io
 
-from handpose.data import parts
-from handpose.data.crops import crop, window
-from handpose.data.images import pack_depth
-from handpose.facts.cameras import NYU
-from handpose.facts.nyu import ANNOTATION_OF_JOINT, frame_name
-from handpose.importers import matlab_file, matlab_worker, nyu_files
+from handpose.body.nyu import ANNOTATION_OF_JOINT, frame_name
+from handpose.datasets import matlab_file, matlab_worker, nyu_files, parts
+from handpose.frames.cameras import NYU
+from handpose.frames.crops import crop, window
+from handpose.frames.images import pack_depth
 from tests.support.running import Done, run_python, run_tool
 
 ROOT = Path(__file__).parents[2]
@@ -284,7 +283,7 @@ def test_interrupted(root):
 INTERRUPTED = """
 import os, signal, sys
 from pathlib import Path
-from handpose.importers import nyu_files
+from handpose.datasets import nyu_files
 from tools import prepare_nyu
 
 def read(path):

@@ -14,7 +14,19 @@ from tests.support.running import Done, run_python, run_tool
 from tests.tools.conftest import ROOT
 
 LOG = "Iteration 0, loss = 2\nIteration 5, loss = 1\n"
-PACKAGES = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "prototxt", "models")
+PACKAGES = [
+    "netlib",
+    "layers",
+    "fast",
+    "handpose",
+    "exercises",
+    "experiments",
+    "export",
+    "tools",
+    "prototxt",
+    "models",
+    "web",
+]
 C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 ODD = os.fsdecode(b"odd\xe9")  # not valid in UTF-8
 

@@ -1,4 +1,4 @@
-"""tools/table1.py with tools/common/ and handpose/experiments/, on few frames and narrow networks."""
+"""tools/table1.py with tools/common/ and experiments/, on few frames and narrow networks."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.experiments.table1 import store, trainings
-from handpose.experiments.table1.networks import LAMBDAS, NETWORKS
-from handpose.experiments.table1.plan import Job
-from handpose.experiments.table1.recipes import ADAM, PAPER
-from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL
-from handpose.experiments.table1.trainings import Training, data_name
+from experiments.table1 import store, trainings
+from experiments.table1.networks import LAMBDAS, NETWORKS
+from experiments.table1.plan import Job
+from experiments.table1.recipes import ADAM, PAPER
+from experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL
+from experiments.table1.trainings import Training, data_name
 from netlib.errors import DataError
 from netlib.training.solver_parameter import read
 from tests.support.made_store import entry, shown, trained

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.prediction.packaged import SYNTHETIC_HAND, read_card
+from handpose.estimate.packaged import SYNTHETIC_HAND, read_card
 from netlib import engine
 from tests.support.running import run_tool
 from tests.tools.conftest import ROOT

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from handpose import _MODULE_OF
 from netlib import engine
 from tests.support.running import run_tool
 from tests.support.source_imports import imports
@@ -84,11 +85,12 @@ def reached(path: Path) -> set[str]:
     while todo:
         for name in imports(todo.pop()) - found:
             found.add(name)
+            name = _MODULE_OF.get(name.removeprefix("handpose."), name)  # of a public name of handpose
             files = [ROOT.joinpath(*part.split(".")).with_suffix(".py") for part in (name, name.rpartition(".")[0])]
             todo |= {
                 file
                 for file in files
-                if name.startswith(("handpose.", "tools.", "exercises.", "export.")) and file.is_file()
+                if name.startswith(("handpose.", "tools.", "exercises.", "experiments.", "export.")) and file.is_file()
             }
     return found
 

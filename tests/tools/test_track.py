@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import ICVL
+from handpose.frames.cameras import ICVL
+from handpose.frames.opening import open_recording
+from handpose.frames.recording import DepthFrame
+from handpose.frames.writing import RecordingWriter
+from handpose.output.tracks.json_file import read_track
 from handpose.sequences.recordings import SyntheticRecording
-from handpose.sources.opening import open_recording
-from handpose.sources.recording import DepthFrame
-from handpose.sources.writing import RecordingWriter
-from handpose.track_files.json_file import read_track
 from handpose.tracking.tracker import Tracker, load_tracker
 from tests.support.running import run_tool
 from tools import track

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.drawing.sheets import ContactSheet
-from handpose.track_files.json_file import JsonWriter
+from handpose.output.drawing.sheets import ContactSheet
+from handpose.output.tracks.json_file import JsonWriter
 from netlib.errors import NetlibError
 from tests.support.running import run_tool
 

@@ -9,9 +9,9 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from handpose.data.crops import CUBES_MM
-from handpose.facts.cameras import CAMERAS, Camera
-from handpose.joint_formats.formats import FORMAT_NAMES
+from handpose import CAMERAS, Camera
+from handpose.body.joint_formats.formats import FORMAT_NAMES
+from handpose.frames.crops import CUBES_MM
 from netlib import engine
 from netlib.files.paths import command, is_subcommand
 

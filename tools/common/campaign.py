@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.experiments.table1 import results, store, trainings
-from handpose.experiments.table1.plan import Job, convergence_of, next_length, of_job
-from handpose.experiments.table1.results import Truth
-from handpose.experiments.table1.settings import ONE_HAND, Setting, is_real_nyu
-from handpose.experiments.table1.speed import machine
-from handpose.experiments.table1.store import Entry
-from handpose.experiments.table1.trainings import Step, Training
-from handpose.experiments.table1.true_angles import fit_true_angles
-from handpose.prediction.nets import trained
+from experiments.table1 import results, store, trainings
+from experiments.table1.plan import Job, convergence_of, next_length, of_job
+from experiments.table1.results import Truth
+from experiments.table1.settings import ONE_HAND, Setting, is_real_nyu
+from experiments.table1.speed import machine
+from experiments.table1.store import Entry
+from experiments.table1.trainings import Step, Training
+from experiments.table1.true_angles import fit_true_angles
+from handpose.estimate.nets import trained
 from handpose.scoring.held_out import predict_all
 from handpose.synthetic.generator import Split
 from layers.hand import skeleton as skeletons

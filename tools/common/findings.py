@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from handpose.drawing import hands, strokes, surface
-from handpose.drawing.page.assembly import page
-from handpose.drawing.page.content import content, hand
-from handpose.drawing.tracks import Painter
-from handpose.facts.sides import as_right
-from handpose.joint_formats.formats import FORMATS, FormatName
-from handpose.joint_formats.frames import hand_frames
-from handpose.prediction.nets import hand_inputs
-from handpose.prediction.prediction import Prediction, percent
-from handpose.prediction.predictor import Predictor
+from handpose.body.joint_formats.formats import FORMATS, FormatName
+from handpose.body.joint_formats.frames import hand_frames
+from handpose.body.sides import as_right
+from handpose.estimate.nets import hand_inputs
+from handpose.estimate.prediction import Prediction, percent
+from handpose.estimate.predictor import Predictor
+from handpose.frames.inspection import Inspection
+from handpose.output.drawing import hands, strokes, surface
+from handpose.output.drawing.page.assembly import page
+from handpose.output.drawing.page.content import content, hand
+from handpose.output.drawing.tracks import Painter
+from handpose.output.tracks import angles, csv_file, joint_values
 from handpose.sequences.gestures import poses
-from handpose.sources.inspection import Inspection
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.track_files import angles, csv_file, joint_values
-from handpose.track_files.track import TrackedFrame, TrackHeader
+from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import atomic

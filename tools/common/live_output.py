@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.live.datagrams import DatagramSender
-from handpose.live.messages import LINES, VIEWS, Messages
-from handpose.sources.recording import Recording
-from handpose.track_files.track import TrackedFrame, TrackHeader
+from handpose import Recording
+from handpose.output.live.datagrams import DatagramSender
+from handpose.output.live.messages import LINES, VIEWS, Messages
+from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
 from tools.common import arguments
@@ -27,7 +27,7 @@ from tools.common.arguments import name_in
 from tools.common.console import say
 
 if TYPE_CHECKING:
-    from handpose.live.server import LiveServer
+    from handpose.output.live.server import LiveServer
 
 LIVE = ("serve", "udp")
 LOCAL = "127.0.0.1"
@@ -110,8 +110,11 @@ class LiveOutput:
                 file=sys.stderr)  # fmt: skip
 
     def _server_at(self, address: tuple[str, int], header: TrackHeader) -> LiveServer:
-        from handpose.live.page import page
-        from handpose.live.server import LiveServer, checked_token  # imports asyncio, which other runs do not need
+        from handpose.output.live.page import page
+        from handpose.output.live.server import (  # imports asyncio, which other runs do not need
+            LiveServer,
+            checked_token,
+        )
 
         host, port = address
         token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None

@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from handpose.data import parts
-from handpose.data.images import BadFrameError
-from handpose.importers.flaws import Flaw
-from handpose.importers.preparation import Outcome, PreparedSplit, refuse_foreign
-from handpose.importers.published_frames import PublishedFrames
+from handpose.datasets import parts
+from handpose.datasets.flaws import Flaw
+from handpose.datasets.preparation import Outcome, PreparedSplit, refuse_foreign
+from handpose.datasets.published_frames import PublishedFrames
+from handpose.frames.images import BadFrameError
 from netlib import engine
 from tools.common.arguments import parser_of, workers
 from tools.common.console import DONE, FAILED, duration, say

@@ -10,13 +10,13 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.facts.cameras import CAMERAS, UNIT_MM, Camera
-from handpose.sources import camera_file
-from handpose.sources.camera_file import RANGES
-from handpose.sources.inspection import Inspection, warnings_of
-from handpose.sources.lens import Lens
-from handpose.sources.opening import EXPECTED, open_recording
-from handpose.sources.recording import CameraInfo, Recording
+from handpose import CAMERAS, Camera, CameraInfo, Recording, open_recording
+from handpose.frames import camera_file
+from handpose.frames.camera_file import RANGES
+from handpose.frames.cameras import UNIT_MM
+from handpose.frames.inspection import Inspection, warnings_of
+from handpose.frames.lens import Lens
+from handpose.frames.opening import EXPECTED
 from netlib.errors import DataError
 from tools.common import arguments
 from tools.common.console import say

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from handpose.drawing.sheets import side_by_side
-from handpose.experiments.table1 import page as table1_page
-from handpose.experiments.table1 import store
-from handpose.experiments.table1.recipes import RECIPES
-from handpose.experiments.table1.settings import Setting
-from handpose.experiments.table1.store import THRESHOLDS_MM, Entry, Shown
-from handpose.experiments.table1.summary import Line, curve_of, spread_text, value_of
-from handpose.joint_fit.angles import rotations
+from experiments.table1 import page as table1_page
+from experiments.table1 import store
+from experiments.table1.recipes import RECIPES
+from experiments.table1.settings import Setting
+from experiments.table1.store import THRESHOLDS_MM, Entry, Shown
+from experiments.table1.summary import Line, curve_of, spread_text, value_of
+from handpose.fit.joints.angles import rotations
+from handpose.output.drawing.sheets import side_by_side
 from layers.hand.skeleton import Skeleton
 from tools.common import outputs
 from tools.common.plots import COLOURS

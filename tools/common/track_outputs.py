@@ -14,15 +14,15 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.drawing.rerun_view import RerunView
-from handpose.drawing.sheets import ContactSheet
-from handpose.drawing.tracks import Painter
-from handpose.drawing.video_file import VideoFile
-from handpose.sources import camera_file
-from handpose.sources.folder import PICTURES, FolderRecording
-from handpose.sources.recording import Recording
-from handpose.track_files.track import TrackedFrame, TrackHeader
-from handpose.track_files.writing import TrackWriter, open_writer
+from handpose import Recording
+from handpose.frames import camera_file
+from handpose.frames.formats.folder import PICTURES, FolderRecording
+from handpose.output.drawing.rerun_view import RerunView
+from handpose.output.drawing.sheets import ContactSheet
+from handpose.output.drawing.tracks import Painter
+from handpose.output.drawing.video_file import VideoFile
+from handpose.output.tracks.writing import TrackWriter, open_writer
+from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError
 from tools.common import outputs
 from tools.common.arguments import add_joints_option, name_in

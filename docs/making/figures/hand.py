@@ -9,8 +9,8 @@ import numpy as np
 
 from docs.making.figures.drawn import new_figure
 from docs.making.palette import AXES, FINGERS, FORCE, INK, LINE, PALM
-from handpose.joint_formats.frames import HandFrames, frames_of
-from handpose.joint_formats.points import POINTS, weights_of
+from handpose.body.joint_formats.frames import HandFrames, frames_of
+from handpose.body.joint_formats.points import POINTS, weights_of
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton, load
 from netlib.blob import Array

@@ -11,7 +11,7 @@ import numpy as np
 import netlib
 from docs.making.figures.drawn import new_figure
 from docs.making.palette import DEPTH, FIRST, PALE_DATA, SECOND, SIGNS
-from handpose.prediction.packaged import PAPER_HAND, checked_weights, read_card
+from handpose.estimate.packaged import PAPER_HAND, checked_weights, read_card
 from handpose.synthetic.generator import Generator
 from netlib.blob import Array
 from netlib.files.paths import ROOT

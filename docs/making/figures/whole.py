@@ -9,12 +9,12 @@ import numpy as np
 
 from docs.making.figures.drawn import new_figure
 from docs.making.palette import DEPTH, FIRST, SECOND, THIRD
-from handpose.data.crops import crop_pixels, restore_joints
-from handpose.drawing.hands import bones, colours
-from handpose.facts.cameras import NYU
-from handpose.facts.nyu import CUBE_MM
-from handpose.prediction.nets import skeleton_to_fit, trained
-from handpose.prediction.packaged import PAPER_HAND
+from handpose import NYU
+from handpose.body.nyu import CUBE_MM
+from handpose.estimate.nets import skeleton_to_fit, trained
+from handpose.estimate.packaged import PAPER_HAND
+from handpose.frames.crops import crop_pixels, restore_joints
+from handpose.output.drawing.hands import bones, colours
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

@@ -1,23 +1,22 @@
 """Pages of the book for the browser, one self-contained file each: docs/momentum.html, windows.html, small_net.html.
 
 The numbers that a page shows are computed here, by the code that the book is about. The sources of the pages are in
-``browser/``; they are assembled as the page of the hand is.
+web/book; they are assembled as the page of the hand is.
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 from docs.making import palette
 from docs.making.made import Made
 from docs.making.pages import momentum, small_net, windows
-from handpose.drawing.page.assembly import assembled, script_of, source
+from handpose.output.drawing.page.assembly import assembled, script_of, source
 from netlib.files.paths import ROOT
 
-BROWSER = Path(__file__).resolve().parent / "browser"
+BROWSER = ROOT / "web" / "book"
 PAGES: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {  # name of the file: (title, a function of its data)
     "momentum": ("Momentum", momentum.data),
     "windows": ("Convolution and pooling", windows.data),

@@ -21,7 +21,19 @@ DOCUMENTS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/
              "docs/results/*.md")  # fmt: skip
 AS_THEY_ARE = ("docs/*.html", "docs/images/**/*")  # besides what documents show
 # Folders of which all source files are shown.
-CODE = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "prototxt", "docs/exercises")
+CODE = (
+    "netlib",
+    "layers",
+    "fast",
+    "handpose",
+    "exercises",
+    "experiments",
+    "export",
+    "tools",
+    "prototxt",
+    "web",
+    "docs/exercises",
+)
 TESTED = ("layers/", "netlib/", "fast/")  # whose tests are shown too
 SHOWN = {".py", ".prototxt", ".toml", ".cfg", ".txt", ".yml", ".yaml", ".sh", ".js", ".css", ".json"}
 SHOWN_NAMES = {"Makefile", "LICENSE", "run", ".gitignore"}

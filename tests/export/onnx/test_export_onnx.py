@@ -90,7 +90,7 @@ def test_another_runtime(packaged, rng):
 
 OTHER_PROCESS = """
 import sys
-for ours in ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools"):
+for ours in ("netlib", "layers", "fast", "handpose", "exercises", "experiments", "export", "tools"):
     sys.modules[ours] = None  # importing it is an error
 {}
 print(len(joints), *sorted(joints)[:2], *joints["palm"].round(1))

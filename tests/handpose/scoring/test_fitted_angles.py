@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.scoring.fitted_angles import compare_angles
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler

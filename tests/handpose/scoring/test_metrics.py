@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import NYU
-from handpose.facts.nyu import EVALUATION_JOINTS, SECOND_SUBJECT
+from handpose.body.nyu import EVALUATION_JOINTS, SECOND_SUBJECT
+from handpose.frames.cameras import NYU
 from handpose.scoring import metrics
 from netlib.errors import DataError
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import ICVL, NYU
+from handpose.frames.cameras import ICVL, NYU
 from handpose.scoring import published_predictions as published
 from handpose.scoring.metrics import joint_errors
 from handpose.scoring.published_predictions import Format, Score

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import NYU
+from handpose.frames.cameras import NYU
 from handpose.scoring.tracks import score
-from handpose.track_files.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand import skeleton as skeletons
 from netlib.blob import Array
 from netlib.errors import DataError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import ICVL, NYU
+from handpose.frames.cameras import ICVL, NYU
 from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, Act, Actor
 from handpose.sequences.choices import Choices
 from handpose.sequences.gestures import fingers_of, poses

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from handpose.facts.sides import MIRROR
+from handpose.body.sides import MIRROR
 from handpose.sequences.movements import OVERLAP, TOP_SPEED, Movement, Turns, Values, eased, posed
 from handpose.sequences.person import Person
 from handpose.synthetic.pose_prior import BodySampler

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import ICVL, NYU, SR305, Camera
+from handpose.body.render import in_front
+from handpose.frames.cameras import ICVL, NYU, SR305, Camera
 from handpose.scoring.tracks import score
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import SCRIPTS, Role, Script
-from handpose.surface.render import in_front
 from handpose.synthetic.scenes import render_image
-from handpose.track_files.track import HIDDEN, LEFT, PARTLY, joints_of
+from handpose.tracking.track import HIDDEN, LEFT, PARTLY, joints_of
 from netlib.errors import DataError
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from handpose.data.frames import Frames
+from handpose.datasets.frames import Frames
 from handpose.synthetic.generator import Generator
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from handpose.data import parts
+from handpose.datasets import parts
 from handpose.synthetic.files import DataSet, pieces_of
 from handpose.synthetic.generator import Generator
 from handpose.synthetic.places import PlaceGenerator

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.data.crops import crop_pixels, restore_joints, window
-from handpose.data.frames import Frames
-from handpose.facts.cameras import NYU
-from handpose.facts.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
-from handpose.prediction.locator import palm_frame
-from handpose.surface.render import Capsules, normalise_depth, render_crop
+from handpose.body.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
+from handpose.body.render import Capsules, normalise_depth, render_crop
+from handpose.datasets.frames import Frames
+from handpose.estimate.locator import palm_frame
+from handpose.frames.cameras import NYU
+from handpose.frames.crops import crop_pixels, restore_joints, window
 from handpose.synthetic import prior_file, recipes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.data.frames import Frames
+from handpose.datasets.frames import Frames
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.many import generate
 from netlib.errors import DataError

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose.data.crops import crop, window
+from handpose.frames.crops import crop, window
 from handpose.synthetic.generator import Generator, Split
 from handpose.synthetic.nyu_format import RawDataSet, whole_image
 from handpose.synthetic.recipes import recipe

@@ -8,8 +8,8 @@ import pickle
 import numpy as np
 import pytest
 
-from handpose.data.places import CUBE_MM, SIZE
-from handpose.facts.cameras import Camera
+from handpose.frames.cameras import Camera
+from handpose.frames.places import CUBE_MM, SIZE
 from handpose.synthetic import places, scenes
 from handpose.synthetic.generator import BLOCK
 from handpose.synthetic.many import generate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handpose.facts.nyu import CENTER_IN_PALM
+from handpose.body.nyu import CENTER_IN_PALM
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import ProportionParameter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.facts.cameras import KINECT2, NYU
+from handpose.frames.cameras import KINECT2, NYU
 from handpose.synthetic.prior_file import RangeParameter
 from handpose.synthetic.scenes import KINDS, draw_scenes, prior_of
 

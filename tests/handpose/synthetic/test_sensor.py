@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import NYU
+from handpose.frames.cameras import NYU
 from handpose.synthetic.sensor import NOISY_KINECT, Sensor, sense
 
 FAR = np.array([950.0, 950.0])

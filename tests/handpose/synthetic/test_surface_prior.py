@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.data.crops import crop
-from handpose.facts.cameras import NYU
-from handpose.surface.render import CLEAR_MM, Capsules, normalise_depth, render_crop
+from handpose.body.render import CLEAR_MM, Capsules, normalise_depth, render_crop
+from handpose.frames.cameras import NYU
+from handpose.frames.crops import crop
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior
 from tests.handpose.whole_images import capsules_of, render_image

@@ -6,17 +6,17 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from handpose.depth_fit.body import CapsuleModel
-from handpose.facts.cameras import ICVL
-from handpose.prediction.packaged import load_predictor
-from handpose.prediction.predictor import Predictor
+from handpose.estimate.packaged import load_predictor
+from handpose.estimate.predictor import Predictor
+from handpose.fit.body import CapsuleModel
+from handpose.frames.cameras import ICVL
+from handpose.frames.recording import DepthFrame
 from handpose.scoring.tracks import TrackScores, score
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import Role, Script
-from handpose.sources.recording import DepthFrame
-from handpose.track_files.track import TrackedFrame
 from handpose.tracking import sizing
+from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import Tracker
 from layers.hand import skeleton
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.depth_fit.body import CapsuleModel
+from handpose.fit.body import CapsuleModel
 from handpose.tracking.body_pose import PoseConverter, WorldPose, motion_between, moved
 
 CENTERS = st.tuples(*(st.floats(-500, 500),) * 3)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.depth_fit.fit import DepthFit
-from handpose.facts.sides import SIDES
+from handpose.body.sides import SIDES
+from handpose.fit.depth_fit import DepthFit
 from handpose.tracking.body_pose import WorldPose
 from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.pose_estimator import Estimate, SearchRegion

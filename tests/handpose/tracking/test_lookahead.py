@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from handpose.track_files.track import TrackedFrame, TrackedHand
 from handpose.tracking.lookahead import MAX_HELD_S, Lookahead
+from handpose.tracking.track import TrackedFrame, TrackedHand
 from tests.support.tracked_hands import tracked
 
 

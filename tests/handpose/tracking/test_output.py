@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import SIZE, CapsuleModel
-from handpose.facts.cameras import NYU
-from handpose.facts.sides import mirror_of
-from handpose.track_files.track import joints_of
+from handpose.body.sides import mirror_of
+from handpose.fit.body import SIZE, CapsuleModel
+from handpose.frames.cameras import NYU
 from handpose.tracking.body_pose import PoseConverter
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import Estimate, SearchRegion
+from handpose.tracking.track import joints_of
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.depth_fit.search import ACCURATE
-from handpose.facts.cameras import ICVL, Camera
-from handpose.facts.sides import MIRROR, mirror_of
-from handpose.prediction.packaged import load_predictor
-from handpose.prediction.predictor import Predictor
+from handpose.body.sides import MIRROR, mirror_of
+from handpose.estimate.packaged import load_predictor
+from handpose.estimate.predictor import Predictor
+from handpose.fit.search import ACCURATE
+from handpose.frames.cameras import ICVL, Camera
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import Role, Script

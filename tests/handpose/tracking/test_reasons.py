@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.support import Support
-from handpose.facts.cameras import Camera
-from handpose.track_files.track import HIDDEN, LEFT
+from handpose.fit.support import Support
+from handpose.frames.cameras import Camera
 from handpose.tracking.reasons import NO_HAND, Expected, reason
+from handpose.tracking.track import HIDDEN, LEFT
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
 OFFSETS = np.array([(x, y, z) for x in (-60, 0, 60) for y in (-60, 0, 60) for z in (-20, 20)], float)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import SIZE, CapsuleModel
-from handpose.depth_fit.fit import DepthFitter
-from handpose.facts.cameras import NYU
-from handpose.surface.render import normalise_depth, render_crop
+from handpose.body.render import normalise_depth, render_crop
+from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.depth_fit import DepthFitter
+from handpose.frames.cameras import NYU
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.recipes import recipe

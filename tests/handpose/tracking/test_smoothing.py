@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import CapsuleModel
+from handpose.fit.body import CapsuleModel
 from handpose.tracking.body_pose import PoseConverter
 from handpose.tracking.smoothing import PoseFilter
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from handpose.track_files.track import LostHand, RefusedPlace, TrackedFrame, TrackedHand
 from handpose.tracking.summary import Summary
+from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackedHand
 from tests.support.tracked_hands import HEADER, tracked
 
 

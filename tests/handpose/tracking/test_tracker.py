@@ -8,14 +8,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from handpose.data.images import UnitError
-from handpose.facts.cameras import ICVL, NYU
-from handpose.prediction.packaged import load_predictor
-from handpose.prediction.predictor import Predictor
-from handpose.sources.recording import DepthFrame
-from handpose.track_files.track import LEFT, LostHand, TrackedFrame, TrackedHand, joints_of
+from handpose.estimate.packaged import load_predictor
+from handpose.estimate.predictor import Predictor
+from handpose.frames.cameras import ICVL, NYU
+from handpose.frames.images import UnitError
+from handpose.frames.recording import DepthFrame
 from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.reasons import NO_HAND
+from handpose.tracking.track import LEFT, LostHand, TrackedFrame, TrackedHand, joints_of
 from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError, NetlibError
 from tests.handpose.tracking.conftest import RATE, Take, tracked

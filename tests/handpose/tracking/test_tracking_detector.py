@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.data.places import CUBE_MM, SIZE
-from handpose.facts.cameras import NYU
-from handpose.prediction.locator import Locator
+from handpose.estimate.locator import Locator
+from handpose.frames.cameras import NYU
+from handpose.frames.places import CUBE_MM, SIZE
 from handpose.tracking.detector import Detector
 
 FRAME = 1 / 30

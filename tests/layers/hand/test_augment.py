@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.facts.cameras import NYU
-from handpose.surface.render import Capsules, normalise_depth, render_crop
+from handpose.body.render import Capsules, normalise_depth, render_crop
+from handpose.frames.cameras import NYU
 from netlib.errors import LayerError
 
 pytestmark = pytest.mark.both_engines

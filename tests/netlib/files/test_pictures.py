@@ -38,7 +38,7 @@ def bomb(suffix: str) -> bytes:
 def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path: Path, suffix: str) -> None:
     """netlib sets a limit below OpenCV's own if it is imported before OpenCV."""
     (tmp_path / "bomb").write_bytes(bomb(suffix))
-    code = "import netlib, sys, pathlib; from netlib import pictures; "
+    code = "import netlib, sys, pathlib; from netlib.files import pictures; "
     code += "pictures.decode(pathlib.Path(sys.argv[1]).read_bytes(), -1, 'p')"
     done = run_python("-c", code, tmp_path / "bomb", status=1, OPENCV_IO_MAX_IMAGE_PIXELS=None)
     assert "p: the image has too many pixels in all; OPENCV_IO_MAX_IMAGE_PIXELS in the env" in done.err.splitlines()[-1]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from handpose.facts.cameras import KINECT2
+from handpose.frames.cameras import KINECT2
 from tools.common import arguments
 
 

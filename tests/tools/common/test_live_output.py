@@ -16,10 +16,10 @@ from typing import Any
 
 import pytest
 
-from handpose.facts.cameras import ICVL
+from handpose.frames.cameras import ICVL
+from handpose.frames.writing import RecordingWriter
 from handpose.sequences.recordings import SyntheticRecording
-from handpose.sources.writing import RecordingWriter
-from handpose.track_files.track import TrackedFrame
+from handpose.tracking.track import TrackedFrame
 from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER, seen, tracked
 from tools.common import live_output

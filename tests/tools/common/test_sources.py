@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import SR305, Camera
-from handpose.sources.inspection import inspect
+from handpose.frames.cameras import SR305, Camera
+from handpose.frames.inspection import inspect
 from tools.common.sources import add_source_options, opened, print_inspection, print_warnings
 
 

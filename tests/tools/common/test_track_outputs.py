@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.track_files.json_file import read_track
-from handpose.track_files.track import TrackedFrame
+from handpose.output.tracks.json_file import read_track
+from handpose.tracking.track import TrackedFrame
 from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER, seen, tracked
 from tools.common.track_outputs import Outputs, add_output_options, is_drawn, settle_outputs

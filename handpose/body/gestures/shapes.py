@@ -1,0 +1,74 @@
+"""Scores of the gestures, from 0 to 1, for the joints of one frame.
+
+Four fingers are straight or bent, the thumb is out or across the palm, thumb and index finger touch or not. Each of
+these is a probability, a logistic function of one measure of the hand; a gesture is the product of those it requires:
+
+    finger straight   the sum of the bends at its three joints, about STRAIGHT
+    thumb out         distance of its tip from the middle knuckle, about OUT palms
+    touch             distance of the tips of thumb and index finger, about TOUCH palms
+
+A palm is the distance of the wrist from the middle knuckle.
+
+Gestures exclude each other, so the scores sum to 1 at most; the rest is no gesture. "open" is the number five, "point"
+the number one, with the thumb anywhere; "two" is index and middle finger, "three" the ring finger, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.body.joint_formats.angles import angles_of
+from handpose.body.joint_formats.frames import MIN_PALM_MM, HandFrames, hand_frames, joints_of
+from handpose.body.joint_formats.points import FINGERS
+from handpose.body.sides import Side
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError
+
+STRAIGHT = (100.0, 14.0)  # degrees: where the probability is one half, and the scale of its slope
+OUT = (0.72, 0.05)  # palms
+TOUCH = (0.32, 0.03)
+# Straight fingers: index, middle, ring, little; and whether the thumb is out (None: either).
+SHAPES: dict[str, tuple[tuple[bool, bool, bool, bool], bool | None]] = {
+    "open": ((True, True, True, True), True),
+    "fist": ((False, False, False, False), False),
+    "point": ((True, False, False, False), None),
+    "thumb_up": ((False, False, False, False), True),
+    "two": ((True, True, False, False), None),
+    "three": ((True, True, True, False), None),
+    "four": ((True, True, True, True), False),
+}
+PINCH = "pinch"  # thumb and index finger touch, the middle finger is straight
+GESTURES = (*SHAPES, PINCH)
+NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
+
+
+def scores(skeleton: Skeleton, hand: Side, xyz: Array, frames: HandFrames | None = None) -> dict[str, float]:
+    """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError, see ``hand_frames``.
+
+    frames  the hand's directions, if they are computed already (``hand_frames``)
+    """
+    xyz, frames = joints_of(skeleton, hand, xyz), frames or hand_frames(skeleton, hand, xyz)
+    at, angles = dict(zip(skeleton.joint_names, xyz)), angles_of(frames)
+    bends = [sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip")) for finger in FINGERS]
+    straight = [1 - _over(bend, STRAIGHT) for bend in bends]
+    palm = _distance(at["middle_mcp"], (at["wrist_left"] + at["wrist_middle"]) / 2)
+    if not palm > MIN_PALM_MM:
+        raise DataError("the wrist is at the middle knuckle; expected a palm")
+    out = _over(_distance(at["thumb_tip"], at["middle_mcp"]) / palm, OUT)
+    touch = 1 - _over(_distance(at["thumb_tip"], at["index_tip"]) / palm, TOUCH)
+    found = {PINCH: touch * straight[1]}
+    for name, (wanted, thumb) in SHAPES.items():
+        fingers = np.prod([part if is_straight else 1 - part for part, is_straight in zip(straight, wanted)])
+        found[name] = float(fingers * (1.0 if thumb is None else out if thumb else 1 - out) * (1 - touch * straight[1]))
+    return {name: found[name] for name in GESTURES}
+
+
+def _over(value: float, threshold: tuple[float, float]) -> float:
+    """The probability that a measure is above its threshold."""
+    middle, slope = threshold
+    return float(1 / (1 + np.exp(-(value - middle) / slope)))
+
+
+def _distance(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a - b))

@@ -1,0 +1,210 @@
+"""Directions of a hand, computed from its joints: of the palm and of each finger.
+
+They are those of a right hand in camera axes (x right, y up, z away); joints of a left hand are mirrored first
+and directions mirrored back. They depend on positions only, so joints of a network, a fit or a track can be used.
+
+The palm is rigid in the model. Its rotation is the one that best moves the palm of the skeleton at rest onto the joints
+(Kabsch). It fixes the frame of each knuckle M = world_from_mcp. The first phalanx has the direction
+
+    d = M Rz(a) Rx(b) e_y,    Rz(a) Rx(b) e_y = (-sin a cos b, cos a cos b, sin b)
+
+which determines a and b, because |b| < 90 degrees in all limits. So the axis M Rz(a) e_x, about which the finger bends,
+is known for straight fingers, too. The thumb bends about z and points along x: d = M Rz(a) Ry(-b) e_x.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.body.joint_formats.points import FINGERS, NO_HAND, POINTS, weights_of
+from handpose.body.sides import SIDES, Side, mirror_of
+from layers.hand.bodies import kinematics_of
+from layers.hand.kinematics import Kinematics, rotation
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError, reason_of
+
+PALM = ("palm", "wrist_left", "wrist_middle", "thumb_mcp", *(f"{finger}_mcp" for finger in FINGERS))
+MAX_MM = 1e6  # of joints; larger numbers are in another unit, or no positions
+MIN_PALM_MM = 1e-3
+MIN_SHARE = 1e-6  # minimum length of a bone relative to the palm, and sine of an angle between two directions
+HINGES = {"thumb": ("thumb_mcp", "thumb_pip", "thumb_dip", "thumb_tip")} | {
+    finger: tuple(f"{finger}_{part}" for part in ("mcp", "base", "pip_b", "tip")) for finger in FINGERS
+}  # the joints at the ends of the model's phalanges
+
+
+@dataclass(frozen=True)
+class HandFrames:
+    """Directions of one right hand; all of length 1.
+
+    unit_mm   of the skeleton: its size
+    dorsal    (3,) out of the back of the hand, perpendicular to the plane of wrist, index and little knuckle
+    radial    (3,) in that plane, from the little finger to the index, perpendicular to the middle metacarpal
+    bones     by finger the directions (3, 3) of its phalanges, from the palm to the tip; of the thumb the metacarpal
+              first
+    back      by finger the direction (3,) out of its back (of the thumb: out of its nail) at its first bone
+    palm      by finger the direction (3,) of its metacarpal; that of "thumb" is the index finger's
+    """
+
+    unit_mm: float
+    dorsal: Array
+    radial: Array
+    bones: dict[str, Array]
+    back: dict[str, Array]
+    palm: dict[str, Array]
+
+
+def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
+    """Joints (K, 3) in mm as float64. Raises DataError for another shape or side, and numbers that are not finite."""
+    if hand not in SIDES:
+        raise DataError(f"hand {hand!r}; expected {' or '.join(SIDES)}")
+    try:
+        given = np.asarray(xyz)
+        if given.dtype.kind not in "fiuO":
+            raise TypeError(f"they are {given.dtype}")
+        found = given.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"joints are not numbers: {reason_of(error)}") from None
+    if found.shape != (expected := (len(skeleton.joint_names), 3)):
+        raise DataError(f"joints of shape {found.shape}; expected {expected}, those of skeleton {skeleton.name!r}")
+    bad = ~(np.abs(found) <= MAX_MM).all(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad))
+        raise DataError(f"joint {skeleton.joint_names[first]!r} at {found[first].tolist()}; expected finite numbers "
+                        f"of mm, at most {MAX_MM:g}")  # fmt: skip
+    return found
+
+
+def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
+    """The directions of a hand whose joints, of a right hand or mirrored, are ``right`` (K, 3) mm.
+
+    Raises DataError for other bodies than hands, and for degenerate hands: joints of the palm on a line or at one
+    point, bones without a length, or a metacarpal perpendicular to the palm.
+    """
+    rest, right = _rest(skeleton), joints_of(skeleton, "right", right)
+    R, unit_mm = _pose_of(rest.palm, right[rest.palm_joints])
+    points = rest.points @ right  # wrist, then cmc and mcp of every finger
+    wrist, cmc, mcp = points[0], points[1::2], points[2::2]
+    sides = mcp[[0, -1]] - wrist
+    across = np.cross(*sides)
+    size = float(lengths(sides).min())
+    if size < MIN_PALM_MM or not float(np.linalg.norm(across)) > MIN_SHARE * size**2:
+        raise DataError("the wrist and the knuckles of index and little finger are on a line; expected a palm")
+    dorsal = unit(across)
+    metacarpals = [unit(b - a) for a, b in zip(cmc, mcp)]
+    radials = np.cross(metacarpals, dorsal)
+    if not lengths(radials).min() > MIN_SHARE:
+        raise DataError("a metacarpal has no length or is perpendicular to the palm; expected a hand")
+    radial = unit(radials[1])
+    bones, back, palm = {}, {}, dict(zip(FINGERS, metacarpals))
+    palm["thumb"] = metacarpals[0]
+    for finger, hinges in rest.hinges.items():
+        ends = right[hinges]
+        phalanges = ends[1:] - ends[:-1]
+        phalanx_lengths = lengths(phalanges)
+        if not phalanx_lengths.min() > MIN_SHARE * size:
+            raise DataError(f"a bone of the {finger} has no length; expected joints at different positions")
+        bones[finger] = phalanges / phalanx_lengths[:, None]
+        M = R @ rest.frames[finger]
+        d = M.T @ bones[finger][0]
+        if finger == "thumb":
+            a = np.arctan2(d[1], d[0])
+            back[finger] = M @ rotation(2, a)[:, 1] * -1
+        else:
+            a, b = np.arctan2(-d[0], d[1]), np.arcsin(np.clip(d[2], -1, 1))
+            back[finger] = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
+    return HandFrames(unit_mm, dorsal, radial, bones, back, palm)
+
+
+def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
+    """The directions of a hand of this side, mirrored if it is a left one, for joints (K, 3) mm in camera axes.
+
+    Raises DataError for other bodies than hands, joints that are not finite, and degenerate hands (``frames_of``).
+    """
+    return frames_of(skeleton, joints_of(skeleton, hand, xyz) * mirror_of(hand))
+
+
+@dataclass(frozen=True)
+class _Rest:
+    palm_joints: list[int]
+    palm: Array
+    frames: dict[str, Array]
+    hinges: dict[str, list[int]]
+    points: Array
+
+
+@functools.lru_cache(maxsize=8)
+def _rest(skeleton: Skeleton) -> _Rest:
+    """The skeleton with its palm at the origin, not turned."""
+    names = ["wrist", *(f"{finger}_{part}" for finger in FINGERS for part in ("cmc", "mcp"))]
+    points = weights_of([POINTS[name] for name in names], skeleton.joint_names)
+    index = {name: i for i, name in enumerate(skeleton.joint_names)}
+    needed = (*PALM, *itertools.chain.from_iterable(HINGES.values()))
+    if missing := [name for name in needed if name not in index]:
+        raise DataError(NO_HAND.format(missing[0]))
+    pose = Kinematics(skeleton).forward(np.zeros((1, len(skeleton.initial))))
+    palm = [index[name] for name in PALM]
+    root = pose.frames[0, index["palm"]]
+    starts = {finger: "thumb_mcp" if finger == "thumb" else f"{finger}_mcp" for finger in HINGES}
+    return _Rest(
+        palm, (pose.joints[0, palm] - pose.joints[0, index["palm"]]) @ root,
+        {finger: root.T @ pose.frames[0, index[start]] for finger, start in starts.items()},
+        {finger: [index[name] for name in names] for finger, names in HINGES.items()}, points,
+    )  # fmt: skip
+
+
+def _pose_of(rest: Array, found: Array) -> tuple[Array, float]:
+    """The rotation that moves points (N, 3) best onto others, about their means, and the relative size of both."""
+    a, b = rest - rest.mean(axis=0), found - found.mean(axis=0)
+    return best_rotation(a, b), float(np.sqrt((b**2).sum() / (a**2).sum()))
+
+
+def unit(vector: Array) -> Array:
+    """A vector (3,) scaled to length 1; 0 stays 0."""
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
+
+
+def lengths(vectors: Array) -> Array:
+    """The lengths (N,) of vectors (N, 3)."""
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=1)))
+
+
+def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
+    """The rotation of the palm, world_from_palm (3, 3), for joints (K, 3).
+
+    It is the rotation that best moves the joints fixed to the palm from their positions in its frame to those given.
+    Raises DataError if the skeleton has too few such joints.
+    """
+    if "palm" not in skeleton.joint_names:
+        raise DataError(NO_HAND.format("palm"))
+    joints, (fixed, in_palm) = joints_of(skeleton, "right", joints), _fixed_to_palm(skeleton)
+    from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
+    return best_rotation(in_palm, from_palm)
+
+
+@functools.lru_cache(maxsize=16)
+def _fixed_to_palm(skeleton: Skeleton) -> tuple[NDArray[np.int_], Array]:
+    """The joints that move with the palm only, and their positions (n, 3) from it in its frame."""
+    palm = skeleton.joint_names.index("palm")
+    fixed = np.flatnonzero((skeleton.moves == skeleton.moves[:, [palm]]).all(axis=0))
+    kinematics = kinematics_of(skeleton)
+    pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
+    in_palm = (pose.joints[0, fixed] - pose.joints[0, palm]) @ kinematics.rotation_of(pose, palm)[0]
+    if np.linalg.matrix_rank(in_palm) < 2:
+        raise DataError(f"skeleton {skeleton.name!r} has too few joints fixed to the palm to tell how it is turned")
+    return fixed, in_palm
+
+
+def best_rotation(rest: Array, found: Array) -> Array:
+    """The rotation R (3, 3) that moves points (N, 3) best onto others (N, 3), both about a common origin.
+
+    It minimises sum_k |found_k - R rest_k|²: R = U diag(1, 1, det(U Vᵀ)) Vᵀ with sum_k found_k rest_kᵀ = U S Vᵀ
+    (Kabsch, 1976).
+    """
+    U, _, Vt = np.linalg.svd(found.T @ rest)
+    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)

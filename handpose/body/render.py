@@ -1,0 +1,346 @@
+r"""Depth images of capsules: a body as a union of round cones, seen by a pinhole camera.
+
+A capsule is the convex hull of two spheres, radii ra at a and rb at b: all the spheres of centre
+c(s) = a + s (b - a) and radius r(s) = ra - s (ra - rb), 0 <= s <= 1. A ray t (x, y, 1) has depth t, so the
+depth image is the smallest t over all capsules, and the ray meets the sphere s at
+
+    t = (c.d - sqrt((c.d)^2 - d.d (c.c - r^2))) / d.d        with d = (x, y, 1)
+
+Which s it meets first follows from the infinite cone that the spheres touch. With B = b - a, w = ra - rb,
+e = B.B - w^2 and g = a.B + ra w, the ray meets that cone at the smaller root of k2 t^2 + 2 k1 t + k0 = 0,
+
+    k2 = e d.d - (B.d)^2      k1 = (g B - e a).d      k0 = e (a.a - ra^2) - g^2      s = (t B.d - g) / e
+
+and s, limited to [0, 1], is the sphere that holds the first point of the hull. No case distinction is left
+for the pixels, so a capsule is twenty array operations on the rectangle of pixels it can touch; rectangles of
+similar size, of whatever capsule and frame, go together. B.d, k1, a.d are sums of a row and a column.
+
+A *wedge* is the convex hull of three spheres: three capsules and, on either side, the triangle in which the plane that
+touches all three is touched (``facets``). With the normal n of that plane and the centres A, B, C
+
+    n.(B - A) = ra - rb     n.(C - A) = ra - rc     |n| = 1        V = A + ra n, and likewise at B and C
+
+The ray meets the triangle at t = 1 / (f0 + f1 + f2) if no f is negative, where fi is linear in d: f0 = d.(V1 x V2) / D
+and so on, D = V0.(V1 x V2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.frames.cameras import NYU, Camera
+from handpose.frames.crops import SIZE, window
+from netlib.errors import DataError
+
+Floats = NDArray[np.float32]
+
+CLEAR_MM = 40.0  # minimum distance from the camera's plane
+_FAR, _SPECK = 1e6, 1e-3  # mm: distance and radius of an invisible sphere
+_TILE = 32768  # pixels computed together: half a dozen such arrays stay in the cache
+_EDGE = np.float32(1e-4)  # tolerance, so that rays along a triangle's border do not miss both it and the capsule
+_OUTSIDE = 8.0  # slope of the rays of crop pixels outside the image, which meet no capsule
+
+
+NO_FACETS: NDArray[np.int_] = np.zeros((0, 3), dtype=int)
+
+
+class Capsules(NamedTuple):
+    """M capsules in each of N frames: two end points in mm, camera axes (y up), and their radii in mm.
+
+    facets  (T, 3) the same in all frames: the spheres between which the surface is flat, 2 m for the end a of capsule
+            m, 2 m + 1 for its end b
+    """
+
+    a: NDArray[np.float64]  # (N, M, 3)
+    b: NDArray[np.float64]  # (N, M, 3)
+    radius_a: NDArray[np.float64]  # (N, M)
+    radius_b: NDArray[np.float64]  # (N, M)
+    facets: NDArray[np.int_] = NO_FACETS
+
+    def moved(self, by: ArrayLike) -> Capsules:
+        """All ends moved by (3,), or by (N, 3)."""
+        by = np.asarray(by, dtype=np.float64).reshape(-1, 1, 3)
+        return self._replace(a=self.a + by, b=self.b + by)
+
+    def mirrored(self, axes: NDArray[np.float64]) -> Capsules:
+        """All ends multiplied by (3,), or by (N, 3)."""
+        axes = axes.reshape(-1, 1, 3)
+        return self._replace(a=self.a * axes, b=self.b * axes)
+
+    def frames(self, rows: slice | NDArray[np.int_]) -> Capsules:
+        """The capsules of some frames."""
+        return Capsules(self.a[rows], self.b[rows], self.radius_a[rows], self.radius_b[rows], self.facets)
+
+    def chosen(self, which: NDArray[np.bool_]) -> Capsules:
+        """Some of the capsules (M,), and the facets all of whose spheres are among them."""
+        number = np.cumsum(which) - 1
+        facets = self.facets[which[self.facets // 2].all(axis=1)]
+        a, b, ra, rb = (values[:, which] for values in self[:4])
+        return Capsules(a, b, ra, rb, 2 * number[facets // 2] + facets % 2)
+
+
+def joined(parts: Iterable[Capsules]) -> Capsules:
+    """The capsules of several bodies together, frame by frame."""
+    every = list(parts)
+    before = np.cumsum([0, *(one.a.shape[1] for one in every)])
+    facets = [one.facets + 2 * first for one, first in zip(every, before)]
+    a, b, ra, rb = (np.concatenate(values, axis=1) for values in zip(*(one[:4] for one in every)))
+    return Capsules(a, b, ra, rb, np.concatenate(facets))
+
+
+def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
+    """The parts of capsules farther than this in mm, one or (N,), from the camera's plane; others become specks."""
+    clear = np.maximum(np.asarray(clear_mm, dtype=np.float64).reshape(-1, 1), CLEAR_MM)
+    near = [(capsules.a[..., 2] - capsules.radius_a) - clear, (capsules.b[..., 2] - capsules.radius_b) - clear]
+    change = np.where(near[1] == near[0], 1.0, near[1] - near[0])
+    first = np.where(near[0] < 0, np.clip(-near[0] / change, 0, 1), 0.0)
+    last = np.where(near[1] < 0, np.clip(-near[0] / change, 0, 1), 1.0)
+    away = (near[0] < 0) & (near[1] < 0)
+    along, wider = capsules.b - capsules.a, capsules.radius_b - capsules.radius_a
+    ends = [capsules.a + part[..., None] * along for part in (first, last)]
+    radii = [np.where(away, _SPECK, capsules.radius_a + part * wider) for part in (first, last)]
+    ends = [np.where(away[..., None], (0.0, 0.0, _FAR), end) for end in ends]
+    return Capsules(ends[0], ends[1], radii[0], radii[1], capsules.facets)
+
+
+def render_crop(
+    capsules: Capsules, center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+) -> Floats:
+    """Depth (N, size, size) in mm, as ``crop`` would cut it from a rendering of the whole image.
+
+    The rays are those of the pixels that ``crop`` picks. Pixels without a surface have the far face of the cube; depths
+    outside the cube are not clipped to its faces: see ``normalise_depth``.
+
+    center_uvd  (N, 3) middle of the cubes
+    cube_mm     edges of the cubes, one or (N,)
+    """
+    columns, rows = window(center_uvd, cube_mm, camera, size)
+    far = np.atleast_2d(np.asarray(center_uvd, dtype=np.float64))[:, 2] + np.asarray(cube_mm) / 2
+    x = _slopes(columns, camera.u0, camera.fx)
+    y = _slopes(rows, camera.v0, camera.fy)
+    return render(capsules, x, y, far)
+
+
+def normalise_depth(depth: Floats, center_d: ArrayLike, cube_mm: ArrayLike) -> Floats:
+    """Depth (N, H, W) in mm to [-1, 1] across the cubes at depth ``center_d`` (N,), in place."""
+    depth -= np.asarray(center_d, dtype=np.float32).reshape(-1, 1, 1)
+    depth *= np.asarray(2 / np.asarray(cube_mm), dtype=np.float32).reshape(-1, 1, 1)
+    return np.clip(depth, -1, 1, out=depth)
+
+
+def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike) -> Floats:
+    """Depth (N, H, W) in mm along the rays of slopes ``x`` (N, W) and ``y`` (N, H), both ascending, y DOWN.
+
+    ``background`` (N,) mm is the depth where no capsule is nearer. Raises DataError for a capsule that is not in front
+    of the camera.
+    """
+    x, y = np.asarray(x, dtype=np.float32), np.asarray(y, dtype=np.float32)
+    N, M = capsules.radius_a.shape
+    image = np.empty((N, y.shape[1], x.shape[1]), dtype=np.float32)
+    image[...] = np.asarray(background, dtype=np.float32)[:, None, None]
+
+    a, b, ra, rb = _visible_ends(capsules)
+    bounds = [_extent(a, b, ra, rb, axis) for axis in (0, 1)]
+    _paint(image, x, y, np.repeat(np.arange(N), M), bounds, _coefficients(a, b, ra, rb), _depths)
+    if len(capsules.facets):
+        frame, corners = _triangles(capsules)
+        slopes = corners[:, :, :2] / corners[:, :, 2:]
+        bounds = [(slopes[:, :, axis].min(axis=1), slopes[:, :, axis].max(axis=1)) for axis in (0, 1)]
+        _paint(image, x, y, frame, bounds, _plane_coefficients(corners), _plane_depths)
+    return image
+
+
+def _paint(
+    image: Floats, x: Floats, y: Floats, frame: NDArray[np.int64],
+    bounds: list[tuple[NDArray[np.float64], NDArray[np.float64]]], coefficients: Floats,
+    depths: Callable[[Floats, Floats, Floats], Floats],
+) -> None:  # fmt: skip
+    """Draw L shapes into images (N, H, W), where they are nearer than the existing depth.
+
+    frame         (L,) the image of each
+    bounds        smallest and largest slope of the rays that meet it, along x and along y
+    coefficients  (c, L) of them, for ``depths``, which computes the depths of rays, NaN where they miss
+    """
+    H, W = image.shape[1:]
+    i0, i1 = _pixels(x, frame, *bounds[0])
+    j0, j1 = _pixels(y, frame, *bounds[1])
+    width, height = i1 - i0, j1 - j0
+    shown = np.flatnonzero((width > 0) & (height > 0))
+    # Similar rectangles together: by width in steps of 8 pixels, then by height.
+    shown = shown[np.lexsort((height[shown], -(-width[shown] // 8)))]
+    area = (-(-width // 8) * 8) * height
+    first = 0
+    while first < len(shown):
+        # as many as fill a tile; the last of them are the largest
+        last = first + 1
+        while last < len(shown) and (last + 1 - first) * area[shown[last]] <= _TILE:
+            last += 1
+        some = shown[first:last]
+        w, h = int(width[some].max()), int(height[some].max())
+        column = np.minimum(i0[some], W - w)
+        row = np.minimum(j0[some], H - h)
+        depth = depths(
+            coefficients[:, some],
+            x[frame[some, None], column[:, None] + np.arange(w)][:, None, :],
+            y[frame[some, None], row[:, None] + np.arange(h)][:, :, None],
+        )
+        for n, i, j, tile in zip(frame[some].tolist(), column.tolist(), row.tolist(), depth, strict=True):
+            part = image[n, j : j + h, i : i + w]
+            np.fmin(part, tile, out=part)  # fmin ignores NaN, for rays that miss
+        first = last
+
+
+def _slopes(pixels: NDArray[np.int64], middle: float, focal: float) -> Floats:
+    """Slopes of the rays through image columns or rows (N, size), where -1 is a pixel outside the image."""
+    slopes = ((pixels - middle) / focal).astype(np.float32)
+    outside = pixels < 0
+    before = np.cumsum(~outside, axis=1) == 0
+    slopes[outside] = _OUTSIDE
+    slopes[before] = -_OUTSIDE
+    return slopes
+
+
+def _visible_ends(
+    capsules: Capsules,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The capsules flattened to (N M, ...), y down; those with one visible sphere are replaced by that sphere."""
+    a = capsules.a.reshape(-1, 3) * (1, -1, 1)
+    b = capsules.b.reshape(-1, 3) * (1, -1, 1)
+    ra, rb = capsules.radius_a.reshape(-1), capsules.radius_b.reshape(-1)
+    if not (np.minimum(a[:, 2] - ra, b[:, 2] - rb) > 0).all():
+        raise DataError("a capsule lies at or behind the camera, or has a coordinate that is not a number")
+    B, w = b - a, ra - rb
+    e = (B * B).sum(1) - w * w
+    g = (a * B).sum(1) + ra * w
+    inside = e <= 0  # one sphere contains the other, and only the larger one is visible
+    end = (w < 0).astype(float)
+    # The camera is inside the cone, along the axis, so the nearer end hides the rest.
+    s = -g / np.where(inside, 1, e)
+    along = ~inside & (e * ((a * a).sum(1) - ra * ra) - g * g <= 0) & (ra - s * w > 0)
+    end = np.where(along, np.clip(s, 0, 1).round(), end)
+    one = inside | along
+    at_b = one & (end == 1)
+    at_a = one & (end == 0)
+    a, ra = np.where(at_b[:, None], b, a), np.where(at_b, rb, ra)
+    b, rb = np.where(at_a[:, None], a, b), np.where(at_a, ra, rb)
+    return a, b, ra, rb
+
+
+def _extent(
+    a: NDArray[np.float64], b: NDArray[np.float64], ra: NDArray[np.float64], rb: NDArray[np.float64], axis: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Smallest and largest slope along x or y of the rays that touch each capsule."""
+    bounds = []
+    for c, r in ((a, ra), (b, rb)):
+        p, z = c[:, axis], c[:, 2]
+        reach = r * np.sqrt(p * p + z * z - r * r)  # tangents to a circle
+        bounds.append(((p * z - reach) / (z * z - r * r), (p * z + reach) / (z * z - r * r)))
+    return np.minimum(bounds[0][0], bounds[1][0]), np.maximum(bounds[0][1], bounds[1][1])
+
+
+def _pixels(
+    slopes: Floats, frame: NDArray[np.int64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Ranges of the indices of ``slopes`` (N, size) between ``low`` and ``high`` (L,), in the row ``frame`` (L,)."""
+    own = slopes[frame]
+    return np.count_nonzero(own < low[:, None], axis=1), np.count_nonzero(own <= high[:, None], axis=1)
+
+
+def _coefficients(
+    a: NDArray[np.float64], b: NDArray[np.float64], ra: NDArray[np.float64], rb: NDArray[np.float64]
+) -> Floats:
+    """The coefficients of each capsule for the pixels, (13, L): a, B, k1's vector, e, g, k0, a.a - ra^2."""
+    B, w = b - a, ra - rb
+    e = (B * B).sum(1) - w * w
+    g = (a * B).sum(1) + ra * w
+    e = np.where(e > 0, e, 1.0)  # a single sphere: B = 0, g = 0, and any e gives s = 0
+    q = (a * a).sum(1) - ra * ra
+    k1 = g[:, None] * B - e[:, None] * a
+    return np.stack([*a.T, *B.T, *k1.T, e, g, e * q - g * g, q]).astype(np.float32)
+
+
+def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
+    """Depths (L, h, w) of the rays of slopes x (L, 1, w) and y (L, h, 1); NaN where the capsule is missed."""
+    ax, ay, az, bx, by, bz, kx, ky, kz, e, g, k0, q = coefficients[:, :, None, None]
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        dd = x * x + (y * y + 1)
+        Bd = bx * x + (by * y + bz)
+        k1 = kx * x + (ky * y + kz)
+        k2 = e * dd
+        k2 -= Bd * Bd
+        root = k1 * k1
+        root -= k0 * k2
+        np.sqrt(np.maximum(root, 0, out=root), out=root)
+        root += k1
+        root /= k2  # -t
+        root *= Bd
+        root += g
+        root *= -1 / e
+        s = np.clip(root, 0, 1, out=root)
+        cd = ax * x + (ay * y + az)
+        Bd *= s
+        cd += Bd
+        # c.c - r^2 = q + 2 s g + s^2 e
+        np.multiply(s, e, out=k1)
+        k1 += 2 * g
+        k1 *= s
+        k1 += q
+        k1 *= dd
+        np.multiply(cd, cd, out=k2)
+        k2 -= k1
+        np.sqrt(k2, out=k2)
+        cd -= k2
+        cd /= dd
+    return np.asarray(cd)
+
+
+def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The visible triangles of all facets: the frame of each (L,), and its corners (L, 3, 3), y down."""
+    N, M = capsules.radius_a.shape
+    ends = np.stack([capsules.a, capsules.b], axis=2).reshape(N, 2 * M, 3) * (1, -1, 1)
+    radii = np.stack([capsules.radius_a, capsules.radius_b], axis=2).reshape(N, 2 * M)
+    center, r = ends[:, capsules.facets].reshape(-1, 3, 3), radii[:, capsules.facets].reshape(-1, 3)
+    frame = np.repeat(np.arange(N), len(capsules.facets))
+    sides = center[:, 1:] - center[:, :1]
+    across = np.cross(sides[:, 0], sides[:, 1])
+    area = np.linalg.norm(across, axis=1)
+    gram = sides @ sides.swapaxes(1, 2)
+    flat = area > 1e-6 * (1 + np.trace(gram, axis1=1, axis2=2))  # the centres are not collinear
+    gram[~flat] = np.eye(2)
+    within = (np.linalg.solve(gram, (r[:, :1] - r[:, 1:])[..., None]) * sides).sum(axis=1)  # the normal's part there
+    left = 1 - (within * within).sum(axis=1)
+    flat &= left > 0  # otherwise one sphere is inside the hull of the others
+    found = []
+    for sign in (-1, 1):
+        upright = np.sqrt(np.maximum(left, 0)) * sign / np.where(flat, area, 1)
+        normal = within + upright[:, None] * across
+        corners = center + r[..., None] * normal[:, None]
+        seen = flat & ((normal * corners[:, 0]).sum(axis=1) < 0) & (corners[:, :, 2] > 0).all(axis=1)
+        found.append((frame[seen], corners[seen]))
+    return np.concatenate([one for one, _ in found]), np.concatenate([one for _, one in found])
+
+
+def _plane_coefficients(corners: NDArray[np.float64]) -> Floats:
+    """The coefficients of each triangle (L, 3, 3) for the pixels, (9, L): vectors of f0, f1 and the sum of all."""
+    v0, v1, v2 = corners.swapaxes(0, 1)
+    f = np.stack([np.cross(v1, v2), np.cross(v2, v0), np.cross(v0, v1)])
+    f /= (v0 * f[0]).sum(axis=1)[:, None]
+    return np.concatenate([f[0].T, f[1].T, f.sum(axis=0).T]).astype(np.float32)
+
+
+def _plane_depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
+    """Depths (L, h, w) of the rays of slopes x (L, 1, w) and y (L, h, 1); NaN where the triangle is missed."""
+    px, py, pz, qx, qy, qz, sx, sy, sz = coefficients[:, :, None, None]
+    f0 = px * x + (py * y + pz)
+    f1 = qx * x + (qy * y + qz)
+    total = sx * x + (sy * y + sz)
+    f2 = total - f0
+    f2 -= f1
+    np.minimum(f0, f1, out=f0)
+    np.minimum(f0, f2, out=f0)
+    with np.errstate(divide="ignore"):
+        return np.where(f0 >= -_EDGE * total, 1 / total, np.float32(np.nan))

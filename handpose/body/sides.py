@@ -1,0 +1,50 @@
+"""The side of a hand, "right" or "left", and mirroring.
+
+Skeletons and networks know right hands. A left hand is mirrored along x, and the results are mirrored back.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.frames.cameras import Array
+
+Side = Literal["right", "left"]
+SoughtSide = Literal["right", "left", "either"]  # "either": determined by the prediction
+
+SIDES: tuple[Side, ...] = ("right", "left")
+SOUGHT_SIDES: tuple[SoughtSide, ...] = (*SIDES, "either")
+MIRROR = np.array([-1.0, 1.0, 1.0])  # along x
+
+T = TypeVar("T", bound=np.generic)
+
+
+def side_of(word: str) -> Side:
+    """The side with this name. Raises ValueError."""
+    for side in SIDES:
+        if word == side:
+            return side
+    raise ValueError(f"{word!r}, expected 'right' or 'left'")
+
+
+def other_side(side: Side) -> Side:
+    """The other side."""
+    return "left" if side == "right" else "right"
+
+
+def is_mirrored(side: Side) -> bool:
+    """True for left hands, which are mirror images of the skeleton."""
+    return side == "left"
+
+
+def mirror_of(side: Side) -> Array:
+    """The factors (3,) between the axes of a right hand's space and the camera's, in both directions."""
+    return MIRROR if is_mirrored(side) else np.ones(3)
+
+
+def as_right(images: NDArray[T], side: Side) -> NDArray[T]:
+    """Images (..., height, width) of a hand of this side, mirrored to a right hand: a view."""
+    return images[..., ::-1] if is_mirrored(side) else images

@@ -1,0 +1,87 @@
+"""Labelled crops, as the HDF5 files of a data set hold them: one array per data set, one row per frame.
+
+depth       (n, 1, 128, 128) float32  the crop in [-1, 1]; crops.py
+joint       (n, 3 K) float32          joints x, y, z in half-cubes from the crop centre, clipped to [-1, 1]
+dof         (n, D) float32            inputs of the model that posed the frame; of synthetic frames only
+bones       (n, K) float32            the signed bone lengths that it was posed with, half-cubes; likewise
+center      (n, 3) float32            crop centre in mm, camera axes
+center_uvd  (n, 3) float32            the same in px, px, mm
+index       (n,) int64                0-based number of the frame in its split
+half_cube   (n,) float32              mm
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.frames.cameras import NYU, Camera
+from handpose.frames.crops import SIZE
+from netlib.blob import Array
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """n frames; the names are those of the data sets in the files."""
+
+    depth: Floats
+    joint: Floats
+    center: Floats
+    center_uvd: Floats
+    index: NDArray[np.int64]
+    half_cube: Floats
+    dof: Floats | None = None
+    bones: Floats | None = None
+
+    @classmethod
+    def of(
+        cls,
+        crops: ArrayLike,
+        joints: Array,
+        center_uvd: Array,
+        camera: Camera,
+        half_cube: ArrayLike,
+        index: NDArray[np.int64],
+        dof: Array | None = None,
+        bones: Array | None = None,
+    ) -> Frames:
+        """From crops (n, 128, 128), joints (n, K, 3) in half-cubes, centres (n, 3) px, px, mm, and half-cubes in mm.
+
+        ``half_cube`` is one number, or (n,).
+        """
+        n, K, _ = joints.shape
+        return cls(
+            depth=np.asarray(crops, np.float32).reshape(n, 1, SIZE, SIZE),
+            joint=np.clip(joints, -1, 1).reshape(n, 3 * K).astype(np.float32),
+            center=camera.unproject(center_uvd).astype(np.float32),
+            center_uvd=center_uvd.astype(np.float32),
+            index=index,
+            half_cube=np.broadcast_to(half_cube, n).astype(np.float32),
+            dof=None if dof is None else dof.astype(np.float32),
+            bones=None if bones is None else bones.astype(np.float32),
+        )
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def arrays(self) -> dict[str, Array]:
+        """All arrays by name, in the order of the files."""
+        posed = {name: array for name, array in (("dof", self.dof), ("bones", self.bones)) if array is not None}
+        others = {name: getattr(self, name) for name in ("center", "center_uvd", "index", "half_cube")}
+        return {"depth": self.depth, "joint": self.joint, **posed, **others}
+
+    def rows(self, rows: slice) -> Frames:
+        """Some of the frames."""
+        return Frames(**{name: array[rows] for name, array in self.arrays().items()})
+
+
+def empty_frames(joints: int, dofs: int | None = None, bones: bool = False) -> Frames:
+    """No frames: the columns of a file without rows, for these numbers of joints, inputs and bones."""
+    none = np.zeros(0)
+    inputs = None if dofs is None else np.zeros((0, dofs))
+    return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, joints, 3)), np.zeros((0, 3)), NYU, none,
+                     np.zeros(0, np.int64), inputs, np.zeros((0, joints)) if bones else None)  # fmt: skip

@@ -1,0 +1,158 @@
+"""The files of the ICVL hand posture data set: a folder per split, with the folder Depth and text files of joints.
+
+Files, pictures and joints are as published; ICVL shows the mirror image of NYU's hand (``handpose.datasets.icvl``).
+"""
+
+from __future__ import annotations
+
+import array
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.datasets.flaws import Flaw, recognise
+from handpose.datasets.icvl import CENTER_JOINT, CUBE_MM, JOINTS, TEST_FRAMES, TRAIN_FRAMES
+from handpose.datasets.published_frames import PublishedFrames, read_centers
+from handpose.frames.cameras import ICVL
+from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.files import read_text
+from netlib.files.paths import names_in
+
+ANNOTATION: dict[str, tuple[str, ...]] = {
+    "train": ("Training/labels.txt",),
+    "test": ("Testing/test_seq_1.txt", "Testing/test_seq_2.txt"),
+}
+
+
+def read_icvl_depth(path: str | Path) -> NDArray[np.float32]:
+    """Depth (240, 320) in mm of one frame, a 16-bit grey image; 0 where nothing was read. Raises BadFrameError."""
+    image = read_png(path)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise BadFrameError(path, WRONG_SIZE, f"found {image.dtype} of shape {image.shape}, expected 16-bit grey")
+    return image.astype(np.float32)
+
+
+class IcvlAnnotation(NamedTuple):
+    """The joints of one split."""
+
+    files: list[Path]  # depth images, N
+    uvd: Array  # (N, 16, 3) px, px, mm
+
+
+def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
+    """The joints of some files, one after the other. Raises DataError.
+
+    Each line is the path of an image below Depth/, and 16 times u v d.
+    """
+    files: list[Path] = []
+    values = array.array("d")
+    for path in paths:
+        for number, line in enumerate(read_text(path, "the labels").split("\n"), 1):
+            words = line.split()
+            if words:
+                files.append(path.parent / "Depth" / words[0].replace("\\", "/").lstrip("/"))
+                _append(values, words[1:], f"{path}:{number}")
+    uvd = np.frombuffer(values, dtype=np.float64).reshape(-1, len(JOINTS), 3)
+    if not files:
+        raise DataError(f"{paths[0]}: no labels in it")
+    if np.isnan(uvd[:, CENTER_JOINT]).all(axis=0).any():
+        raise DataError(f"{paths[0]}: no line has the palm's position")
+    u, v, d = np.nanmedian(uvd[:, CENTER_JOINT], axis=0)
+    if not (0 <= u < ICVL.width and 0 <= v < ICVL.height and 50 < d < 5000):
+        raise DataError(f"{paths[0]}: the palm is mostly at {u:g} {v:g} {d:g}, expected u v d: pixels of an image "
+                        f"{ICVL.width} x {ICVL.height}, and mm")  # fmt: skip
+    return IcvlAnnotation(files, uvd)
+
+
+def _append(values: array.array[float], words: list[str], where: str) -> None:
+    """The joints of one line. Raises DataError."""
+    count = 3 * len(JOINTS)
+    try:
+        if len(words) != count:
+            raise ValueError
+        values.extend([float(word) for word in words])
+    except ValueError:
+        found = f"{len(words)} values" if len(words) != count else "something that is not a number"
+        raise DataError(
+            f"{where}: found {found} after the path, expected {count} numbers, u v d of 16 joints"
+        ) from None
+
+
+def read_split(root: Path, split: str, centers: Path | None = None) -> PublishedFrames:
+    """The frames of a split. ``centers`` is a file of crop centres; without it the palm. Raises DataError."""
+    annotation = read_annotation([path for path in (root / name for name in ANNOTATION[split]) if path.is_file()])
+    count = len(annotation.files)
+    return PublishedFrames(
+        split=split,
+        files=annotation.files,
+        center_uvd=annotation.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
+        joints=ICVL.unproject(annotation.uvd),
+        cube_mm=np.full(count, CUBE_MM),
+        camera=ICVL,
+        read=read_icvl_depth,
+        made_from="ICVL",
+        centre="annotated palm" if centers is None else f"centres of {centers.name}",
+    )
+
+
+def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
+    """The content of a split, and its errors, one line each."""
+    if not root.is_dir():
+        return [], [Flaw(f"{root}: no such folder")]
+    paths = [root / name for name in ANNOTATION[split]]
+    there = [path for path in paths if path.is_file()]
+    folder = paths[0].parent
+    if not there:
+        return [], [Flaw(_no_labels(root, folder, paths[0]))]
+    try:
+        annotation = read_annotation(there)
+    except DataError as error:
+        return [f"{folder}: no readable labels"], [Flaw(str(error))]
+    flaws = [
+        Flaw(f"{path}: no such file; the test frames of one of the two sequences are missing", fatal=False)
+        for path in paths
+        if path not in there
+    ]
+    count = len(annotation.files)
+    if split == "train" and count < TRAIN_FRAMES:
+        text = f"{there[0]}: {count} labelled frames, the whole training set with its turned copies has over 300,000"
+        flaws.append(Flaw(text, fatal=False))
+    if split == "test" and len(there) == 2 and count != sum(TEST_FRAMES):
+        text = f"{folder}: {count} labelled frames, the whole test set has {TEST_FRAMES[0]} + {TEST_FRAMES[1]}"
+        flaws.append(Flaw(text, fatal=False))
+    names = {parent: names_in(parent) for parent in {path.parent for path in annotation.files}}
+    missing = [path for path in annotation.files if path.name not in names[path.parent]]
+    if missing:
+        text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
+        flaws.append(Flaw(text, fatal=len(missing) == count))
+    else:
+        flaws += _first_frame(annotation.files[0])
+    return [f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"], flaws
+
+
+def _no_labels(root: Path, folder: Path, labels: Path) -> str:
+    if folder.is_dir():
+        return f"{labels}: no such file; it holds the joints, and comes with the folder Depth"
+    held = recognise(root)
+    if held == "the ICVL data set":
+        return f"{root}: no folder {folder.name!r}; the data set has Training and Testing"
+    if (root / "Depth").is_dir() or (root / labels.name).is_file():
+        return f"{root}: is itself a split; give the folder above it, which holds Training and Testing"
+    advice = "; use the command prepare_nyu" if held and "NYU" in held else ""
+    guess = f"looks like {held}{advice}" if held else "does not look like any data set known here"
+    return f"{root}: no folder {folder.name!r} with ICVL labels; it {guess}"
+
+
+def _first_frame(path: Path) -> list[Flaw]:
+    try:
+        shape = read_icvl_depth(path).shape
+    except BadFrameError as error:
+        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
+    if shape != (ICVL.height, ICVL.width):
+        return [Flaw(f"{path}: {shape[1]} x {shape[0]} pixels, expected {ICVL.width} x {ICVL.height}")]
+    return []

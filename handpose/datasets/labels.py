@@ -1,0 +1,136 @@
+"""Labels: the joints in the frames of an HDF5 file, and their unit in mm.
+
+docs/data.md lists everything that such a file holds. For computations with labels this module reads
+
+    joint      (n, 3 K) or (n, K, 3)  half-cubes from the crop centre; -1 or 1 where clipped to the cube, NaN if unknown
+    half_cube  (n,) or (n, 1)         mm, 25 to 5000; optional
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.nyu import CUBE_MM
+from handpose.frames.cameras import CAMERAS, Camera
+from handpose.frames.crops import CUBES_MM
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.files.hdf5 import File
+
+ONE_CAMERA_PX = 0.5  # centres of one camera agree to rounding
+EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # without rounding; on the optical axis all cameras agree
+MAX_PX_OR_MM, MIN_MM = 1e6, 1.0  # bounds of a crop centre's coordinates, and of its depth
+APART_PX = 20.0  # centres closer together than this do not determine a camera
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The labels of one file, in separate arrays.
+
+    joints     (n, K, 3) half-cubes from the crop centre
+    half_cube  (n,) mm
+    names      of the data sets in the file
+    made_from  description of the data
+    """
+
+    joints: Array
+    half_cube: Array
+    names: tuple[str, ...]
+    made_from: str
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(n, K): True for joints at their true positions, False for joints clipped to the cube."""
+        return np.asarray((np.abs(self.joints) < 1).all(axis=2))
+
+
+def read(path: Path, joint_counts: Collection[int], usual: float = CUBE_MM / 2) -> Labels:
+    """Read the labels of a file. Raises DataError.
+
+    joint_counts  allowed numbers of joints
+    usual         half-cube in mm if the file has none
+    """
+    file = File(path, ("joint",))
+    stored = file.datasets[0].numbers()
+    count = stored.size // file.rows // 3
+    if count not in joint_counts or stored.shape[1:] not in ((3 * count,), (count, 3)):
+        expected = " or ".join(f"(N, {3 * known}) for {known} joints" for known in joint_counts)
+        raise DataError(f"{path}: data set 'joint' has shape {stored.shape}, expected {expected}")
+    joints = stored.reshape(file.rows, count, 3)
+    wrong = np.isinf(joints).any(axis=(1, 2))
+    if wrong.any():
+        raise DataError(f"{path}: data set 'joint' is infinite in frame {wrong.argmax()} ({wrong.sum()} such frames), "
+                        "expected half-cubes from the crop centre, or NaN if unknown")  # fmt: skip
+    return Labels(joints, read_half_cubes(file, usual), file.names, file.made_from)
+
+
+def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
+    """Half-cubes (n,) in mm of the frames of an open file, ``usual`` if it has none. Raises DataError."""
+    if "half_cube" not in file.names:
+        return np.full(file.rows, usual)
+    stored = File(file.path, ("half_cube",)).datasets[0].numbers()
+    if stored.shape not in ((file.rows,), (file.rows, 1)):
+        raise DataError(f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
+                        "mm, one number per frame")  # fmt: skip
+    half_cube = stored.reshape(file.rows)
+    least, most = (edge / 2 for edge in CUBES_MM)
+    wrong = ~((half_cube >= least) & (half_cube <= most))
+    if wrong.any():
+        first = wrong.argmax()
+        raise DataError(f"{file.path}: data set 'half_cube' is {half_cube[first]:g} in frame {first} ({wrong.sum()} "
+                        f"such frames), expected mm, {least:g} to {most:g}")  # fmt: skip
+    return half_cube
+
+
+def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
+    """Crop centres (n, 3) of all frames, px, px, mm, and their camera. Raises DataError.
+
+    Files have each centre in pixels and in mm, which determines the camera: u = u0 + fx x / z, v = v0 - fy y / z. It is
+    one of ``CAMERAS`` if that maps the centres; otherwise its principal point is assumed in the middle of the image.
+    """
+    found = []
+    for file in files:
+        for name in ("center_uvd", "center"):
+            if name not in file.names:
+                raise DataError(f"{file.path}: no data set {name!r}; expected where the crops were cut")
+        stored = [dataset.numbers() for dataset in File(file.path, ("center_uvd", "center")).datasets]
+        if any(array.shape != (file.rows, 3) for array in stored):
+            raise DataError(f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)")
+        found.append(np.stack(stored))
+    uvd, xyz = np.concatenate(found, axis=1)
+    far = np.abs([uvd, xyz]).max(initial=0) > MAX_PX_OR_MM  # their quotients may overflow
+    if far or not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > MIN_MM).all()):
+        raise DataError(f"{files[0].path}: crop centres that are not finite, or not before the camera")
+    known = [camera for camera in CAMERAS.values() if _maps(camera, xyz, uvd)]
+    if len(known) == 1:
+        return uvd, known[0]
+    numbers = []
+    for pixel, slope in ((uvd[:, 0], xyz[:, 0] / xyz[:, 2]), (uvd[:, 1], -xyz[:, 1] / xyz[:, 2])):
+        A = np.stack([np.ones(len(slope)), slope], axis=1)
+        (middle, focal), *_ = np.linalg.lstsq(A, pixel, rcond=None)
+        if np.abs(A @ (middle, focal) - pixel).max() > ONE_CAMERA_PX:
+            raise DataError(f"{files[0].path}: crop centres of several cameras; expected frames of one")
+        if np.ptp(pixel) < APART_PX:
+            raise DataError(f"{files[0].path}: its crop centres lie within {np.ptp(pixel):.3g} px of each "
+                            "other in a row or a column, which does not tell the camera; expected more frames, "
+                            f"with centres more than {APART_PX:g} px apart")  # fmt: skip
+        numbers += [float(focal), float(middle)]
+    fx, u0, fy, v0 = numbers
+    if not (fx > 0 and fy > 0):
+        raise DataError(f"{files[0].path}: crop centres from which focal lengths of {fx:g}, {fy:g} px follow; expected "
+                        "more than 0")  # fmt: skip
+    for camera in CAMERAS.values():
+        if np.allclose((fx, fy, u0, v0), (camera.fx, camera.fy, camera.u0, camera.v0), atol=0.5):
+            return uvd, camera
+    return uvd, Camera("own", fx, fy, u0, v0, round(2 * u0), round(2 * v0))
+
+
+def _maps(camera: Camera, xyz: Array, uvd: Array) -> bool:
+    """True if a camera maps these points to these pixels, and some of them are off its axis."""
+    miss, off = np.abs(camera.project(xyz) - uvd)[:, :2], np.abs(uvd[:, :2] - (camera.u0, camera.v0))
+    return bool(miss.max() < EXACTLY_PX and off.max(axis=0).min() > OFF_AXIS_PX)

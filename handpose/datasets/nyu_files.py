@@ -1,0 +1,268 @@
+"""The files of the NYU hand pose data set: a folder per split, with depth frames and joint_data.mat, the annotation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.body.nyu import (
+    ANNOTATED_JOINTS,
+    ANNOTATION_OF_JOINT,
+    CENTER_JOINT,
+    CUBE_MM,
+    SECOND_SUBJECT,
+    TEST_FRAMES,
+    TRAIN_FRAMES,
+    cube_of_test_frame,
+    frame_name,
+)
+from handpose.datasets.flaws import Flaw, recognise
+from handpose.datasets.matlab_file import read_variables
+from handpose.datasets.published_frames import PublishedFrames, read_centers
+from handpose.frames.cameras import NYU
+from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
+from netlib.blob import Array
+from netlib.errors import DataError, NetlibError
+from netlib.files import atomic, hdf5
+from netlib.files.paths import names_in
+
+ANNOTATION = "joint_data.mat"  # in the folder of the depth frames of each split
+SYNTHETIC = "synthetic"  # value of made_from in folders by make_synthetic.py --raw
+
+
+def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
+    """Depth (480, 640) in mm of one frame; 0 where the camera read nothing. Raises BadFrameError.
+
+    The file is an RGB image: depth = 256 green + blue, as 16-bit grey would be (red is unused).
+    """
+    image = read_png(path)
+    if image.ndim != 3 or image.shape[2] < 3 or image.dtype != np.uint8:
+        found = f"found {image.dtype} of shape {image.shape}, expected 8-bit RGB packing the depth"
+        raise BadFrameError(path, WRONG_SIZE, found)
+    return unpack_depth(image)
+
+
+# ------------------------------------------------------------------------------------------ the annotation
+
+
+@dataclass(frozen=True)
+class NyuAnnotation:
+    """The joints of one split in the first of the three cameras."""
+
+    uvd: Array  # (N, 36, 3) px, px, mm
+    xyz: Array  # (N, 36, 3) mm, camera axes: x right, y up, z away
+    made_from: str  # "NYU"
+
+    def __len__(self) -> int:
+        return len(self.uvd)
+
+
+def read_annotation(path: Path) -> NyuAnnotation:
+    """The joints in a ``joint_data.mat``, of MATLAB's version 5 or 7.3. Raises DataError."""
+    if not path.is_file():
+        raise DataError(f"{path}: no such file; it holds the joints, and comes in the same archive as the depth frames")
+    try:
+        found = _read_hdf5(path) if h5py.is_hdf5(path) else _read_matlab(path)
+    except NetlibError:
+        raise
+    except Exception as error:  # for a damaged file a reader may raise any exception
+        reason = " ".join(str(error).split())[:120]
+        raise DataError(f"{path}: not a readable MATLAB file, perhaps truncated: {reason}") from None
+    for name in ("joint_uvd", "joint_xyz"):
+        array = found[name]
+        if array.ndim != 4 or array.shape[2:] != (ANNOTATED_JOINTS, 3) or array.dtype.kind not in "fiu":
+            raise DataError(f"{path}: {name} is {array.dtype} of shape {array.shape}, expected numbers "
+                            f"(cameras, frames, {ANNOTATED_JOINTS}, 3)")  # fmt: skip
+    uvd, xyz = (np.array(found[name][0], dtype=np.float64) for name in ("joint_uvd", "joint_xyz"))
+    if len(uvd) != len(xyz) or not len(uvd):
+        raise DataError(f"{path}: joint_uvd has {len(uvd)} frames, joint_xyz {len(xyz)}; expected the same, not 0")
+    _check_axes(path, uvd, xyz)
+    return NyuAnnotation(uvd, xyz, str(found.get("made_from", "NYU")))
+
+
+def _read_matlab(path: Path) -> dict[str, Any]:
+    """The variables of a file of version 5."""
+    found = read_variables(path, ("joint_uvd", "joint_xyz"), ("made_from",))
+    if "made_from" in found:
+        found["made_from"] = np.ravel(found["made_from"])[0]
+    return found
+
+
+def _read_hdf5(path: Path) -> dict[str, Any]:
+    """The variables of a file of version 7.3, which is HDF5 with the axes in reverse order."""
+    with hdf5.opened(path, "the annotation") as file:
+        _check_names(path, list(file))
+        datasets = {name: file[name] for name in ("joint_uvd", "joint_xyz")}
+        found: dict[str, Any] = {
+            name: d[..., :1].T if getattr(d, "ndim", 0) == 4 else np.asarray(d) for name, d in datasets.items()
+        }
+        if "made_from" in file:
+            found["made_from"] = "".join(map(chr, np.ravel(file["made_from"][...])))
+        return found
+
+
+def _check_names(path: Path, names: list[str]) -> None:
+    for name in ("joint_uvd", "joint_xyz"):
+        if name not in names:
+            raise DataError(f"{path}: no variable {name!r}; it has {', '.join(sorted(names)) or 'none'}")
+
+
+def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
+    """Raise DataError unless pixels and mm describe the same points, in our camera axes."""
+    some = slice(None, None, max(len(uvd) // 2000, 1))
+    if not (np.isfinite(uvd[some]) & np.isfinite(xyz[some])).any(axis=(0, 1)).all():
+        raise DataError(f"{path}: joint_uvd and joint_xyz have no joint that is finite in both")
+    with np.errstate(all="ignore"):
+        difference = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some]), axis=(0, 1))
+        upside_down = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some] * (1, -1, 1)), axis=(0, 1))
+    if not (difference < 5).all():
+        hint = "; its y axis points down, expected up" if (upside_down < 5).all() else ""
+        raise DataError(f"{path}: joint_xyz is not where joint_uvd is, off by x {difference[0]:.0f}, "
+                        f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera{hint}")  # fmt: skip
+
+
+# Annotated joints that the model lacks, and the two joints between which a synthetic annotation puts them.
+_STAND_INS = {26: (25, 27), 29: (28, 28), 33: (32, 32), 35: (32, 32)}
+
+
+def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
+    """The 36 annotated joints in mm for model joints (N, 31, 3) and crop centres (N, 3); others are interpolated."""
+    joints = np.asarray(joints, dtype=np.float64)
+    xyz = np.zeros((len(joints), ANNOTATED_JOINTS, 3))
+    xyz[:, list(ANNOTATION_OF_JOINT)] = joints
+    xyz[:, CENTER_JOINT] = center
+    for j, (a, b) in _STAND_INS.items():
+        xyz[:, j] = (xyz[:, a] + xyz[:, b]) / 2
+    return xyz
+
+
+def write_annotation(path: Path, xyz: Array, made_from: str) -> None:
+    """Write a ``joint_data.mat`` of one camera, version 5, atomically; xyz (N, 36, 3) mm, camera axes."""
+    import scipy.io  # imported here: it takes a tenth of a second
+
+    variables = {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None], "made_from": made_from}
+    atomic.replace(path, lambda temporary: scipy.io.savemat(str(temporary), variables, appendmat=False))
+
+
+# ---------------------------------------------------------------------------------------------- the frames
+
+
+def folder_of(root: Path, split: str) -> Path:
+    """The folder of a split: ROOT/train, or ROOT/dataset/train, as the archive has it."""
+    inner = root / "dataset" / split
+    return inner if inner.is_dir() and not (root / split).is_dir() else root / split
+
+
+def read_split(root: Path, split: str, centers: Path | None = None) -> PublishedFrames:
+    """The frames of a split. ``centers`` is a file of crop centres; without it joint 34. Raises DataError."""
+    folder = folder_of(root, split)
+    annotation = read_annotation(folder / ANNOTATION)
+    count = len(annotation)
+    cubes = cube_of_test_frame(np.arange(count)) if split == "test" else np.full(count, CUBE_MM)
+    return PublishedFrames(
+        split=split,
+        files=[folder / frame_name(i) for i in range(count)],
+        center_uvd=annotation.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
+        joints=annotation.xyz[:, list(ANNOTATION_OF_JOINT)],
+        cube_mm=np.full(count, CUBE_MM) if annotation.made_from == SYNTHETIC else cubes,
+        camera=NYU,
+        read=read_nyu_depth,
+        made_from=annotation.made_from,
+        centre=f"annotated joint {CENTER_JOINT}" if centers is None else f"centres of {centers.name}",
+    )
+
+
+def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
+    """The content of a split, and its errors, one line each."""
+    if not root.is_dir():
+        return [], [Flaw(f"{root}: no such folder")]
+    folder = folder_of(root, split)
+    if not folder.is_dir():
+        return [], [Flaw(_no_split(root, split))]
+    names = names_in(folder)
+    numbers = {i for i in map(_number, names) if i is not None}
+    flaws = []
+    if not numbers:
+        flaws.append(Flaw(_no_frames(folder, names)))
+    try:
+        annotation = read_annotation(folder / ANNOTATION)
+    except DataError as error:
+        flaws.append(Flaw(str(error)))
+        return [f"{folder}: {len(numbers)} depth frames of camera 1, no readable labels"], flaws
+    labelled = f"{len(annotation)} labelled frames ({annotation.made_from})"
+    if annotation.made_from != SYNTHETIC:
+        flaws += _count_flaws(folder, split, len(annotation))
+    missing = sorted(set(range(len(annotation))) - numbers)
+    if numbers and missing:
+        flaws.append(Flaw(_missing(folder, split, len(annotation), missing), fatal=False))
+    if numbers and not missing:
+        flaws += _first_frame(folder)
+    return [f"{folder}: {labelled}, {len(numbers)} depth frames of camera 1"], flaws
+
+
+def _number(name: str) -> int | None:
+    """0-based number of a depth frame of camera 1, or None for any other name."""
+    digits = name[len("depth_1_") : -len(".png")]
+    return int(digits) - 1 if digits.isascii() and digits.isdigit() and name == frame_name(int(digits) - 1) else None
+
+
+def _no_split(root: Path, split: str) -> str:
+    if (root / ANNOTATION).is_file() or any(_number(name) is not None for name in names_in(root)):
+        return f"{root}: is itself a split; give the folder above it, which holds train and test"
+    held = recognise(root)
+    if held == "the NYU hand pose data set":
+        return f"{root}: no folder {split!r}; the data set has train and test"
+    advice = "; use the command prepare_icvl" if held and "ICVL" in held else ""
+    guess = f"looks like {held}{advice}" if held else "does not look like any data set known here"
+    return f"{root}: no folder {split!r} with NYU frames; it {guess}"
+
+
+def _no_frames(folder: Path, names: set[str]) -> str:
+    kinds = {
+        "synthdepth_1_": "rendered depth (synthdepth_1_*.png); the real frames are needed",
+        "rgb_1_": "colour images (rgb_1_*.png); the depth frames are needed",
+        "depth_2_": "frames of camera 2; those of camera 1 are needed",
+        "depth_3_": "frames of camera 3; those of camera 1 are needed",
+    }
+    only = next(
+        (content for start, content in kinds.items() if any(name.startswith(start) for name in names)), "none of them"
+    )
+    return f"{folder}: no depth frames such as {frame_name(0)}; found {only}"
+
+
+def _count_flaws(folder: Path, split: str, labelled: int) -> list[Flaw]:
+    expected = TEST_FRAMES if split == "test" else TRAIN_FRAMES
+    if labelled == expected:
+        return []
+    text = f"{folder / ANNOTATION}: {labelled} labelled frames, the whole {split} set has {expected}"
+    if split == "test" and labelled == SECOND_SUBJECT:
+        return [Flaw(f"{text}; these are the first of the two test subjects only", fatal=False)]
+    if split == "test" and labelled == TEST_FRAMES - SECOND_SUBJECT:
+        return [Flaw(f"{text}; these may be the second test subject only, whose cube goes by the frame's number")]
+    return [Flaw(text, fatal=labelled > expected)]
+
+
+def _missing(folder: Path, split: str, labelled: int, missing: list[int]) -> str:
+    text = f"{folder}: {len(missing)} of {labelled} depth frames are missing, the first is {frame_name(missing[0])}"
+    if split == "test" and labelled == TEST_FRAMES:
+        subjects = [range(SECOND_SUBJECT), range(SECOND_SUBJECT, TEST_FRAMES)]
+        gone = set(missing)
+        for subject, which in zip(subjects, ("first", "second")):
+            if gone.issuperset(subject):
+                return f"{text}; all of the {which} test subject's are"
+    return text
+
+
+def _first_frame(folder: Path) -> list[Flaw]:
+    try:
+        shape = read_nyu_depth(folder / frame_name(0)).shape
+    except BadFrameError as error:
+        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
+    if shape != (NYU.height, NYU.width):
+        return [Flaw(f"{folder / frame_name(0)}: {shape[1]} x {shape[0]} pixels, expected {NYU.width} x {NYU.height}")]
+    return []

@@ -1,1 +1,0 @@
-"""Fit the capsule model of a body to depth images."""

@@ -1,0 +1,190 @@
+"""Nets that predict hands: their layers, their input, and their predictions in float64."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.nyu import CUBE_MM
+from handpose.datasets import labels
+from handpose.fit.search import Fit
+from handpose.frames.cameras import NYU, Camera
+from layers.data.hdf5_data import HDF5Data
+from layers.hand.hand_model import HandModel
+from layers.hand.sized_hand_model import SizedHandModel
+from layers.hand.skeleton import Skeleton
+from netlib import fillers
+from netlib.blob import Array, Blob
+from netlib.errors import DataError, NetlibError
+from netlib.files import Content
+from netlib.fillers import Filler
+from netlib.graph import LayerHook
+from netlib.layer import TEST, Layer
+from netlib.net import Net
+
+PALM = "palm"  # every hand has this joint, and no other body
+SIZES = 0.5, 2.0  # range of predicted sizes relative to the skeleton; values outside are clipped
+JOINTS = "joints"  # blob of joints that a net predicts in addition to those of its hand model
+
+
+class Unfilled(LayerHook):
+    """Sets parameters to zero instead of drawing initial values, which takes long: weights replace them."""
+
+    def before_setup(self, layer: Layer) -> None:
+        """Replace the layer's ``new_param``."""
+
+        def new_param(name: str, shape: Sequence[int], filler: Filler) -> Blob:
+            blob = layer.blobs.add_blob(*shape)
+            fillers.check(blob.shape, filler)
+            return blob
+
+        layer.new_param = new_param  # type: ignore[method-assign]
+
+    def after_setup(self, layer: Layer, seed: np.random.SeedSequence) -> None:
+        """Give the layer its own ``new_param`` back."""
+        del layer.new_param
+
+
+def trained(model: str | Path, weights: str | Path | Content, engine: str | None = None) -> Net:
+    """A test net with its weights. Raises NetlibError, also if a layer has no weights in the file."""
+    net = Net(model, TEST, engine=engine, layer_hook=Unfilled())
+    net.copy_from(weights, strict=True)
+    return net
+
+
+def data_layer(net: Net) -> HDF5Data:
+    """The HDF5Data layer of a test net. Raises NetlibError if there is none."""
+    for layer in net.layers:
+        if isinstance(layer, HDF5Data):
+            return layer
+    raise NetlibError(f"{net.source}: no HDF5Data layer in phase TEST; expected a net that reads a test set")
+
+
+def hand_layer(net: Net) -> HandModel | None:
+    """The HandModel layer of a net, or None."""
+    return next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
+
+
+def is_hand(skeleton: Skeleton) -> bool:
+    """True for hands: only hands are searched for, have a side, and have crops that move to the palm."""
+    return PALM in skeleton.joint_names
+
+
+def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
+    """Raise NetlibError for a skeleton that is not a hand; the reason ``why`` a hand is needed ends the message."""
+    if not is_hand(skeleton):
+        raise NetlibError(f"skeleton {skeleton.name!r} is not a hand: it has no joint {PALM!r}; {why}")
+
+
+def cube_of(skeleton: Skeleton, cube_mm: float | None) -> float:
+    """The edge in mm of the cube around a body: ``cube_mm``, or NYU's for hands if it is None. Raises NetlibError."""
+    if cube_mm is None:
+        refuse_other_bodies(skeleton, "expected the edge of its cube in mm (--cube), which its prior has as cube_mm")
+    return CUBE_MM if cube_mm is None else cube_mm
+
+
+def best_fit(net: Net) -> Fit:
+    """The default fit for a net.
+
+    "accurate" for hands; "fast" for other bodies, which cannot be turned by quarters; "no" for bodies without a
+    surface and for nets that predict bone lengths.
+    """
+    hand = hand_layer(net)
+    if hand is None or hand.skeleton.param.flesh is None:
+        return "no"
+    try:
+        _refuse_bones(net, hand)
+    except NetlibError:
+        return "no"
+    return "accurate" if is_hand(hand.skeleton) else "fast"
+
+
+def skeleton_to_fit(net: Net) -> Skeleton:
+    """The skeleton of the net's hand model. Raises NetlibError for a net without one, or that predicts bones."""
+    hand = hand_layer(net)
+    if hand is None:
+        raise NetlibError(f"{net.source}: no HandModel layer, so there is nothing to fit")
+    _refuse_bones(net, hand)
+    return hand.skeleton
+
+
+def _refuse_bones(net: Net, hand: HandModel) -> None:
+    """Raise NetlibError for a net that predicts bone lengths: a fit knows one size per hand only."""
+    if len(hand.spec.bottom) > 1 and net.blobs[hand.spec.bottom[1]].count != net.blobs[hand.spec.bottom[1]].num:
+        raise NetlibError(f"{net.source}: layer {hand.name!r} takes the bones of each hand from blob "
+                          f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
+                          "layer one bottom, or two with a size")  # fmt: skip
+
+
+def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
+    """The crops (size, size) of frames of a test net's data set, by number. Raises NetlibError."""
+    data = data_layer(net)
+    depth = data.spec.top.index("depth")
+    return [data.row(int(frame))[depth][0] for frame in frames]
+
+
+def centers_of(net: Net, frames: NDArray[np.int_]) -> tuple[Array | None, Camera]:
+    """The crop centres (n, 3) in px, px, mm of frames of a test net's data set, and the camera.
+
+    The centres are None if the files do not have them.
+    """
+    try:
+        centers, camera = labels.read_crop_centers(data_layer(net).files)
+    except DataError:
+        return None, NYU
+    return np.asarray(centers[frames]), camera
+
+
+class HandPoses(NamedTuple):
+    """The predictions for N hands.
+
+    inputs  (N, D) inputs of the skeleton; 0 for fixed DoFs
+    size    (N,) relative to the skeleton; 1 for nets that do not predict it
+    joints  (N, K, 3) half-cubes from the crop centres, from the blob ``joints``; None for nets without it
+    """
+
+    inputs: Array
+    size: Array
+    joints: Array | None
+
+
+def hand_poses(net: Net, crops: NDArray[np.floating]) -> HandPoses:
+    """Predict the poses in crops (N, size, size). Raises NetlibError."""
+    hand = hand_layer(net)
+    if hand is None:
+        raise NetlibError(f"{net.source}: no HandModel layer, so there are no angles")
+    _refuse_bones(net, hand)
+    names = [*hand.spec.bottom, *([JOINTS] if JOINTS in net.blobs else [])]
+    depth = np.ascontiguousarray(crops[:, None], dtype=np.float32)
+    if net.blobs["depth"].shape != depth.shape:
+        net.blobs["depth"].reshape(*depth.shape)
+    # The hand model is not needed, but running a part of the net takes longer: it would not be run in slices.
+    outputs = net.forward(blobs=names, depth=depth)
+    found = {name: outputs[name].reshape(len(crops), -1).astype(np.float64) for name in names}
+    if not all(np.isfinite(values).all() for values in found.values()):
+        raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
+    inputs, size = found[hand.spec.bottom[0]], np.ones(len(crops))
+    if isinstance(hand, SizedHandModel):
+        size = np.clip(found[hand.spec.bottom[1]][:, 0], *SIZES)
+        inputs += (size - 1)[:, None] * hand.starts  # the size also scales the initial translations
+    inputs[:, hand.skeleton.fixed] = 0
+    return HandPoses(inputs, size, found[JOINTS].reshape(len(crops), -1, 3) if JOINTS in found else None)
+
+
+def network_joints(net: Net, crop: NDArray[np.floating]) -> Array:
+    """Predict the joints (K, 3) in half-cubes in a crop (128, 128) of a right hand. Raises NetlibError."""
+    name = JOINTS if JOINTS in net.blobs else "pred"
+    shown = np.ascontiguousarray(crop)[None, None]
+    joints = net.forward(blobs=[name], depth=shown)[name].reshape(-1, 3).astype(np.float64)
+    if not np.isfinite(joints).all():
+        raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
+    return np.asarray(joints)
+
+
+def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
+    """The inputs (N, D) of ``hand_poses``. Raises NetlibError."""
+    return hand_poses(net, crops).inputs

@@ -1,0 +1,155 @@
+"""The packaged weights, the cards that describe models, and the writing of their small weights files.
+
+A model is a folder, as in Caffe's model zoo. Its ``readme.md`` begins with front matter, lines ``key: value`` between
+two lines ``---``: name, caffemodel (the weights file), license, sha256 (its checksum), net_sha256 (the checksum of
+``deploy.prototxt``, the net, with Unix line ends). The weights are rounded and compressed; the file also has the
+network's errors.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.sides import SoughtSide
+from handpose.estimate.locator import Locator
+from handpose.estimate.nets import Unfilled, best_fit, cube_of, hand_layer, trained
+from handpose.estimate.predictor import Predictor, check_options
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.network_errors import GROUP, NetworkErrors, arrays_of
+from handpose.fit.search import Fit
+from handpose.frames.cameras import NYU, Camera
+from netlib import files
+from netlib.errors import NetlibError, WeightsError
+from netlib.files import Content, hdf5
+from netlib.files.paths import ROOT, find
+from netlib.layer import TEST
+from netlib.net import Net
+from netlib.snapshots import snapshot
+
+SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
+PAPER_HAND = ROOT / "models" / "paper_hand"  # the paper's network, for the book
+HAND_LOCATOR = ROOT / "models" / "hand_locator"
+KEYS = ("name", "caffemodel", "license", "sha256", "net_sha256")
+
+
+@dataclass(frozen=True)
+class Card:
+    """The front matter of a model's readme.md."""
+
+    name: str
+    weights: Path
+    license: str
+    sha256: str
+    net: Path
+    net_sha256: str
+
+
+def read_card(folder: Path) -> Card:
+    """The card of a model's folder. Raises NetlibError."""
+    path = folder / "readme.md"
+    lines = files.read_text(path, "the model's card", NetlibError).splitlines()
+    if lines[:1] != ["---"] or "---" not in lines[1:]:
+        raise NetlibError(f"{path}: no front matter; expected lines 'key: value' between two lines '---'")
+    said = dict(line.split(":", 1) for line in lines[1 : lines.index("---", 1)] if ":" in line)
+    values = {key.strip(): value.strip() for key, value in said.items()}
+    missing = [key for key in KEYS if not values.get(key)]
+    if missing:
+        raise NetlibError(f"{path}: no {missing[0]!r} in the front matter; expected {', '.join(KEYS)}")
+    return Card(values["name"], folder / values["caffemodel"], values["license"], values["sha256"],
+                folder / "deploy.prototxt", values["net_sha256"])  # fmt: skip
+
+
+def checked_weights(card: Card) -> Path:
+    """The path of the weights, after verifying their checksum. Raises WeightsError."""
+    return checked_content(card).path
+
+
+def checked_content(card: Card) -> Content:
+    """The content of the weights file, after verifying its checksum. Raises WeightsError."""
+    content = snapshot.read_content(card.weights)
+    _check(card.weights, content.data, card.sha256)
+    return content
+
+
+def checked_net(card: Card) -> Path:
+    """The path of the net, after verifying its checksum, so that no modified net runs. Raises WeightsError."""
+    _check(card.net, net_content(card.net), card.net_sha256)
+    return card.net
+
+
+def net_content(path: Path) -> bytes:
+    """The content of a net's file for which net_sha256 is computed. Raises WeightsError."""
+    return files.read_bytes(path, "the net", WeightsError).replace(b"\r\n", b"\n")
+
+
+def _check(path: Path, content: bytes, expected: str) -> None:
+    found = hashlib.sha256(content).hexdigest()
+    if found != expected:
+        raise WeightsError(f"{path}: SHA-256 {found[:12]}..., the card says {expected[:12]}...; the file is damaged or "
+                           "of another version: get it again")  # fmt: skip
+
+
+def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> Locator:
+    """The packaged locator. Raises NetlibError."""
+    card = read_card(folder)
+    return Locator(trained(checked_net(card), checked_content(card), engine))
+
+
+def load_predictor(
+    camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "either", refine: int = 3,
+    fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
+) -> Predictor:  # fmt: skip
+    """A predictor with a packaged model; for the options see ``Predictor``. Raises NetlibError."""
+    check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
+    card = read_card(folder)
+    return predictor_of(checked_net(card), checked_content(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
+                        fit=fit, engine=engine)  # fmt: skip
+
+
+def predictor_of(
+    model: str | Path, weights: str | Path | Content, camera: Camera, *, cube_mm: float | None = None,
+    hand: SoughtSide | None = None, refine: int = 3, fit: Fit | None = None, engine: str | None = None,
+) -> Predictor:  # fmt: skip
+    """A predictor with any net and its weights. Raises NetlibError.
+
+    fit   default: the one that suits the net (``nets.best_fit``)
+    hand  default: "either" with a fit, otherwise "right"
+    """
+    check_options(cube_mm=cube_mm, hand=hand or "right", refine=refine, fit=fit or "no")  # before reading the weights
+    net = Net(model, TEST, engine=engine, layer_hook=Unfilled())
+    content = weights if isinstance(weights, Content) else snapshot.read_content(find(str(weights), None))
+    net.copy_from(content, strict=True)
+    fit = fit or best_fit(net)
+    hand = hand or ("right" if fit == "no" else "either")
+    layer, fitter = hand_layer(net), None
+    if fit != "no" and layer is not None:
+        fitter = DepthFitter.of_file(layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2)
+    return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, fitter=fitter,
+                     locator=functools.partial(load_locator, engine=engine))  # fmt: skip
+
+
+def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
+    """The values with ``bits`` of the 23 bits of a mantissa, rounded to nearest, ties to even."""
+    drop = np.uint32(23 - bits)
+    raw = np.ascontiguousarray(values, np.float32).view(np.uint32)
+    half = (np.uint32(1) << drop >> np.uint32(1)) - np.uint32(drop > 0) + ((raw >> drop) & np.uint32(1))
+    kept = (raw + np.where(drop > 0, half, 0).astype(np.uint32)) >> drop << drop
+    return np.asarray(kept.view(np.float32))
+
+
+def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
+    """Write the net's weights in Caffe's HDF5 format (float32), shuffled and compressed, with the network's errors."""
+    with hdf5.created(path) as file:
+        for layer, blobs in net.params.items():
+            for i, blob in enumerate(blobs):
+                values = np.asarray(blob.data, np.float32)
+                file.create_dataset(f"data/{layer}/{i}", data=values, compression="gzip", compression_opts=9,
+                                    shuffle=True)  # fmt: skip
+        for name, values in arrays_of(errors).items() if errors else ():
+            file.create_dataset(f"{GROUP}/{name}", data=values)

@@ -1,0 +1,203 @@
+"""Predictor: the joints of a hand in a crop, or in a whole depth frame.
+
+predictor = load_predictor(KINECT2)   # the packaged weights, and the fit to the depth
+found = predictor.in_frame(depth)     # depth (424, 512) in mm, 0 where there is no reading
+found.xyz                             # (K, 3) mm in camera axes
+found.fit.confidence                  # probability that their mean error is below 30 mm
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from numbers import Integral, Real
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.nyu import CUBE_MM
+from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
+from handpose.estimate.locator import Locator, depth_around, find_hand
+from handpose.estimate.nets import cube_of, hand_layer, is_hand
+from handpose.estimate.pipeline import HandPipeline
+from handpose.estimate.prediction import Prediction
+from handpose.fit.body import CapsuleModel
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.search import PLANS, Fit
+from handpose.frames.cameras import NYU, Camera
+from handpose.frames.crops import CUBES_MM, SIZE, numbers
+from handpose.frames.images import check_unit, depth_image
+from netlib.blob import Array
+from netlib.errors import DataError, NetlibError, did_you_mean
+from netlib.net import Net
+
+CROP_DEPTH_MM = 750.0  # assumed depth of a crop without its frame, in the middle of the image; larger cubes farther
+MAX_REFINE = 100  # a crop that still moves after this many moves does not converge
+
+
+class Predictor:
+    """Predicts the hand in crops and in whole frames with one net.
+
+    net      with the input blob depth and the output blob pred, which a HandModel computes
+    camera   of the frames; one without a size accepts frames of any size
+    cube_mm  edge of the cube around the body; default for hands: NYU's
+    hand     side of the hand, in an image that is not mirrored; "either" fits both and takes the less uncertain one
+    refine   maximum number of moves of a frame's crop to the palm predicted in it; 0 for nets whose training crops are
+             not centred as NYU's (ICVL's)
+    fit      "no", or the name of the plan by which the predicted pose is fitted to the depth
+    fitter   of the net's body; by default one for a network with unknown errors
+    locator  finds hands in frames, or a function that loads one when it is first used; without it, the nearest surface
+             is taken for the hand
+
+    Nets know the hand of their training data, which is a right hand in NYU and in the synthetic frames. A body other
+    than a hand has no side and is not searched for: ``in_frame`` needs its centre, and the crop does not move.
+
+    Raises NetlibError for a net without these blobs or without a HandModel, for a fit of a skeleton without a surface,
+    and for invalid options.
+    """
+
+    def __init__(
+        self, net: Net, camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "right",
+        refine: int = 3, fit: Fit = "no", fitter: DepthFitter | None = None,
+        locator: Locator | Callable[[], Locator] | None = None,
+    ) -> None:  # fmt: skip
+        check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
+        for name in ("depth", "pred"):
+            if name not in net.blobs:
+                raise NetlibError(
+                    f"{net.source}: no blob {name!r}; expected a net with the input depth and the output pred"
+                )
+        layer = hand_layer(net)
+        if layer is None:
+            raise NetlibError(f"{net.source}: no HandModel layer, so the skeleton is unknown")
+        if hand == "either" and fit == "no":
+            raise NetlibError("only a fit can tell which hand it is; expected fit fast or accurate, or left or right")
+        self.net, self.skeleton, self.camera = net, layer.skeleton, camera
+        self.is_hand = is_hand(layer.skeleton)
+        if hand == "left" and not self.is_hand:
+            raise NetlibError(f"skeleton {self.skeleton.name!r} is not a hand, so there is no left one")
+        self.cube_mm, self.refine = cube_of(self.skeleton, cube_mm), refine if self.is_hand else 0
+        self.sides: tuple[Side, ...] = (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
+        self.plan, self.fitter = PLANS.get(fit), None
+        if self.plan is not None:
+            self.fitter = fitter or DepthFitter(CapsuleModel(self.skeleton, self.cube_mm / 2))
+        self.pipeline = HandPipeline(net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan)
+        self._locator = locator
+
+    @property
+    def locator(self) -> Locator | None:
+        """The locator, loaded at the first access. Raises NetlibError."""
+        if callable(self._locator):
+            self._locator = self._locator()
+        return self._locator
+
+    @locator.setter
+    def locator(self, locator: Locator | None) -> None:
+        self._locator = locator
+
+    def in_crop(self, depth: NDArray[np.floating]) -> Prediction:
+        """The hand in a crop (128, 128) in [-1, 1]; masked pixels are background. Raises DataError, NetlibError."""
+        image = numbers(depth, "crop", 1)
+        if image.shape != (SIZE, SIZE):
+            raise DataError(f"crop of shape {image.shape}, expected ({SIZE}, {SIZE})")
+        crop = image.astype(np.float32)
+        low, high = float(crop.min()), float(crop.max())
+        if not -1 <= low <= high <= 1:
+            what = "that are not numbers" if np.isnan(low) else f"from {low:g} to {high:g}"
+            raise DataError(f"crop with values {what}, expected -1 to 1")
+        camera = self.camera
+        if not camera.width:
+            camera = dataclasses.replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
+        center = np.array([camera.u0, camera.v0, CROP_DEPTH_MM * max(1.0, self.cube_mm / CUBE_MM)])
+        return dataclasses.replace(self.pipeline.in_crop(crop, camera, center), in_frame=False)
+
+    def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Prediction:
+        """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
+
+        center  where to start, as for ``start``. Without it, and with a locator and a fit, all places that the locator
+                finds are fitted by the fast plan, and the best of them by the plan. Between the sides in one crop the
+                uncertainty of the fit decides, between places its rejection score and the locator's odds
+
+        Raises UnitError for depths that cannot be mm, DataError, NetlibError.
+        """
+        depth = self._readings(depth)
+        camera = self._camera_of(depth)
+        if center is None and not self.is_hand:
+            raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
+        if center is None and self.locator is not None:
+            located = self.locator.hands(depth, camera)
+            starts = list(camera.project(located.center))
+            return self.pipeline.in_frame(depth, camera, starts, list(located.odds), search=True)[0]
+        return self.pipeline.in_frame(depth, camera, [self._start(depth, center)], [0.0], search=False)[0]
+
+    def hands_at(
+        self, depth: NDArray[np.generic], starts: Sequence[Array], log_odds: Sequence[float]
+    ) -> list[Prediction]:
+        """The hands at places that a locator found, as ``in_frame`` fits them, the best first.
+
+        starts    (3,) px, px, mm each
+        log_odds  of a hand at each
+
+        Raises DataError if all places are outside the image, NetlibError.
+        """
+        depth = self._readings(depth)
+        return self.pipeline.in_frame(depth, self._camera_of(depth), starts, log_odds, search=True)
+
+    def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
+        """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.
+
+        center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the place that the locator finds
+                most likely, or the nearest surface
+        """
+        return self._start(self._readings(depth), center)
+
+    def _start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None) -> Array:
+        """``start`` in a checked frame."""
+        if center is None:
+            camera = self._camera_of(depth)
+            if self.locator is not None:
+                return camera.project(self.locator.hands(depth, camera).center[0])
+            return find_hand(depth, camera)
+        place = _center(center)
+        return place if len(place) == 3 else depth_around(depth, *place)
+
+    def _readings(self, depth: object) -> NDArray[np.generic]:
+        """A depth image in mm, 0 where it is masked or nearer than the camera measures. Raises UnitError, DataError."""
+        image = depth_image(depth)
+        check_unit(image)
+        return self.camera.in_range(image)
+
+    def _camera_of(self, depth: NDArray[np.generic]) -> Camera:
+        """The camera; if it has no size, with the frame's."""
+        if self.camera.width:
+            return self.camera
+        return dataclasses.replace(self.camera, width=depth.shape[1], height=depth.shape[0])
+
+
+def check_options(*, cube_mm: float | None, hand: str, refine: int, fit: str) -> None:
+    """Raise NetlibError for invalid options of a ``Predictor``."""
+    for name, word, known in (("hand", hand, SOUGHT_SIDES), ("fit", fit, get_args(Fit))):
+        if word not in known:
+            raise NetlibError(f"{name}={word!r}{did_you_mean(str(word), known)}; expected {', '.join(known)}")
+    low, high = CUBES_MM
+    if cube_mm is not None and not (isinstance(cube_mm, Real) and low <= cube_mm <= high):
+        raise NetlibError(f"cube_mm={cube_mm!r}; expected {low:g} to {high:g} mm")
+    check_whole("refine", refine, 0, MAX_REFINE)
+
+
+def check_whole(name: str, value: object, low: int, high: int) -> None:
+    """Raise NetlibError unless the argument ``name`` is a whole number from ``low`` to ``high``."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or not low <= int(value) <= high:
+        raise NetlibError(f"{name}={value!r}; expected a whole number from {low} to {high}")
+
+
+def _center(center: object) -> Array:
+    """(u, v) or (u, v, d) as an array. Raises DataError."""
+    try:
+        place = np.asarray(center, dtype=np.float64)
+    except (TypeError, ValueError):
+        place = np.zeros(0)
+    if place.shape not in ((2,), (3,)) or not np.isfinite(place).all():
+        raise DataError(f"center {center}, expected two or three finite numbers: u, v in px or u, v, d in px, px, mm")
+    return place

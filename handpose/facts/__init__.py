@@ -1,1 +1,0 @@
-"""Facts about data sets and cameras: numbers and names. Imports NumPy alone."""

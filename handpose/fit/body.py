@@ -1,0 +1,246 @@
+"""The capsule model of a body as a function of few variables, and the derivatives of the capsules' ends.
+
+The variables x (N, V) of a frame are the free inputs of the whole body, including those of the surface alone. The last
+two are the logarithms of its size, which scales bones, offsets and radii, and of its thickness, which also scales the
+radii. With a capsule's end E_j = X_j + R_f o_j (``handpose.body``), a rotation about the unit axis a through P moves
+
+    dE_j / dx  =  [moves X_j] a x (X_j - P)  +  [turns f] a x (R_f o_j)        a translation: a
+    dE_j / d log size  =  E_j - (position of the root)
+
+A point between two ends moves with them, c = (1 - s) E_i + s E_j, so no other derivative of the body is needed
+(``residuals``).
+
+Lengths here are in mm: those of the skeleton times ``unit_mm``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.body.model import Surface
+from handpose.body.render import Capsules
+from layers.hand.bodies import kinematics_of
+from layers.hand.kinematics import Pose, rotation
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import NetlibError
+
+Floats = NDArray[np.float32]
+
+SIZE, THICKNESS = -2, -1  # indices into x
+SIZE_LIMIT = 0.3  # bound of both logarithms: 0.74 to 1.35 times the skeleton's size
+TYPICAL_SIZE = 0.92  # mean size of the recipe `people`, relative to the skeleton
+
+
+class Posed(NamedTuple):
+    """The capsules of N bodies in mm, and their derivatives. E of the joints are ends of capsules."""
+
+    ends: Floats  # (N, E, 3)
+    motion: Floats  # (N, E, 3, V): derivatives of the ends
+    thickness: Floats  # (N,) scale of all radii
+
+
+class CapsuleModel:
+    """The capsules of a skeleton with a surface, for fitting.
+
+    free          (V - 2,) the DoFs of the whole body that are variables; then come log size and log thickness
+    lower, upper  (V,) limits
+    root          indices of the variables that move the whole body
+    limbs         indices of the variables that move a part of the skeleton
+    own           indices of the variables that the surface alone has
+    deviation     (V - 2,) standard deviations of the inputs; not finite where the file has none
+    rigid         indices of the ends that move with the root alone
+    start, end    (M,) the capsules' ends, among the E
+    radii         (M, 2) mm
+    """
+
+    def __init__(self, skeleton: Skeleton, unit_mm: float) -> None:
+        self.surface = surface = Surface(skeleton)
+        self.skeleton, self.whole, self.unit_mm = skeleton, surface.whole, unit_mm
+        whole = self.whole
+        self.free = np.unique(whole.driven)
+        self._order = np.argsort(whole.driven, kind="stable")  # motions in the order of the variables
+        driven = whole.driven[self._order]
+        self._one_each = np.array_equal(driven, self.free)
+        self._sums = (driven[:, None] == self.free).astype(float)
+        self.lower = np.append(whole.lower[self.free], [-SIZE_LIMIT] * 2)
+        self.upper = np.append(whole.upper[self.free], [SIZE_LIMIT] * 2)
+        self.deviation = surface.deviation[self.free]
+        roots = np.flatnonzero(whole.parents < 0)
+        slides = [(j, m) for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"]
+        if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or any(j != roots[0] for j, _ in slides):
+            raise NetlibError(f"skeleton {skeleton.name!r}: expected one root, without a bone, that alone translates")
+        self._root_joint = int(roots[0])
+        everything = self._sums.T @ whole.moves[self._order] > 0  # (V - 2, K)
+        self.root = np.flatnonzero(everything[:, roots[0]])
+        self.own = np.flatnonzero(self.free >= len(skeleton.initial))
+        self.limbs = np.setdiff1d(np.arange(len(self.free)), np.concatenate([self.root, self.own]))
+        used = np.unique(np.concatenate([surface.start, surface.end]))
+        self._used = used
+        self.start, self.end = np.searchsorted(used, surface.start), np.searchsorted(used, surface.end)
+        self.radii = (surface.radii * unit_mm).astype(np.float32)
+        with_joint = whole.moves[:, used].T  # (E, Q): motions that move E_j with X_j
+        with_axes = with_joint.copy()
+        for f, (own_joints, _) in surface.offsets.items():
+            own = np.isin(used, own_joints)
+            with_axes[own] = whole.moves[:, f]
+        unlike = (with_joint != with_axes) & whole.turns
+        self._with_joint = with_joint[:, self._order].astype(np.float32)
+        self._apart = np.flatnonzero(unlike.any(axis=1))  # ends E_j that some motion moves unlike X_j
+        only_axes = unlike * np.where(with_axes, 1, -1)
+        self._only_axes = only_axes[self._apart][:, self._order].astype(np.float32)
+        self._kinematics = kinematics_of(whole)
+        self._turns = whole.turns[self._order].astype(np.float32)
+        alone = ~np.isin(whole.driven, self.free[self.root])
+        self.rigid = np.flatnonzero(~(with_joint | unlike)[:, alone].any(axis=1))
+
+    @property
+    def variables(self) -> int:
+        """The number of variables V."""
+        return len(self.free) + 2
+
+    def variables_of(self, inputs: ArrayLike) -> Array:
+        """x (N, V) for the skeleton's inputs (N, D) at the skeleton's size; limbs are clipped to their limits."""
+        given = np.asarray(inputs, dtype=np.float64)
+        x = np.zeros((len(given), self.variables))
+        skeletons = self.free < given.shape[1]
+        x[:, :SIZE][:, skeletons] = given[:, self.free[skeletons]]
+        x[:, self.limbs] = np.clip(x[:, self.limbs], self.lower[self.limbs], self.upper[self.limbs])
+        return x
+
+    def inputs_of(self, x: Array) -> Array:
+        """The skeleton's inputs (N, D) of x (N, V)."""
+        return self.whole_inputs_of(x)[:, : len(self.skeleton.initial)]
+
+    def whole_inputs_of(self, x: Array) -> Array:
+        """The whole body's inputs (N, D'): the skeleton's, then those of the surface alone."""
+        inputs = np.zeros((len(x), len(self.whole.initial)))
+        inputs[:, self.free] = x[:, :SIZE]
+        return inputs
+
+    def joints(self, x: Array) -> Array:
+        """The skeleton's joints (N, K, 3) in mm."""
+        bones = self.skeleton.bones * np.exp(x[:, [SIZE]])
+        return kinematics_of(self.skeleton).joints(self.inputs_of(x), bones) * self.unit_mm
+
+    def ends(self, x: Array) -> Floats:
+        """The ends of the capsules (N, E, 3) at x (N, V)."""
+        return self._ends(x)[1]
+
+    def posed(self, x: Array) -> Posed:
+        """The capsules' ends and their derivatives at x (N, V)."""
+        N, Q, E = len(x), len(self._order), len(self._used)
+        joints, ends, pose = self._ends(x)
+        axis, pivot = (
+            np.ascontiguousarray(v[:, self._order].transpose(2, 0, 1), np.float32) for v in self._kinematics.axes(pose)
+        )  # (3, N, Q)
+        turn = axis * self._turns
+        shift = (axis - turn - _cross(turn, pivot)) * np.float32(self.unit_mm)
+        turn = turn[:, :, None]
+        motion = np.empty((N, E, 3, Q + 2), np.float32)
+        by_axis = motion[..., :Q].transpose(2, 0, 1, 3)
+        moved = _cross(turn, _columns(ends))  # a turn moves E by a x E - a x P
+        moved += shift[:, :, None]
+        np.multiply(moved, self._with_joint, out=by_axis)
+        if len(self._apart):
+            offsets = ends[:, self._apart] - joints[:, self._used[self._apart]]
+            by_axis[:, :, self._apart] += _cross(turn, _columns(offsets)) * self._only_axes
+        motion[..., Q] = ends - joints[:, [self._root_joint]]
+        motion[..., Q + 1] = 0
+        if not self._one_each:
+            motion = np.concatenate([(motion[..., :Q] @ self._sums).astype(np.float32), motion[..., Q:]], axis=-1)
+        return Posed(ends, motion, self._thickness(x).astype(np.float32))
+
+    def capsules(self, x: Array, center_mm: Array) -> Capsules:
+        """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is the position of the origin."""
+        ends = self.ends(x).astype(np.float64) + center_mm[:, None]
+        radii = self.radii.astype(np.float64) * self._thickness(x)[:, None, None]
+        return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1], self.surface.facets)
+
+    def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
+        """All joints (N, K, 3), the capsules' ends (N, E, 3), and their pose."""
+        unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE])
+        pose = self._kinematics.forward_pose(self.whole_inputs_of(x), self.whole.bones * size[:, None])
+        joints = np.asarray(pose.joints, np.float32) * unit
+        rotations = {f: np.asarray(self._kinematics.rotation_of(pose, f), np.float32) for f in self.surface.offsets}
+        return joints, self.surface.ends_at(joints, rotations, (size * unit).astype(np.float32))[:, self._used], pose
+
+    def _thickness(self, x: Array) -> Array:
+        """The scale of all radii (N,)."""
+        return np.asarray(np.exp(x[:, SIZE] + x[:, THICKNESS]))
+
+
+def _columns(points: Floats) -> Floats:
+    """(3, N, E, 1) of points (N, E, 3)."""
+    return points.transpose(2, 0, 1)[..., None]
+
+
+def _cross(a: Floats, X: Floats) -> Floats:
+    """The cross product along the first axis, (3, ...); a matrix product would depend on the processor."""
+    out = np.empty((3, *np.broadcast_shapes(a.shape[1:], X.shape[1:])), np.float32)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[j], X[k], out=out[i])
+        out[i] -= a[k] * X[j]
+    return out
+
+
+class RootMotion:
+    """Converts between variables x (N, V) and the root's position and rotation.
+
+    Angles about three axes are discontinuous at a pole. So whatever moves a body as a whole works with a rotation
+    matrix, and converts it to the variables last.
+
+    columns  (6,) of x: three translations along x, y, z, and three rotations in their order
+
+    Raises NetlibError for a skeleton whose root does not translate along x, y, z and rotate about three different axes,
+    with a free DoF each.
+    """
+
+    def __init__(self, model: CapsuleModel) -> None:
+        whole = model.whole
+        motions = whole.motions[int(np.flatnonzero(whole.parents < 0)[0])]
+        slides = {m.axis: m for m in motions if m.kind == "translate"}
+        turns = [m for m in motions if m.kind == "rotate"]
+        column = {int(dof): i for i, dof in enumerate(model.free)}
+        free = {m.dof for m in motions} & set(column)
+        if set(slides) != {0, 1, 2} or {m.axis for m in turns} != {0, 1, 2} or len(motions) != 6 or len(free) != 6:
+            raise NetlibError(
+                f"skeleton {model.skeleton.name!r}: its root does not translate along x, y, z and turn about three "
+                "axes, by a free DoF each, so that it cannot be followed through space"
+            )
+        ordered = [slides[axis] for axis in range(3)] + turns
+        self.columns = np.array([column[m.dof] for m in ordered])
+        self._signs = np.array([m.sign for m in ordered], dtype=float)
+        self._signs[:3] *= model.unit_mm
+        self._initial = np.array([whole.initial[m.dof] for m in ordered])
+        self._axes = [m.axis for m in turns]
+        i, j, _ = self._axes
+        self._parity = 1.0 if (j - i) % 3 == 1 else -1.0
+
+    def place(self, x: Array) -> Array:
+        """The root's position (N, 3) in mm from the crop's centre."""
+        return np.asarray((x[:, self.columns[:3]] + self._initial[:3]) * self._signs[:3])
+
+    def rotation(self, x: Array) -> Array:
+        """The root's rotation world_from_root (N, 3, 3)."""
+        angles = (x[:, self.columns[3:]] + self._initial[3:]) * self._signs[3:]
+        first, second, third = (rotation(axis, angle) for axis, angle in zip(self._axes, angles.T))
+        return np.asarray(first @ second @ third)
+
+    def variables(self, place: Array, R: Array) -> Array:
+        """The variables (N, 6) of ``columns`` for positions (N, 3) and rotations (N, 3, 3); angles in [-pi, pi)."""
+        x = np.concatenate([place, self._angles(R)], axis=1) / self._signs - self._initial
+        x[:, 3:] = (x[:, 3:] + np.pi) % (2 * np.pi) - np.pi
+        return np.asarray(x)
+
+    def _angles(self, R: Array) -> Array:
+        """The angles (N, 3) of R = R_i(a) R_j(b) R_k(c) with the root's axes i, j, k."""
+        (i, j, k), e = self._axes, self._parity
+        pole = np.abs(R[:, i, k]) > 1 - 1e-12  # only the sum of the other angles is determined
+        a = np.where(pole, np.arctan2(e * R[:, k, j], R[:, j, j]), np.arctan2(-e * R[:, j, k], R[:, k, k]))
+        b = np.arcsin(np.clip(e * R[:, i, k], -1, 1))
+        c = np.where(pole, 0.0, np.arctan2(-e * R[:, i, j], R[:, i, i]))
+        return np.stack([a, b, c], axis=1)

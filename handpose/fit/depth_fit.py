@@ -1,0 +1,217 @@
+"""Fit the capsule model of a body to depth crops, started from a network's prediction.
+
+The fit halves the error of the network and estimates the remaining error.
+
+fitter = DepthFitter(CapsuleModel(skeleton, CUBE_MM / 2), errors)
+seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)   # plan: search.FAST or search.ACCURATE
+found = fitter.fit(seen, starts, plan)   # starts: the network's predictions, one per quarter turn of the plan
+found.joints                             # (N, K, 3) mm from the crops' centres
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
+from handpose.fit.network_errors import LOST_MM, NetworkErrors, read_errors, unknown_errors
+from handpose.fit.objective import Objective, Weights
+from handpose.fit.observation import Observation
+from handpose.fit.rounding import NETWORK_STEP, rounded
+from handpose.fit.search import Found, Plan, drawn, search
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.engine import for_each
+from netlib.errors import DataError
+from netlib.files import Content
+from netlib.system.memory import blocks
+
+MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the uncertainty is infinite
+STAY = 0.9  # factor of the cost at the expected pose, so that fits do not jump between two equally good poses
+HOLD = 5.0  # precision of the expected limbs in ``follow``, relative to that of the network's limbs
+# The part of a hand beyond the image's edge is unknown, and a fit explains the rest well. So error and confidence
+# depend on the length of the edge that cuts the hand, as measured on whole hands with an artificial edge: docs/fit.md.
+CUT_MM, CUT_CONFIDENCE, CUT_ERROR = (40.0, 80.0, 160.0), (1.0, 0.8, 0.6), (1.0, 1.6, 2.2)
+STARTS_TOGETHER = 80  # fits per batch, so that their arrays stay in the cache
+
+
+@dataclass(frozen=True)
+class DepthFit:
+    """The fits of N frames.
+
+    inputs      (N, D) of the skeleton: radians and units of the bones
+    size        (N,) relative to the skeleton
+    joints      (N, K, 3) mm from the crops' centres
+    network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow`` the expected ones
+    cost        (N,) sum of all terms
+    uncertainty (N,) uncertainty of the fit (``network_errors``)
+    error_mm    (N,) expected error of the joints, by the network's table; NaN without a table
+    confidence  (N,) probability that this error is below 30 mm; NaN likewise
+    x           (N, V) all variables, for ``CapsuleModel``
+    signs       (N, 5) that determine the uncertainty: the parts of the cost, and the distance in mm by which the
+                joints moved; infinite where nothing is visible
+    start       (N,) index of its start: first the quarter turns, then the expected pose, then those drawn
+    """
+
+    inputs: Array
+    size: Array
+    joints: Array
+    network: Array
+    cost: Array
+    uncertainty: Array
+    error_mm: Array
+    confidence: Array
+    x: Array
+    signs: Array
+    start: Array
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def take(self, rows: slice) -> DepthFit:
+        """The fits of some frames."""
+        return DepthFit(**{name: values[rows] for name, values in vars(self).items()})
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[DepthFit]) -> DepthFit:
+        """The fits of the frames of all parts, in order."""
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
+
+class DepthFitter:
+    """Fits one body.
+
+    errors   of the network that predicts the starts; by default those of an unknown network
+    weights  of the terms
+    """
+
+    def __init__(
+        self, model: CapsuleModel, errors: NetworkErrors | None = None, weights: Weights | None = None
+    ) -> None:
+        self.model = model
+        self.errors = errors or unknown_errors(self.model)
+        self.objective = Objective(self.model, weights or Weights())
+        self.precision = np.linalg.inv(self.errors.limbs)
+
+    @classmethod
+    def of_file(
+        cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, weights: Weights | None = None
+    ) -> DepthFitter:
+        """A fitter for crops of two such units, with the network's errors of a weights file. Raises DataError."""
+        model = CapsuleModel(skeleton, unit_mm)
+        return cls(model, read_errors(path, model), weights)
+
+    def fit(
+        self, seen: Observation, starts: Sequence[Array], plan: Plan, *, size: float | Array | None = None,
+        before: Array | None = None, seed: int = 0,
+    ) -> DepthFit:  # fmt: skip
+        """Fit every frame and return the best fits. Raises DataError.
+
+        The same frames give bitwise equal fits, whatever other frames are fitted with them and on any processor, with
+        rare exceptions (docs/reliability.md, "What repeats exactly").
+
+        starts  x (N, V) predicted in the crops, one array for each quarter turn of the plan
+        size    of the body, one or (N,), if it is known
+        before  x (N, V) expected from earlier frames: one more start, with a prior about itself; NaN without
+        seed    of the drawn starts
+        """
+        model = self.model
+        if len(starts) != len(plan.quarters):
+            raise DataError(f"{len(starts)} starts, expected {len(plan.quarters)} for the plan {plan.name!r}")
+        predicted = np.stack([rounded(x, NETWORK_STEP) for x in starts])
+        if predicted.shape[1] != len(seen):
+            raise DataError(f"starts of {predicted.shape[1]} frames for {len(seen)} crops")
+        first = predicted[0]
+        tried, priors, cost_factors = [predicted], [predicted], [np.ones(predicted.shape[:2])]
+        if before is not None:
+            unknown = np.isnan(before[:, :1])
+            tried.append(np.where(unknown, first, before)[None])
+            priors.append(np.where(unknown, first, self._expected(before))[None])
+            cost_factors.append(np.where(unknown, np.inf, STAY).T)
+        if plan.draws:
+            tried.append(drawn(model, first, self.errors.limbs, plan.draws, seed))
+            priors.append(np.tile(first, (plan.draws, 1, 1)))
+            cost_factors.append(np.ones((plan.draws, len(seen))))
+        found = self._searched(
+            seen, np.concatenate(tried), np.concatenate(priors), plan, size, np.concatenate(cost_factors)
+        )
+        return self._results(found, seen, model.joints(first), plan)
+
+    def follow(
+        self, seen: Observation, before: Array, moved_mm: Array, plan: Plan, *, size: float | Array | None = None
+    ) -> DepthFit:
+        """Refine x (N, V) expected from earlier frames by a few iterations, without the network.
+
+        Limbs that are hardly visible are held at their expected pose (``HOLD``), because they would jitter otherwise.
+        The signs are computed without that, as for any other fit.
+
+        moved_mm  (N,) distance of the last fit from the network's joints, which stays one of the signs
+        """
+        network = self.model.joints(before)
+        priors = self._expected(before)[None]
+        found = self._searched(seen, before[None].copy(), priors, plan.refining(), size, np.ones((1, len(seen))), HOLD)
+        off = (found.x - priors[0])[:, self.model.limbs]
+        found.parts[:, 3] -= (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
+        return self._results(found, seen, network, plan, moved_mm)
+
+    def _expected(self, before: Array) -> Array:
+        """The prior for x (N, V): about x, but about the means for the thickness and the surface's own variables."""
+        prior = before.copy()
+        prior[:, self.model.own] = 0
+        prior[:, THICKNESS] = 0
+        return prior
+
+    def _searched(
+        self, seen: Observation, starts: Array, priors: Array, plan: Plan, size: float | Array | None,
+        cost_factor: Array, hold: float = 1.0,
+    ) -> Found:  # fmt: skip
+        """The best of starts (K, N, V) with these priors, in batches that fit the cache.
+
+        cost_factor  (K, N) factors of the costs
+        hold         factor of the limbs' precision, relative to the network's
+        """
+        objective, (K, N, V) = self.objective, starts.shape
+        precision = hold * self.precision
+        if size is not None:
+            starts[:, :, SIZE] = priors[:, :, SIZE] = np.log(size)
+            objective = objective.of_known_size()
+        found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
+
+        def job(rows: slice) -> None:
+            part = search(
+                objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, plan, cost_factor[:, rows]
+            )
+            for whole, values in zip(found, part):
+                whole[rows] = values
+
+        for_each(blocks(N, max(STARTS_TOGETHER // K, 1)), job)
+        return found
+
+    def _results(
+        self, found: Found, seen: Observation, network: Array, plan: Plan, moved_mm: Array | float = 0.0
+    ) -> DepthFit:
+        """The results of fits that moved away from joints (N, K, 3), by ``moved_mm`` at least."""
+        model, joints = self.model, self.model.joints(found.x)
+        moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
+        signs = np.column_stack([found.parts, moved])
+        shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
+        signs[shown < MIN_VISIBLE] = np.inf  # an empty crop contradicts no hand
+        uncertainty, error_mm, confidence = self.errors.expected(plan.name, signs)
+        error_mm = np.minimum(error_mm * np.interp(seen.cut_mm, CUT_MM, CUT_ERROR), LOST_MM)
+        confidence = confidence * np.interp(seen.cut_mm, CUT_MM, CUT_CONFIDENCE)
+        return DepthFit(
+            inputs=model.inputs_of(found.x),
+            size=np.exp(found.x[:, SIZE]),
+            joints=joints,
+            network=network,
+            cost=found.parts.sum(axis=1),
+            uncertainty=uncertainty,
+            error_mm=error_mm,
+            confidence=confidence,
+            x=found.x,
+            start=found.start,
+            signs=signs,
+        )

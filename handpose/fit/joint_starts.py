@@ -1,0 +1,79 @@
+"""Starts of a depth fit from joints that a network predicts.
+
+Joints predicted one by one are more accurate than those of predicted angles, but they need not be joints of the body.
+So the body with the predicted angles is moved to the predicted joints of its palm (Kabsch), and the start is the x that
+minimises, with x_0 from the predicted angles and size,
+
+    |X(x) - joints|^2 / JOINT_MM^2  +  sum over limbs of (x - x_0)^2 / LIMB^2  +  (log size - log size_0)^2 / SIZE_STD^2
+
+by Levenberg-Marquardt. The result depends little on these constants. Without the alignment, Levenberg-Marquardt
+converges slowly where the predicted rotation is far off: after twice as many steps it is farther from the joints.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.fit.body import SIZE, CapsuleModel, RootMotion
+from handpose.fit.levenberg_marquardt import minimise
+from layers.hand.bodies import kinematics_of
+from netlib.blob import Array
+from netlib.errors import NetlibError
+
+JOINT_MM, LIMB, SIZE_STD = 10.0, 0.6, 0.1
+STEPS, RIDGE = 4, 1e-9
+
+
+def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
+    """Fit bodies x (N, V) to joints (N, K, 3) in mm; variables that the surface alone has are not changed."""
+    skeleton, kinematics = model.skeleton, kinematics_of(model.skeleton)
+    free = np.unique(skeleton.driven)
+    sums = (skeleton.driven[:, None] == free).astype(float)
+    columns = np.append(np.searchsorted(model.free, free), model.variables + SIZE)
+    lower, upper = model.lower[columns], model.upper[columns]
+    unit, diagonal = JOINT_MM / model.unit_mm, np.arange(len(columns))
+    precision = np.where(np.isin(columns, model.limbs), LIMB**-2.0, 0.0)
+    precision[-1] = SIZE_STD**-2.0
+    goal, root = joints / model.unit_mm, int(np.flatnonzero(skeleton.parents < 0)[0])
+    found = aligned(model, x, joints)
+    start = found[:, columns]
+
+    def evaluate(columns_of_x: Array, rows: NDArray[np.int_]) -> tuple[Array, Array, Array]:
+        trial = found[rows]
+        trial[:, columns] = columns_of_x
+        pose = kinematics.forward_pose(model.inputs_of(trial), skeleton.bones * np.exp(trial[:, [SIZE]]))
+        grows = (pose.joints - pose.joints[:, [root]]).reshape(len(trial), 1, -1)
+        J = np.concatenate([sums.T @ kinematics.jacobian(pose), grows], axis=1) / unit
+        r = (pose.joints - goal[rows]).reshape(len(trial), -1, 1) / unit
+        off = columns_of_x - start[rows]
+        A = J @ J.swapaxes(1, 2)
+        A[:, diagonal, diagonal] += precision
+        b = (J @ r)[..., 0] + precision * off
+        return (r * r).sum(axis=(1, 2)) + (precision * off * off).sum(axis=1), A, b
+
+    found[:, columns], _ = minimise(evaluate, start, lower, upper, STEPS, ridge=RIDGE)
+    return found
+
+
+def aligned(model: CapsuleModel, x: Array, joints: Array) -> Array:
+    """Move bodies x (N, V) as a whole, so that joints fixed to the root are closest to joints (N, K, 3) in mm.
+
+    Kabsch, "A solution for the best rotation to relate two sets of vectors" (1976). A body whose root has fewer than
+    six DoFs is not moved.
+    """
+    x = x.copy()
+    try:
+        root = RootMotion(model)
+    except NetlibError:
+        return x
+    limbs = ~np.isin(model.skeleton.driven, model.free[model.root])
+    rigid = ~model.skeleton.moves[limbs].any(axis=0)
+    own, goal = model.joints(x)[:, rigid], joints[:, rigid]
+    middle, goal_middle = own.mean(axis=1), goal.mean(axis=1)
+    U, _, V = np.linalg.svd((own - middle[:, None]).swapaxes(1, 2) @ (goal - goal_middle[:, None]))
+    V[:, 2] *= np.sign(np.linalg.det(U @ V))[:, None]  # a rotation, no reflection
+    turn = (U @ V).swapaxes(1, 2)
+    place = goal_middle + (turn @ (root.place(x) - middle)[..., None])[..., 0]
+    x[:, root.columns] = root.variables(place, turn @ root.rotation(x))
+    return np.asarray(np.clip(x, model.lower, model.upper))

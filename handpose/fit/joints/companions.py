@@ -1,0 +1,134 @@
+"""Joint angles for the frames of a training set, by fitting the hand model to their joints.
+
+A net that learns the angles themselves (the paper's "direct parameter") needs them as labels, and a real data set has
+only joints. Each HDF5 file of the set gets a small companion file with
+
+    dof          (n, 47) inputs of the hand model, for its layer HandModel
+    residual_mm  (n, 31) distance of each joint after the fit; NaN for joints that were clipped to the cube
+
+and the name of the original file, which has everything else (``netlib.files.hdf5.File``). So a list of companions
+is read like the list of the original files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handpose.datasets import labels, parts
+from handpose.fit.joints.fit_joints import fit_joints
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError, reason_of
+from netlib.files import atomic, hdf5, make_folder, opened
+from netlib.files.paths import exists
+
+VERSION = 3  # increase after a change of the code that changes the angles
+
+Done = Callable[[int, Path, Array], object]  # number of a companion from 1 on, the file, its residuals
+
+
+def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
+    """The path of each file's companion. Raises DataError if two of them, or a file and its own, are the same."""
+    targets = [out / path.name for path in files]
+    for path, target in zip(files, targets):
+        if os.path.realpath(path) == os.path.realpath(target):
+            raise DataError(f"{target}: would replace the data themselves; choose another --out")
+        if not hdf5.is_near(path, target):
+            raise DataError(f"{target}: is not next to the folder of the data, {path}; expected --out "
+                            f"{Path(os.path.realpath(path)).parent}_angles, for example")  # fmt: skip
+    if len(set(targets)) < len(targets):
+        raise DataError(f"{out}: two files of the list have the same name, expected different ones")
+    return targets
+
+
+def fit_list(
+    files: Sequence[Path],
+    out: Path,
+    name: str,
+    skeleton: Skeleton,
+    *,
+    on_done: Done = lambda number, target, residuals: None,
+    **options: Any,
+) -> tuple[Array, Array]:
+    """Write the companions of all files to a folder, with a list of this name. Raises DataError.
+
+    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``on_done`` is called for each companion
+    when it is complete; ``options`` are those of ``fit_file``. Only companions of the same files are replaced.
+    """
+    targets = companions_of(files, out)
+    _refuse_others(files, targets, out / name)
+    residuals, inputs = [], []
+    for number, (path, target) in enumerate(zip(files, targets), 1):
+        residuals.append(fit_file(path, target, skeleton, **options))
+        inputs.append(hdf5.File(target, ("dof",)).datasets[0].numbers())
+        on_done(number, target, residuals[-1])
+    atomic.replace_text(out / name, parts.list_text(targets))
+    return np.concatenate(inputs), np.concatenate(residuals)
+
+
+def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) -> None:
+    """Raise DataError unless the files to be replaced are companions of these files, or a list of them."""
+    for path, target in zip(files, targets):
+        if exists(target):
+            rest = str((parts.attributes(target) or {}).get("rest_in", ""))
+            if not rest or os.path.realpath(target.parent / rest) != os.path.realpath(path):
+                raise DataError(f"{target}: is not a companion of {path}; move it away, or choose another --out")
+    own = set(map(os.path.realpath, targets))
+    for file in parts.listed(names, targets):
+        if os.path.realpath(file) not in own:
+            raise DataError(f"{names}: names {str(file)!r}, which is not a companion of these files; move the list "
+                            "away, or choose another --out")  # fmt: skip
+
+
+def fit_file(
+    path: Path,
+    target: Path,
+    skeleton: Skeleton,
+    *,
+    limits: bool = True,
+    ridge: float = 0.0,
+    starts: int = 4,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Array:
+    """Fit the frames of one file and write its companion atomically; returns the residuals (n, K) in mm.
+
+    An existing companion of the same file and options is kept. Raises DataError.
+    """
+    hand = sha256(repr(skeleton.param).encode()).hexdigest()
+    with opened(path, "the joints") as stream:
+        stat = os.fstat(stream.fileno())
+    recipe = json.dumps(
+        {"version": VERSION, "skeleton": hand, "limits": limits, "ridge": ridge, "starts": starts,
+         "source": path.name, "size": stat.st_size, "changed": stat.st_mtime_ns},
+        sort_keys=True,
+    )  # fmt: skip
+    kept = parts.attributes(target)
+    if kept is not None and kept.get("recipe") == recipe:
+        residuals = hdf5.File(target, ("residual_mm",)).datasets[0].numbers()
+        progress(len(residuals))
+        return np.asarray(residuals)
+    found_labels = labels.read(path, [len(skeleton.parents)])
+    joints = np.where(found_labels.seen[..., None], found_labels.joints, np.nan)
+    try:
+        found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
+    residuals = found.residuals * found_labels.half_cube[:, None]
+
+    rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
+    try:
+        make_folder(target.parent)
+        with hdf5.created(target) as file:
+            file["dof"] = found.inputs.astype(np.float32)
+            file["residual_mm"] = residuals.astype(np.float32)
+            file.attrs.update(recipe=recipe, made_from=found_labels.made_from, rest_in=rest)
+    except OSError as error:
+        raise DataError(f"{target}: {reason_of(error)}") from None
+    return np.asarray(residuals)

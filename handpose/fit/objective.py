@@ -1,0 +1,137 @@
+"""The objective of a fit: the sum of its terms, each in units of its variance.
+
+surface  points on the capsules, robust (Geman-McClure): k q / (k + q) for the squared distance q, with k the square of
+         ``robust``. Errors of neighbouring points are correlated, so all of a frame count as ``independent`` points.
+outline  spheres outside the silhouette, robust likewise
+front    spheres in front of the surface, robust likewise
+prior    limbs near the start's angles (covariance of the network's errors), the palm near the network's, the surface's
+         own variables near their means, size and thickness near the skeleton's
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from handpose.body.nyu import CUBE_MM
+from handpose.fit.body import CapsuleModel, Posed
+from handpose.fit.depth_residuals import nearest_capsules, point_residuals, sphere_residuals, spheres_of
+from handpose.fit.observation import Floats, Observation
+from handpose.fit.residuals import Residuals, cones_of, joined, normal_equations
+from netlib.blob import Array
+
+MIN_SIZE_STD = 1e-4  # deviation of the logarithm of a size that is known
+
+
+@dataclass(frozen=True)
+class Weights:
+    """The weights of the terms, chosen on synthetic frames that are in no reported result; ``outline`` also on the real
+    recordings of docs/fit.md.
+
+    For a body in a cube larger than a hand's, lengths in mm and the robust distance are scaled accordingly.
+    """
+
+    sigma: float = 4.0  # mm, deviation of capsules from a real surface: the unit of the first three terms
+    independent: float = 150.0  # effective number of independent points in a frame
+    outline: float = 2.0
+    front: float = 0.1
+    slack: float = 3.0  # mm that a sphere may extend into free space
+    limbs: float = 1.0
+    rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
+    size: float = 0.08  # deviation of the logarithm of the size; 0: it is known
+    thickness: float = 0.08  # deviation of the logarithm of the thickness
+
+
+class Prior(NamedTuple):
+    """The priors of N fits."""
+
+    x: Array  # (N, V) expected variables
+    rigid: Floats  # (N, n, 3) mm, expected ends that move with the root
+    curvature: Array  # (V, V) precision of the limbs, the surface's own variables, size and thickness
+
+
+class Measured(NamedTuple):
+    """The terms of N fits at some x, without the robust weights."""
+
+    posed: Posed
+    residuals: Residuals
+    prior: Array  # (N,) cost of the prior
+    prior_curvature: Array  # (N, V, V)
+    prior_gradient: Array  # (N, V) half the gradient
+
+
+class Cost(NamedTuple):
+    """The costs of N fits at some x."""
+
+    total: Array  # (N,)
+    parts: Array  # (N, 4) surface, outline, front, prior
+    weight: Floats  # (N, 2, R) weights of the squared residuals near this x
+
+
+class Objective:
+    """The terms of frames, as a function of x."""
+
+    def __init__(self, model: CapsuleModel, weights: Weights) -> None:
+        self.model, self.weights = model, weights
+        self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
+        self.spheres = spheres_of(model)
+        deviation = np.append(model.deviation, [max(weights.size, MIN_SIZE_STD), weights.thickness])
+        self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a finite deviation
+        self.plain_precision = deviation[self.plain] ** -2.0
+
+    def of_known_size(self) -> Objective:
+        """The same terms for bodies with the size of their start."""
+        return Objective(self.model, replace(self.weights, size=0.0))
+
+    def prior_of(self, x: Array, precision: Array) -> Prior:
+        """The prior of fits that start at x (N, V), with the precision (L, L) of the limbs' variables."""
+        A = np.zeros((self.model.variables,) * 2)
+        A[np.ix_(self.model.limbs, self.model.limbs)] = self.weights.limbs * precision
+        A[self.plain, self.plain] = self.plain_precision
+        return Prior(x, self.model.ends(x)[:, self.model.rigid], A)
+
+    def measure(self, x: Array, seen: Observation, prior: Prior) -> Measured:
+        """All terms at x (N, V) that do not depend on the robust distance."""
+        model = self.model
+        posed = model.posed(x)
+        cones = cones_of(model, posed)
+        points = point_residuals(cones, seen, nearest_capsules(cones, seen))
+        spheres = sphere_residuals(cones, seen, self.spheres, self.weights.slack * self.larger)
+        return Measured(posed, joined(points, spheres), *self._prior(x, posed, prior))
+
+    def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
+        """The cost with a robust distance in mm, for a hand's cube."""
+        w, P = self.weights, seen.points.shape[2]
+        k, sigma = np.float32((robust * self.larger) ** 2), w.sigma * self.larger
+        q = m.residuals.value * m.residuals.value
+        q[:, :, :P] = q[:, :1, :P] + q[:, 1:, :P]  # a point's two residuals are robust together
+        weight = np.empty_like(q)
+        unit = w.independent / sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
+        weight[:, :, :P] = (seen.known * unit.astype(np.float32))[:, None]
+        weight[:, :, P:] = np.array([w.outline, w.front], np.float32)[:, None] / np.float32(sigma**2)
+        robustly = k / (k + q)
+        weight *= robustly
+        q *= weight
+        weight *= robustly
+        spheres = q[:, :, P:].sum(axis=2)
+        parts = np.stack([q[:, 0, :P].sum(axis=1), spheres[:, 0], spheres[:, 1], m.prior], axis=1).astype(np.float64)
+        return Cost(parts.sum(axis=1), parts, weight)
+
+    def equations(self, m: Measured, cost: Cost) -> tuple[Array, Array]:
+        """The Gauss-Newton curvature (N, V, V) and half the gradient (N, V) of the cost."""
+        A, b = normal_equations(self.model, m.posed, m.residuals, cost.weight)
+        return A + m.prior_curvature, b + m.prior_gradient
+
+    def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:
+        """The prior's cost (N,), curvature (N, V, V) and half gradient (N, V)."""
+        model, rigid = self.model, np.float32(self.weights.rigid * self.larger)
+        d = x - prior.x
+        b = d @ prior.curvature
+        cost = (b * d).sum(axis=1)
+        d = (posed.ends[:, model.rigid] - prior.rigid).reshape(len(x), -1) / rigid
+        J = posed.motion[:, model.rigid].reshape(*d.shape, -1).astype(np.float64) / rigid
+        A = J.swapaxes(1, 2) @ J + prior.curvature
+        b += (J.swapaxes(1, 2) @ d[..., None])[..., 0]
+        return cost + (d * d).sum(axis=1), A, b

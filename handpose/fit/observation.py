@@ -1,0 +1,236 @@
+"""Observations of N bodies: surface points, outline, and the free space in front of the surface.
+
+Everything is in mm from the crop's centre, in camera axes (x right, y up, z away).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.body.sides import MIRROR, Side, is_mirrored
+from handpose.frames.cameras import Camera
+from handpose.frames.crops import Window, crop_scale, window
+from netlib.blob import Array
+from netlib.errors import DataError
+
+Floats = NDArray[np.float32]
+
+BACKGROUND = 0.999  # a crop's depth above it is background; below its negative it is the near face
+THIN_PX = 3.0  # sampling is denser near the outline, 1 / (THIN_PX + distance in px), because limbs are thin
+_CROSS = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The observations of N frames.
+
+    points   (N, 3, P) on the surface, from the rows of the crop; 0 where there are fewer
+    rays     (N, 3, P) unit vectors from the camera through them
+    known    (N, P) 1, or 0 where there are fewer
+    frame    (N,) index of the crop, of F
+    outside  (F, S, S) distance of a pixel from the silhouette, negative inside
+    nearest  (F, S, S) least depth in the 3 x 3 pixels about each
+    center   (N, 3) the crop's centre in camera axes
+    half     (N,) half the cube's edge
+    offset, factor  (N, 2) column and row of the crop: offset + factor * (x, y) / z
+    cut_mm   (N,) length of the image's edge along which the object is cut, so that a part of it is not visible
+    """
+
+    points: Floats
+    rays: Floats
+    known: Floats
+    frame: NDArray[np.int_]
+    outside: Floats
+    nearest: Floats
+    center: Floats
+    half: Floats
+    offset: Floats
+    factor: Floats
+    cut_mm: Floats
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    def take(self, rows: slice | NDArray[np.int_]) -> Observation:
+        """Some of the frames, with repetition. The crops themselves are not copied."""
+        return Observation(**{
+            name: values if name in ("outside", "nearest") else values[rows] for name, values in vars(self).items()
+        })  # fmt: skip
+
+    def mirrored(self, which: NDArray[np.bool_] | None = None) -> Observation:
+        """The frames mirrored along x, so that left hands become right ones.
+
+        which  (N,) the frames to mirror, each with its own crop; by default all
+        """
+        turned = np.ones(len(self), bool) if which is None else which
+        flip = np.where(turned[:, None], MIRROR.astype(np.float32), np.float32(1))
+        offset = self.offset.copy()
+        offset[turned, 0] = self.outside.shape[-1] - 1 - offset[turned, 0]
+        changed = {name: getattr(self, name) * flip[:, :, None] for name in ("points", "rays")}
+        changed["center"] = self.center * flip
+        for name in ("outside", "nearest"):
+            crops = getattr(self, name)
+            if which is None:
+                changed[name] = np.ascontiguousarray(crops[:, :, ::-1])
+            else:
+                changed[name] = crops.copy()
+                changed[name][self.frame[which]] = crops[self.frame[which], :, ::-1]
+        return Observation(**(vars(self) | changed | {"offset": offset}))
+
+    def thinned(self, every: int) -> Observation:
+        """The observations with every ``every``-th point."""
+        few = {name: np.ascontiguousarray(getattr(self, name)[..., ::every]) for name in ("points", "rays", "known")}
+        return Observation(**(vars(self) | few))
+
+
+@dataclass(frozen=True)
+class HandCrops:
+    """Crops of N hands. Networks and body models know right hands, so left hands are mirrored here, once, along x.
+
+    Results for the mirrored crops are in mirrored camera axes; multiplied by ``mirror`` they are in the camera's axes.
+
+    crops       (N, S, S) in [-1, 1], not mirrored
+    center_uvd  (N, 3) px, px, mm: the crops' centres, not mirrored
+    camera      of the frames
+    cube_mm     edge of the crops' cubes
+    mirrored    (N,) True for left hands
+    """
+
+    crops: NDArray[np.floating]
+    center_uvd: Array
+    camera: Camera
+    cube_mm: float
+    mirrored: NDArray[np.bool_]
+
+    @classmethod
+    def of_sides(
+        cls, crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera, cube_mm: float,
+        sides: Side | Sequence[Side] = "right",
+    ) -> HandCrops:  # fmt: skip
+        """Crops of hands of these sides, one for all or one for each."""
+        each = [sides] * len(crops) if isinstance(sides, str) else sides
+        mirrored = np.array([is_mirrored(side) for side in each], dtype=bool)
+        return cls(crops, np.asarray(center_uvd, dtype=np.float64).reshape(-1, 3), camera, cube_mm, mirrored)
+
+    def __len__(self) -> int:
+        return len(self.crops)
+
+    def take(self, rows: slice) -> HandCrops:
+        """Some of the crops."""
+        return replace(self, crops=self.crops[rows], center_uvd=self.center_uvd[rows], mirrored=self.mirrored[rows])
+
+    @property
+    def as_right(self) -> NDArray[np.floating]:
+        """(N, S, S) with left hands mirrored: the network's input."""
+        if not self.mirrored.any():
+            return self.crops
+        crops = self.crops.copy()
+        crops[self.mirrored] = self.crops[self.mirrored][:, :, ::-1]
+        return crops
+
+    @property
+    def mirror(self) -> Array:
+        """(N, 3) factors between the camera's axes and the mirrored ones, in both directions."""
+        return np.where(self.mirrored[:, None], MIRROR, 1.0)
+
+    @property
+    def center_mm(self) -> Array:
+        """(N, 3) centres in mm, in mirrored camera axes."""
+        return np.asarray(self.camera.unproject(self.center_uvd) * self.mirror)
+
+    def observe(self, points: int) -> Observation:
+        """The crops as observations of right hands, sampled at this number of points. Raises DataError."""
+        seen = observe(self.crops, self.center_uvd, self.camera, self.cube_mm, points)
+        return seen.mirrored(self.mirrored) if self.mirrored.any() else seen
+
+
+def observe(
+    crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera, cube_mm: ArrayLike, points: int = 400
+) -> Observation:
+    """The observations of crops (N, S, S) in [-1, 1]. Raises DataError.
+
+    center_uvd  (N, 3) crop centres in px, px, mm
+    cube_mm     edges of their cubes, one or (N,)
+    """
+    if crops.ndim != 3 or crops.shape[1] != crops.shape[2]:
+        raise DataError(f"crops of shape {crops.shape}, expected (N, size, size)")
+    N, S, _ = crops.shape
+    uvd = np.asarray(center_uvd, dtype=np.float64).reshape(N, 3)
+    center = camera.unproject(uvd)
+    half = np.broadcast_to(np.asarray(cube_mm, dtype=np.float64) / 2, N)
+    picked = window(uvd, 2 * half, camera, S)
+    first, scale = crop_scale(uvd, 2 * half, camera, S)
+    x = ((picked.columns - camera.u0) / camera.fx).astype(np.float32)
+    y = ((camera.v0 - picked.rows) / camera.fy).astype(np.float32)
+    inside = (picked.columns >= 0)[:, None, :] & (picked.rows >= 0)[:, :, None]
+    inside &= np.abs(crops) < BACKGROUND
+
+    surface, rays = np.zeros((2, N, 3, points), np.float32)
+    known = np.zeros((N, points), np.float32)
+    outside, nearest = np.empty((2, N, S, S), np.float32)
+    for n in range(N):
+        outline = _outside(crops[n])
+        seen = np.flatnonzero(inside[n])
+        if len(seen) > points:
+            share = np.cumsum(1 / (THIN_PX + np.maximum(-outline.reshape(-1)[seen], 0)))
+            seen = seen[np.searchsorted(share, (np.arange(points) + 0.5) * (share[-1] / points))]
+        row, column = np.divmod(seen, S)
+        z = crops[n].reshape(-1)[seen] * half[n] + center[n, 2]
+        at = np.stack([x[n, column] * z, y[n, row] * z, z])
+        surface[n, :, : len(seen)] = at - center[n][:, None]
+        rays[n, :, : len(seen)] = at / np.linalg.norm(at, axis=0)
+        known[n, : len(seen)] = 1
+        outside[n] = outline * np.float32(2 * half[n] / S)
+        nearest[n] = cv2.erode(crops[n].astype(np.float32), _CROSS) * np.float32(half[n])
+    middle = np.array([camera.u0, camera.v0])
+    focal = np.array([camera.fx, camera.fy])
+    return Observation(
+        surface,
+        rays,
+        known,
+        np.arange(N),
+        outside,
+        nearest,
+        center.astype(np.float32),
+        half.astype(np.float32),
+        (first + scale * middle).astype(np.float32),
+        (scale * focal * (1, -1)).astype(np.float32),
+        _cut_mm(crops, picked, camera, half),
+    )
+
+
+def _cut_mm(crops: NDArray[np.floating], picked: Window, camera: Camera, half: Array) -> Floats:
+    """The length in mm of the foreground in the rows and columns at the image's edges, for crops (N, S, S)."""
+    N, S, _ = crops.shape
+    pixels = np.zeros(N, int)
+    for n in range(N):
+        seen = np.abs(crops[n]) < BACKGROUND
+        for index, size, lines in ((picked.columns[n], camera.width, seen.T), (picked.rows[n], camera.height, seen)):
+            own = np.flatnonzero(index >= 0)
+            if not len(own):
+                continue
+            first, last = own[[0, -1]]
+            step = 1 + (index[last] - index[first]) // max(last - first, 1)  # image pixels between two of the crop
+            if first > 0 and index[first] < step:
+                pixels[n] += lines[first].sum()
+            if last < S - 1 and index[last] >= size - step:
+                pixels[n] += lines[last].sum()
+    return (pixels * (2 * half / S)).astype(np.float32)
+
+
+def _outside(crop: NDArray[np.floating]) -> Floats:
+    """Distance (S, S) in pixels of each pixel's middle from the silhouette's edge, negative inside.
+
+    Single pixels without a reading are closed first. The silhouette is assumed to continue beyond the crop's edge.
+    """
+    solid = cv2.morphologyEx((crop < BACKGROUND).astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
+    out = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)
+    within = cv2.distanceTransform(cv2.copyMakeBorder(solid, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1),
+                                   cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]  # fmt: skip
+    far = np.float32(len(crop))  # a crop without a silhouette, or all of it, has no distance
+    return np.asarray(np.where(solid > 0, 0.5 - np.minimum(within, far), np.minimum(out, far) - 0.5), np.float32)

@@ -1,0 +1,1 @@
+"""Depth frames: cameras, images, crops, and recordings opened and written frame by frame."""

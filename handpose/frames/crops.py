@@ -1,0 +1,246 @@
+"""The network's input: the cube around the hand, cut from a depth image and scaled to [-1, 1].
+
+A cube of ``cube_mm`` with its middle at the centre (u, v, d) covers the pixels
+
+    floor((u d / f - cube / 2) / d f)  <=  column  <  floor((u d / f + cube / 2) / d f)        likewise rows
+
+which are resized to ``size`` x ``size`` keeping the aspect, by nearest neighbour, because the mean of two depths at an
+edge would be a point in empty space. Depths outside the cube are clipped to its faces. Pixels without a reading, and
+those outside the image, become background, the far face:
+
+    value = (depth - d) / (cube / 2)  in [-1, 1],    background 1
+
+This is the preprocessing of the paper's released system, to the pixel. Because of the nearest neighbour, a crop is a
+selection of pixels, ``Window``, and the renderer casts rays through these pixels only.
+
+``clear_crop`` also removes flying pixels: at an edge, a depth camera mixes the depths of both sides into one that
+belongs to neither. With a time-of-flight camera, half of the pixels along the outline of a hand lie 14 mm or more
+behind it, a quarter 40 mm (320 x 240 pixels, 400 mm away). It also removes what is in front of the cube and does not
+continue a surface in it, such as a reflection. An arm that reaches through the near face does, and stays.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.frames.cameras import NYU, Camera
+from netlib.blob import Array
+from netlib.errors import DataError
+
+SIZE = 128  # pixels on a side
+CUBES_MM = (50.0, 10_000.0)  # range of a cube's edge: a small hand to several people; values in metres are below it
+
+BACKGROUND = 1.0  # the value of the far face
+STEP_MM = 8.0  # minimum depth step between two surfaces
+STEP_PX = 5.0  # minimum step in pixel widths, for wide pixels: a slope of 79 degrees
+NEAR_FACE = -0.999  # values below it are readings in front of the cube
+REACHING_MM = 25.0  # a surface this close to the near face may continue in front of it
+MIN_CONTACT_PX, MIN_CONTACT = 3, 0.1  # pixels of contact: at least; relative to the square root of a component's area
+_AROUND = np.ones((3, 3), np.uint8)
+
+
+class Window(NamedTuple):
+    """The image pixels of N crops."""
+
+    columns: NDArray[np.int64]  # (N, size) image column of each crop column, -1 outside the image
+    rows: NDArray[np.int64]  # (N, size) image row of each crop row, -1 outside the image
+
+
+class _Span(NamedTuple):
+    """The image pixels and the crop pixels of N crops, along one axis."""
+
+    start: Array  # (N,) first image pixel
+    extent: Array  # (N,) number of image pixels
+    pad: Array  # (N,) first crop pixel
+    length: Array  # (N,) number of crop pixels
+
+
+def window(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE) -> Window:
+    """The window of each centre (N, 3), px, px, mm, with cubes of edge ``cube_mm``, one or (N,). Raises DataError."""
+    chosen = []
+    for span, pixels in zip(_spans(center_uvd, cube_mm, camera, size), (camera.width, camera.height), strict=True):
+        start, extent, pad, length = (value[:, None] for value in span)
+        i = np.arange(size) - pad  # crop pixel -> resized window, (N, size)
+        source = np.floor(i * (1.0 / (length / extent)))  # in OpenCV's order of operations, and so its rounding
+        index = start + np.minimum(source, extent - 1)
+        inside = (i >= 0) & (i < length) & (index >= 0) & (index < pixels)
+        chosen.append(np.where(inside, index, -1).astype(np.int64))
+    return Window(chosen[0], chosen[1])
+
+
+def crop_pixels(
+    uvd: ArrayLike, center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+) -> Array:
+    """Column and row (N, K, 2) of image points (N, K, 3) in the crops at the centres (N, 3)."""
+    across, down = _spans(center_uvd, cube_mm, camera, size)
+    points = np.asarray(uvd, dtype=np.float64)
+    at = [
+        (points[..., axis] - span.start[:, None] + 0.5) * (span.length / span.extent)[:, None] + span.pad[:, None]
+        for axis, span in enumerate((across, down))
+    ]
+    return np.stack(at, axis=-1)
+
+
+def crop_scale(
+    center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+) -> tuple[Array, Array]:
+    """Offset and factor, (N, 2) each for columns and rows: crop pixel = offset + factor * image pixel.
+
+    Middles are mapped to middles, as in an area resize. ``window`` picks pixels by their first edges, as OpenCV's
+    nearest neighbour does: on average it shows an image pixel half a crop pixel later, as ``crop_pixels`` does.
+    """
+    spans = _spans(center_uvd, cube_mm, camera, size)
+    factor = np.stack([span.length / span.extent for span in spans], axis=1)
+    first = np.stack([(0.5 - span.start) * span.length / span.extent + span.pad - 0.5 for span in spans], axis=1)
+    return first, factor
+
+
+def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int) -> tuple[_Span, _Span]:
+    center = np.atleast_2d(np.asarray(center_uvd, dtype=np.float64))
+    cube = np.broadcast_to(np.asarray(cube_mm, dtype=np.float64), len(center))
+    good = np.isfinite(center).all(axis=1) & (center[:, 2] > 0) & np.isfinite(cube) & (cube > 0)
+    if not good.all():
+        bad = int(np.argmin(good))
+        u, v, d = center[bad]
+        raise DataError(
+            f"crop {bad}: centre u {u:g} px, v {v:g} px, depth {d:g} mm with a cube of {cube[bad]:g} mm; "
+            "expected finite numbers, depth and cube above 0"
+        )
+    edges = pixels_of(center, cube, camera)
+    longest = np.maximum(*(np.maximum(stop - start, 1) for start, stop in edges))
+    spans = []
+    for start, stop in edges:
+        extent = np.maximum(stop - start, 1)  # a cube very far away is one pixel
+        length = np.maximum(extent * size // longest, 1)
+        spans.append(_Span(start, extent, size // 2 - length // 2, length))
+    return spans[0], spans[1]
+
+
+def pixels_of(center: Array, cube_mm: ArrayLike, camera: Camera) -> list[tuple[Array, Array]]:
+    """The first pixel of the cubes at centres (N, 3) and the one after the last, (N,) each, for columns and rows.
+
+    They may lie outside the image.
+    """
+    d, half = center[:, 2], np.asarray(cube_mm) / 2
+    return [
+        (np.floor((at * d / f - half) / d * f), np.floor((at * d / f + half) / d * f))
+        for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy))
+    ]
+
+
+def numbers(values: object, what: str, masked: float) -> NDArray[Any]:
+    """An array of numbers, with ``masked`` in place of masked values. Raises DataError; ``what`` begins its message."""
+    if not isinstance(values, np.ndarray):
+        raise DataError(f"{what} is a {type(values).__name__}, expected an array of numbers")
+    if values.dtype.kind not in "fiub":
+        raise DataError(f"{what} is an array of {values.dtype}, expected numbers")
+    return values.filled(masked) if isinstance(values, np.ma.MaskedArray) else values
+
+
+def check_size(depth: NDArray[np.generic], camera: Camera) -> None:
+    """Raise DataError for a depth image of another size than the camera's."""
+    if depth.shape != (camera.height, camera.width):
+        raise DataError(
+            f"depth image of shape {depth.shape}, expected {(camera.height, camera.width)} of camera {camera.name!r}"
+        )
+
+
+def crop(
+    depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera = NYU, size: int = SIZE
+) -> NDArray[np.float32]:
+    """The crop (size, size) float32 in [-1, 1] of a depth image in mm. Raises DataError.
+
+    depth       (camera.height, camera.width), 0 where there is no reading
+    center_uvd  (3,) middle of the cube: pixels and mm
+    cube_mm     edge of the cube
+    """
+    depth = numbers(depth, "depth image", 0)
+    check_size(depth, camera)
+    columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera, size))
+    u, v, d = np.asarray(center_uvd, dtype=np.float64)
+    if (columns < 0).all() or (rows < 0).all():
+        raise DataError(f"the cube of {cube_mm:g} mm at u {u:g}, v {v:g}, {d:g} mm lies outside the image")
+    picked = Window(columns[None], rows[None])
+    return crops_of_windows(depth, picked, np.array([d]), cube_mm)[0]
+
+
+def crops_of_windows(
+    depth: NDArray[np.generic], picked: Window, center_d: Array, cube_mm: float
+) -> NDArray[np.float32]:
+    """The crops (N, size, size) in [-1, 1] of some windows of one depth image in mm.
+
+    center_d  (N,) mm, depths of the cubes' middles
+    """
+    columns, rows = picked
+    d, half = np.reshape(center_d, (-1, 1, 1)), cube_mm / 2
+    out = depth[rows[:, :, None], columns[:, None, :]].astype(np.float64)
+    read = (columns >= 0)[:, None, :] & (rows >= 0)[:, :, None] & (out > 0)  # False for NaN, which some drivers write
+    np.copyto(out, d + half, where=~read)
+    np.clip(out, d - half, d + half, out=out)
+    out -= d
+    out /= half
+    return out.astype(np.float32)
+
+
+def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:
+    """Joints (N, K, 3) in mm, camera axes, to half-cubes from the centre (N, 3); ``half_cube`` mm, one or (N,)."""
+    center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
+    return np.asarray((np.asarray(xyz, dtype=np.float64) - center) / half)
+
+
+def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:
+    """The inverse of ``normalise_joints``: half-cubes to mm in camera axes."""
+    center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
+    return np.asarray(np.asarray(joints, dtype=np.float64) * half + center)
+
+
+def clear_crop(
+    depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera
+) -> NDArray[np.float32]:
+    """``crop`` of a depth image, in which flying pixels and isolated near ones are background. Raises DataError."""
+    d, half = float(np.asarray(center_uvd, dtype=np.float64)[2]), cube_mm / 2
+    return without_isolated_near(
+        without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx), half
+    )
+
+
+def without_flying_pixels(crop: NDArray[np.float32], half_mm: float, pixel_mm: float) -> NDArray[np.float32]:
+    """A crop (S, S) in [-1, 1] in which flying pixels are background.
+
+    half_mm   half the edge of the cube
+    pixel_mm  width of a pixel of the camera's image, at the crop's depth
+    """
+    step = np.float32(max(STEP_MM, STEP_PX * pixel_mm) / half_mm)
+    behind = crop - cv2.erode(crop, _AROUND) > step
+    behind &= crop < BACKGROUND
+    if not behind.any():
+        return crop
+    surface = (crop < BACKGROUND) & ~behind
+    nearest = cv2.erode(np.where(surface, crop, np.float32(9)), _AROUND)
+    farthest = cv2.dilate(np.where(surface, crop, np.float32(-9)), _AROUND)
+    out = crop.copy()
+    # A pixel between two surfaces belongs to the far one if it is close to it.
+    out[behind & (np.abs(farthest - crop) > step) & (np.abs(nearest - crop) > step)] = BACKGROUND
+    return out
+
+
+def without_isolated_near(crop: NDArray[np.float32], half_mm: float) -> NDArray[np.float32]:
+    """A crop (S, S) in [-1, 1] in which readings in front of the cube that continue no surface are background.
+
+    half_mm  half the edge of the cube
+    """
+    near = crop <= NEAR_FACE
+    if not near.any():
+        return crop
+    count, component = cv2.connectedComponents(cv2.dilate(near.astype(np.uint8), _AROUND), connectivity=8)
+    reaching = ~near & (crop < REACHING_MM / half_mm - 1)
+    contact = np.bincount(component[reaching], minlength=count)
+    area = np.bincount(component[near], minlength=count)
+    continues = contact >= np.maximum(MIN_CONTACT_PX, MIN_CONTACT * np.sqrt(area))
+    out = crop.copy()
+    out[near & ~continues[component]] = BACKGROUND
+    return out

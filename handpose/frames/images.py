@@ -1,0 +1,152 @@
+"""Depth images: files that cameras and data sets write, each decoded once, and checks of arrays passed from Python.
+
+read_png      a PNG of a published data set, pixels unchanged; errors are kinds of bad frames, as reports name them
+read_picture  any image that a user names
+read_frame    an image that is a whole depth frame, in mm
+read_crop     an image that is a crop, in [-1, 1]
+depth_image   an array, in mm if ``check_unit`` accepts it
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.frames.cameras import UNIT_MM, Camera
+from handpose.frames.crops import SIZE, numbers
+from netlib import files
+from netlib.blob import Array
+from netlib.errors import DataError, system_error_of
+from netlib.files import pictures
+from netlib.files.paths import exists
+
+# Kinds of errors in a published frame, as reports name them.
+MISSING = "no such file"
+DAMAGED = "truncated, damaged or no PNG"
+WRONG_SIZE = "wrong size or type of image"
+UNLABELLED = "a joint or the centre is not a number, or not before the camera"
+OUTSIDE = "the cube lies outside the image"
+EMPTY = "no depth around the hand"
+
+NEAR_MM, FAR_MM = 20.0, 20_000.0  # no depth camera measures a whole image nearer or farther
+
+
+def read_png(path: str | Path) -> Array:
+    """The unchanged pixels of a PNG file, colours in OpenCV's order (blue first). Raises BadFrameError.
+
+    Raises another DataError if the system cannot read it, which is no flaw of the file.
+    """
+    if not exists(Path(path)):
+        raise BadFrameError(path, MISSING)
+    try:
+        raw = files.read_bytes(path, "the frame")
+    except DataError as error:
+        if system_error_of(error):
+            raise
+        raise BadFrameError(path, DAMAGED, str(error).removeprefix(f"{path}: ")) from None
+    try:
+        if raw.startswith(pictures.PNG):
+            return pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(path))
+    except DataError as error:
+        if system_error_of(error):
+            raise
+    raise BadFrameError(path, DAMAGED)
+
+
+def read_picture(path: str | Path) -> Array:
+    """The pixels of an image file unchanged, colours in OpenCV's order (blue first). Raises DataError."""
+    return pictures.decode(files.read_bytes(path, "the picture"), cv2.IMREAD_UNCHANGED, str(path))
+
+
+def read_frame(path: str | Path, camera: Camera, unit_mm: float | None = None) -> NDArray[np.float32]:
+    """A whole depth frame (height, width) in mm; 0 where there is no reading. Raises DataError.
+
+    path     a 16-bit grey image; for the camera "nyu" also NYU's colour packing
+    camera   of the frame; one without a size accepts frames of any size
+    unit_mm  depth of a pixel value of 1; by default the camera's own unit
+    """
+    image = read_picture(path)
+    unit = np.float32(unit_mm or UNIT_MM.get(camera.name, 1.0))
+    if image.ndim == 3 and image.dtype == np.uint8 and camera.name == "nyu":
+        depth = unpack_depth(image) * unit
+    elif image.ndim == 2 and image.dtype == np.uint16:
+        depth = image.astype(np.float32) * unit
+    else:
+        raise DataError(f"{path}: found {image.dtype} {image.shape}; expected a 16-bit grey PNG of depth")
+    if camera.width and depth.shape != (camera.height, camera.width):
+        raise DataError(f"{path}: {depth.shape[1]} x {depth.shape[0]} pixels; "
+                        f"camera {camera.name} has {camera.width} x {camera.height}")  # fmt: skip
+    return depth
+
+
+def read_crop(path: str | Path) -> NDArray[np.float32]:
+    """A crop (128, 128) in [-1, 1] from an 8-bit grey picture: 0 is the near face, 255 the far one. Raises DataError.
+
+    A square of another size is resized by nearest neighbour.
+    """
+    image = read_picture(path)
+    if image.ndim == 3:
+        image = image[..., 0] if np.ptp(image[..., :3], axis=2).max() == 0 else image
+    if image.dtype != np.uint8 or image.ndim != 2:
+        raise DataError(f"{path}: found {image.dtype} {image.shape}; expected an 8-bit grey picture of normalised "
+                        "depth (for a whole depth frame name its --camera)")  # fmt: skip
+    if image.shape[0] != image.shape[1]:
+        raise DataError(f"{path}: {image.shape[1]} x {image.shape[0]} pixels; expected a square crop")
+    if image.shape != (SIZE, SIZE):
+        image = np.asarray(cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_NEAREST))
+    return (image / np.float32(127.5) - 1).astype(np.float32)
+
+
+def unpack_depth(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Depth (H, W) in mm of the pixels (H, W, 3), blue first, of an NYU frame: 256 green + blue; red is unused."""
+    return pixels[..., 1].astype(np.float32) * 256 + pixels[..., 0]
+
+
+def pack_depth(depth: ArrayLike) -> NDArray[np.uint8]:
+    """The inverse of ``unpack_depth``: whole mm (H, W) below 65536 to the pixels (H, W, 3) of a frame."""
+    mm = np.asarray(depth).astype(np.uint16)
+    return np.stack([mm & 255, mm >> 8, np.zeros_like(mm)], axis=-1).astype(np.uint8)
+
+
+class BadFrameError(DataError):
+    """A frame that cannot be used; ``kind`` is one of the constants above."""
+
+    def __init__(self, path: object, kind: str, detail: str = "") -> None:
+        super().__init__(f"{path}: {kind}{detail and f' ({detail})'}")
+        self.kind = kind
+
+
+class UnitError(DataError):
+    """The depths cannot be in mm."""
+
+
+def depth_image(depth: object) -> NDArray[Any]:
+    """The image (height, width), 0 where it is masked. Raises DataError for anything else."""
+    image = numbers(depth, "depth image", 0)
+    if image.ndim != 2:
+        raise DataError(f"depth image of shape {image.shape}, expected (height, width)")
+    return image
+
+
+def check_unit(image: NDArray[Any], farthest: float = FAR_MM) -> None:
+    """Raise UnitError if all depths are negative, too small for mm, or beyond ``farthest``.
+
+    Single negative depths are allowed: some drivers write -1 where there is no reading.
+    """
+    finite = np.isfinite(image)
+    seen = image[finite & (image > 0)]
+    if not len(seen):
+        seen = image[finite & (image < -NEAR_MM)] if image.dtype.kind in "fi" else seen
+    if not len(seen):
+        return
+    low, high = float(seen.min()), float(seen.max())
+    if high < 0:
+        raise UnitError(f"depths from {low:.6g} to {high:.6g}, expected mm, growing away from the camera")
+    if high < NEAR_MM:
+        raise UnitError(f"depths from {low:.3g} to {high:.3g}, expected mm; they may be metres")
+    if low > farthest:
+        raise UnitError(f"depths from {low:.6g} to {high:.6g}, expected mm, nearer than {FAR_MM:g}; check the unit")

@@ -1,0 +1,191 @@
+"""Inspection of a recording: its metadata, statistics of its first frames, and warnings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.frames.cameras import Camera
+from handpose.frames.recording import DepthFrame, Recording
+from netlib.errors import DataError
+
+FRAMES = 10  # number of inspected frames
+NEAREST_SHARE = 0.5  # percentile of the depths that counts as nearest; fewer pixels are noise
+BEHIND = 1.25  # depth range of the nearest object, relative to its distance, which is independent of the unit
+MIN_NEAR_SHARE = 1e-3  # share of the readings that may be nearer than the camera measures
+NEAR_MM, FAR_MM = 120.0, 2500.0  # range of a hand's distance in all depth cameras
+NARROW_MM, WIDE_MM = 25.0, 1500.0  # range of widths: a hand, or a hand with arm and shoulder
+USUAL_MM = (300.0, 1200.0)  # range of distances of a hand
+UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 1000.0, 10.0)  # mm, of existing cameras and files, the most likely first
+RATES = (1.0, 1000.0)  # frames per second of depth cameras
+OFF_RATE = 0.2  # tolerance of a rate
+VIEW_DEGREES = (20.0, 130.0)
+OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """The result of an inspection.
+
+    name, count, rate, live, camera, unit_mm, remarks  of the recording
+    frames    the first ones, which were inspected
+    depth_mm  the 1st, 50th and 99th percentile of the depths; None without a reading
+    zeros     share of pixels without a reading
+    view      (2,) angle of view in degrees, horizontal and vertical
+    nearest   distance and width in mm of the nearest object, None without one
+    warnings  likely errors and what to do about them, one line each
+    """
+
+    name: str
+    count: int | None
+    rate: float | None
+    live: bool
+    camera: Camera
+    unit_mm: float
+    remarks: tuple[str, ...]
+    frames: tuple[DepthFrame, ...]
+    depth_mm: tuple[float, float, float] | None
+    zeros: float
+    view: tuple[float, float]
+    nearest: tuple[float, float] | None
+    warnings: tuple[str, ...]
+
+
+def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
+    """Inspect the first frames of a recording. Raises DataError if none can be read."""
+    seen = tuple(islice(recording, frames))
+    if not seen:
+        raise DataError(f"{recording.name}: no frame in it{recording.cut and f': {recording.cut}'}")
+    camera = recording.camera
+    values = np.concatenate([frame.depth[frame.depth > 0] for frame in seen])
+    low, middle, high = np.percentile(values, (1, 50, 99)).tolist() if len(values) else (0.0, 0.0, 0.0)
+    near = next((found for frame in seen if (found := nearest_thing(frame.depth, camera)) is not None), None)
+    warnings = [
+        *_of_camera(camera),
+        *_of_values(seen, bool(len(values))),
+        *_of_times(seen, recording.rate),
+        *(_of_depths(near, recording.unit_mm, values, camera) if near else ()),
+    ]
+    return Inspection(
+        name=recording.name,
+        count=recording.count,
+        rate=recording.rate,
+        live=recording.live,
+        camera=camera,
+        unit_mm=recording.unit_mm,
+        remarks=recording.remarks,
+        frames=seen,
+        depth_mm=(low, middle, high) if len(values) else None,
+        zeros=1 - len(values) / sum(frame.depth.size for frame in seen),
+        view=_view_of(camera),
+        nearest=near,
+        warnings=tuple(warnings),
+    )
+
+
+def warnings_of(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit_is_known: bool = False) -> list[str]:
+    """Likely errors of the camera and the unit of a single frame (height, width) in mm, one line each.
+
+    With ``unit_is_known`` only the camera is checked.
+    """
+    near = None if unit_is_known else nearest_thing(depth, camera)
+    values = depth[depth > 0]
+    return [*_of_camera(camera), *(_of_depths(near, unit_mm, values, camera) if near else ())]
+
+
+def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
+    """Distance and width in mm of the nearest object in a frame, None without a reading.
+
+    The object does not depend on the unit: it is everything connected, up to a quarter farther away than its front.
+    Readings nearer than the camera measures count only if there are no others; then the unit may be wrong.
+    """
+    seen = depth > 0
+    near = camera.is_too_near(depth)
+    if (seen & ~near).any():
+        seen &= ~near
+    if not seen.any():
+        return None
+    front = float(np.percentile(depth[seen], NEAREST_SHARE))
+    slab = (seen & (depth <= front * BEHIND)).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(slab, connectivity=8)
+    one = labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    distance = float(np.median(depth[one]))
+    left, right = np.percentile(np.nonzero(one)[1], (2, 98))
+    return distance, float((right - left + 1) * distance / camera.fx)
+
+
+def _view_of(camera: Camera) -> tuple[float, float]:
+    """The angles of view in degrees, horizontal and vertical."""
+    return _angle(camera.width, camera.u0, camera.fx), _angle(camera.height, camera.v0, camera.fy)
+
+
+def _angle(size: int, middle: float, focal: float) -> float:
+    """The angle of view in degrees along one axis."""
+    return math.degrees(math.atan2(middle + 0.5, focal) + math.atan2(size - 0.5 - middle, focal))
+
+
+def _of_camera(camera: Camera) -> Iterator[str]:
+    view, size = _view_of(camera), f"{camera.width} x {camera.height}"
+    if not all(VIEW_DEGREES[0] <= angle <= VIEW_DEGREES[1] for angle in view):
+        yield (f"focal lengths of {camera.fx:g}, {camera.fy:g} px give a field of view of {view[0]:.0f} x "
+               f"{view[1]:.0f} degrees in {size} pixels; check fx and fy, which may be for another image "
+               "size")  # fmt: skip
+    ways = ((camera.u0, camera.width), (camera.v0, camera.height))
+    if any(abs(middle - size / 2) > OFF_MIDDLE * size for middle, size in ways):
+        where = "far from the centre" if all(0 <= middle < size for middle, size in ways) else "outside"
+        yield (f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
+               "which may be for another image size")  # fmt: skip
+
+
+def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
+    if not any_read:
+        yield (f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or "
+               "the hand too near?")  # fmt: skip
+    elif len(seen) > 2 and all(np.array_equal(seen[0].depth, frame.depth) for frame in seen[1:]):
+        yield (f"the first {len(seen)} frames are the same to the last value; was one frame copied, or has the "
+               "camera stopped?")  # fmt: skip
+
+
+def _of_depths(
+    nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating], camera: Camera
+) -> Iterator[str]:
+    wrong_unit = list(_of_unit(nearest, unit_mm))
+    yield from wrong_unit
+    share = 0.0 if wrong_unit else float(np.mean(values < camera.min_range_mm))
+    if share > MIN_NEAR_SHARE:
+        yield (
+            f"{share:.1%} of the readings are nearer than {camera.min_range_mm:g} mm, the minimum range of the camera, "
+            "and count as missing; if it measures them, give min_range_mm in camera.json"
+        )
+
+
+def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]:
+    if len(seen) < 2:
+        return
+    step = float(np.median(np.diff([frame.time for frame in seen])))
+    if not 1 / RATES[1] <= step <= 1 / RATES[0]:
+        yield f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
+    elif rate and abs(step * rate - 1) > OFF_RATE:
+        yield f"{rate:g} frames per second given, but {1 / step:.3g} by their times; the times are used"
+
+
+def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:
+    distance, width = nearest
+    if NEAR_MM <= distance <= FAR_MM and NARROW_MM <= width <= WIDE_MM:
+        return
+    usual = [unit for unit in UNITS if USUAL_MM[0] <= distance * unit / unit_mm <= USUAL_MM[1] and unit != unit_mm]
+    advice = (
+        f"with --unit {usual[0]:g} it would be {distance * usual[0] / unit_mm / 1000:.2f} m away; " if usual else ""
+    )
+    yield (f"the nearest object is {_length(distance)} away and {_length(width)} wide, which is not plausible "
+           f"for a hand: {advice}check the unit, here {unit_mm:g} mm")  # fmt: skip
+
+
+def _length(mm: float) -> str:
+    return f"{mm / 1000:.3g} m" if mm >= 1000 else f"{mm:.3g} mm"

@@ -1,0 +1,140 @@
+"""Lens distortion, and its removal from depth images: all other code sees a pinhole camera.
+
+With x, y the slopes of a ray (x right, y DOWN, at depth 1) and r² = x² + y², the Brown-Conrady model maps it to
+
+    x' = x q + 2 p1 x y + p2 (r² + 2 x²)        q = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
+    y' = y q + 2 p2 x y + p1 (r² + 2 y²)
+
+as in OpenCV. An inverse lens (RealSense's coded light) has the same formula from the image to the ray.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.frames.cameras import Camera
+from netlib.blob import Array
+from netlib.errors import DataError, did_you_mean
+
+COUNTS = (4, 5, 8)  # allowed numbers of coefficients
+ITERATIONS = 30  # maximum iterations of the inverse, whose steps at least halve for any real lens
+MAX_SLOPE_ERROR = 1e-5  # maximum error of the inverse; 0.01 px for a focal length of 1,000 px
+STEPS = 4096  # number of steps from the middle to the corner
+MIN_SHOWN = 0.25  # minimum share of the image that remains; with less, the coefficients are wrong
+
+# Other names of the models, in lower case and with single spaces. RealSense uses "modified Brown Conrady" for
+# colour cameras. Fisheye models are not supported, because depth cameras do not use them.
+FORWARD = {"brown conrady", "plumb bob", "rational polynomial", "rational 6kt", "opencv"}
+INVERSE = {"inverse brown conrady"}
+NONE = {"none", ""}
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens.
+
+    coefficients  k1 k2 p1 p2 [k3 [k4 k5 k6]], OpenCV's order; empty without distortion
+    model         direction of the formula: from the ray to the image, or the inverse
+    """
+
+    coefficients: tuple[float, ...] = ()
+    model: Literal["brown_conrady", "inverse_brown_conrady"] = "brown_conrady"
+
+    def __post_init__(self) -> None:
+        if len(self.coefficients) not in (0, *COUNTS) or not np.isfinite(self.coefficients).all():
+            raise DataError(f"distortion {self.coefficients}, expected {', '.join(map(str, COUNTS))} finite numbers: "
+                            "k1 k2 p1 p2 [k3 [k4 k5 k6]]")  # fmt: skip
+
+    @property
+    def is_straight(self) -> bool:
+        """True without distortion."""
+        return not any(self.coefficients)
+
+    def distorted(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """The slopes in the image of rays of slopes x and y (y down); NaN for rays outside the image.
+
+        Raises DataError for an inverse lens that cannot be inverted there.
+        """
+        with np.errstate(all="ignore"):
+            if self.model == "brown_conrady":
+                u, v = self._formula(x, y)
+                folded = np.hypot(x, y) >= self._fold(float(np.hypot(x, y).max(initial=0)))
+                return np.where(folded, np.nan, u), np.where(folded, np.nan, v)
+            a, b = x, y
+            for _ in range(ITERATIONS):
+                u, v = self._formula(a, b)
+                a, b = a + (x - u), b + (y - v)
+            u, v = self._formula(a, b)
+            if not (np.hypot(u - x, v - y) < MAX_SLOPE_ERROR).all():
+                raise DataError(f"distortion {self.coefficients} cannot be inverted over the picture; check it")
+            return a, b
+
+    def _fold(self, farthest: float) -> float:
+        """The slope beyond which the formula folds back towards the middle; no light arrives beyond."""
+        r = np.linspace(0, farthest, STEPS)
+        shown, _ = replace(self, coefficients=self._radial())._formula(r, np.zeros_like(r))
+        back = ~(np.diff(shown) > 0)
+        return float(r[np.argmax(back)]) if farthest and back.any() else np.inf
+
+    def _radial(self) -> tuple[float, ...]:
+        k1, k2, _, _, *others = self.coefficients or (0.0,) * 4
+        return (k1, k2, 0.0, 0.0, *others)
+
+    def _formula(self, x: Array, y: Array) -> tuple[Array, Array]:
+        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.coefficients, *[0.0] * (8 - len(self.coefficients)))
+        r = x * x + y * y
+        q = (1 + r * (k1 + r * (k2 + r * k3))) / (1 + r * (k4 + r * (k5 + r * k6)))
+        return x * q + 2 * p1 * x * y + p2 * (r + 2 * x * x), y * q + 2 * p2 * x * y + p1 * (r + 2 * y * y)
+
+
+def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
+    """The lens for a model name of RealSense, Azure, ROS or OpenCV. Raises DataError for other names."""
+    name = " ".join(re.split(r"[\W_]+", model.lower().removeprefix("distortion.").strip()))
+    numbers = tuple(float(number) for number in coefficients)
+    if not any(numbers):
+        return Lens()
+    if name in NONE:
+        raise DataError(f"{where}: distortion {numbers} of the model {model!r}, which has none")
+    if name not in FORWARD | INVERSE:
+        advice = did_you_mean(name, FORWARD | INVERSE)
+        raise DataError(f"{where}: distortion model {model!r} is not known{advice}; known: brown_conrady (OpenCV's), "
+                        "inverse_brown_conrady (RealSense's coded light), none")  # fmt: skip
+    while len(numbers) > max(COUNTS) and not numbers[-1]:  # OpenCV's thin prisms and tilted sensors
+        numbers = numbers[:-1]
+    try:
+        return Lens(numbers, "inverse_brown_conrady" if name in INVERSE else "brown_conrady")
+    except DataError as error:
+        raise DataError(f"{where}: {error}") from None
+
+
+class Undistorter:
+    """Undistorts depth images.
+
+    By nearest neighbour, because the mean of two depths at an edge would be a point in empty space. Pixels outside the
+    lens's view are 0. Raises DataError for a lens that cannot be inverted over the image, or that leaves little of it.
+    """
+
+    def __init__(self, camera: Camera, lens: Lens) -> None:
+        self.shape = (camera.height, camera.width)
+        with np.errstate(all="ignore"):  # the numbers may be arbitrary
+            x = (np.arange(camera.width) - camera.u0) / camera.fx
+            y = (np.arange(camera.height)[:, None] - camera.v0) / camera.fy
+            u, v = lens.distorted(*np.broadcast_arrays(x, y))
+            column, row = np.rint(u * camera.fx + camera.u0), np.rint(v * camera.fy + camera.v0)
+            inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+            self._source = np.where(inside, row * camera.width + column, 0).astype(np.int32)
+        if inside.mean() < MIN_SHOWN:
+            raise DataError(f"distortion {lens.coefficients} leaves {inside.mean():.0%} of the picture; check it")
+        self._outside = ~inside
+
+    def __call__(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The undistorted image (height, width)."""
+        straight = depth.reshape(-1).take(self._source)
+        straight[self._outside] = 0
+        return straight

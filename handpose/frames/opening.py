@@ -1,0 +1,56 @@
+"""Any source of depth frames by its name.
+
+with open_recording("frames") as recording:      # a folder, frames/left_*.png, take.npz, take.bag, realsense ...
+    for frame in recording: ...
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
+from netlib.errors import DataError
+from netlib.files.paths import exists
+
+STACKS, VIDEOS, BAGS = (".npy", ".npz", ".h5", ".hdf5"), (".mkv", ".avi", ".mp4", ".mov"), (".bag", ".db3", ".mcap")
+PICTURES = (".png", ".tif", ".tiff", ".bin")
+LIVE = "realsense"
+EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *VIDEOS, *BAGS))}, or {LIVE}[:SERIAL], "
+            "a camera that is connected")  # fmt: skip
+
+
+def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording:
+    """The recording in a folder or a file, or a live camera.
+
+    given  camera parameters from the user; unknown ones are taken from the source itself, then from a camera.json
+
+    Raises DataError, and NetlibError if the source needs a package that is missing.
+    """
+    name, path = str(source), Path(source)
+    if name.split(":")[0] == LIVE and not exists(path):
+        from handpose.frames.formats.realsense import open_live
+
+        return open_live(name.partition(":")[2] or None, given)
+    file = path if exists(path) else Path(name.partition("#/")[0])  # a bag's topic may follow
+    suffix = file.suffix.lower()
+    if exists(file) and file.is_dir():
+        suffix = BAGS[1] if (file / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder
+    elif not exists(file) and suffix in (*STACKS, *VIDEOS, *BAGS):
+        raise DataError(f"{source}: no such file")
+    if suffix in STACKS:
+        from handpose.frames.formats.stack import open_stack
+
+        return open_stack(path, given)
+    if suffix in VIDEOS:
+        from handpose.frames.formats.video import open_video
+
+        return open_video(path, given)
+    if suffix in BAGS:
+        from handpose.frames.formats.ros_bag import open_bag
+
+        return open_bag(path, given)
+    if suffix in PICTURES or not exists(path):
+        from handpose.frames.formats.folder import open_folder
+
+        return open_folder(path, given)
+    raise DataError(f"{source}: not a recording; expected {EXPECTED}")

@@ -1,0 +1,159 @@
+"""From stored values to depth, for all sources: unit, holes, size, lens.
+
+calibration = calibration_of(given, own, camera_json, raw.shape, raw.dtype, "take.mkv")   # by order of precedence
+decode = calibration.decoder("take.mkv")
+decode(raw)                                                                               # (height, width) mm
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.frames.cameras import CAMERAS, UNIT_MM, Camera
+from handpose.frames.lens import Lens, Undistorter
+from handpose.frames.recording import CameraInfo
+from netlib.errors import DataError
+
+EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
+RATE = 30.0  # frames per second, if unknown
+MAX_UINT16 = 65535  # maximum of 16 bits
+
+
+class DepthDecoder:
+    """Converts stored frames to depth.
+
+    camera   of the frames, with their size
+    lens     None without distortion
+    unit_mm  depth of a stored value of 1
+    where    name of the recording, for messages
+    """
+
+    def __init__(self, camera: Camera, lens: Lens | None, unit_mm: float, where: str) -> None:
+        self.camera, self.unit_mm, self.where = camera, unit_mm, where
+        self._unit = np.float32(unit_mm)
+        try:
+            self._undistort = None if lens is None or lens.is_straight else Undistorter(camera, lens)
+        except DataError as error:
+            raise DataError(f"{where}: {error}") from None
+
+    def __call__(self, raw: NDArray[Any], where: str = "") -> NDArray[np.float32]:
+        """Depth (height, width) in mm for stored values of the same shape; 0 without a reading, and for NaN.
+
+        ``where`` is the name of this frame. Raises DataError for values that cannot be depths, and for another size.
+        """
+        where = where or self.where
+        check_values(raw.dtype, where)
+        if raw.shape != (self.camera.height, self.camera.width):
+            raise DataError(f"{where}: {size_of(raw.shape)}; the camera has "
+                            f"{self.camera.width} x {self.camera.height}")  # fmt: skip
+        with np.errstate(all="ignore"):  # numbers beyond float32's range become infinite
+            depth = raw.astype(np.float32) * self._unit
+        if raw.dtype.kind == "f":
+            depth[~np.isfinite(depth)] = 0  # ROS has NaN, and infinities for too near and too far
+        if raw.dtype.kind != "u" and depth.min(initial=0) < 0:
+            raise DataError(f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more")
+        return depth if self._undistort is None else self._undistort(depth)
+
+
+def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np.uint16]:
+    """16-bit values for depth in mm: the inverse of a DepthDecoder without a lens.
+
+    Raises DataError for depths beyond 16 bits, which would change.
+    """
+    values = np.rint(depth.astype(np.float64) / unit_mm)
+    if not (values.min(initial=0) >= 0 and values.max(initial=0) <= MAX_UINT16):
+        raise DataError(f"{where}: depth from {depth.min():g} to {depth.max():g} mm does not fit into 16 bits of "
+                        f"{unit_mm:g} mm; expected 0 to {MAX_UINT16 * unit_mm:g}, or take a larger unit")  # fmt: skip
+    return values.astype(np.uint16)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The parameters of a recording.
+
+    camera   with the frames' size
+    lens     of the camera, or None
+    unit_mm  depth of a stored value of 1
+    rate     frames per second, or None
+    remarks  assumed values, and the origin of the others, one line each
+    """
+
+    camera: Camera
+    lens: Lens | None
+    unit_mm: float
+    rate: float | None
+    remarks: tuple[str, ...]
+
+    def decoder(self, where: str) -> DepthDecoder:
+        """The decoder for frames of the source ``where`` (for messages). Raises DataError for an invalid lens."""
+        return DepthDecoder(self.camera, self.lens, self.unit_mm, where)
+
+    def paced(self) -> tuple[float, tuple[str, ...]]:
+        """Frames per second for frames without times, and a remark about it."""
+        if self.rate is not None:
+            return self.rate, ()
+        return RATE, (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
+
+
+def calibration_of(
+    given: CameraInfo,
+    own: CameraInfo,
+    camera_json: CameraInfo,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    where: str,
+) -> Calibration:
+    """The parameters of frames of a shape and type: from the user, else the file itself, else a camera.json.
+
+    Raises DataError if the camera is unknown, or the unit of numbers that may be metres.
+    """
+    check_values(dtype, where)
+    known = given.or_else(own).or_else(camera_json)
+    if known.camera is None:
+        raise DataError(f"{where}: the camera of these frames is unknown; write {EXAMPLE} into a file camera.json "
+                        f"next to them, or give --camera, {', '.join(CAMERAS)} or FX,FY,U0,V0")  # fmt: skip
+    remarks = []
+    if own.camera is None:
+        remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else camera_json.origin}")
+    unit = known.unit_mm
+    if unit is None and dtype.kind != "f" and CAMERAS.get(known.camera.name) == known.camera:
+        unit = UNIT_MM.get(known.camera.name, 1.0)
+    if unit is None:
+        if dtype.kind == "f":
+            raise DataError(f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for metres, or "
+                            'write "unit_mm" into a camera.json next to it')  # fmt: skip
+        unit = 1.0
+        remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
+    if known.lens is not None and not known.lens.is_straight:
+        remarks.append("the distortion of the lens is taken out")
+    elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
+        remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
+                       "if it holds for this one")  # fmt: skip
+    return Calibration(sized(known.camera, shape, where), known.lens, unit, known.rate, tuple(remarks))
+
+
+def sized(camera: Camera, shape: tuple[int, ...], where: str) -> Camera:
+    """The camera with the size of its frames, if it has none. Raises DataError if it has another."""
+    if len(shape) != 2 or 0 in shape:
+        raise DataError(f"{where}: frames of shape {shape}, expected (height, width)")
+    height, width = shape
+    if not camera.width:
+        return replace(camera, width=width, height=height)
+    if (camera.width, camera.height) != (width, height):
+        raise DataError(f"{where}: {size_of(shape)}; camera {camera.name} has {camera.width} x {camera.height}")
+    return camera
+
+
+def check_values(dtype: np.dtype[Any], where: str) -> None:
+    """Raise DataError unless values of this type can be depths."""
+    if dtype.kind not in "uif" or dtype.itemsize < 2:
+        raise DataError(f"{where}: values of type {dtype}; expected depths, of 16 bits or more")
+
+
+def size_of(shape: tuple[int, ...]) -> str:
+    """A size in words, width first."""
+    return f"{shape[1]} x {shape[0]} pixels" if len(shape) == 2 else f"shape {shape}"

@@ -1,0 +1,193 @@
+"""Pictures of hands and other bodies: skeletons on depth crops, and in space.
+
+All pictures are (height, width, 3) uint8 arrays in OpenCV's colour order, ready for ``cv2.imwrite``.
+Joints are (K, 3) in half-cubes from the crop centre: x right, y up, z away from the camera.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.body.nyu import CUBE_MM
+from handpose.frames.cameras import NYU, Camera
+from handpose.frames.crops import crop_pixels, restore_joints
+from handpose.output.drawing import strokes
+from handpose.output.drawing.strokes import Colour, Image
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError
+
+# Blue, green, red, of fingers and of the limbs of other bodies; everything else is grey.
+COLOURS: dict[str, Colour] = {
+    "thumb": (80, 90, 240),
+    "index": (40, 165, 250),
+    "middle": (90, 200, 90),
+    "ring": (225, 185, 60),
+    "little": (225, 95, 170),
+}
+GREY: Colour = (200, 200, 200)
+WHITE: Colour = (255, 255, 255)
+BLACK: Colour = (0, 0, 0)
+_PAPER: Colour = (248, 248, 248)
+YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
+
+
+def overlay(
+    crop: NDArray[np.floating],
+    joints: ArrayLike,
+    skeleton: Skeleton,
+    truth: ArrayLike | None = None,
+    center_uvd: ArrayLike | None = None,
+    cube_mm: float = CUBE_MM,
+    camera: Camera = NYU,
+    zoom: int = 4,
+) -> Image:
+    """The skeleton on the crop (S, S) in [-1, 1], enlarged ``zoom`` times; ``truth`` joints in thin white.
+
+    With the crop's ``center_uvd`` (px, px, mm) joints are drawn exactly at their pixels. Without it the projection is
+    parallel, which shifts joints at the near or far face of the cube by up to a tenth of the image.
+    """
+    depth = np.squeeze(np.asarray(crop))
+    if depth.ndim != 2 or depth.shape[0] != depth.shape[1]:
+        raise DataError(f"crop of shape {np.shape(crop)}, expected a square of depths")
+    size = len(depth)
+    canvas = picture(depth, zoom)
+
+    def place(points: Array) -> Array:
+        if center_uvd is None:
+            at = size / 2 * (1 + points[:, :2] * (1, -1))
+        else:
+            center = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
+            xyz = restore_joints(points[None], camera.unproject(center), cube_mm / 2)
+            at = crop_pixels(camera.project(xyz), center, cube_mm, camera, size)[0]
+        return np.asarray((at + 0.5) * zoom - 0.5)
+
+    points = _checked(joints, skeleton)
+    draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1))
+    if truth is not None:
+        points = _checked(truth, skeleton)
+        draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE)
+    return canvas
+
+
+def picture(crop: NDArray[np.floating], zoom: int = 1) -> Image:
+    """A crop (S, S) in [-1, 1] alone, enlarged ``zoom`` times: nearer is lighter, the background black."""
+    grey = np.rint((1 - np.clip(crop, -1, 1)) * 0.5 * 215).astype(np.uint8)
+    large = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+
+
+def view_3d(
+    joints: ArrayLike,
+    skeleton: Skeleton,
+    truth: ArrayLike | None = None,
+    size: int = 512,
+) -> Image:
+    """The skeleton in the cube around the body, seen from YAW degrees to the right of the camera and PITCH up.
+
+    Its shadow is on the floor of the cube. ``truth`` joints in thin black.
+    """
+    view = viewer_from_world(YAW, PITCH)
+    distance = 7.0  # distance of the viewer in half-cubes: a weak perspective
+
+    def place(points: Array) -> Array:
+        seen = points @ view.T
+        scale = size * 0.33 * distance / (distance + seen[:, 2:])
+        return np.asarray(seen[:, :2] * scale * (1, -1) + (0.5 * size, 0.46 * size))
+
+    canvas = np.full((size, size, 3), _PAPER, dtype=np.uint8)
+    floor = -1.0
+    lines = np.linspace(-1, 1, 7)
+    for line in lines:
+        for ends in ([(line, floor, -1), (line, floor, 1)], [(-1, floor, line), (1, floor, line)]):
+            start, stop = place(np.array(ends, dtype=np.float64))
+            strokes.line(canvas, start, stop, (222, 222, 222), 1)
+    for label, end in (("x", (-0.6, floor, -1)), ("y", (-1, floor + 0.4, -1)), ("z", (-1, floor, -0.6))):
+        start, stop = place(np.array([(-1, floor, -1), end], dtype=np.float64))
+        strokes.line(canvas, start, stop, (110, 110, 110), 2)
+        strokes.text(
+            canvas, label, stop + (stop - start) / np.linalg.norm(stop - start) * 9 + (-4, 4), (110, 110, 110), 0.45
+        )
+
+    points = _checked(joints, skeleton)
+    shadow = points * (1, 0, 1) + (0, floor, 0)
+    draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212), rim=False)
+    draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 200, 1))
+    if truth is not None:
+        points = _checked(truth, skeleton)
+        draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)
+    return canvas
+
+
+def viewer_from_world(yaw: float, pitch: float) -> Array:
+    """The rotation (3, 3) into the axes of a viewer turned to the right, then up, by degrees: x right, y up, z away."""
+    y, p = np.deg2rad((yaw, pitch))
+    turn = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+    tilt = np.array([[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]])
+    return np.asarray(tilt @ turn)
+
+
+def colours(skeleton: Skeleton) -> list[Colour]:
+    """The colour of each joint; a finger's by the part of the joint's name before the first "_".
+
+    In a body without fingers the limbs have different colours; a limb is a chain of joints without a fork.
+    """
+    fingers = [COLOURS.get(name.partition("_")[0]) for name in skeleton.joint_names]
+    if any(fingers):
+        return [own or GREY for own in fingers]
+    palette = list(COLOURS.values())
+    found = [GREY] * len(fingers)
+    for number, limb in enumerate(limbs(skeleton)):
+        for joint in limb:
+            found[joint] = palette[number % len(palette)]
+    return found
+
+
+def limbs(skeleton: Skeleton) -> list[list[int]]:
+    """The joints of each limb, from its end up to where the body forks or begins, in the order of the joints."""
+    children = np.bincount(skeleton.parents[skeleton.parents >= 0], minlength=len(skeleton.parents))
+    found = []
+    for end in np.flatnonzero(children == 0).tolist():
+        limb = [end]
+        while (above := int(skeleton.parents[limb[-1]])) >= 0 and children[above] == 1:
+            limb.append(above)
+        found.append(limb)
+    return found
+
+
+def bones(skeleton: Skeleton) -> list[tuple[int, int]]:
+    """The pairs of connected joints: parent, joint."""
+    return [(int(parent), joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0]
+
+
+def _checked(joints: ArrayLike, skeleton: Skeleton) -> Array:
+    points = np.asarray(joints, dtype=np.float64)
+    expected = len(skeleton.joint_names)
+    if points.size != expected * 3 or not np.isfinite(points).all():
+        raise DataError(f"joints of shape {points.shape}, expected ({expected}, 3) finite numbers")
+    return points.reshape(expected, 3)
+
+
+def draw(
+    canvas: Image,
+    at: Array,
+    away: Array,
+    skeleton: Skeleton,
+    thick: int,
+    colour: Colour | None = None,
+    rim: bool = True,
+) -> None:
+    """Bones and joints at pixels ``at`` (K, 2), the farthest (``away``, (K,)) first, each with a dark rim."""
+    behind_first = sorted(bones(skeleton), key=lambda bone: -(away[bone[0]] + away[bone[1]]))
+    own = [colour or its_own for its_own in colours(skeleton)]
+    if rim:
+        for parent, joint in behind_first:
+            strokes.line(canvas, at[parent], at[joint], BLACK if colour is None else (90, 90, 90), thick + 2)
+    for parent, joint in behind_first:
+        strokes.line(canvas, at[parent], at[joint], own[joint], thick)
+    for joint in np.argsort(-away, kind="stable"):
+        if rim:
+            strokes.dot(canvas, at[joint], thick + 2, BLACK if colour is None else (90, 90, 90))
+        strokes.dot(canvas, at[joint], thick + 1 if rim else thick, own[joint])

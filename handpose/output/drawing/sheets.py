@@ -1,0 +1,108 @@
+"""Sheets of pictures: a recording of any length on one page, and predicted hands next to annotated ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.frames.cameras import NYU, Camera
+from handpose.output.drawing import hands, strokes
+from handpose.output.drawing.strokes import Image
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError
+
+PAGES = 4  # an even number
+
+
+class ContactSheet:
+    """Collects images of an unknown number of frames, and keeps at most four full pages.
+
+    Every frame is taken until the four pages are full. Then every second image is dropped, and only every second
+    further frame is taken, and so on. At the end one page is chosen from those two to four pages.
+
+    width  of each image in pixels; larger ones are reduced
+    """
+
+    def __init__(self, columns: int = 4, rows: int = 4, width: int = 400) -> None:
+        if columns < 1 or rows < 1 or width < 1:
+            raise DataError(f"{columns} columns, {rows} rows, {width} pixels wide; expected at least 1 of each")
+        self.columns, self.places, self.width = columns, columns * rows, width
+        self._kept: list[tuple[float, Image]] = []
+        self._step, self._count = 1, 0
+
+    def add(self, time: float, draw: Callable[[], Image]) -> None:
+        """Add a frame at a time in s; its image is drawn only if it is taken."""
+        if self._count % self._step == 0:
+            if len(self._kept) == PAGES * self.places:
+                self._kept, self._step = self._kept[::2], 2 * self._step
+            self._kept.append((time, self._reduced(draw())))
+        self._count += 1
+
+    def times(self) -> list[float]:
+        """The times of the images on the page."""
+        return [time for time, _ in self._chosen()]
+
+    def page(self) -> Image:
+        """The images, each with its time above it. Raises DataError if there are none."""
+        images = [image for _, image in self._chosen()]
+        return strokes.sheet(images, self.columns, [f"{time:.2f} s" for time in self.times()])
+
+    def _chosen(self) -> list[tuple[float, Image]]:
+        count = min(len(self._kept), self.places)
+        return [self._kept[round(n * (len(self._kept) - 1) / max(count - 1, 1))] for n in range(count)]
+
+    def _reduced(self, image: Image) -> Image:
+        if image.shape[1] <= self.width:
+            return image
+        height = max(round(image.shape[0] * self.width / image.shape[1]), 1)
+        return np.asarray(cv2.resize(image, (self.width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def two_views(
+    crops: Sequence[NDArray[np.floating]],
+    joints: Array,
+    truth: Array,
+    skeleton: Skeleton,
+    titles: Sequence[tuple[str, str]],
+    columns: int = 6,
+    centers: Array | None = None,
+    camera: Camera = NYU,
+    cube_mm: Sequence[float] = (),
+) -> Image:
+    """Every body on its crop and in space: the predicted one in colour, the annotated one in thin white and black.
+
+    joints  (n, K, 3) half-cubes, all joints of the skeleton
+    truth   (n, L, 3) annotated joints; drawn only if L is K
+    titles  of the two views of each frame
+    centers, camera, cube_mm  of the crops, (n, 3) px, px, mm; without them the projection is parallel
+    """
+    images = []
+    for n, crop in enumerate(crops):
+        annotated = truth[n] if len(truth[n]) == len(joints[n]) else None
+        if centers is None:
+            images.append(hands.overlay(crop, joints[n], skeleton, annotated, zoom=3))
+        else:
+            images.append(hands.overlay(crop, joints[n], skeleton, annotated, centers[n], cube_mm[n], camera, zoom=3))
+        images.append(hands.view_3d(joints[n], skeleton, annotated, size=384))
+    return strokes.sheet(images, columns, [title for pair in titles for title in pair])
+
+
+def side_by_side(
+    crops: Sequence[NDArray[np.floating]], methods: Mapping[str, Array], truth: Array, skeleton: Skeleton, unit: Array
+) -> Image:
+    """A frame per row and a method per column, with its error in the title; the annotated hand in white.
+
+    methods  joints (n, K, 3) in half-cubes that each method predicts; truth (n, K, 3) those annotated
+    unit     (n,) mm of a half-cube
+    """
+    images, titles = [], []
+    for n, crop in enumerate(crops):
+        for name, joints in methods.items():
+            error = np.linalg.norm(joints[n] - truth[n], axis=1).mean() * unit[n]
+            images.append(hands.overlay(crop, joints[n], skeleton, truth[n], zoom=2))
+            titles.append(f"{name}, {error:.0f} mm")
+    return strokes.sheet(images, len(methods), titles)

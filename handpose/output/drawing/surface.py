@@ -1,0 +1,107 @@
+"""Draw a surface over the depth image."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.body.render import Capsules, in_front, normalise_depth, render, render_crop
+from handpose.frames.cameras import Camera
+from handpose.output.drawing import hands
+from handpose.output.drawing.strokes import Colour, Image
+from netlib.blob import Array
+
+SKIN: Colour = (120, 165, 235)  # blue, green, red
+MISSING: Colour = (90, 60, 200)
+BACKGROUND = 0.999  # depths from here on are the far face, including rounding
+_LIGHT = np.array([-0.35, 0.45, -0.82])  # from the upper left, behind the viewer
+_STEEP = 5.0  # maximum slope; a steeper one is an edge
+_SAMPLES = 144  # maximum number of rendered pixels along the longer side of a hand's rectangle
+_OBLIQUE = 1.3  # elongation of a sphere at the image's edge
+_NOTHING = 1e5  # mm: depth of rays without a surface
+
+
+class _Rectangle(NamedTuple):
+    """A rectangle of pixels, without the last row and column."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+
+def over_crop(
+    crop: NDArray[np.floating], capsules: Capsules, center_uvd: ArrayLike, cube_mm: float, camera: Camera, zoom: int = 4
+) -> Image:
+    """The shaded surface on the crop (S, S) in [-1, 1]; reddish where there is no depth behind it.
+
+    capsules  of one body, in mm from the crop's centre
+    """
+    uvd = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
+    center = camera.unproject(uvd)
+    near = in_front(capsules.moved(center), uvd[:, 2] - cube_mm / 2)  # parts nearer to the camera are not in the crop
+    drawn = normalise_depth(render_crop(near, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[0]
+    canvas = hands.picture(crop, zoom)
+    large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
+    shown = large < BACKGROUND
+    light = cv2.resize(_shade(drawn, 2 / len(drawn)), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR)
+    seen = (crop < BACKGROUND).astype(np.uint8)
+    behind = cv2.resize(seen, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST) > 0
+    colour = np.where(behind[..., None], np.array(SKIN), np.array(MISSING)) * light[..., None]
+    mixed = np.where(shown[..., None], 0.75 * colour + 0.25 * canvas, canvas)
+    return np.asarray(np.clip(np.rint(mixed), 0, 255), np.uint8)
+
+
+def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.7) -> None:
+    """The shaded surface on an image (height, width, 3) whose pixels are the camera's.
+
+    capsules  of one body, in mm, camera axes
+    """
+    near = in_front(capsules)
+    box = _rectangle(near, camera, canvas.shape[1], canvas.shape[0])
+    width, height = box.right - box.left, box.bottom - box.top
+    if width <= 0 or height <= 0:
+        return
+    step = max(1.0, max(width, height) / _SAMPLES)
+    x = (box.left + _samples(width, step) - camera.u0) / camera.fx
+    y = (box.top + _samples(height, step) - camera.v0) / camera.fy
+    depth = render(near, x[None], y[None], np.array([_NOTHING]))[0]
+    shaded = _shade(depth, depth * np.float32(step / camera.fx))[..., None] * np.array(SKIN, np.float32)
+    skin = cv2.resize(shaded.astype(np.uint8), (width, height))
+    shown = cv2.resize((depth < _NOTHING).astype(np.float32), (width, height))
+    cover = cv2.blur(shown, (3, 3)) * np.float32(opacity)  # blurred: smooth outlines
+    part = canvas[box.top : box.bottom, box.left : box.right]
+    part[...] = cv2.blendLinear(np.ascontiguousarray(part), skin, 1 - cover, cover)
+
+
+def _samples(pixels: int, step: float) -> Array:
+    """Sample positions along a number of pixels, as in cv2.resize, and their distance."""
+    count = max(round(pixels / step), 1)
+    return np.asarray((np.arange(count) + 0.5) * pixels / count - 0.5)
+
+
+def _rectangle(capsules: Capsules, camera: Camera, width: int, height: int) -> _Rectangle:
+    """The part of an image that contains the capsules, with a margin."""
+    ends, radii = np.concatenate([capsules.a[0], capsules.b[0]]), np.append(capsules.radius_a[0], capsules.radius_b[0])
+    seen = ends[:, 2] < _NOTHING
+    if not seen.any():
+        return _Rectangle(0, 0, 0, 0)
+    uvd = camera.project(ends[seen])
+    reach = radii[seen] / (ends[seen, 2] - radii[seen]) * max(camera.fx, camera.fy) * _OBLIQUE + 2
+    across, down = uvd[:, 0], uvd[:, 1]
+    left, right = np.clip([(across - reach).min(), (across + reach).max()], 0, width).astype(int)
+    top, bottom = np.clip([(down - reach).min(), (down + reach).max()], 0, height).astype(int)
+    return _Rectangle(int(left), int(top), int(right), int(bottom))
+
+
+def _shade(depth: NDArray[np.float32], pixel: float | NDArray[np.float32]) -> NDArray[np.float32]:
+    """The lightness of each pixel of a surface, 0 to 1; pixels are ``pixel`` apart, in units of the depth."""
+    across, down = (np.gradient(depth, axis=axis) / pixel for axis in (1, 0))
+    for slope in (across, down):
+        slope[np.abs(slope) > _STEEP] = 0
+    lx, ly, lz = _LIGHT / np.linalg.norm(_LIGHT)
+    light = (across * lx - down * ly - lz) / np.sqrt(across * across + down * down + 1)
+    return np.asarray(np.clip(0.35 + 0.65 * light, 0, 1), np.float32)

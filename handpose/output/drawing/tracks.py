@@ -1,0 +1,189 @@
+"""Images of the frames of a track: the hands on the depth image, in space, and their confidence.
+
+painter = Painter(header)
+for frame in track:                      # TrackedFrame
+    image = painter.picture(depth, frame)    # (height, width, 3) uint8, OpenCV's colour order
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.frames.cameras import Camera
+from handpose.frames.crops import check_size
+from handpose.output.drawing import hands, strokes, surface
+from handpose.output.drawing.contrast import Contrast
+from handpose.output.drawing.labels import Tags, colour_of, spoken, spoken_loss
+from handpose.output.drawing.space import Space
+from handpose.output.drawing.strokes import Colour, Image
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from netlib.blob import Array
+from netlib.errors import printable
+
+WIDTH = 1280
+HEAD, STRIP = 32, 88  # pixels of height: the line on top, the curves below
+MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # width of the depth image, as a fraction of the whole image
+MAX_LOST = 3  # number of lost hands that are listed
+_INK: Colour = (40, 40, 40)
+_FAINT: Colour = (110, 110, 110)
+_MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far outside the image
+
+SECONDS = 3.0  # shown by the curves
+_GRID: Colour = (225, 225, 225)
+_LEFT, _RIGHT, _ABOVE, _BELOW = 56, 130, 12, 24  # margins in pixels, for labels
+_ROW = 20  # line height in pixels
+_WORDS = 0.42  # scale of text
+
+
+class Painter:
+    """Draws the frames of one track in the order of time; contrast, space and curves continue from frame to frame.
+
+    header  of the track; its camera has the frames' size
+    width   of the pictures in pixels; their height follows from the camera
+    """
+
+    def __init__(self, header: TrackHeader, width: int = WIDTH) -> None:
+        camera = header.camera
+        self.header = header
+        self._zoom = min(MAX_HEIGHT * width / camera.height, MAX_WIDTH * width / camera.width)
+        size = max(round(camera.width * self._zoom), 1), max(round(camera.height * self._zoom) // 2 * 2, 2)
+        self._seen_by = Camera(
+            camera.name, camera.fx * self._zoom, camera.fy * self._zoom, self._along(camera.u0),
+            self._along(camera.v0), *size,
+        )  # fmt: skip
+        self.width, self.height = width // 2 * 2, HEAD + size[1] + STRIP
+        self._contrast, self._space, self._curves = Contrast(), Space(header.skeleton), ConfidenceCurves()
+
+    def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
+        """The whole image, (height, width, 3). ``depth`` in mm, 0 without a reading. Raises DataError."""
+        canvas = np.full((self.height, self.width, 3), 255, dtype=np.uint8)
+        seen = self.seen(depth, frame)
+        middle, bottom = seen.shape[1], HEAD + seen.shape[0]
+        canvas[HEAD:bottom, :middle] = seen
+        self._space.see(frame.time, _points(frame))
+        canvas[HEAD:bottom, middle:] = self._space.picture(frame.hands, self.width - middle, seen.shape[0])
+        self._curves.see(frame)
+        canvas[bottom:] = self._curves.picture(frame, self.width, STRIP)
+        raw = "" if self.header.smoothed else ", not smoothed"
+        _line_on_top(canvas, f"{self.header.source}{raw}", 10, middle - 10)
+        _line_on_top(canvas, f"{frame.time:.2f} s, frame {frame.number}", middle + 10, self.width - 10)
+        return canvas
+
+    def seen(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
+        """The depth image alone with the hands on it. Raises DataError."""
+        check_size(depth, self.header.camera)
+        self._contrast.see(frame.time, depth, _points(frame)[:, 2])
+        camera, how = self._seen_by, cv2.INTER_AREA if self._zoom < 1 else cv2.INTER_LINEAR
+        grey = cv2.resize(self._contrast.grey(depth), (camera.width, camera.height), interpolation=how)
+        canvas = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+        for hand in sorted(frame.hands, key=lambda one: -float(one.xyz[:, 2].mean())):
+            self._hand(canvas, hand)
+        self._tags(canvas, frame)
+        return canvas
+
+    def _along(self, pixel: float) -> float:
+        """The position in the whole image of a row or column of the depth image."""
+        return (pixel + 0.5) * self._zoom - 0.5
+
+    def _hand(self, canvas: Image, hand: TrackedHand) -> None:
+        """Draw crop, surface and skeleton."""
+        low, high = self._crop(hand)
+        cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
+        if hand.capsules is not None:
+            surface.paint(canvas, hand.capsules, self._seen_by, opacity=0.5)
+        uvd = self._seen_by.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _MIN_DEPTH_MM)))
+        hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2)
+
+    def _crop(self, hand: TrackedHand) -> tuple[Array, Array]:
+        """Upper left and lower right corner (2,) of the crop's middle plane, in the whole image."""
+        u, v, d = hand.center_uvd
+        half = np.array([self._seen_by.fx, self._seen_by.fy]) * hand.cube_mm / 2 / d
+        middle = np.array([self._along(u), self._along(v)])
+        return middle - half, middle + half
+
+    def _tags(self, canvas: Image, frame: TrackedFrame) -> None:
+        """Label the hands and their confidence above their crops; list lost hands and reasons at the bottom."""
+        tags = Tags(canvas)
+        lately = sorted(frame.lost, key=lambda lost: -lost.since)
+        for lost in lately[:MAX_LOST]:
+            tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
+        for hand in frame.hands:
+            left, top = self._crop(hand)[0]
+            tags.add(spoken(hand.side_name, hand.confidence), left, top, colour_of(hand.id))
+
+
+def annotated(depth: NDArray[np.floating], frame: TrackedFrame, header: TrackHeader, width: int = WIDTH) -> Image:
+    """The image of a single frame, (height, width, 3), as ``Painter.picture`` draws it. Raises DataError."""
+    return Painter(header, width).picture(depth, frame)
+
+
+def _points(frame: TrackedFrame) -> Array:
+    """All joints (n, 3) of a frame."""
+    return np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
+
+
+def _pixel(point: Array) -> tuple[int, int]:
+    """A point for cv2, clipped to the range that it accepts."""
+    x, y = np.rint(np.clip(point, -1e4, 1e4)).astype(int)
+    return int(x), int(y)
+
+
+def _line_on_top(canvas: Image, words: str, left: int, right: int) -> None:
+    """Draw a line of text in the columns from ``left`` to ``right``."""
+    strokes.text_within(canvas, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left)
+
+
+class ConfidenceCurves:
+    """A strip of curves; the frames of the last seconds are remembered."""
+
+    def __init__(self) -> None:
+        self._seen: deque[tuple[float, dict[int, float]]] = deque()
+
+    def see(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        self._seen.append((frame.time, {hand.id: hand.confidence for hand in frame.hands}))
+        while self._seen[0][0] < frame.time - SECONDS:
+            self._seen.popleft()
+
+    def picture(self, frame: TrackedFrame, width: int, height: int) -> Image:
+        """The strip (height, width, 3) up to the last frame seen. Without a confidence there is no curve."""
+        canvas = np.full((height, width, 3), 255, dtype=np.uint8)
+        right, bottom = width - _RIGHT, height - _BELOW
+
+        def place(time: float, confidence: float) -> Array:
+            x = right - (frame.time - time) / SECONDS * (right - _LEFT)
+            return np.array([x, bottom - confidence * (bottom - _ABOVE)])
+
+        for level in (0.0, 0.5, 1.0):
+            start = place(frame.time - SECONDS, level)
+            strokes.line(canvas, start, place(frame.time, level), _GRID, 1)
+            words = f"{level:.0%}"
+            strokes.text(canvas, words, start + (-8 - strokes.text_width(words, _WORDS), 5), _FAINT, _WORDS)
+        for back in np.arange(SECONDS + 1):
+            start = place(frame.time - back, 0)
+            strokes.line(canvas, start, place(frame.time - back, 1), _GRID, 1)
+            words = f"-{back:.0f} s" if back else "now"
+            strokes.text(canvas, words, start + (-strokes.text_width(words, _WORDS) // 2, 16), _FAINT, _WORDS)
+        for id, run in self._runs():
+            strokes.lines(canvas, np.array([place(*point) for point in run]), colour_of(id), 2)
+        now = [(hand.id, spoken(hand.side_name, hand.confidence)) for hand in frame.hands]
+        now += [(lost.id, f"{lost.side_name} lost") for lost in frame.lost]
+        for row, (id, words) in enumerate(sorted(now)):
+            strokes.text(canvas, words, np.array([right + 14, 20 + _ROW * row]), colour_of(id), 0.5)
+        return canvas
+
+    def _runs(self) -> Iterator[tuple[int, list[tuple[float, float]]]]:
+        """The runs of consecutive frames of each hand: id, and (time, confidence) of each frame."""
+        open_runs: dict[int, list[tuple[float, float]]] = {}
+        for time, shown in self._seen:
+            known = {id: confidence for id, confidence in shown.items() if np.isfinite(confidence)}
+            for id in [id for id in open_runs if id not in known]:
+                yield id, open_runs.pop(id)
+            for id, confidence in known.items():
+                open_runs.setdefault(id, []).append((time, confidence))
+        yield from open_runs.items()

@@ -1,0 +1,145 @@
+"""Videos that browsers play: H.264 in .mp4, each image at its own time. Needs PyAV (extra ``video``).
+
+with VideoFile(Path("track.mp4")) as video:
+    video.write(image, time)     # (height, width, 3), OpenCV's colour order; s
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType, TracebackType
+from typing import Any
+
+import cv2
+
+from handpose.output.drawing.strokes import Image
+from netlib.errors import DataError, NetlibError
+from netlib.files import atomic
+
+TICKS = 60000  # per second: exact for 30 and 29.97 frames/s; MPEG-4 part 2 allows at most 65535
+RATES = (0.1, 1000.0)  # range of images per second that players support
+MAX_SECONDS = 1e8
+EVERYWHERE = "mpeg4"  # the encoder that every PyAV has
+# With their options; the first that PyAV was built with is taken. Without B-frames times begin at 0 for every player.
+ENCODERS = {
+    "libx264": {"preset": "veryfast", "crf": "20", "bf": "0"},
+    "libopenh264": {"b": "8M"},
+    EVERYWHERE: {"b": "8M"},
+}
+BT709, LIMITED = 1, 1  # FFmpeg's constants for this colour standard and its range 16 to 235
+
+
+class VideoFile:
+    """Writes a video; the complete file appears at the end of the block.
+
+    After an exception or Ctrl-C in the block it has the images so far, unless they could not all be written: then an
+    old file is kept. Without an image there is no file.
+
+    path  ends in ".mp4"
+    rate  images per second: the duration of the last one, at most 10 s; all others last until the next
+    note  anything unusual about the file, one line, or empty
+
+    Raises NetlibError without PyAV, and for another file extension.
+    """
+
+    def __init__(self, path: Path, rate: float = 30.0) -> None:
+        if path.suffix.lower() != ".mp4":
+            raise NetlibError(f"{path}: a video is written as .mp4; expected such a name")
+        self.path, self.rate, self.note = path, min(max(rate, RATES[0]), RATES[1]), ""
+        self._av = _package()
+        self._encoder = next(name for name in ENCODERS if name in self._av.codecs_available)
+        if self._encoder == EVERYWHERE:
+            self.note = f"{path}: PyAV has no H.264 encoder here, so this is MPEG-4 part 2, which browsers do not play"
+        self._stack = contextlib.ExitStack()
+        self._file: Any = None
+        self._stream: Any = None
+        self._size = (0, 0)
+        self._failed = False
+        self._first = self._last = 0.0
+
+    def __enter__(self) -> VideoFile:
+        return self
+
+    def write(self, image: Image, time: float) -> None:
+        """Write an image at a time in s after all others; the video begins at the first image.
+
+        Images of odd sizes get another row or column. Raises DataError for a time that does not ascend and for another
+        size, OSError.
+        """
+        if self._stream is None:
+            self._begin(image, time)
+        elif not 1 <= (time - self._last) * TICKS <= MAX_SECONDS * TICKS:
+            raise DataError(f"{self.path}: a picture at {time:g} s after one at {self._last:g} s; expected a later "
+                            f"one, by 1/{TICKS} s at least and {MAX_SECONDS:g} s at most")  # fmt: skip
+        if image.shape[:2] != self._size:
+            raise DataError(f"{self.path}: a picture of {_pixels(image.shape)} after some of {_pixels(self._size)}; "
+                            "expected one size")  # fmt: skip
+        even = cv2.copyMakeBorder(image, 0, image.shape[0] % 2, 0, image.shape[1] % 2, cv2.BORDER_REPLICATE)
+        with self._refusals():
+            frame = self._av.VideoFrame.from_ndarray(even, format="bgr24")
+            frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
+            frame.pts, frame.time_base = int((time - self._first) * TICKS + 0.5), Fraction(1, TICKS)
+            self._mux(frame)
+        self._last = time
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        if self._failed:  # reported before; a video without some of its images must not replace an old one
+            with contextlib.suppress(self._av.FFmpegError):
+                self._file.close()
+            failure = error or RuntimeError("incomplete")
+            self._stack.__exit__(type(failure), failure, where)
+            return
+        with self._stack, self._refusals():
+            if self._stream is not None:
+                self._mux(None)
+                self._file.close()
+
+    def _begin(self, image: Image, time: float) -> None:
+        """Open the file and its stream; the first image determines the size."""
+        with contextlib.ExitStack() as stack, self._refusals():
+            fresh = stack.enter_context(atomic.replacing(self.path))
+            self._file = self._av.open(str(fresh), "w", format="mp4", options={"movflags": "+faststart"})
+            rate = Fraction(self.rate).limit_denominator(1000)
+            stream = self._file.add_stream(self._encoder, rate=rate, options=ENCODERS[self._encoder])
+            self._stack = stack.pop_all()
+        self._size, self._first = image.shape[:2], time
+        stream.height, stream.width = (pixels + pixels % 2 for pixels in self._size)
+        stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, TICKS)
+        coder = stream.codec_context
+        coder.time_base = Fraction(1, TICKS)
+        coder.colorspace = coder.color_primaries = coder.color_trc = BT709
+        coder.color_range = LIMITED
+        self._stream = stream
+
+    def _mux(self, frame: Any) -> None:
+        """Encode a frame, or flush the encoder, and write its output."""
+        for packet in self._stream.encode(frame):
+            packet.duration = round(TICKS / self.rate)  # the duration of the last image
+            self._file.mux(packet)
+
+    @contextlib.contextmanager
+    def _refusals(self) -> Iterator[None]:
+        """Turn FFmpeg's errors into OSErrors that name the file."""
+        try:
+            yield
+        except self._av.FFmpegError as error:
+            self._failed = True
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
+
+
+def _pixels(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]} pixels"
+
+
+def _package() -> ModuleType:
+    """PyAV, imported when it is needed."""
+    try:
+        import av
+    except ImportError as error:
+        raise NetlibError("PyAV is missing: pip install av") from error
+    return av

@@ -1,0 +1,106 @@
+"""The messages of a live track: header and frames as JSON; for the page also depth and surfaces.
+
+The message of a frame for the page is binary; numbers are little-endian:
+
+    uint32              size in bytes of the JSON that follows
+    JSON                record (the frame as JSON lines have it), middle and spread (mm, of the contrast), capsules (how
+                        many of each hand); spaces fill it up to a multiple of 4
+    uint16              depth in mm, 0 where nothing was read: every ``step``-th row and column of the frame; a last 0
+                        fills it up to a multiple of 4 bytes
+    float32             8 of each capsule, the hands one after the other: a (x, y, z), b (x, y, z) in mm, camera axes,
+                        and the radii at both in mm
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.joint_formats.formats import FormatName
+from handpose.output.drawing.contrast import Contrast
+from handpose.output.tracks.json_values import FrameValues, header_values
+from handpose.tracking.track import TrackedFrame, TrackHeader
+
+LINES, VIEWS = "/frames", "/view"  # paths of the server: frames as JSON lines, and those of the page
+MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
+MAX_DATAGRAM = 9216  # bytes, the largest datagram that macOS sends by default
+_MAX_DEPTH = np.iinfo(np.uint16).max
+_text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+
+
+def depth_step(width: int, height: int) -> int:
+    """The step between the rows and columns of a frame that are sent to the page."""
+    return max(1, math.ceil(max(width, height) / MAX_SAMPLES))
+
+
+class Messages:
+    """Encodes the frames of one track, in the order of time.
+
+    Every record has the bones of each hand, since a receiver may have missed the frames before.
+
+    joints, gestures  as ``open_writer`` has them
+    """
+
+    def __init__(self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False) -> None:
+        self.header = _text(header_values(header, joints))
+        self._values = FrameValues(header, joints, gestures, every_bone=True)
+        self._step = depth_step(header.camera.width, header.camera.height)
+        self._contrast = Contrast()
+
+    def record(self, frame: TrackedFrame) -> dict[str, Any]:
+        """The frame as an object; call it once per frame."""
+        return self._values.values(frame)
+
+    def line(self, record: dict[str, Any]) -> str:
+        """The record as a line of JSON, without its end."""
+        return _text(record)
+
+    def datagram(self, record: dict[str, Any]) -> bytes:
+        """The record in at most MAX_DATAGRAM bytes.
+
+        Larger records omit the lost hands and the last hands; ``omitted`` is the number of these.
+        """
+        encoded = _text(record).encode()
+        if len(encoded) <= MAX_DATAGRAM:
+            return encoded
+        hands = record["hands"]
+        short = {**record, "hands": [], "lost": [], "omitted": len(hands)}
+        room = MAX_DATAGRAM - len(_text(short))
+        for hand in hands:
+            room -= len(_text(hand)) + 1  # and a comma
+            if room < 0:
+                break
+            short["hands"].append(hand)
+        short["omitted"] -= len(short["hands"])
+        return _text(short).encode()
+
+    def view(self, record: dict[str, Any], depth: NDArray[np.floating], frame: TrackedFrame) -> bytes:
+        """The message for the page."""
+        points = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
+        self._contrast.see(frame.time, depth, points[:, 2])
+        surfaces = [hand.capsules for hand in frame.hands]
+        counts = [0 if surface is None else surface.a.shape[1] for surface in surfaces]
+        values = {
+            "record": record,
+            "middle": self._contrast.middle,
+            "spread": self._contrast.spread,
+            "capsules": counts,
+        }
+        text = _text(values).encode()
+        samples = np.clip(depth[:: self._step, :: self._step], 0, _MAX_DEPTH).astype("<u2")
+        parts = [struct.pack("<I", _padded(len(text))), text.ljust(_padded(len(text))),
+                 samples.tobytes(), bytes(2 * (samples.size % 2))]  # fmt: skip
+        for surface in surfaces:
+            if surface is not None:
+                radii = surface.radius_a[0, :, None], surface.radius_b[0, :, None]
+                parts.append(np.concatenate([surface.a[0], surface.b[0], *radii], axis=1).astype("<f4").tobytes())
+        return b"".join(parts)
+
+
+def _padded(size: int) -> int:
+    return -(-size // 4) * 4

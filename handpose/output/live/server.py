@@ -1,0 +1,373 @@
+"""A server of one track, for browsers and programs. Needs websockets (extra ``live``).
+
+with LiveServer("127.0.0.1", 0, messages.header, page) as server:    # port 0: any that is free
+    print(server.page_url, server.lines_url)
+    server.put(LINES, line)
+    server.put(VIEWS, view)
+
+It answers three paths, each with the query token=TOKEN, which is random:
+
+    /        the page
+    /frames  WebSocket: the header, then a text message for each frame
+    /view    WebSocket: a binary message for each frame; the client requests the next one by a message of any kind
+
+No frame waits for another one: each client has a slot for the newest frame, which replaces one that was not sent yet.
+The page requests each frame, so that none waits in the buffers between them either.
+
+A connection must show the token within HANDSHAKE_S. At most MAX_WAITING have not shown it; a further one takes the
+place of the oldest, so that silent connections neither use up the process's file descriptors nor keep clients out.
+
+At the end of the block, clients get the last frame, and the connection is closed with a reason in words: with code 1000
+at the end of the recording, 1001 when the tracker was stopped.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import hmac
+import logging
+import re
+import secrets
+import socket
+import threading
+from collections.abc import Callable
+from http import HTTPStatus
+from types import ModuleType, TracebackType
+from typing import Any
+from urllib.parse import urlencode, urlsplit
+
+from handpose.output.live.handshake import RefusedError, Request, answer, is_named, parse
+from handpose.output.live.messages import LINES, VIEWS
+from handpose.output.live.page import page_without_token
+from netlib.errors import NetlibError, reason_of
+
+MAX_WAITING = 64  # connections that have not shown the token
+HANDSHAKE_S = 5.0  # time for a connection to show the token
+MAX_CLIENTS = 64
+BACKLOG = 16  # connections that are accepted at once
+GRACE_S = 4.0  # time for clients to receive the last frame and to close
+ANSWER_S = 30.0  # time for a browser to receive the page
+CLOSE_S = 0.5  # time for a rejected client to read the answer, and for the server to close
+ENDED, STOPPED = (1000, "the recording has ended"), (1001, "the tracker was stopped")
+_MAX_RECEIVED = 1024  # maximum bytes of a message from a client
+_SEND_BUFFER = 1 << 17  # bytes that the system keeps for a slow client
+_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,200}")
+_LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
+class _Slot:
+    """The newest message for one client."""
+
+    def __init__(self) -> None:
+        self._message: str | bytes | None = None
+        self._ended = False
+        self._changed = asyncio.Event()
+
+    def put(self, message: str | bytes) -> None:
+        """Replace a message that was not sent."""
+        self._message = message
+        self._changed.set()
+
+    def end(self) -> None:
+        """Mark the end of the messages."""
+        self._ended = True
+        self._changed.set()
+
+    async def take(self) -> str | bytes | None:
+        """Wait for the next message; None after the last one."""
+        await self._changed.wait()
+        message, self._message = self._message, None
+        if not self._ended:
+            self._changed.clear()
+        return message
+
+
+class _Gate(asyncio.Protocol):
+    """A connection that has not shown the token.
+
+    It reads one HTTP request. A request for the page, and one that is rejected, is answered here; the connection of any
+    other one is passed on to a WebSocket connection, made by ``upgrade``.
+    """
+
+    def __init__(self, gates: _Gates, upgrade: Callable[[], Any]) -> None:
+        self._gates, self._upgrade = gates, upgrade
+        self._received = b""
+        self._answered = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport: Any = transport
+        self._timer = asyncio.get_running_loop().call_later(HANDSHAKE_S, self.abort)
+        self._gates.add(self)
+
+    def data_received(self, data: bytes) -> None:
+        if self._answered:  # a rejected client may send on
+            return
+        self._received += data
+        try:
+            request = parse(self._received)
+            content = request and self._gates.answer(request)
+        except RefusedError as error:
+            self._respond(error.answer, CLOSE_S)
+            return
+        if content:
+            self._gates.leave(self)
+            self._respond(content, ANSWER_S)
+        elif request:
+            self._timer.cancel()
+            self._gates.leave(self)
+            connection = self._upgrade()
+            self._transport.set_protocol(connection)
+            connection.connection_made(self._transport)
+            connection.data_received(self._received)
+
+    def eof_received(self) -> bool:
+        """Reply to a request that ends early; returns True to keep the connection until the reply is sent."""
+        if self._received and not self._answered:
+            self._respond(RefusedError(HTTPStatus.BAD_REQUEST, "The request is incomplete.").answer, CLOSE_S)
+        self._transport.close()  # after the reply
+        return True
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._timer.cancel()
+        self._gates.leave(self)
+
+    def abort(self) -> None:
+        """Close the connection without an answer."""
+        self._transport.abort()
+
+    def _respond(self, content: bytes, seconds: float) -> None:
+        """Send a response. The client closes the connection; closing it here could discard the response."""
+        self._answered, self._received = True, b""
+        self._timer.cancel()
+        self._timer = asyncio.get_running_loop().call_later(seconds, self.abort)
+        self._transport.write(content)
+        self._transport.write_eof()
+
+
+class _Gates:
+    """All connections that have not shown the token; ``answer`` returns the response to a request, see ``_Gate``."""
+
+    def __init__(self, answer: Callable[[Request], bytes | None]) -> None:
+        self.answer = answer
+        self._waiting: dict[_Gate, None] = {}  # the oldest first
+
+    def add(self, gate: _Gate) -> None:
+        """Add a connection, in place of the oldest one if there are too many."""
+        if len(self._waiting) >= MAX_WAITING:
+            oldest = next(iter(self._waiting))
+            self.leave(oldest)
+            oldest.abort()
+        self._waiting[gate] = None
+
+    def leave(self, gate: _Gate) -> None:
+        """Remove a connection."""
+        self._waiting.pop(gate, None)
+
+    def abort(self) -> None:
+        """Close all connections."""
+        for gate in list(self._waiting):
+            gate.abort()
+
+
+class LiveServer:
+    """Serves one track in a separate thread, which is ready when the block begins.
+
+    host, port  where it listens; port 0: any that is free
+    header      of the track as JSON, the first message to programs
+    page        the page as HTML
+    token       that clients must have; by default a random one
+
+    Raises NetlibError without websockets and for a short token, and in ``__enter__`` if it cannot listen there.
+    """
+
+    def __init__(self, host: str, port: int, header: str, page: str, token: str | None = None) -> None:
+        self._websockets = _package()
+        self.host, self.port, self._header, self._page = host, port, header, page
+        self.token = secrets.token_urlsafe(16) if token is None else checked_token(token)
+        self._gates = _Gates(self._answer)
+        self._clients: dict[str, set[_Slot]] = {LINES: set(), VIEWS: set()}
+        self._handlers: dict[asyncio.Task[Any], Any] = {}  # with the connection of each
+        self._was_asked = threading.Event()
+        self._ready = threading.Event()
+        self._failure: Exception | None = None
+
+    def __enter__(self) -> LiveServer:
+        self._thread = threading.Thread(target=asyncio.run, args=(self._serve(),), name="live", daemon=True)
+        self._thread.start()
+        self._ready.wait()
+        if self._failure is not None:
+            self._thread.join()
+            raise NetlibError(f"{_joined(self.host, self.port)}: {_why_not(self._failure)}") from self._failure
+        return self
+
+    @property
+    def page_url(self) -> str:
+        """The address for a browser."""
+        return f"http://{self._place()}/?{self._query()}"
+
+    @property
+    def lines_url(self) -> str:
+        """The address for programs."""
+        return f"ws://{self._place()}{LINES}?{self._query()}"
+
+    @property
+    def is_public(self) -> bool:
+        """True if other machines can connect."""
+        return self.host not in _LOOPBACK
+
+    def has_clients(self, path: str) -> bool:
+        """True if this path has a client; otherwise messages for it are dropped."""
+        return bool(self._clients[path])
+
+    def wait_for_client(self, seconds: float) -> bool:
+        """Wait for the first client, at most this long; True if one has connected."""
+        return self._was_asked.wait(seconds)
+
+    def put(self, path: str, message: str | bytes) -> None:
+        """Send the message of a frame to all clients of this path."""
+        self._loop.call_soon_threadsafe(self._put, path, message)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._close_with = ENDED if kind is None else STOPPED
+        self._loop.call_soon_threadsafe(self._end.set)
+        self._thread.join()
+
+    # ------------------------------------------------------------------------------------- in the thread
+
+    async def _serve(self) -> None:
+        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        self._loop.set_exception_handler(_ignore_connection_errors)
+        try:
+            server = await self._websockets.asyncio.server.serve(
+                self._client, self.host, self.port, create_connection=self._gate, compression=None, server_header=None,
+                max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, backlog=BACKLOG,
+                logger=_silent_logger(),
+            )  # fmt: skip
+        except Exception as error:
+            self._failure = error
+            self._ready.set()
+            return
+        self.port = server.sockets[0].getsockname()[1]
+        self._ready.set()
+        await self._end.wait()
+        for slots in self._clients.values():
+            for slot in slots:
+                slot.end()
+        if self._handlers:
+            await asyncio.wait(self._handlers, timeout=GRACE_S)
+        server.close()
+        for connection in self._handlers.values():
+            connection.transport.abort()
+        self._gates.abort()
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(server.wait_closed(), CLOSE_S)
+
+    def _gate(self, *args: Any, **options: Any) -> _Gate:
+        """The first protocol of a connection; the arguments are those of the WebSocket connection."""
+        return _Gate(self._gates, lambda: self._websockets.asyncio.server.ServerConnection(*args, **options))
+
+    def _put(self, path: str, message: str | bytes) -> None:
+        for slot in self._clients[path]:
+            slot.put(message)
+
+    async def _client(self, connection: Any) -> None:
+        """Serve one client until it leaves or the track ends."""
+        path, slot = urlsplit(connection.request.path).path, _Slot()
+        if self._end.is_set():
+            slot.end()
+        connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        task = asyncio.current_task()
+        assert task is not None
+        self._handlers[task] = connection
+        self._clients[path].add(slot)
+        try:
+            if path == LINES:
+                await connection.send(self._header)
+            self._was_asked.set()
+            while (message := await slot.take()) is not None:
+                await connection.send(message)
+                if path == VIEWS:
+                    await connection.recv()  # it has the frame and requests the next one
+            await connection.close(*self._close_with)
+        except self._websockets.exceptions.ConnectionClosed:
+            pass
+        finally:
+            self._clients[path].discard(slot)
+            self._handlers.pop(task)
+
+    def _answer(self, request: Request) -> bytes | None:
+        """The page, or None to continue with a WebSocket. Raises RefusedError."""
+        if not is_named(request.host, self.host):
+            raise RefusedError(HTTPStatus.FORBIDDEN, "Wrong host. Open the address that the tracker has printed.")
+        path, token = request.path, request.token
+        if not hmac.compare_digest(token.encode(), self.token.encode()):
+            page = page_without_token() if path == "/" and not token else None
+            raise RefusedError(
+                HTTPStatus.FORBIDDEN, "Wrong token. Open the address that the tracker has printed.", page
+            )
+        if path == "/":
+            return answer(HTTPStatus.OK, self._page, "text/html")
+        if path not in self._clients:
+            raise RefusedError(HTTPStatus.NOT_FOUND, f"Expected /, {LINES} or {VIEWS}.")
+        if not request.is_of_same_site():
+            raise RefusedError(HTTPStatus.FORBIDDEN, "Pages of other sites get no frames.")
+        if len(self._handlers) >= MAX_CLIENTS:
+            raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, f"{MAX_CLIENTS} clients are connected; expected fewer.")
+        return None
+
+    def _place(self) -> str:
+        """Host and port for other machines."""
+        return _joined(socket.gethostname() if self.host in ("", "0.0.0.0", "::") else self.host, self.port)
+
+    def _query(self) -> str:
+        return urlencode({"token": self.token})
+
+
+def checked_token(token: str, where: str = "token") -> str:
+    """The token. Raises NetlibError, without the token itself, for one that could be guessed or is no part of a URL."""
+    if _TOKEN.fullmatch(token) is None:
+        raise NetlibError(f"{where}: found {len(token)} characters; expected 16 to 200 of A-Z, a-z, 0-9, - and _")
+    return token
+
+
+def _joined(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def _why_not(error: Exception) -> str:
+    """The reason why a server cannot listen."""
+    if isinstance(error, socket.gaierror | UnicodeError):  # no host has a name that cannot be encoded
+        return "unknown host"
+    if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
+        return "the port is in use; choose another one, or 0 for any that is free"
+    return f"cannot listen: {reason_of(error)}"
+
+
+def _ignore_connection_errors(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Handle an exception outside of all tasks; errors of the system concern one connection, which is closed."""
+    if not isinstance(context.get("exception"), OSError):
+        loop.default_exception_handler(context)
+
+
+def _silent_logger() -> logging.Logger:
+    """A client's error, which is sent to the client."""
+    logger = logging.getLogger("handpose.output.live")
+    logger.disabled = True
+    return logger
+
+
+def _package() -> ModuleType:
+    """The used parts of websockets, imported on first use."""
+    try:
+        import websockets
+        import websockets.asyncio.server
+        import websockets.datastructures
+        import websockets.exceptions
+        import websockets.http11
+    except ImportError as error:
+        raise NetlibError("websockets is missing: pip install 'websockets>=13'") from error
+    return websockets

@@ -1,0 +1,1 @@
+"""Files of tracks: JSON, JSON lines, CSV and BVH."""

@@ -1,0 +1,128 @@
+"""A track as CSV: a row per frame and hand, for tables and plots.
+
+    number, time_s   of the frame in its recording, from 0
+    id, hand         the hand's constant number; right or left
+    lost             empty, or the reason why the hand is not found in this frame: then all further columns are empty
+    confidence       probability that the joints' mean error is below 30 mm; empty if unknown
+    error_mm         expected error; empty likewise
+    JOINT_x_mm, JOINT_y_mm, JOINT_z_mm   of each joint, camera axes: x right, y up, z away
+    ANGLE_rad        of each angle; for a left hand, of its mirror image
+
+With a joint format (``joint_values``) its columns replace the last two kinds.
+
+A lost hand keeps its rows, so that a plot over time has gaps instead of lines: in pandas, ``read_csv(path)`` reads
+empty fields as NaN, and ``table[table.lost.isna()]`` are the rows with a hand. A frame without tracked hands has no
+row.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from types import TracebackType
+
+from handpose.body.gestures.over_time import GestureReader
+from handpose.body.joint_formats.formats import FormatName
+from handpose.body.joint_formats.frames import hand_frames
+from handpose.output.tracks import angles, joint_values
+from handpose.output.tracks.growing import GrowingFile
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\N{FULLWIDTH EQUALS SIGN}", "\N{FULLWIDTH PLUS SIGN}",
+           "\N{FULLWIDTH HYPHEN-MINUS}", "\N{FULLWIDTH COMMERCIAL AT}")  # fmt: skip
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+FIRST = ["number", "time_s", "id", "hand", "lost", "confidence", "error_mm"]
+
+
+class CsvWriter:
+    """Writes a table frame by frame; rows written before an exception are kept. Raises OSError.
+
+    joints    a joint format, whose columns replace the joints and angles
+    gestures  add two columns: the hand's gesture, empty for none, and its confidence
+    """
+
+    def __init__(
+        self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
+        self.files = [path]
+        self._header, self._joints = header, joints
+        self._skeleton, self._angles = header.skeleton, angles.free_dofs(header.skeleton).angles
+        columns = joint_values.columns(joints) if joints else model_columns(header.skeleton, self._angles)
+        self._gestures = GestureReader(header.skeleton) if gestures else None
+        columns += ["gesture", "gesture_confidence"] * gestures
+        self._empty = [""] * (2 + len(columns))
+        self._file = GrowingFile(path, rows_of([FIRST + columns]))
+
+    def __enter__(self) -> CsvWriter:
+        self._file.__enter__()
+        return self
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        about = [frame.number, f"{frame.time:.6f}"]
+        rows = [[*about, hand.id, hand.side_name, "", *self._values(hand, frame.time)] for hand in frame.hands]
+        rows += [[*about, lost.id, lost.side_name, lost.reason, *self._empty] for lost in frame.lost]
+        self._file.append(rows_of(rows))
+
+    def _values(self, hand: TrackedHand, time: float) -> list[str]:
+        values, about = quality(hand.confidence, hand.error_mm), (hand.hand, hand.xyz)
+        frames = hand_frames(self._skeleton, *about) if self._joints or self._gestures else None
+        if self._joints and frames:
+            values += joint_values.numbers(self._joints, self._skeleton, *about, self._header.camera, frames)
+        else:
+            values += model_numbers(hand.xyz, self._skeleton.theta(hand.inputs)[self._angles])
+        if self._gestures:
+            name, confidence = self._gestures.read(hand.id, *about, time, frames)
+            values += [name, f"{confidence:.3f}"]
+        return values
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._file.__exit__(kind, error, where)
+
+
+def model_columns(skeleton: Skeleton, angles: Sequence[int]) -> list[str]:
+    """The columns of the model's joints and of these angles, for ``model_numbers``."""
+    joints = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]
+    return joints + [f"{skeleton.dof_names[d]}_rad" for d in angles]
+
+
+def model_numbers(xyz: Array, angles: Array) -> list[str]:
+    """Joints (K, 3) in mm and angles (A,) in rad as fields; empty where they are not finite."""
+    return [_known("%.2f", x) for x in xyz.ravel().tolist()] + [_known("%.5f", a) for a in angles.tolist()]
+
+
+def quality(confidence: float, error_mm: float) -> list[str]:
+    """Both as fields; empty if unknown."""
+    return [_known("%.4f", confidence), _known("%.2f", error_mm)]
+
+
+def _text_only(cell: object) -> object:
+    """The cell, marked as text if it begins like a formula and is no number."""
+    if isinstance(cell, str):
+        cell = cell.replace("\r", "\\r")  # some versions of the csv module do not quote it
+    if not isinstance(cell, str) or not cell.lstrip().startswith(FORMULA) or _NUMBER.fullmatch(cell):
+        return cell
+    return f"'{cell}"
+
+
+def _known(form: str, number: float) -> str:
+    return form % number if math.isfinite(number) else ""
+
+
+def rows_of(rows: Iterable[Sequence[object]]) -> bytes:
+    """The lines of rows; characters of file names that are not UTF-8 are escaped.
+
+    A cell that a spreadsheet would evaluate as a formula begins with an apostrophe, which spreadsheets take for the
+    mark of a text.
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([_text_only(cell) for cell in row] for row in rows)
+    return text.getvalue().encode("utf-8", "backslashreplace")

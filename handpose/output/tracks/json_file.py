@@ -1,0 +1,200 @@
+"""A track as JSON: a document with the frames in a list, or JSON lines, a header and then a line per frame.
+
+The header, once:
+
+    format, version  "handpose track", 1
+    source           the recording's name
+    smoothed         true if poses were smoothed over time
+    units, axes      in words: lengths in mm, angles in rad, time in s; x right, y up, z away from the camera
+    camera           name, fx, fy, u0, v0 in px, width and height of the frames in px; without distortion
+    unit_mm          the unit of lengths in ``prototxt``
+    skeleton         name of the body, and
+        joints         names; arrays of joints are in this order
+        parents        name of each joint's parent; null for a root
+        bones          pairs of names, parent and joint, for drawing
+        angles         name, lower and upper limit in rad of each angle; null without a limit
+        translations   names of the body's translations
+        prototxt       the skeleton file, which maps angles, translations and bones to positions
+    joint_format     with a format of joints: its name, joints, bones, length, axes, and the angles
+    frames           in a document only: the list
+    complete         in a document only, the last key: true if the recording was finished, false if it was stopped
+
+A frame:
+
+    number, time_s   in the recording, from 0
+    hands            the tracked hands, by id
+        id, hand         the hand's constant number; "right" or "left", or null while its side is undecided: then also
+                         assumed_hand, which angles and positions are of, and its probability assumed_confidence
+        confidence       probability that the joints' mean error is below 30 mm; null if unknown
+        error_mm         expected error; null likewise
+        positions_mm     (x, y, z) of each joint, camera axes, to 0.01 mm
+        angles_rad       by name; of a left hand, those of its mirror image
+        origin_mm        the origin of the translations, camera axes
+        translations_mm  by name; of a left hand, those of its mirror image
+        bones_mm         signed length of each joint's bone, 0 without one: in the first frame of this id, and wherever
+                         they have changed since
+        crop             center_uvd (px, px, mm) and cube_mm of the hand's crop
+        gesture          with gestures only: its name, null for none; number of straight fingers, null of pinch and
+                         thumb_up; confidence, 0 to 1 (``handpose.body.gestures``)
+        mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
+    lost             hands tracked before: id, hand (or null), since_s (tracked last), reason (a line)
+    refused          only in frames with one: places where a new hand was supposed, position_mm and reason (a line)
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from handpose.body.joint_formats.formats import FormatName
+from handpose.frames.json_fields import Fields, parsed
+from handpose.output.tracks.growing import GrowingFile
+from handpose.output.tracks.json_values import FrameValues, header_of, header_values
+from handpose.tracking.track import TrackedFrame, TrackHeader
+from netlib import files
+from netlib.errors import DataError
+
+_text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
+
+
+class JsonWriter:
+    """Writes a JSON document frame by frame; it is also complete after an exception in the block. Raises OSError."""
+
+    def __init__(
+        self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
+        self.files = [path]
+        self._values = FrameValues(header, joints, gestures)
+        head = _text(header_values(header, joints))[:-1] + ',"frames":[\n'
+        self._file = GrowingFile(path, head.encode(), b'\n],"complete":false}\n')
+        self._between = ""
+
+    def __enter__(self) -> JsonWriter:
+        self._file.__enter__()
+        return self
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        self._file.append((self._between + _text(self._values.values(frame))).encode())
+        self._between = ",\n"
+
+    def discard(self) -> None:
+        """Drop the frames: after an exception in the block the old file is unchanged."""
+        self._file.discard()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._file.finish(b'\n],"complete":true}\n')
+        self._file.__exit__(kind, error, where)
+
+
+class JsonLinesWriter:
+    """Writes JSON lines, each of which can be read at once. Raises OSError.
+
+    path    of the file, which appears, or replaces an old one, with the first frame; None: standard output
+    joints, gestures  as for ``open_writer``
+    """
+
+    def __init__(
+        self, path: Path | None, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
+        self.files = [path] if path else []
+        self._values = FrameValues(header, joints, gestures)
+        head = f"{_text(header_values(header, joints))}\n".encode()
+        self._file = GrowingFile(path, head, shown=True) if path else _StandardOutput(head)
+
+    def __enter__(self) -> JsonLinesWriter:
+        self._file.__enter__()
+        return self
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        self._file.append(f"{_text(self._values.values(frame))}\n".encode())
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._file.__exit__(kind, error, where)
+
+
+class _StandardOutput:
+    """Writes pieces to standard output, each at once."""
+
+    def __init__(self, head: bytes) -> None:
+        self._head = head
+
+    def __enter__(self) -> _StandardOutput:
+        self.append(self._head)
+        return self
+
+    def append(self, piece: bytes) -> None:
+        """Write a piece. Raises OSError."""
+        if sys.stdout is None:  # a shell closed it
+            raise OSError(errno.EBADF, "is closed", "standard output")
+        sys.stdout.write(piece.decode("ascii"))
+        sys.stdout.flush()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        """Do nothing."""
+
+
+class Track(NamedTuple):
+    """A complete track.
+
+    cut  the reason why there are fewer frames than in the recording, else empty
+    """
+
+    header: TrackHeader
+    frames: list[TrackedFrame]
+    cut: str = ""
+
+
+def read_track(path: str | Path) -> Track:
+    """The track of a JSON document, or of the complete JSON lines. Raises DataError, PrototxtError.
+
+    Capsules are not in a track, and inputs that move nothing are 0.
+    """
+    text = files.read_text(path, "a track")
+    first, _, rest = text.partition("\n")
+    head = _value_or_none(first)
+    if isinstance(head, dict) and "frames" not in head:
+        return _read_lines(path, Fields(head, f"{path}:1"), rest)
+    return _read_document(Fields(parsed(text, str(path)), str(path)))
+
+
+def _read_document(fields: Fields) -> Track:
+    header = header_of(fields)
+    values = FrameValues(header)
+    frames = [values.frame(frame) for frame in fields.parts("frames")]
+    return Track(header, frames, "" if fields.truth("complete") else "the tracker was stopped")
+
+
+def _read_lines(path: str | Path, head: Fields, text: str) -> Track:
+    header = header_of(head)
+    values, frames = FrameValues(header), []
+    *lines, last = text.split("\n")
+    for number, line in enumerate(lines, 2):
+        where = f"{path}:{number}"
+        frames.append(values.frame(Fields(parsed(line, where), where)))
+    if not last:
+        return Track(header, frames)
+    where = f"{path}:{len(lines) + 2}"
+    whole = _value_or_none(last)
+    if whole is None:
+        return Track(header, frames, f"{where}: the line is cut after {len(last)} characters")
+    return Track(header, [*frames, values.frame(Fields(whole, where))])
+
+
+def _value_or_none(line: str) -> Any:
+    try:
+        return parsed(line, "")
+    except DataError:
+        return None

@@ -1,0 +1,196 @@
+"""The header and the frames of a track as JSON values, and back; json_file.py describes the keys."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from handpose.body.gestures.over_time import GestureReader
+from handpose.body.gestures.shapes import NUMBERS
+from handpose.body.joint_formats.formats import FormatName
+from handpose.body.joint_formats.frames import hand_frames
+from handpose.body.sides import Side, side_of
+from handpose.frames.cameras import Camera
+from handpose.frames.json_fields import Fields
+from handpose.output.tracks import angles, joint_values
+from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackedHand, TrackHeader
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter, text_of
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.proto import prototxt, schema
+
+FORMAT, VERSION = "handpose track", 1
+UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
+AXES = {"x": "right", "y": "up", "z": "away from the camera"}
+
+
+def rounded(numbers: ArrayLike, decimals: int) -> Any:
+    """A number or lists of numbers; None for unknown ones."""
+    if isinstance(numbers, float):  # the frequent case
+        return round(float(numbers), decimals) + 0.0 if math.isfinite(numbers) else None
+    array = np.asarray(numbers, dtype=np.float64)
+    values = (array.round(decimals) + 0.0).tolist()  # + 0.0: no -0.0
+    return values if np.isfinite(array).all() else _nulled(values)
+
+
+def _nulled(values: Any) -> Any:
+    if isinstance(values, list):
+        return [_nulled(value) for value in values]
+    return values if math.isfinite(values) else None
+
+
+# ---------------------------------------------------------------------------------------------- the header
+
+
+def header_values(header: TrackHeader, joints: FormatName | None = None) -> dict[str, Any]:
+    """The header as an object; ``joints`` is an additional format of hands."""
+    camera = {name: value if name == "name" else rounded(value, 6) for name, value in vars(header.camera).items()}
+    return {
+        "format": FORMAT, "version": VERSION, "source": header.source, "smoothed": header.smoothed, "units": UNITS,
+        "axes": AXES, "camera": camera | {"width": header.camera.width, "height": header.camera.height},
+        "unit_mm": float(header.unit_mm), "skeleton": _skeleton_values(header.skeleton),
+        **({"joint_format": joint_values.format_values(joints)} if joints else {}),
+    }  # fmt: skip
+
+
+def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
+    joints, dofs = skeleton.joint_names, angles.free_dofs(skeleton)
+    parents = [joints[parent] if parent >= 0 else None for parent in skeleton.parents]
+    limits = {skeleton.dof_names[d]: angles.limits(skeleton, d) for d in dofs.angles}
+    return {
+        "name": skeleton.name, "joints": joints, "parents": parents,
+        "bones": [[parent, joint] for parent, joint in zip(parents, joints) if parent is not None],
+        "angles": [{"name": name, "lower": low, "upper": high} for name, (low, high) in limits.items()],
+        "translations": [skeleton.dof_names[d] for d in dofs.slides],
+        "prototxt": text_of(skeleton.param, skeleton.name, ""),
+    }  # fmt: skip
+
+
+def header_of(fields: Fields) -> TrackHeader:
+    """The header from its object. Raises DataError, PrototxtError."""
+    if "format" not in fields or fields.text("format") != FORMAT:
+        raise DataError(f"{fields.where}: not a track; expected a file that track --json has written")
+    if fields.whole("version") != VERSION:
+        raise DataError(f"{fields.where}: a track of version {fields.whole('version')}; this program reads {VERSION}")
+    of, body = fields.part("camera"), fields.part("skeleton")
+    camera = Camera(of.text("name"), of.positive("fx"), of.positive("fy"), of.number("u0"), of.number("v0"),
+                    of.whole("width"), of.whole("height"))  # fmt: skip
+    text = prototxt.parse(body.text("prototxt"), f"{body.where} 'prototxt'")
+    skeleton = Skeleton(schema.read(text, SkeletonParameter, "a skeleton"))
+    return TrackHeader(fields.text("source"), camera, skeleton, fields.positive("unit_mm"), fields.truth("smoothed"))
+
+
+# ---------------------------------------------------------------------------------------------- frames
+
+
+class FrameValues:
+    """Frames as objects, in order: a hand's bones are in its first one, and where they change.
+
+    every_bone  write the bones in every frame, for receivers that miss some
+    """
+
+    def __init__(
+        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False, every_bone: bool = False
+    ) -> None:
+        self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
+        self._camera, self._joints, self._every_bone = header.camera, joints, every_bone
+        self._gestures = GestureReader(header.skeleton) if gestures else None
+        self._dofs = angles.free_dofs(header.skeleton)
+        names = header.skeleton.dof_names
+        self._angles, self._slides = [names[d] for d in self._dofs.angles], [names[d] for d in self._dofs.slides]
+        self._bones: dict[int, list[float]] = {}
+
+    def values(self, frame: TrackedFrame) -> dict[str, Any]:
+        """One frame as an object."""
+        lost = [{"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
+                for l in frame.lost]  # fmt: skip
+        hands = [self._hand_values(hand, frame.time) for hand in frame.hands]
+        refused = [{"position_mm": rounded(place.xyz, 1), "reason": place.reason} for place in frame.refused]
+        return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost,
+                **({"refused": refused} if refused else {})}  # fmt: skip
+
+    def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
+        theta = self._skeleton.theta(hand.inputs)
+        bones = rounded(hand.bones * self._unit_mm, 3)
+        new = {} if self._bones.get(hand.id) == bones and not self._every_bone else {"bones_mm": bones}
+        self._bones[hand.id] = bones
+        return {
+            "id": int(hand.id), "hand": hand.known_side,
+            **({} if hand.known_side else {"assumed_hand": hand.hand,
+                                           "assumed_confidence": rounded(hand.side_confidence, 3)}),
+            "confidence": rounded(hand.confidence, 4), "error_mm": rounded(hand.error_mm, 2),
+            "positions_mm": rounded(hand.xyz, 2),
+            "angles_rad": dict(zip(self._angles, rounded(theta[self._dofs.angles], 5))),
+            "origin_mm": rounded(hand.origin_mm, 3),
+            "translations_mm": dict(zip(self._slides, rounded(theta[self._dofs.slides] * self._unit_mm, 3))),
+            **new,
+            "crop": {"center_uvd": rounded(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
+            **self._derived_values(hand, time),
+        }  # fmt: skip
+
+    def _derived_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
+        """The joint format and the gesture, if requested."""
+        if self._joints is None and self._gestures is None:
+            return {}
+        frames, found = hand_frames(self._skeleton, hand.hand, hand.xyz), {}
+        if self._joints is not None:
+            found = joint_values.hand_values(
+                self._joints, self._skeleton, hand.hand, hand.xyz, self._camera, frames=frames
+            )
+        if self._gestures is None:
+            return found
+        name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time, frames)
+        return {
+            **found,
+            "gesture": {"name": name or None, "number": NUMBERS.get(name), "confidence": rounded(confidence, 3)},
+        }
+
+    def frame(self, fields: Fields) -> TrackedFrame:
+        """The next frame from its object. Raises DataError."""
+        hands = tuple(self._hand(hand) for hand in fields.parts("hands"))
+        lost = tuple(
+            LostHand(of.whole("id"), _side(of) if of.has("hand") else None, of.number("since_s"), of.text("reason"))
+            for of in fields.parts("lost")
+        )
+        refused = tuple(_refused(of) for of in fields.parts("refused")) if "refused" in fields else ()
+        return TrackedFrame(fields.whole("number"), fields.number("time_s"), hands, lost, refused)
+
+    def _hand(self, of: Fields) -> TrackedHand:
+        assumed = not of.has("hand")
+        name = "assumed_hand" if assumed else "hand"
+        crop, joints = of.part("crop"), len(self._skeleton.joint_names)
+        theta, slides = of.part("angles_rad"), of.part("translations_mm")
+        inputs = angles.inputs_of(
+            self._skeleton, self._dofs,
+            np.array([theta.number(name) for name in self._angles]),
+            np.array([slides.number(name) for name in self._slides]) / self._unit_mm,
+        )  # fmt: skip
+        return TrackedHand(
+            of.whole("id"), _side(of, name), of.known("confidence"), of.known("error_mm"), inputs, self._bones_of(of),
+            of.numbers("origin_mm", 3), of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3),
+            crop.positive("cube_mm"), side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
+        )  # fmt: skip
+
+    def _bones_of(self, of: Fields) -> Array:
+        hand = of.whole("id")
+        if "bones_mm" in of:
+            self._bones[hand] = of.numbers("bones_mm", len(self._skeleton.joint_names)).tolist()
+        if hand not in self._bones:
+            raise DataError(f"{of.where}: hand {hand} has no 'bones_mm', neither here nor before")
+        return np.array(self._bones[hand]) / self._unit_mm
+
+
+def _side(fields: Fields, name: str = "hand") -> Side:
+    try:
+        return side_of(fields.text(name))
+    except ValueError as error:
+        raise DataError(f"{fields.where}: {name!r} is {error}") from None
+
+
+def _refused(of: Fields) -> RefusedPlace:
+    x, y, z = of.numbers("position_mm", 3).tolist()
+    return RefusedPlace((x, y, z), of.text("reason"))

@@ -1,0 +1,64 @@
+"""Writers of tracks, by the ending of a name.
+
+with open_writer("wave.json", header) as writer:
+    for frame in frames:
+        writer.write(frame)
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol
+
+from handpose.body.joint_formats.formats import FormatName
+from handpose.output.tracks.bvh_file import BvhWriter
+from handpose.output.tracks.csv_file import CsvWriter
+from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter
+from handpose.tracking.track import TrackedFrame, TrackHeader
+from netlib.errors import DataError
+
+
+class TrackWriter(Protocol):
+    """Writes a track frame by frame. The files are valid after any end of its block. Raises OSError.
+
+    files  written; complete after the block
+    """
+
+    files: list[Path]
+
+    def __enter__(self) -> TrackWriter: ...
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None: ...
+
+
+def open_writer(
+    path: str | Path, header: TrackHeader, rate: float | None = None, joints: FormatName | None = None,
+    gestures: bool = False,
+) -> TrackWriter:  # fmt: skip
+    """A writer for a name in .json, .jsonl, .csv or .bvh, or for "-": JSON lines on standard output. Raises DataError.
+
+    BVH has a file for each hand, NAME_right_0.bvh, and needs a ``rate`` in frames per second (None: estimated).
+
+    joints    format of additional joints and angles in JSON, and of the joints in CSV; BVH has the skeleton's
+    gestures  add the gesture of each hand to JSON and CSV
+    """
+    if str(path) == "-":
+        return JsonLinesWriter(None, header, joints, gestures)
+    path = Path(path)
+    match path.suffix.lower():
+        case ".json":
+            return JsonWriter(path, header, joints, gestures)
+        case ".jsonl":
+            return JsonLinesWriter(path, header, joints, gestures)
+        case ".csv":
+            return CsvWriter(path, header, joints, gestures)
+        case ".bvh":
+            return BvhWriter(path, header, rate)
+    raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl, .csv or .bvh, "
+                    "or - for standard output")  # fmt: skip

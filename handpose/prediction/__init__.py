@@ -1,1 +1,0 @@
-"""Predict hands in depth images: locate them, crop them, run a network, and fit a capsule model to the depth."""

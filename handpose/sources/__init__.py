@@ -1,1 +1,0 @@
-"""Depth recordings, read and written frame by frame: folders, stacks, videos, cameras' formats, a live camera."""

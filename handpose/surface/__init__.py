@@ -1,1 +1,0 @@
-"""The surface of a body: capsules around its bones, posed and rendered."""

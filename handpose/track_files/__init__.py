@@ -1,1 +1,0 @@
-"""Tracks of hands over time: the data, and files for other programs."""

@@ -1,0 +1,140 @@
+"""Tracks of hands: what a tracker outputs for every frame, and the truth of a synthetic recording.
+
+A hand has inputs of the skeleton, bones, and an origin. The inputs of a left hand are those of its mirror image, a
+right hand; ``joints_of`` computes its joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from handpose.body.nyu import CUBE_MM
+from handpose.body.render import Capsules
+from handpose.body.sides import Side, mirror_of
+from handpose.frames.cameras import Camera
+from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+
+# Beginnings of the reasons why a hand is missing from a frame, for trackers and for synthetic truth.
+LEFT = "left the image"
+HIDDEN = "hidden"
+UNKNOWN_SIDE = "unknown"
+PARTLY = "partly in sight"  # in synthetic recordings: such frames are not scored
+
+
+@dataclass(frozen=True)
+class TrackHeader:
+    """The properties of all frames of a track.
+
+    source    name of the recording
+    camera    of the frames, without distortion
+    skeleton  of a right hand; D DoFs, K joints
+    unit_mm   length unit of inputs and skeleton
+    smoothed  True if poses were smoothed over time
+    """
+
+    source: str
+    camera: Camera
+    skeleton: Skeleton
+    unit_mm: float = CUBE_MM / 2
+    smoothed: bool = True
+
+
+@dataclass(frozen=True)
+class TrackedHand:
+    """One hand in one frame.
+
+    id          of this hand, the same in all frames
+    hand        "right" or "left"
+    confidence  probability that the joints' mean error is below 30 mm; NaN if it was not measured
+    error_mm    expected error; NaN likewise
+    inputs      (D,) of the skeleton: radians, and lengths in units; for a left hand, those of its mirror image
+    bones       (K,) signed lengths in units, as ``Skeleton.bones``
+    origin_mm   (3,) origin of the inputs, camera axes: the middle of its crop, for a left hand not mirrored
+    xyz         (K, 3) mm, camera axes: x right, y up, z away
+    center_uvd  (3,) px, px, mm: centre of its crop
+    cube_mm     edge of that crop's cube
+    capsules    its surface in mm, camera axes; None if unknown
+    side_confidence  probability that it is a ``hand``; below 1 while the side is undecided, and ``hand`` is assumed
+    other       the same hand as one of the other side, while the side is undecided
+    """
+
+    id: int
+    hand: Side
+    confidence: float
+    error_mm: float
+    inputs: Array
+    bones: Array
+    origin_mm: Array
+    xyz: Array
+    center_uvd: Array
+    cube_mm: float
+    capsules: Capsules | None = None
+    side_confidence: float = 1.0
+    other: TrackedHand | None = None
+
+    @property
+    def known_side(self) -> Side | None:
+        """The side; None while it is undecided."""
+        return self.hand if self.side_confidence >= 1 else None
+
+    @property
+    def side_name(self) -> str:
+        """The side, or "unknown"."""
+        return self.known_side or UNKNOWN_SIDE
+
+
+class LostHand(NamedTuple):
+    """A tracked hand that is not found in this frame.
+
+    hand    None if its side was never decided
+    since   s, when it was tracked last
+    reason  one line
+    """
+
+    id: int
+    hand: Side | None
+    since: float
+    reason: str
+
+    @property
+    def side_name(self) -> str:
+        """The side, or "unknown"."""
+        return self.hand or UNKNOWN_SIDE
+
+
+class RefusedPlace(NamedTuple):
+    """A place (3,) in mm, camera axes, where a hand was supposed and refused, and the reason, one line."""
+
+    xyz: tuple[float, float, float]
+    reason: str
+
+
+class TrackedFrame(NamedTuple):
+    """The hands of one frame.
+
+    number  0-based, of the frame in its recording
+    time    s
+    hands   the tracked hands, by id
+    lost    hands tracked before that are missing now, by id
+    refused  places where a new hand was supposed and refused
+    """
+
+    number: int
+    time: float
+    hands: tuple[TrackedHand, ...]
+    lost: tuple[LostHand, ...] = ()
+    refused: tuple[RefusedPlace, ...] = ()
+
+
+def joints_of(
+    skeleton: Skeleton, unit_mm: float, hand: Side, inputs: ArrayLike, bones: ArrayLike, origin_mm: ArrayLike
+) -> Array:
+    """Joints (K, 3) in mm, camera axes, of a hand with the fields of ``TrackedHand``."""
+    posed = kinematics_of(skeleton).joints(np.asarray(inputs, np.float64)[None], np.asarray(bones, np.float64)[None])[0]
+    return np.asarray(posed * unit_mm * mirror_of(hand) + np.asarray(origin_mm, np.float64))

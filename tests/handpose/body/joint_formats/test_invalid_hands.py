@@ -1,0 +1,108 @@
+"""handpose/body/joint_formats and handpose/body/gestures: joints that are no hand raise DataError, never give NaN."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.body.gestures.over_time import GestureReader
+from handpose.body.gestures.shapes import scores
+from handpose.body.joint_formats.angles import anatomical_angles
+from handpose.body.joint_formats.formats import FORMAT_NAMES, FormatName, formatted
+from handpose.body.joint_formats.frames import hand_frames, palm_frame
+from netlib.blob import Array
+from netlib.errors import DataError
+from tests.support.tracked_hands import CAMERA, HEADER, tracked
+
+SKELETON = HEADER.skeleton
+XYZ = tracked().xyz
+NAMES = list(SKELETON.joint_names)
+
+
+def numbers_of(name: FormatName, xyz: Any) -> list[float]:
+    """All numbers of a hand in a format."""
+    found = formatted(name, SKELETON, "right", xyz, CAMERA)
+    arrays = [found.positions, found.orientations, found.radii, found.landmarks]
+    return [float(number) for array in arrays if array is not None for number in array.ravel()]
+
+
+CALLS: dict[str, Callable[[Any], Any]] = {
+    "angles": lambda xyz: list(anatomical_angles(SKELETON, "left", xyz).values()),
+    "frames": lambda xyz: list(hand_frames(SKELETON, "right", xyz).back.values()),
+    "palm": lambda xyz: palm_frame(xyz, SKELETON),
+    "scores": lambda xyz: list(scores(SKELETON, "right", xyz).values()),
+    "gestures": lambda xyz: GestureReader(SKELETON).read(1, "right", xyz, 0.0).confidence,
+    **{name: functools.partial(numbers_of, name) for name in FORMAT_NAMES},
+}
+
+
+def moved(joint: str, to: str) -> Array:
+    """The hand with a joint at the position of another."""
+    xyz = XYZ.copy()
+    xyz[NAMES.index(joint)] = xyz[NAMES.index(to)]
+    return xyz
+
+
+def with_value(value: float) -> Array:
+    xyz = XYZ.copy()
+    xyz[NAMES.index("ring_tip"), 1] = value
+    return xyz
+
+
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize(
+    "xyz",
+    [with_value(np.nan), with_value(np.inf), with_value(1e300), XYZ[:-1], XYZ[:, :2], XYZ[None], XYZ.ravel(), None,
+     "hand", [["x"]], np.zeros((0, 3)), XYZ.astype(complex)],
+    ids=["nan", "inf", "huge", "short", "2-D", "batch", "flat", "None", "text", "texts", "empty", "complex"],
+)  # fmt: skip
+def test_joints_that_are_no_positions(call: str, xyz: Any) -> None:
+    """Another shape, and numbers that are not finite, raise DataError."""
+    with pytest.raises(DataError, match="joint"):
+        CALLS[call](xyz)
+
+
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize(
+    "xyz",
+    [XYZ * 0 + 500, XYZ * [1, 0, 0] + [0, 0, 500], XYZ * [1, 1, 0] + [0, 0, 500], XYZ * 1e-30 + [0, 0, 500],
+     moved("index_tip", "index_pip_b"), moved("thumb_tip", "thumb_dip"), moved("middle_mcp", "wrist_middle"),
+     moved("wrist_middle", "wrist_left"), moved("little_mcp", "index_mcp"), XYZ - [0, 0, 2000],
+     np.random.default_rng(0).normal(0, 100, XYZ.shape) + [0, 0, 500]],
+    ids=["point", "line", "plane", "tiny", "no bone", "no thumb bone", "no palm", "wrist", "knuckles", "behind",
+         "random"],
+)  # fmt: skip
+def test_degenerate_hands(call: str, xyz: Array) -> None:
+    """A degenerate hand raises DataError, or gives finite values; nothing warns."""
+    try:
+        assert np.isfinite(np.asarray(CALLS[call](xyz), np.float64)).all()
+    except DataError as error:
+        assert "expected" in str(error)
+
+
+def test_one_point_has_no_directions() -> None:
+    """Directions, angles and gestures need a palm; positions of a format do not."""
+    for call in ("angles", "frames", "scores", "gestures", "openxr"):
+        with pytest.raises(DataError, match="expected a palm"):
+            CALLS[call](XYZ * 0 + 500)
+    assert np.isfinite(CALLS["mano"](XYZ * 0 + 500)).all()
+
+
+def test_other_arguments() -> None:
+    """An unknown side, format or cube, and times that descend, raise DataError."""
+    with pytest.raises(DataError, match=r"^hand 'both'; expected "):
+        hand_frames(SKELETON, "both", XYZ)  # type: ignore[arg-type]
+    with pytest.raises(DataError, match=r"^format 'manos' \(did you mean 'mano'\?\)"):
+        formatted("manos", SKELETON, "left", XYZ)  # type: ignore[arg-type]
+    for cube in (0.0, np.nan, -1.0):
+        with pytest.raises(DataError, match=r"^cube_mm "):
+            formatted("mediapipe", SKELETON, "left", XYZ, cube_mm=cube)
+    reader = GestureReader(SKELETON)
+    reader.read(1, "right", XYZ, 1.0)
+    for time in (0.5, np.nan, np.inf):
+        with pytest.raises(DataError, match=r"^hand 1 at .* after 1 s; expected finite times"):
+            reader.read(1, "right", XYZ, time)

@@ -1,0 +1,60 @@
+"""handpose/body/sides.py"""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from handpose.body.sides import (
+    MIRROR,
+    SIDES,
+    SOUGHT_SIDES,
+    Side,
+    SoughtSide,
+    as_right,
+    is_mirrored,
+    mirror_of,
+    other_side,
+    side_of,
+)
+
+
+def test_names() -> None:
+    """The types and the values agree; "either" is allowed in searches only."""
+    assert get_args(Side) == SIDES and get_args(SoughtSide) == SOUGHT_SIDES == (*SIDES, "either")
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_word_from_outside(side: Side) -> None:
+    """The name of a side is converted to that side."""
+    assert side_of(str(side)) == side
+
+
+@pytest.mark.parametrize("word", ["either", "Left", "l", ""])
+def test_another_word(word: str) -> None:
+    """Any other word raises an error with the valid names."""
+    with pytest.raises(ValueError, match=f"^'{word}', expected 'right' or 'left'$"):
+        side_of(word)
+
+
+def test_the_other_side() -> None:
+    """Each side is the opposite of the other, and only the left one is mirrored."""
+    assert [other_side(side) for side in SIDES] == ["left", "right"]
+    assert [is_mirrored(side) for side in SIDES] == [False, True]
+
+
+def test_mirror() -> None:
+    """The mirror negates x for left hands only, and is its own inverse."""
+    assert mirror_of("left") is MIRROR and MIRROR.tolist() == [-1, 1, 1]
+    for side in SIDES:
+        np.testing.assert_array_equal(mirror_of(side) ** 2, np.ones(3))
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4)])
+def test_images(shape: tuple[int, ...]) -> None:
+    """For left hands the columns are reversed, in one image and in several."""
+    images = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
+    np.testing.assert_array_equal(as_right(images, "right"), images)
+    np.testing.assert_array_equal(as_right(images, "left"), np.flip(images, -1))

@@ -1,0 +1,192 @@
+"""handpose/body/model.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.body.model import Surface
+from handpose.body.render import Capsules
+from handpose.frames.cameras import NYU
+from layers.hand import skeleton as skeletons
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter, text_of
+from netlib.errors import NetlibError, PrototxtError
+from netlib.proto import prototxt, schema
+from tests.handpose.whole_images import render_image
+
+HAND = skeletons.load()
+SURFACE_BLOCK = Surface(HAND)
+ARM = """name: "arm"
+dof { name: "x" } dof { name: "shoulder" } dof { name: "elbow" }
+joint { name: "root" translate { axis: X dof: "x" } rotate { axis: Z dof: "shoulder" } }
+joint { name: "end" parent: "root" rotate { axis: Z dof: "elbow" } bone { axis: X length: 2 } }
+flesh {
+  dof { name: "bend" deviation: 0.5 }
+  joint { name: "tip" parent: "end" rotate { axis: Y dof: "bend" } bone { axis: X length: 1 } }
+  offset { joint: "end" axes: "root" y: 0.5 }
+  offset { joint: "tip" axes: "tip" z: -0.25 }
+  capsule { from: "root" to: "end" radius: 0.2 part: "upper" }
+  capsule { from: "end" to: "tip" radius: 0.2 radius: 0.1 }
+}
+"""
+
+
+def body(text: str) -> Skeleton:
+    """The skeleton described by a text."""
+    return Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test"))
+
+
+def test_the_table_of_an_arm() -> None:
+    """Names become indices; the surface's own joint and DoF follow the skeleton's."""
+    surface = Surface(body(ARM))
+    assert surface.whole.joint_names == ["root", "end", "tip"] and surface.skeleton.joint_names == ["root", "end"]
+    assert (surface.start.tolist(), surface.end.tolist(), surface.limbs.tolist()) == ([0, 1], [1, 2], [False, True])
+    np.testing.assert_array_equal(surface.radii, [[0.2, 0.2], [0.2, 0.1]])
+    np.testing.assert_array_equal(surface.deviation, [np.inf, np.inf, np.inf, 0.5])
+
+
+def test_the_table_of_wedges() -> None:
+    """Edges shared by two wedges are one capsule; the file's own capsules follow."""
+    wedges = """wedge { joint: "root" joint: "end" joint: "tip" radius: 0.3 radius: 0.2 radius: 0.1 part: "web" }
+      wedge { joint: "tip" joint: "end" joint: "side" radius: 0.1 radius: 0.2 radius: 0.4 }
+      joint { name: "side" parent: "root" bone { axis: Y length: 1 } }"""
+    surface = Surface(body(ARM.replace("  offset", wedges + "\n  offset", 1)))
+    ends = list(zip(surface.start.tolist(), surface.end.tolist()))
+    assert ends == [(0, 1), (0, 2), (1, 2), (2, 3), (1, 3), (0, 1), (1, 2)]
+    assert surface.parts == ["web", "web", "web", "", "", "upper", ""]
+    spheres = np.stack([surface.start, surface.end], axis=1).reshape(-1), surface.radii.reshape(-1)
+    assert [spheres[0][corner].tolist() for corner in surface.facets] == [[0, 1, 2], [2, 1, 3]]
+    assert [spheres[1][corner].tolist() for corner in surface.facets] == [[0.3, 0.2, 0.1], [0.1, 0.2, 0.4]]
+
+
+def test_offsets_turn_with_their_axes() -> None:
+    """With the shoulder at a quarter turn and the elbow back, the offsets equal those worked out by hand."""
+    surface = Surface(body(ARM))
+    pose = surface.kinematics.forward(np.array([[0, np.pi / 2, -np.pi / 2, 0.0]]))
+    np.testing.assert_allclose(surface.ends(pose)[0], [[0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]], atol=1e-12)
+    np.testing.assert_allclose(surface.ends(pose, size=2.0, offset=0.5)[0, 1], [1.5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(surface.ends(pose, offset=0.0), pose.joints, atol=1e-12)
+
+
+def test_surface_lies_towards_the_palm() -> None:
+    """Seen from the palm, more surface is in front of the wrist than seen from the back; the joints are the same."""
+    inputs = np.zeros((2, len(SURFACE_BLOCK.whole.initial)))
+    inputs[:, :47] = -HAND.initial
+    inputs[1, HAND.dof_names.index("palm_rot_y")] += np.pi
+    pose = SURFACE_BLOCK.kinematics.forward(inputs)
+    ends, joints = SURFACE_BLOCK.ends(pose) * 150 + (0, 0, 800), pose.joints * 150 + (0, 0, 800)
+    own = ~SURFACE_BLOCK.limbs  # a forearm would hide the wrist
+    radii = np.stack([SURFACE_BLOCK.radii[own] * 150] * 2)
+    hand = Capsules(ends[:, SURFACE_BLOCK.start[own]], ends[:, SURFACE_BLOCK.end[own]], radii[..., 0], radii[..., 1])
+    at = NYU.project(joints)
+    for joint, least, most in (("wrist_middle", 14, 24), ("ring_mcp", 8, 18), ("ring_tip", -3, 3)):
+        k = HAND.joint_names.index(joint)
+        palm, back = (
+            joints[n, k, 2] - image[round(at[n, k, 1]), round(at[n, k, 0])]
+            for n, image in enumerate(render_image(hand, NYU))
+        )
+        assert least < palm - back < most
+
+
+def test_what_keeps_apart() -> None:
+    """Parts of different digits, and digits and palm, are pairs; parts that touch at rest, or have no name, are not."""
+    name = [
+        f"{SURFACE_BLOCK.whole.joint_names[a]}-{SURFACE_BLOCK.whole.joint_names[b]}"
+        for a, b in zip(SURFACE_BLOCK.start, SURFACE_BLOCK.end)
+    ]
+    pairs = {frozenset((name[i], name[j])) for i, j in zip(*SURFACE_BLOCK.apart)}
+    for one, other in (
+        ("index_dip-index_tip", "middle_base-middle_pip_a"),
+        ("thumb_pip-thumb_dip", "index_base-index_pip_a"),
+        ("thumb_dip-thumb_tip", "wrist_left-little_mcp"),
+        ("ring_pip_b-ring_dip", "wrist_middle-index_mcp"),
+    ):
+        assert frozenset((one, other)) in pairs
+    for one, other in (
+        ("index_dip-index_tip", "index_base-index_pip_a"),
+        ("index_mcp-index_base", "middle_mcp-middle_base"),
+        ("ring_base-ring_pip_a", "wrist_left-ring_mcp"),
+        ("ring_dip-ring_tip", "wrist_middle-thumb_mcp"),
+        ("ring_dip-ring_tip", "forearm-elbow"),
+    ):
+        assert frozenset((one, other)) not in pairs
+
+
+def test_penetration_of_two_arms() -> None:
+    """The penetration is the depth of one capsule within another, and -inf without pairs."""
+    crossed = body(
+        """dof { name: "y" } joint { name: "a" } joint { name: "b" parent: "a" bone { axis: X length: 2 } }
+        joint { name: "c" translate { axis: Y dof: "y" } } joint { name: "d" parent: "c" bone { axis: Z length: 2 } }
+        joint { name: "e" parent: "c" bone { axis: Y length: 5 } }
+        flesh { joint { name: "f" parent: "e" bone { axis: X length: 2 } }
+        capsule { from: "a" to: "b" radius: 0.3 part: "one" } capsule { from: "e" to: "f" radius: 0.5 part: "two" } }"""
+    )
+    surface = Surface(crossed)
+    ends = surface.ends(surface.kinematics.forward(np.array([[0.0], [-4.4]])))
+    np.testing.assert_allclose(surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2])
+    alone = Surface(body(ARM))
+    assert alone.penetration(np.zeros((1, 3, 3)), alone.radii[None]) == -np.inf
+
+
+def test_surface_is_written_and_scaled_with_its_body() -> None:
+    """A surface survives writing and reading, and is scaled with its body."""
+    assert body(text_of(HAND.param, "hand", "")).param.flesh == HAND.param.flesh
+    surface, twice = Surface(body(ARM)), Surface(body(ARM).scaled(2))
+    inputs = np.full((1, 4), 0.3)
+    inputs[:, 0] = 0
+    np.testing.assert_allclose(twice.radii, 2 * surface.radii)
+    np.testing.assert_allclose(
+        twice.ends(twice.kinematics.forward(inputs)), 2 * surface.ends(surface.kinematics.forward(inputs))
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('from: "root"', 'from: "rot"', r":10:13: error: unknown joint 'rot' \(did you mean 'root'"),
+        ('offset { joint: "tip"', 'offset { joint: "tp"', r":9:12: error: unknown joint 'tp'"),
+        ('axes: "root"', 'axes: "rooot"', r":8:25: error: unknown joint 'rooot'"),
+        (
+            "flesh {",
+            'flesh { wedge { joint: "root" joint: "end" radius: 1 }',
+            "joints root, end; expected three different",
+        ),
+        (
+            "flesh {",
+            'flesh { wedge { joint: "root" joint: "end" joint: "end" radius: 1 }',
+            "expected three different",
+        ),
+        (
+            "flesh {",
+            'flesh { wedge { joint: "root" joint: "end" joint: "tip" radius: 1 radius: 2 }',
+            "radius 1, 2; expected one or three > 0",
+        ),
+        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" joint: "tap" radius: 1 }', "unknown joint 'tap'"),
+        ("radius: 0.2 part", "radius: -1 part", r":10:11: error: radius -1; expected one or two > 0"),
+        ("radius: 0.2 part", "radius: 1e200 part", r":10:11: error: radius 1e\+200; expected one or two > 0"),
+        ("radius: 0.2 part", "radius: 12 part", r"radius 12; expected one or two > 0, in half-cubes, at most 10 \("),
+        ("y: 0.5", "y: 20", r"offset 0, 20, 0; expected lengths in half-cubes, at most 10 \("),
+        ("y: 0.5", "y: nan", r":8:10: error: offset 0, nan, 0; expected lengths"),
+        (
+            'joint: "tip" axes: "tip"',
+            'joint: "end" axes: "root"',
+            r":9:10: error: joint 'end' has two offsets along 'root'",
+        ),
+        ("radius: 0.2 part", "part", r":10:11: error: missing required field 'radius'"),
+        ('parent: "end"', 'parent: "ned"', r":7:23: error: unknown parent 'ned'"),
+    ],
+)
+def test_mistakes(old: str, new: str, message: str) -> None:
+    """The error names the place in the file."""
+    assert ARM.count(old) == 1
+    with pytest.raises(PrototxtError, match=message):
+        Surface(body(ARM.replace(old, new)))
+
+
+def test_a_skeleton_without_surface() -> None:
+    """A skeleton without a surface, or with an empty one, raises an error."""
+    with pytest.raises(NetlibError, match=r"skeleton 'arm' has no flesh"):
+        Surface(body(ARM[: ARM.index("flesh")]))
+    with pytest.raises(PrototxtError, match="no capsule"):
+        Surface(body(ARM[: ARM.index("flesh")] + "flesh { }"))

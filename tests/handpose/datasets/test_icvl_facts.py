@@ -1,0 +1,121 @@
+"""handpose/datasets/icvl.py, and the hand for it, prototxt/hand/icvl.prototxt"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handpose.datasets import icvl
+from handpose.frames.cameras import ICVL
+from layers.hand import skeleton
+from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton import Skeleton
+
+HAND = Path(__file__).parents[3] / "prototxt" / "hand" / "icvl.prototxt"
+DATA = Path(__file__).parents[3].parent / "shared" / "data" / "icvl"
+needs_real = pytest.mark.skipif(not DATA.is_dir(), reason="needs ICVL's annotation")
+
+
+@pytest.fixture
+def hand() -> Skeleton:
+    """The hand for ICVL."""
+    return skeleton.load(HAND)
+
+
+def mm(name: str) -> np.ndarray:
+    """Recorded joints (1596, 16, 3) in mm."""
+    return ICVL.unproject(np.loadtxt(DATA / name).reshape(-1, 16, 3))
+
+
+def among_model_joints(joints: np.ndarray) -> np.ndarray:
+    """The 16 joints (N, 16, 3) taken from NYU's 31 (N, 31, 3)."""
+    name = skeleton.load().joint_names.index
+    return np.stack([joints[:, [name(j) for j in icvl.MODEL_JOINTS[own]]].mean(axis=1) for own in icvl.JOINTS], axis=1)
+
+
+def test_joints(hand: Skeleton) -> None:
+    """The first 16 joints are ICVL's in ICVL's order; the DoFs and their limits are those of the NYU hand."""
+    nyu = skeleton.load()
+    assert (
+        tuple(hand.joint_names[:16]) == icvl.JOINTS == tuple(icvl.MODEL_JOINTS[name] and name for name in icvl.JOINTS)
+    )
+    assert hand.dof_names == nyu.dof_names
+    for name in ("lower", "upper", "fixed"):
+        np.testing.assert_array_equal(getattr(hand, name), getattr(nyu, name))
+    np.testing.assert_array_equal(hand.initial[3:], nyu.initial[3:])
+    np.testing.assert_array_equal(hand.initial[:3], 0)
+
+
+def test_it_is_the_nyu_hand_in_a_mirror(hand: Skeleton) -> None:
+    """With equal bones, and NYU's doubled joints in one place, every pose is NYU's with x mirrored."""
+    nyu = skeleton.load()
+    inputs = np.random.default_rng(0).normal(0, 0.4, (50, 47))
+    bones = nyu.bones.copy()
+    for own, length in zip(hand.joint_names, hand.bones):
+        if own != "palm":
+            like = icvl.MODEL_JOINTS.get(own, (own,))
+            bones[nyu.joint_names.index(like[0])] = np.sign(nyu.bones[nyu.joint_names.index(like[0])]) * abs(length)
+            for other in like[1:]:  # the second of NYU's two points falls on the first
+                bones[nyu.joint_names.index(other)] = 0
+    same = inputs.copy()
+    same[:, :3] -= nyu.initial[:3]
+    posed = kinematics_of(nyu).joints(same, np.broadcast_to(bones, (50, 31)))
+    ours = kinematics_of(hand).joints(inputs)[:, :16]
+    np.testing.assert_allclose(ours, among_model_joints(posed) * (-1, 1, 1), atol=1e-12)
+
+
+def test_joints_among_the_models() -> None:
+    """Joints of the model are selected by name; the middle finger's mid lies between its two points."""
+    joints = np.random.default_rng(0).normal(size=(3, 31, 3))
+    few, name = among_model_joints(joints), skeleton.load().joint_names.index
+    assert few.shape == (3, 16, 3)
+    np.testing.assert_array_equal(few[:, 0], joints[:, name("palm")])
+    np.testing.assert_array_equal(few[:, 15], joints[:, name("little_dip")])
+    np.testing.assert_allclose(few[:, 8], (joints[:, name("middle_pip_a")] + joints[:, name("middle_pip_b")]) / 2)
+
+
+def handedness(joints: np.ndarray) -> np.ndarray:
+    """The side of the palm's plane (index, little, palm) to which the fingers bend: opposite for a mirrored hand."""
+    normal = np.cross(joints[:, 4] - joints[:, 0], joints[:, 13] - joints[:, 0])
+    bent = joints[:, [6, 9, 12, 15]].mean(axis=1) - joints[:, [4, 7, 10, 13]].mean(axis=1)
+    return np.sign((normal * bent).sum(axis=1))
+
+
+@needs_real
+def test_icvl_shows_the_other_hand(hand: Skeleton) -> None:
+    """ICVL's annotated hands bend to the same side as this skeleton, and NYU's hand bends to the other."""
+    inputs = np.zeros((1, 47))
+    angles = ~hand.fixed & (hand.upper < 10)
+    inputs[:, angles] = hand.lower[angles] * 0.9 + hand.upper[angles] * 0.1  # a fist
+    ours = kinematics_of(hand).joints(inputs)[:, :16]
+    nyus = among_model_joints(kinematics_of(skeleton.load()).joints(inputs))
+    assert handedness(ours)[0] == -handedness(nyus)[0]
+    real = handedness(mm("test_groundtruth_uvd.txt"))
+    assert (real == handedness(ours)).mean() > 0.9
+
+
+@needs_real
+def test_bones(hand: Skeleton) -> None:
+    """The bones of the paper's published ICVL predictions equal this hand's to 3%."""
+    published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
+    for j, name in enumerate(icvl.JOINTS):
+        if name.endswith(("_mid", "_tip")):
+            length = np.linalg.norm(published[:, j] - published[:, j - 1], axis=1)
+            assert abs(hand.bones[j]) * icvl.CUBE_MM / 2 == pytest.approx(length.mean(), rel=0.03)
+            assert length.std() / length.mean() < 0.03  # a rigid bone
+
+
+@needs_real
+def test_the_published_hand_is_rigid_and_not_nyus() -> None:
+    """The lengths equal those in docs/paper.md: thumb root to mid, thumb mid to tip, index root to mid."""
+    published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
+    nyu = among_model_joints(kinematics_of(skeleton.load()).joints(np.zeros((1, 47)))) * 150
+    bones = (("thumb_root", "thumb_mid"), ("thumb_mid", "thumb_tip"), ("index_root", "index_mid"))
+    one, other = np.array([[icvl.JOINTS.index(joint) for joint in bone] for bone in bones]).T
+    lengths = np.linalg.norm(published[:, one] - published[:, other], axis=2)
+    np.testing.assert_allclose(lengths.mean(axis=0), (32.3, 17.0, 29.3), atol=0.05)
+    assert lengths.std(axis=0).min() > 0.2 and lengths.std(axis=0).max() < 0.4
+    of_nyu = np.linalg.norm(nyu[:, one] - nyu[:, other], axis=2)
+    np.testing.assert_allclose(of_nyu, [(46.1, 23.7, 33.1)], atol=0.06)

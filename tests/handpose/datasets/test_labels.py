@@ -1,0 +1,192 @@
+"""handpose/datasets/labels.py: joints and half-cubes of an HDF5 file."""
+
+import h5py
+import numpy as np
+import pytest
+
+from handpose.datasets import labels
+from handpose.frames.cameras import CAMERAS, NYU, Camera
+from netlib.errors import DataError
+from netlib.files.hdf5 import File
+
+ROWS = np.linspace(-1, 1, 4 * 6).reshape(4, 6)  # four frames of two joints
+
+
+def write(path, **arrays):
+    with h5py.File(path, "w") as file:
+        for name, array in arrays.items():
+            file[name] = array
+    return path
+
+
+def at(values, number, where=1):
+    """A copy of the values with another number in one frame."""
+    changed = np.array(values, np.float64)
+    changed[where] = number
+    return changed
+
+
+@pytest.mark.parametrize("shape", [(4, 6), (4, 2, 3)])
+@pytest.mark.parametrize("dtype", ["f4", "f8", ">f4", "i2"])
+@pytest.mark.parametrize("options", [{}, {"compression": "gzip"}], ids=["in one piece", "compressed"])
+def test_joints_in_any_storage(tmp_path, shape, dtype, options):
+    """Joints are read as float64, into a writable array that is independent of the file."""
+    stored = (100 * ROWS).astype(dtype)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("joint", data=stored.reshape(shape), **options)
+    joints = labels.read(tmp_path / "a.h5", [2]).joints
+    assert joints.dtype == np.float64 and np.array_equal(joints, stored.reshape(4, 2, 3))
+    joints[...] = 9
+    assert np.array_equal(labels.read(tmp_path / "a.h5", [2]).joints, stored.reshape(4, 2, 3))
+
+
+@pytest.mark.parametrize("shape", [(4,), (4, 1)])
+@pytest.mark.parametrize("dtype", ["f4", "i2"])
+def test_half_cubes(tmp_path, shape, dtype):
+    """There is one half-cube per frame, from the labels and from an open file alike."""
+    path = write(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
+    for found in (labels.read(path, [2]).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
+        assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
+
+
+def test_a_file_without_half_cubes(tmp_path):
+    """A file without half-cubes gets NYU's, or those that the caller passes."""
+    path = write(tmp_path / "a.h5", joint=ROWS)
+    assert labels.read(path, [2]).half_cube.tolist() == [150] * 4
+    assert labels.read(path, [2], usual=125).half_cube.tolist() == [125] * 4
+    assert labels.read_half_cubes(File(path, ("joint",)), usual=125).tolist() == [125] * 4
+
+
+def test_what_else_a_file_holds(tmp_path):
+    """The names of the other data sets are returned in the order of the file, with the attribute ``made_from``."""
+    path = write(tmp_path / "a.h5", joint=ROWS, depth=np.zeros(4))
+    assert labels.read(path, [2]).made_from == "an unknown source"
+    with h5py.File(path, "a") as file:
+        file.attrs["made_from"] = "a test"
+    found = labels.read(path, [2])
+    assert (found.names, found.made_from) == (("depth", "joint"), "a test")
+
+
+def test_joints_that_are_not_seen(tmp_path):
+    """Joints on or beyond the faces of the cube, or NaN, are returned as stored and marked as not seen."""
+    joints = np.array([[0.5, -0.5, 0, 0.9, -0.9, 0], [0, 0, 1, 0, -1, 0], [0, 0, 0, np.nan, 0, 0], [0, 2, 0, 0, 0, 0]])
+    found = labels.read(write(tmp_path / "a.h5", joint=joints), [2])
+    assert np.array_equal(found.joints.reshape(4, 6), joints, equal_nan=True)
+    assert found.seen.tolist() == [[True, True], [False, False], [True, False], [False, True]]
+
+
+def test_labels_of_another_file(tmp_path):
+    """Data sets that a file lacks are read from the file that its attribute ``rest_in`` names."""
+    write(tmp_path / "first.h5", joint=ROWS, half_cube=np.full(4, 130.5))
+    path = write(tmp_path / "a.h5", dof=np.zeros((4, 3)))
+    with h5py.File(path, "r+") as file:
+        file.attrs["rest_in"] = "first.h5"
+    assert labels.read(path, [2]).half_cube.tolist() == [130.5] * 4
+    (tmp_path / "first.h5").unlink()
+    with pytest.raises(DataError, match=r"first\.h5: cannot read the rest of .*a\.h5: No such file"):
+        labels.read(path, [2])
+
+
+# -------------------------------------------------------------------------------------------- mistakes
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"other": np.zeros(2)}, "no data set 'joint'; it has other"),
+        ({"joint": np.array([b"a", b"b"])}, "data set '/joint' holds |S1, expected numbers"),
+        ({"joint": np.float64(1)}, "data set 'joint' has no rows"),
+        ({"joint": np.zeros((0, 6))}, "data set 'joint' has no rows"),
+        (
+            {"joint": np.zeros(6)},
+            "data set 'joint' has shape (6,), expected (N, 6) for 2 joints or (N, 9) for 3 joints",
+        ),
+        ({"joint": np.zeros((4, 7))}, "data set 'joint' has shape (4, 7), expected (N, 6) for 2 joints or"),
+        ({"joint": np.zeros((4, 12))}, "data set 'joint' has shape (4, 12), expected (N, 6) for 2 joints or"),
+        ({"joint": np.zeros((4, 3, 2))}, "data set 'joint' has shape (4, 3, 2), expected (N, 6) for 2 joints or"),
+        (
+            {"joint": at(ROWS, -np.inf, [2, 3])},
+            "data set 'joint' is infinite in frame 2 (2 such frames), expected half-",
+        ),
+        ({"half_cube": np.array([b"150"] * 4)}, "data set '/half_cube' holds |S3, expected numbers"),
+        ({"half_cube": 150.0}, "data set 'half_cube' has no rows"),
+        ({"half_cube": np.ones(3)}, "data set 'half_cube' has shape (3,), expected (4,): mm, one number per frame"),
+        (
+            {"half_cube": np.ones((4, 3))},
+            "data set 'half_cube' has shape (4, 3), expected (4,): mm, one number per frame",
+        ),
+        (
+            {"half_cube": at(np.full(4, 150.0), 0)},
+            "data set 'half_cube' is 0 in frame 1 (1 such frames), expected mm, 25 to",
+        ),
+        ({"half_cube": np.full(4, 0.15)}, "data set 'half_cube' is 0.15 in frame 0 (4 such frames), expected mm, 25"),
+        ({"half_cube": -np.ones(4)}, "data set 'half_cube' is -1 in frame 0 (4 such frames), expected mm, 25 to"),
+        (
+            {"half_cube": at(np.full(4, 150.0), np.nan)},
+            "data set 'half_cube' is nan in frame 1 (1 such frames), expected mm",
+        ),
+        (
+            {"half_cube": at(np.full(4, 150.0), np.inf)},
+            "data set 'half_cube' is inf in frame 1 (1 such frames), expected mm",
+        ),
+    ],
+    ids=lambda value: value.replace("data set ", "")[:40] if isinstance(value, str) else "",
+)
+def test_labels_with_something_wrong_in_them(tmp_path, arrays, message):
+    """The error names the file, the data set, what was found and what was expected, on one line."""
+    path = write(tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in arrays else {}), **arrays)
+    with pytest.raises(DataError) as error:
+        labels.read(path, [2, 3])
+    assert str(error.value).startswith(f"{path}: {message}") and "\n" not in str(error.value)
+
+
+def test_centers_that_tell_no_camera(tmp_path):
+    """Centres on the optical axis or at one place do not determine the focal length, which raises an error."""
+    own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
+    for camera, spread in ((NYU, (0, 0)), (own, (0, 0)), (own, (9, 90)), (own, (90, 9))):
+        uvd = np.tile([camera.u0, camera.v0, 700.0], (4, 1)) + (0 if camera is NYU else 50, 0, 0)
+        uvd[1, :2] += spread
+        path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=camera.unproject(uvd))
+        with pytest.raises(DataError, match=r"a\.h5: .* lie within [09]\S* px .* does not tell the camera; expected"):
+            labels.read_crop_centers([File(path, ("joint",))])
+
+
+@pytest.mark.parametrize("value", [1e-300, 1e300, np.nan, np.inf, -700.0, 0.0])
+def test_centers_that_are_nowhere(tmp_path, value):
+    """Centres that are not finite, or not in front of the camera, raise an error of one line."""
+    uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
+    xyz = NYU.unproject(uvd)
+    xyz[2, 2] = value
+    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=xyz)
+    with pytest.raises(DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"):
+        labels.read_crop_centers([File(path, ("joint",))])
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_the_camera_of_one_frame(tmp_path, name):
+    """A known camera is recognised from the centre of one frame."""
+    uvd = np.tile([200.0, 100.0, 700.0], (4, 1))
+    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=CAMERAS[name].unproject(uvd))
+    found, camera = labels.read_crop_centers([File(path, ("joint",))])
+    assert camera == CAMERAS[name] and np.allclose(found, uvd)
+
+
+def test_the_camera_follows_from_the_centers(tmp_path):
+    """The parameters of an unknown camera are estimated from rounded centres."""
+    own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
+    uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
+    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=np.round(uvd), center=own.unproject(uvd + 0.3))
+    _, camera = labels.read_crop_centers([File(path, ("joint",))])
+    assert np.allclose((camera.fx, camera.fy), (500, 510)) and camera.name == "own"
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no HDF5 at all", "cut"], ids=["missing", "empty", "text", "cut"])
+def test_files_that_are_not_hdf5(tmp_path, content):
+    """A missing, empty, truncated or non-HDF5 file raises an error of one line."""
+    path = tmp_path / "a.h5"
+    if content is not None:
+        write(path, joint=ROWS)
+        path.write_bytes(path.read_bytes()[:1000] if content == "cut" else content)
+    with pytest.raises(DataError, match=r"a\.h5: cannot read the HDF5 file: ") as error:
+        labels.read(path, [2])
+    assert "\n" not in str(error.value)

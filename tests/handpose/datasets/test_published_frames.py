@@ -1,0 +1,86 @@
+"""handpose/datasets/published_frames.py; more of it in the tests of the tools that use it"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handpose.body.nyu import TEST_FRAMES
+from handpose.datasets import nyu_files
+from handpose.datasets.published_frames import PublishedFrames, statistics
+from handpose.frames import images
+from handpose.frames.cameras import NYU
+
+
+def frames(**changes: object) -> PublishedFrames:
+    """Two frames of a plate."""
+    facts: dict[str, object] = {
+        "split": "test",
+        "files": [Path("0.png"), Path("1.png")],
+        "center_uvd": np.array([[320.0, 240, 800], [300, 200, 700]]),
+        "joints": np.zeros((2, 4, 3)) + (0, 0, 800),
+        "cube_mm": np.array([300.0, 261.0]),
+        "camera": NYU,
+        "read": lambda path: np.full((480, 640), 780.0),
+        "made_from": "plates",
+        "centre": "the middle",
+    }
+    return PublishedFrames(**{**facts, **changes})  # type: ignore[arg-type]
+
+
+def test_crops() -> None:
+    """A good frame becomes a labelled crop, and each kind of bad frame is reported."""
+    found, bad = frames().crops(0, 2)
+    assert not bad
+    np.testing.assert_allclose(found.depth[0, 0, 64, 64], -20 / 150, rtol=1e-6)
+    np.testing.assert_array_equal(found.joint[0], 0)
+    assert found.joint[1].max() == pytest.approx(100 / 130.5)
+    nan = np.zeros((2, 4, 3)) * np.nan
+    for changes, kind in (
+        ({"joints": nan}, images.UNLABELLED),
+        ({"center_uvd": np.array([[320, 240, 0.0]] * 2)}, images.UNLABELLED),
+        ({"center_uvd": np.array([[9999, 240, 800.0]] * 2)}, images.OUTSIDE),
+        ({"read": lambda path: np.full((480, 640), 2000.0)}, images.EMPTY),
+        ({"read": lambda path: np.zeros((480, 640))}, images.EMPTY),
+        ({"read": lambda path: np.full((640, 480), 780.0)}, images.WRONG_SIZE),
+    ):
+        found, bad = frames(**changes).crops(0, 2)
+        assert [(i, error.kind) for i, error in bad] == [(0, kind), (1, kind)]
+        assert all(
+            len(array) == 0 and array.shape[1:] == frames().columns()[name].shape[1:]
+            for name, array in found.arrays().items()
+        )
+
+
+def test_recipe(tmp_path: Path) -> None:
+    """A recipe depends on the frames, the labels, the centres, the cube and the size of the images."""
+    first = frames().recipe(0, 2)
+    assert frames().recipe(0, 2) == first
+    some = tmp_path / "0.png"
+    some.write_text("image")
+    others = [
+        frames(center_uvd=np.zeros((2, 3))),
+        frames(joints=np.ones((2, 4, 3))),
+        frames(cube_mm=np.full(2, 300.0)),
+        frames(centre="elsewhere"),
+        frames(files=[some, Path("1.png")]),
+    ]
+    assert len({first, frames().recipe(0, 1), *(other.recipe(0, 2) for other in others)}) == 7
+
+
+def test_statistics() -> None:
+    """Figures in mm are given with their centre and cube."""
+    report = statistics(frames(), [0, 1])
+    assert "z 0 to 100 mm from the centre (the middle), cube 261 mm (1 frames) and 300 mm (1 frames)" in report
+    assert "0.0% of the frames have a joint outside the cube" in report
+
+
+def test_statistics_of_the_real_annotation(nyu_data: Path, tmp_path: Path) -> None:
+    """A fifth of NYU's test frames have an annotated joint outside the cube about joint 34."""
+    uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"].astype(float)
+    (tmp_path / "test").mkdir()
+    nyu_files.write_annotation(tmp_path / "test" / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
+    report = statistics(nyu_files.read_split(tmp_path, "test"), range(TEST_FRAMES))
+    assert "cube 261 mm (5812 frames) and 300 mm (2440 frames); 19.2% of the frames" in report

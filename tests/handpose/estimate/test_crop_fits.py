@@ -1,0 +1,126 @@
+"""handpose/estimate/crop_fits.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import netlib
+from handpose.estimate import crop_fits
+from handpose.estimate.crop_fits import fit_crops, fit_starts
+from handpose.estimate.nets import hand_layer, hand_poses
+from handpose.estimate.packaged import load_predictor
+from handpose.estimate.predictor import Predictor
+from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.observation import HandCrops
+from handpose.fit.search import FAST
+from handpose.frames.cameras import NYU
+from handpose.synthetic.generator import Generator, Scene
+from layers.hand.skeleton import load
+from netlib.net import Net
+from tests.handpose.estimate.conftest import NetOf
+
+HEADS = """
+layer { name: "data" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 128 dim: 128 } } }
+layer { name: "DoF" type: "InnerProduct" bottom: "depth" top: "DoF" inner_product_param { num_output: 47 } }
+layer { name: "size" type: "InnerProduct" bottom: "depth" top: "size" inner_product_param { num_output: 1 } }
+layer { name: "joints" type: "InnerProduct" bottom: "depth" top: "joints" inner_product_param { num_output: 93 } }
+layer { name: "hand" type: "HandModel" bottom: "DoF" bottom: "size" top: "pred" }
+"""
+
+
+@pytest.fixture(scope="module")
+def predictor() -> Predictor:
+    """The packaged predictor with the fast fit."""
+    return load_predictor(fit="fast", hand="right")
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Some synthetic frames."""
+    return Generator(9).scene(0)
+
+
+def test_blocks_change_nothing(predictor: Predictor, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten crops at once or four at a time give the same fits to rounding, which may lead a few fits to other minima."""
+    done: list[int] = []
+    args = (
+        predictor.net,
+        predictor.fitter,
+        HandCrops.of_sides(scene.depth[:10], scene.center_uvd[:10], NYU, 300.0),
+        FAST,
+    )
+    whole = fit_crops(*args)
+    monkeypatch.setattr(crop_fits, "MAX_CROPS", 4)
+    parts = fit_crops(*args, progress=done.append)
+    apart = np.linalg.norm(parts.joints - whole.joints, axis=2).max(axis=1)  # mm
+    assert np.median(apart) < 0.1 and (apart < 1).mean() >= 0.7
+    assert done == [4, 4, 2] and whole.inputs.shape == (10, 47)
+
+
+def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
+    """A mirrored crop, taken as a left hand, gives nearly the same pose; the crops differ by a pixel."""
+    fitter = predictor.fitter
+    right = fit_crops(
+        predictor.net, fitter, HandCrops.of_sides(scene.depth[:8], scene.center_uvd[:8], NYU, 300.0), FAST
+    )
+    uvd = scene.center_uvd[:8] * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
+    mirrored = HandCrops.of_sides(scene.depth[:8, :, ::-1], uvd, NYU, 300.0, "left")
+    left = fit_crops(predictor.net, fitter, mirrored, FAST)
+    apart = np.linalg.norm(left.joints - right.joints, axis=2).mean(axis=1)
+    assert np.median(apart) < 8
+
+
+def test_a_known_size(predictor: Predictor, scene: Scene) -> None:
+    """A known size is kept."""
+    hands = HandCrops.of_sides(scene.depth[:2], scene.center_uvd[:2], NYU, 300.0)
+    found = fit_crops(predictor.net, predictor.fitter, hands, FAST, size=0.95)
+    assert found.size == pytest.approx(0.95, abs=3e-3)
+
+
+def crops(count: int) -> np.ndarray:
+    """Crops of noise."""
+    return np.random.default_rng(0).uniform(-1, 1, (count, 128, 128)).astype(np.float32)
+
+
+@pytest.fixture
+def net(net_of: NetOf) -> Net:
+    """A net with a constant output: the initial pose, scaled by 0.9, and joints that the test sets."""
+    net = net_of(HEADS, netlib.TEST)
+    for name in ("DoF", "size", "joints"):
+        net.params[name][0].data[...] = 0
+    net.params["size"][1].data[...] = 0.9
+    return net
+
+
+def test_of_a_net_with_sizes(net: Net) -> None:
+    """The start has the size that the net predicts, and the joints of its hand model."""
+    model = CapsuleModel(load(), 150.0)
+    net.params["joints"][1].data[...] = net.forward(depth=crops(1)[:, None])["pred"][0]
+    (x,) = fit_starts(net, model, crops(2), (0,))
+    assert x.shape == (2, model.variables)
+    np.testing.assert_allclose(np.exp(x[:, SIZE]), 0.9, atol=0.003)
+    found = model.joints(x) / 150
+    np.testing.assert_allclose(found[0], net.blobs["pred"].data[0].reshape(31, 3), atol=0.02)
+
+
+def test_moved_to_the_joints(net: Net) -> None:
+    """If the net predicts joints in addition to its hand model, the start is near them."""
+    model = CapsuleModel(load(), 150.0)
+    aim = net.forward(depth=crops(1)[:, None])["pred"][0].reshape(31, 3) + (0.2, 0, 0)
+    net.params["joints"][1].data[...] = aim.reshape(-1)
+    poses = hand_poses(net, crops(1))
+    assert poses.joints is not None
+    np.testing.assert_allclose(poses.joints[0], aim, atol=1e-6)
+    (x,) = fit_starts(net, model, crops(1), (0,))
+    assert np.linalg.norm(model.joints(x)[0] / 150 - aim, axis=1).max() < 0.02
+
+
+def test_turned_crops(net: Net) -> None:
+    """A net with a constant output gives starts that are turned back with the crops by quarter turns."""
+    model, layer = CapsuleModel(load(), 150.0), hand_layer(net)
+    assert layer is not None
+    net.params["joints"][1].data[...] = net.forward(depth=crops(1)[:, None])["pred"][0]
+    plain, turned = (model.joints(x)[0] for x in fit_starts(net, model, crops(1), (0, 1)))
+    clockwise = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])
+    np.testing.assert_allclose(turned, plain @ clockwise.T, atol=1.0)

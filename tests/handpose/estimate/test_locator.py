@@ -1,0 +1,340 @@
+"""handpose/estimate/locator.py"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import netlib
+from handpose.body.nyu import CENTER_JOINT, CUBE_MM
+from handpose.body.sides import SIDES, mirror_of
+from handpose.datasets.nyu_files import read_nyu_depth
+from handpose.estimate import locator
+from handpose.estimate.locator import (
+    APART_MM,
+    FARTHER_MM,
+    HANDS,
+    PALM_MM,
+    Locator,
+    depth_around,
+    find_hand,
+    palm_frame,
+    recenter,
+)
+from handpose.estimate.packaged import load_locator
+from handpose.frames import places
+from handpose.frames.cameras import KINECT2, NYU
+from handpose.frames.places import SIZE
+from handpose.synthetic import prior_file
+from handpose.synthetic.generator import BLOCK, Generator
+from handpose.synthetic.nyu_format import whole_image
+from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.scenes import draw_scenes
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib.errors import DataError, NetlibError
+from netlib.proto import prototxt, schema
+from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
+
+NET = """
+layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 64 dim: 64 } } }
+layer { name: "score" type: "InnerProduct" bottom: "depth" top: "score" inner_product_param { num_output: 2 } }
+layer { name: "chance" type: "Softmax" bottom: "score" top: "chance" }
+layer { name: "where" type: "InnerProduct" bottom: "depth" top: "where" inner_product_param { num_output: 3 } }
+"""
+NetOf = Callable[..., netlib.Net]
+
+EXACT = prior_file.load().but(
+    center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0
+)  # all centres at one place of a palm
+COUNT = 16
+
+
+@pytest.fixture
+def drawn_to_the_right(net_of: NetOf) -> Locator:
+    """A locator for which everything is a hand, likelier if nearer, 20 mm to the right of where it is."""
+    net = net_of(NET, netlib.TEST)
+    net.params["score"][0].data[1, SIZE * SIZE // 2 + SIZE // 2] = -1
+    net.params["where"][1].data[0] = 20 / (places.CUBE_MM / 2)
+    return Locator(net)
+
+
+def two_plates() -> np.ndarray:
+    """Two plates, at 700 and at 900 mm."""
+    depth = np.zeros((480, 640))
+    depth[220:260, 150:190], depth[220:260, 450:480] = 700, 900
+    return depth
+
+
+def test_where_the_net_says(drawn_to_the_right: Locator) -> None:
+    """Places move four times by 20 mm; the results are apart from each other, the likeliest first."""
+    found = drawn_to_the_right.hands(two_plates(), NYU)
+    *likely, _ = found.odds  # the nearest object is the last
+    assert 1 < len(found.center) <= HANDS + 1 and (np.diff(likely) <= 0).all()
+    apart = np.linalg.norm(found.center[:, None] - found.center, axis=2) + 1e9 * np.eye(len(found.center))
+    assert apart.min() > APART_MM
+    left = NYU.unproject(np.array([150, 240, 700]))[0]
+    assert found.center[:-1, 0].min() > left + 4 * 20
+    np.testing.assert_allclose(found.center[-1], NYU.unproject(find_hand(two_plates(), NYU)))
+
+
+def test_the_nearest_thing_is_told_as_well(net_of: NetOf) -> None:
+    """The nearest object is returned, however unlikely; an object far away has lower odds than the same one nearby."""
+    net = net_of(NET, netlib.TEST)
+    net.params["where"][1].data[0] = 0.25  # every place moves away from the object
+    found = Locator(net).hands(two_plates(), NYU)
+    nearest = NYU.unproject(find_hand(two_plates(), NYU))
+    np.testing.assert_allclose(found.center[-1], nearest)
+    far = np.ptp(found.center[:, 2])
+    assert far > 150 and np.ptp(found.odds) == pytest.approx(far / FARTHER_MM, rel=0.2)
+
+
+def test_many_crops(drawn_to_the_right: Locator) -> None:
+    """Many crops, evaluated in blocks, give the same results as single ones."""
+    crops = np.random.default_rng(0).uniform(-1, 1, (70, SIZE, SIZE)).astype(np.float32)
+    chance, where = drawn_to_the_right.look(crops)
+    assert chance.shape == (70,) and where.shape == (70, 3)
+    np.testing.assert_allclose(where, np.tile([20.0, 0, 0], (70, 1)), rtol=1e-5)
+    np.testing.assert_allclose(chance[69], drawn_to_the_right.look(crops[69:])[0][0], rtol=1e-5)
+
+
+def test_the_packaged_locator_finds_hands() -> None:
+    """The packaged locator finds hands among forearms, bodies and other things, which are often nearer."""
+    scenes, locator = draw_scenes(np.random.default_rng(5), 21), load_locator()
+    best = [locator.hands(depth, NYU).center[0] for depth in scenes.depth]
+    assert (np.linalg.norm(best - scenes.center, axis=1) < 50).mean() > 0.9
+    nearest = [NYU.unproject(find_hand(depth, NYU)) for depth in scenes.depth]
+    assert (np.linalg.norm(nearest - scenes.center, axis=1) < 50).mean() < 0.7
+
+
+def test_nothing_to_be_found(drawn_to_the_right: Locator) -> None:
+    """An image without depth, or with everything far away, raises an error."""
+    with pytest.raises(DataError, match="no depth anywhere in the image"):
+        drawn_to_the_right.hands(np.zeros((480, 640)), NYU)
+    with pytest.raises(DataError, match="nothing as large as a hand is seen nearer than 1600 mm"):
+        drawn_to_the_right.hands(np.full((480, 640), 3000.0), NYU)
+
+
+def test_out_of_sight(drawn_to_the_right: Locator) -> None:
+    """Places that leave the field of view raise an error."""
+    drawn_to_the_right.net.params["where"][1].data[0] = 50
+    with pytest.raises(DataError, match="what may be a hand is out of sight"):
+        drawn_to_the_right.hands(two_plates(), NYU)
+
+
+def test_other_nets(net_of: NetOf) -> None:
+    """A net with other blobs raises an error at construction, weights that are not finite raise one at evaluation."""
+    with pytest.raises(NetlibError, match=r"blob 'where' of shape None an item, expected \(3,\) of a locator"):
+        Locator(net_of(NET.replace('top: "where"', 'top: "there"'), netlib.TEST))
+    with pytest.raises(NetlibError, match=r"blob 'depth' of shape \(1, 32, 64\) an item, expected \(1, 64, 64\)"):
+        Locator(net_of(NET.replace("dim: 64", "dim: 32", 1), netlib.TEST))
+    net = net_of(NET, netlib.TEST)
+    net.params["where"][1].data[1] = np.nan
+    with pytest.raises(NetlibError, match="answers that are not finite; check its weights"):
+        Locator(net).look(np.zeros((1, SIZE, SIZE)))
+
+
+def whole_frames(camera, count=COUNT):
+    """Depth images (N, height, width) in mm of hands in free space, and their crop centres (N, 3) in mm."""
+    sampler, rng = BodySampler(), np.random.default_rng(7)
+    hands = sampler.draw(rng, count)
+    center = camera.unproject(sampler.centers(rng, count, camera))
+    surface = capsules_of(sampler, rng, hands, center, ARM_BEHIND)
+    return render_image(surface, camera), center
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Frames of NYU's camera; pixels without a hand have infinite depth."""
+    return whole_frames(NYU)
+
+
+def distances(images, center, camera=NYU):
+    """Distances (N,) in mm between the found and the true centres."""
+    return np.linalg.norm([camera.unproject(find_hand(image, camera)) for image in images] - center, axis=1)
+
+
+# ---------------------------------------------------------------------------------------------- find_hand
+
+
+@pytest.mark.parametrize("camera", [NYU, KINECT2], ids=lambda camera: camera.name)
+def test_the_hand_is_found(camera):
+    """In whole images with arms the median error of the centre is below 40 mm, and 90% are below 60 mm."""
+    median, most = np.percentile(distances(*whole_frames(camera, 96), camera), [50, 90])
+    assert median < 40 and most < 60
+
+
+def test_in_frames_of_nyus_format():
+    """With sensor noise, and cut at the cube, the errors are close to those in the comment of the constants."""
+    generator = Generator(seed=3)
+    scenes = [generator.scene(number) for number in range(3)]
+    images = [whole_image(scene, n) for scene in scenes for n in range(BLOCK)]
+    centers = NYU.unproject(np.concatenate([scene.center_uvd for scene in scenes]))
+    median, most = np.percentile(distances(images, centers), [50, 90])
+    assert median < 33 and most < 58
+
+
+def test_a_real_frame(nyu_data):
+    """In NYU's first test frame the centre is within 50 mm of the annotated joint."""
+    uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][0, CENTER_JOINT]
+    assert distances([read_nyu_depth(nyu_data / "depth_1_0000001.png")], NYU.unproject(uvd)) < 50
+
+
+def test_what_is_behind_does_not_matter(frames):
+    """A wall or a person behind the hand does not change the centre at all."""
+    for image in frames[0][:4]:
+        found = find_hand(image, NYU)
+        hand = np.isfinite(image)
+        body = np.zeros_like(hand)
+        body[100:, 50:300] = True
+        behind = np.where(body, image[hand].max() + 100, 2500)
+        assert np.array_equal(find_hand(np.where(hand, image, behind), NYU), found)
+
+
+def test_noise_in_front_does_not_matter(frames, rng):
+    """Specks in front of the hand have too little surface to be one, for any number of pixels."""
+    moved = []
+    for image in frames[0]:
+        noisy = image.copy()
+        for row, column in zip(rng.integers(0, 460, 30), rng.integers(0, 620, 30)):
+            noisy[row : row + 3, column : column + 3] = rng.uniform(200, 400)
+        noisy[:40, :40] = 200  # 185 mm²
+        found, without = (NYU.unproject(find_hand(each, NYU)) for each in (noisy, image))
+        moved.append(np.linalg.norm(found - without))
+    assert np.median(moved) < 1 and max(moved) < 25
+
+
+@pytest.mark.parametrize("unread", [0, -1, np.nan, np.inf, -np.inf])
+def test_pixels_without_a_reading(frames, unread):
+    """Zero, negative, NaN and infinite depths are treated alike."""
+    image = frames[0][0]
+    assert np.array_equal(find_hand(np.where(np.isfinite(image), image, unread), NYU), find_hand(image, NYU))
+
+
+@pytest.mark.parametrize("unread", [0, np.nan, np.inf])
+def test_an_empty_image(unread):
+    """An image without readings raises an error."""
+    with pytest.raises(DataError, match="no depth anywhere in the image"):
+        find_hand(np.full((480, 640), unread), NYU)
+
+
+def test_too_little_to_be_a_hand():
+    """20 x 20 pixels at 500 mm are 290 mm², less than a hand shows from any side, which raises an error."""
+    image = np.zeros((480, 640))
+    image[100:120, 100:120] = 500
+    with pytest.raises(DataError, match="only 290 mm² of surface in the image, expected a hand"):
+        find_hand(image, NYU)
+
+
+# ----------------------------------------------------------------------------------------------- recenter
+
+
+@pytest.fixture(scope="module")
+def hands():
+    """Inputs (N, 47) of hands as in training crops, their crop centres (N, 3) in mm, and the sampler."""
+    sampler, rng = BodySampler(prior=EXACT), np.random.default_rng(7)
+    return sampler.draw(rng, COUNT).inputs, NYU.unproject(sampler.centers(rng, COUNT, NYU)), sampler
+
+
+def moved(inputs, sampler, by):
+    """The joints (N, 31, 3) of the same hands, moved by ``by`` mm relative to the crop centre."""
+    result = inputs.copy()
+    for axis, distance in zip("xyz", by):
+        result[:, sampler.skeleton.dof_names.index(f"palm_{axis}")] += distance / (CUBE_MM / 2)
+    return sampler.kinematics.joints(result)
+
+
+def test_a_crop_as_in_training_stays(hands):
+    """The true joints of a correctly placed crop require no move."""
+    inputs, centers, sampler = hands
+    for joints, center in zip(sampler.kinematics.joints(inputs), centers):
+        uvd = NYU.project(center)
+        assert recenter(joints, sampler.skeleton, uvd, CUBE_MM, NYU) == pytest.approx(uvd, abs=1e-9)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_crop_beside_moves_to_the_place_of_training(hands, side):
+    """The centre moves by its error, also for a mirrored hand with mirrored joints."""
+    inputs, centers, sampler = hands
+    mirror = mirror_of(side)
+    off = np.array([25.0, -40.0, 30.0])
+    for joints, center in zip(moved(inputs, sampler, off * mirror), centers):
+        found = recenter(joints, sampler.skeleton, NYU.project(center - off), CUBE_MM, NYU, side)
+        assert NYU.unproject(found) == pytest.approx(center, abs=1e-9)
+
+
+def test_how_the_palm_is_turned(hands):
+    """The palm's rotation is computed from joint positions; with noise it is a rotation close to the true one."""
+    inputs, _, sampler = hands
+    pose = sampler.kinematics.forward(inputs)
+    truth = sampler.kinematics.rotation_of(pose, sampler.skeleton.joint_names.index("palm"))
+    rng = np.random.default_rng(0)
+    for joints, frame in zip(pose.joints, truth):
+        np.testing.assert_allclose(palm_frame(joints, sampler.skeleton), frame, atol=1e-12)
+        near = palm_frame(joints + rng.normal(0, 0.01, joints.shape), sampler.skeleton)
+        np.testing.assert_allclose(near.T @ near, np.eye(3), atol=1e-12)
+        assert np.linalg.det(near) == pytest.approx(1) and np.abs(near - frame).max() < 0.15
+
+
+@pytest.mark.parametrize(
+    ("joints", "message"),
+    [
+        ('joint { name: "a" }', "skeleton 'stick' has no joint 'palm' to move the crop to"),
+        (
+            'joint { name: "palm" } joint { name: "a" parent: "palm" bone { axis: X length: 1 } }',
+            "skeleton 'stick' has too few joints fixed to the palm to tell how it is turned",
+        ),
+    ],
+)
+def test_a_skeleton_without_a_palm(joints, message):
+    """A skeleton without a palm, or with a palm of one bone, raises an error."""
+    body = Skeleton(schema.read(prototxt.parse(f'name: "stick" {joints}'), SkeletonParameter, "test"))
+    with pytest.raises(DataError, match=message):
+        recenter(np.zeros((2, 3)), body, (320, 240, 700), CUBE_MM, NYU)
+
+
+# -------------------------------------------------------------------------------------------- depth_around
+
+
+def test_the_median_depth_around_a_pixel():
+    """The result is the median of readings within 8 pixels, plus half the thickness of a palm."""
+    image = np.zeros((100, 100))
+    image[40:61, 40:61] = 700
+    image[50, 50:53] = (np.nan, np.inf, 200)
+    assert depth_around(image, 50.4, 49.6) == pytest.approx([50.4, 49.6, 700 + PALM_MM])
+    assert depth_around(image, 33, 50)[2] == 700 + PALM_MM, "8 pixels away"
+
+
+def test_a_pixel_in_the_corner():
+    """At the image border the neighbourhood is clipped."""
+    image = np.full((100, 100), 900.0)
+    image[:5, :5] = 0
+    assert depth_around(image, 0, 0)[2] == depth_around(image, 99, 99)[2] == 900 + PALM_MM
+
+
+@pytest.mark.parametrize(
+    ("pixel", "message"),
+    [
+        ((30, 50), "no depth around pixel 30, 50"),
+        ((-1, 50), "pixel -1, 50 lies outside the image of 100 x 80"),
+        ((99.6, 50), "pixel 99.6, 50 lies outside the image of 100 x 80"),
+        ((50, 80), "pixel 50, 80 lies outside the image of 100 x 80"),
+    ],
+)
+def test_a_pixel_without_depth(pixel, message):
+    """A pixel outside the image, or without depth around it, raises an error."""
+    with pytest.raises(DataError, match=message):
+        depth_around(np.zeros((80, 100)), *pixel)
+
+
+def test_of_a_huge_image_every_so_manieth_pixel_is_looked_at(frames, monkeypatch):
+    """A very large image is subsampled, and the centre is the same to one pixel."""
+    images, _ = frames
+    larger = replace(NYU, fx=4 * NYU.fx, fy=4 * NYU.fy, u0=4 * NYU.u0, v0=4 * NYU.v0)
+    monkeypatch.setattr(locator, "MAX_PIXELS", images[0].size)
+    for image in images[:4]:
+        found = find_hand(image.repeat(4, axis=0).repeat(4, axis=1), larger)
+        assert np.abs(found / (4, 4, 1) - find_hand(image, NYU)).max() < 1

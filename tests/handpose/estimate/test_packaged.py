@@ -1,0 +1,188 @@
+"""handpose/estimate/packaged.py: the weights that are part of the repository."""
+
+from __future__ import annotations
+
+import ast
+import io
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import netlib
+from handpose.estimate.packaged import (
+    HAND_LOCATOR,
+    SYNTHETIC_HAND,
+    checked_weights,
+    load_locator,
+    load_predictor,
+    read_card,
+    rounded,
+    write_model,
+)
+from handpose.fit.body import CapsuleModel
+from handpose.fit.network_errors import NetworkErrors, read_errors
+from handpose.fit.search import PLANS
+from layers.hand import skeleton
+from netlib.errors import NetlibError, WeightsError
+from netlib.files import Content
+from netlib.files.paths import ROOT
+from netlib.snapshots import snapshot
+
+MEGABYTE = 1e6
+
+
+def test_the_packaged_model() -> None:
+    """The model is small and complete, has error tables for every plan, and its net uses all weights."""
+    card = read_card(SYNTHETIC_HAND)
+    weights = checked_weights(card)
+    assert card.license == "MIT" and weights.stat().st_size < 12 * MEGABYTE
+    errors = read_errors(weights, CapsuleModel(skeleton.load(), 150.0))
+    assert set(errors.tables) == set(PLANS)
+    assert 0.02 < np.sqrt(np.diag(errors.limbs)).mean() < 0.5
+    ignored, missing = netlib.Net(SYNTHETIC_HAND / "deploy.prototxt", netlib.TEST).copy_from(weights)
+    assert not ignored and not missing
+    assert load_predictor().plan is PLANS["accurate"] and load_predictor(fit="no", hand="left").fitter is None
+
+
+def test_the_packaged_locator() -> None:
+    """The locator is smaller, and its net uses all weights."""
+    weights = checked_weights(read_card(HAND_LOCATOR))
+    assert weights.stat().st_size < 0.3 * MEGABYTE
+    ignored, missing = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST).copy_from(weights)
+    assert not ignored and not missing
+
+
+@pytest.mark.parametrize("load", [load_predictor, load_locator])
+def test_weights_are_read_once(
+    monkeypatch: pytest.MonkeyPatch, forget_weights: Callable[[], None], load: Callable[[], object]
+) -> None:
+    """Checksum, weights and the network's errors come from one read of the file."""
+    forget_weights()
+    read, read_content = [], snapshot.read_content
+    parsed, file = [], h5py.File
+
+    def read_noted(path: Path) -> Content:
+        read.append(path)
+        return read_content(path)
+
+    def file_noted(source: object, *more: Any, **options: Any) -> h5py.File:
+        parsed.append(source)
+        return file(source, *more, **options)
+
+    monkeypatch.setattr(snapshot, "read_content", read_noted)
+    monkeypatch.setattr(h5py, "File", file_noted)
+    load()
+    assert len(read) == 1 and parsed and all(isinstance(source, io.BytesIO) for source in parsed)
+
+
+def test_models_are_installed() -> None:
+    """Every folder with a model card is a package whose files are package data."""
+    said = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
+    shared = next(
+        node.value for node in said.body if isinstance(node, ast.Assign) and ast.unparse(node).startswith("SHARED")
+    )
+    data = next(node.value for node in ast.walk(said) if isinstance(node, ast.keyword) and node.arg == "package_data")
+    assert "models" in ast.literal_eval(shared)
+    assert {"*.prototxt", "*.md", "*.h5"} <= set(ast.literal_eval(data)[""])
+    for card in (ROOT / "models").glob("*/readme.md"):
+        assert (card.parent / "__init__.py").is_file()
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """A copy of the model's folder, to be damaged."""
+    return Path(shutil.copytree(SYNTHETIC_HAND, tmp_path / "model"))
+
+
+def test_damaged_weights(copy: Path) -> None:
+    """A flipped bit, or a missing file, raises an error."""
+    path = read_card(copy).weights
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) // 2] ^= 1
+    path.write_bytes(raw)
+    with pytest.raises(WeightsError, match=r"synthetic_hand.caffemodel.h5: SHA-256 .*the file is damaged"):
+        load_predictor(folder=copy)
+    path.unlink()
+    with pytest.raises(WeightsError, match="cannot read weights: No such file"):
+        load_predictor(folder=copy)
+
+
+def test_a_changed_net(copy: Path) -> None:
+    """A modified net raises an error before it is run; other line endings are accepted."""
+    net = copy / "deploy.prototxt"
+    text = net.read_bytes()
+    net.write_bytes(text.replace(b"\n", b"\r\n"))
+    assert load_predictor(folder=copy, fit="no", hand="right").fitter is None
+    net.write_bytes(text + b'layer { name: "p" type: "Python" python_param { module: "evil" layer: "Evil" } }\n')
+    with pytest.raises(WeightsError, match=r"deploy.prototxt: SHA-256 .*the file is damaged"):
+        load_predictor(folder=copy)
+    with pytest.raises(WeightsError, match=r"deploy.prototxt: SHA-256 .*the file is damaged"):
+        load_locator(copy)
+    net.unlink()
+    with pytest.raises(WeightsError, match=r"deploy.prototxt: cannot read the net: No such file"):
+        load_predictor(folder=copy)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "cannot read the model's card: No such file"),
+        ("# A model", "no front matter; expected lines 'key: value' between two lines '---'"),
+        (
+            "---\nname: x\n---\n",
+            "no 'caffemodel' in the front matter; expected name, caffemodel, license, sha256, ",
+        ),
+        ("---\nname: x\ncaffemodel: a\nlicense:\nsha256: 0\n---\n", "no 'license' in the front matter"),
+    ],
+)
+def test_cards_with_something_wrong(copy: Path, text: str | None, message: str) -> None:
+    """An invalid model card raises an error that names the file."""
+    card = copy / "readme.md"
+    card.unlink()
+    if text is not None:
+        card.write_text(text)
+    with pytest.raises(NetlibError, match=f"readme.md: {message}"):
+        load_predictor(folder=copy)
+
+
+@given(st.floats(2.0**-100, 2.0**100, width=32), st.integers(0, 23), st.booleans())
+def test_rounding(value: float, bits: int, negative: bool) -> None:
+    """Mantissas are rounded to nearest, ties to even, as by NumPy's rounding."""
+    number = np.float32(-value if negative else value)
+    mantissa, exponent = np.frexp(np.float64(number))
+    expected = np.ldexp(np.rint(mantissa * 2 ** (bits + 1)), exponent - bits - 1)
+    assert rounded(np.array([number]), bits)[0] == np.float32(expected)
+
+
+def test_zero_stays() -> None:
+    """Zeros and the shape are unchanged."""
+    np.testing.assert_array_equal(rounded(np.zeros((2, 3), np.float32), 5), np.zeros((2, 3)))
+
+
+def test_a_model_file(tmp_path: Path) -> None:
+    """The file is read back as weights and as the network's errors, and is smaller than its numbers."""
+    net = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST, seed=3)
+    for blobs in net.params.values():
+        for blob in blobs:
+            blob.data[...] = rounded(blob.data, 8)
+    errors = NetworkErrors(np.eye(20) * 0.1, {"fast": np.array([[1.0, 2, 1], [2, 3, 0.5]])},
+                           {"fast": np.full(5, 0.2)})  # fmt: skip
+    write_model(net, errors, tmp_path / "x.caffemodel.h5")
+    again = netlib.Net(HAND_LOCATOR / "deploy.prototxt", tmp_path / "x.caffemodel.h5", netlib.TEST)
+    for name, blobs in net.params.items():
+        for one, other in zip(blobs, again.params[name]):
+            np.testing.assert_array_equal(one.data, other.data)
+    found = read_errors(tmp_path / "x.caffemodel.h5", CapsuleModel(skeleton.load(), 150.0))
+    np.testing.assert_array_equal(found.limbs, errors.limbs)
+    np.testing.assert_array_equal(found.tables["fast"], errors.tables["fast"])
+    np.testing.assert_array_equal(found.weights["fast"], errors.weights["fast"])
+    numbers = sum(blob.count for blobs in net.params.values() for blob in blobs)
+    assert numbers > 10_000
+    assert (tmp_path / "x.caffemodel.h5").stat().st_size < 0.7 * 4 * numbers

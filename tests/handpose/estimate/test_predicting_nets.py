@@ -1,0 +1,65 @@
+"""handpose/estimate/nets.py: the inputs of a net's hand model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handpose.estimate.nets import hand_inputs, hand_poses, skeleton_to_fit, trained
+from handpose.estimate.packaged import HAND_LOCATOR, load_predictor, read_card
+from handpose.frames.cameras import NYU
+from layers.hand.bodies import kinematics_of
+from netlib.errors import PrototxtError
+from netlib.layer import TEST
+from netlib.net import Net
+
+
+@pytest.fixture
+def net() -> Net:
+    """The packaged net, before its first run."""
+    return load_predictor(NYU, fit="no", hand="right").net
+
+
+@pytest.fixture
+def crops() -> np.ndarray:
+    """Three crops of boxes as wide as a palm, without background."""
+    crops = np.ones((3, 128, 128), np.float32)
+    for crop, depth in zip(crops, (-0.2, 0.0, 0.2), strict=True):
+        crop[36:92, 44:84] = depth
+    return crops
+
+
+def test_weights_replace_initial_values(tmp_path: Path) -> None:
+    """All parameters have the file's weights, although no filler ran; an unknown filler is still an error."""
+    card = read_card(HAND_LOCATOR)
+    found, expected = trained(card.net, card.weights), Net(card.net, card.weights, TEST)
+    for name, blobs in expected.params.items():
+        for one, other in zip(found.params[name], blobs, strict=True):
+            np.testing.assert_array_equal(one.data, other.data)
+    (tmp_path / "net.prototxt").write_text(card.net.read_text(encoding="utf-8").replace("xavier", "xaver", 1))
+    with pytest.raises(PrototxtError, match=r"unknown filler type 'xaver' \(did you mean 'xavier'\?\)"):
+        trained(tmp_path / "net.prototxt", card.weights)
+
+
+def test_the_hand_model_takes_them(net: Net, crops: np.ndarray) -> None:
+    """Posing the skeleton with the inputs, in the predicted size, gives the net's joints; fixed DoFs are 0."""
+    poses, skeleton = hand_poses(net, crops), skeleton_to_fit(net)
+    assert poses.inputs.dtype == np.float64 and (poses.inputs[:, skeleton.fixed] == 0).all()
+    posed = kinematics_of(skeleton).joints(poses.inputs, poses.size[:, None] * skeleton.bones)
+    assert ((poses.size > 0.5) & (poses.size < 2)).all(), poses.size  # other sizes are clipped
+    expected = net.forward(depth=crops[:, None])["pred"]
+    np.testing.assert_allclose(posed.reshape(3, -1), expected, atol=1e-5)
+
+
+def test_a_net_computes_the_same_before_and_after(net: Net, crops: np.ndarray) -> None:
+    """The net's output and the inputs are equal bit for bit, regardless of earlier frames."""
+    depth = crops[:1, None]
+    net.blobs["depth"].reshape(*depth.shape)
+    before = net.forward(depth=depth)["pred"].copy()
+    inputs = hand_inputs(net, crops[:1])
+    hand_inputs(net, crops)
+    net.blobs["depth"].reshape(*depth.shape)
+    np.testing.assert_array_equal(net.forward(depth=depth)["pred"], before)
+    np.testing.assert_array_equal(hand_inputs(net, crops[:1]), inputs)

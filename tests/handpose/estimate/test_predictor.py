@@ -1,0 +1,258 @@
+"""handpose/estimate/predictor.py: the Python interface, for crops and whole frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import netlib
+from handpose.body.nyu import CUBE_MM
+from handpose.estimate import locator
+from handpose.estimate.nets import best_fit, skeleton_to_fit
+from handpose.estimate.packaged import load_predictor
+from handpose.estimate.predictor import Predictor
+from handpose.frames.cameras import KINECT2, NYU, Camera
+from handpose.frames.crops import clear_crop
+from handpose.frames.images import UnitError
+from layers.hand import skeleton
+from layers.hand.bodies import kinematics_of
+from netlib.errors import DataError, NetlibError
+from tests.handpose.estimate.conftest import NET, NetOf, Said, some_crop
+
+HAND = skeleton.load()
+
+
+# ------------------------------------------------------------------------------------------------- crops
+
+
+def test_a_crop(fixed: Callable[..., netlib.Net]) -> None:
+    """The joints are those of the hand model, in half-cubes and in mm of the cube; the crop is returned as well."""
+    net = fixed(10, -20, 30)
+    inputs = net.params["DoF"][1].data[None].astype(np.float64)
+    for cube in (300.0, 261.0):
+        found = Predictor(net, cube_mm=cube).in_crop(some_crop())
+        np.testing.assert_allclose(found.joints, kinematics_of(HAND).joints(inputs)[0], atol=1e-6)
+        np.testing.assert_allclose(found.joints_mm, found.joints * cube / 2)
+        np.testing.assert_array_equal(found.crop, some_crop())
+        assert found.joints.dtype == np.float64 and found.joints.shape == (31, 3)
+
+
+@pytest.mark.parametrize("batch", [1, 5])
+def test_as_the_net_says(net_of: NetOf, batch: int) -> None:
+    """The joints equal those of the net's forward pass, for any batch size; crops may be float64."""
+    net = net_of(NET % batch, netlib.TEST)
+    found = Predictor(net).in_crop(some_crop().astype(np.float64))
+    again = net.forward(depth=some_crop()[None, None])["pred"].reshape(31, 3)
+    np.testing.assert_array_equal(found.joints, again)
+    assert not np.array_equal(Predictor(net).in_crop(-some_crop()).joints, found.joints)
+
+
+def test_a_crop_of_another_shape(seeing: netlib.Net) -> None:
+    """A crop of another shape raises an error."""
+    with pytest.raises(DataError, match=r"crop of shape \(1, 128, 128\), expected \(128, 128\)"):
+        Predictor(seeing).in_crop(some_crop()[None])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (NET.replace('"depth"', '"crop"'), "no blob 'depth'; expected a net with the input depth and the output pred"),
+        (NET.replace('"pred"', '"joints"'), "no blob 'pred'; expected a net with the input depth and the output pred"),
+        (NET[: NET.index('layer { name: "hand"')].replace('top: "DoF"', 'top: "pred"'), "no HandModel layer, so the"),
+    ],
+    ids=["depth", "pred", "hand"],
+)
+def test_nets_of_another_kind(net_of: NetOf, text: str, message: str) -> None:
+    """A net with other blobs or layers raises an error at construction."""
+    with pytest.raises(NetlibError, match=message):
+        Predictor(net_of(text % 1, netlib.TEST))
+
+
+SIZED = NET.replace('bottom: "DoF" top: "pred"', 'bottom: "DoF" bottom: "size" top: "pred"').replace(
+    'layer { name: "hand"',
+    """layer { name: "size" type: "InnerProduct" bottom: "depth" top: "size"
+        inner_product_param { num_output: 1 bias_filler { type: "constant" value: 1.5 } } }
+layer { name: "hand\"""",
+)
+
+
+def test_a_net_that_predicts_the_size(net_of: NetOf) -> None:
+    """The joints are those of the net's hand model, in the predicted size."""
+    net = net_of(SIZED % 1, netlib.TEST)
+    bias = net.params["DoF"][1].data
+    net.params["DoF"][0].data[...], bias[...] = 0, -HAND.initial * HAND.slides * 1.5  # the palm in the middle
+    found = Predictor(net).in_crop(some_crop())
+    usual = HAND.scaled(1.5)
+    assert np.allclose(found.joints, kinematics_of(usual).joints(bias[None].astype(float))[0], atol=1e-5)
+    assert best_fit(net) == "accurate"
+
+
+def test_a_net_that_predicts_bones(net_of: NetOf) -> None:
+    """A fit does not support predicted bones, which raises an error."""
+    boned = SIZED.replace("num_output: 1 ", "num_output: 31 ") % 1
+    net = net_of(boned, netlib.TEST)
+    message = "layer 'hand' takes the bones of each hand from blob 'size', which a fit does not know; do without a fit"
+    with pytest.raises(NetlibError, match=message):
+        Predictor(net, fit="fast").in_crop(some_crop())
+    with pytest.raises(NetlibError, match=message):
+        skeleton_to_fit(net)
+    assert best_fit(net) == "no"
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.arange(128 * 128).reshape(128, 128) % 256, "crop with values from 0 to 255, expected -1 to 1"),
+        (np.full((128, 128), np.nan), "crop with values that are not numbers, expected -1 to 1"),
+        (np.full((128, 128), -np.inf), "crop with values from -inf to -inf, expected -1 to 1"),
+        ([[0.0]], "crop is a list, expected an array of numbers"),
+        (np.full((128, 128), "a"), "crop is an array of <U1, expected numbers"),
+    ],
+    ids=["bytes", "nan", "infinite", "list", "text"],
+)
+def test_crops_with_other_values(seeing: netlib.Net, values: Any, message: str) -> None:
+    """A crop with invalid values raises an error about the crop, not about the net."""
+    with pytest.raises(DataError, match=message):
+        Predictor(seeing).in_crop(values)
+
+
+def test_a_masked_crop(seeing: netlib.Net) -> None:
+    """Masked pixels of a crop are background."""
+    shown = some_crop()
+    shown[:20] = 1
+    hidden = np.ma.array(some_crop(), mask=np.arange(128)[:, None] < np.full(128, 20))
+    predictor = Predictor(seeing)
+    np.testing.assert_array_equal(predictor.in_crop(hidden).joints, predictor.in_crop(shown).joints)
+
+
+# ------------------------------------------------------------------------------------------------ frames
+
+
+def test_a_masked_frame(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Masked pixels of a frame have no reading."""
+    holes = np.where(frame > 1000, 0, frame)
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    for center in (None, (270, 215)):
+        found, same = (predictor.in_frame(depth, center) for depth in (np.ma.masked_equal(holes, 0), holes))
+        np.testing.assert_array_equal(found.xyz, same.xyz)
+    hidden = np.ma.array(frame, mask=frame > 1000)
+    np.testing.assert_array_equal(
+        clear_crop(hidden, (270, 215, 700), 300, KINECT2), clear_crop(holes, (270, 215, 700), 300, KINECT2)
+    )
+
+
+@pytest.mark.parametrize(
+    "center", [(np.nan, 200), (300,), (1, 2, 3, 4), (1, 2, np.inf), "palm", ((1, 2), (3, 4))], ids=str
+)
+def test_centers_that_are_none(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
+    """A centre that is not two or three finite numbers raises an error."""
+    with pytest.raises(DataError, match=r"expected two or three finite numbers: u, v in px or u, v, d in px, px, mm"):
+        Predictor(seeing, KINECT2).in_frame(frame, center)
+
+
+@pytest.mark.parametrize("center", [None, (260, 210, 700)], ids=["searched", "given"])
+def test_a_frame_in_another_unit(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
+    """A frame in another unit raises an error, with and without a centre."""
+    for factor in (0.001, 1000, -1):
+        with pytest.raises(UnitError, match="expected mm"):
+            Predictor(seeing, KINECT2).in_frame(frame * factor, center)
+
+
+def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Without refinement the joints are those of the crop at this centre, also relative to the camera."""
+    center = [260.0, 210.0, 690.0]
+    found = Predictor(seeing, KINECT2, refine=0).in_frame(frame, center)
+    np.testing.assert_array_equal(found.crop, clear_crop(frame, center, CUBE_MM, KINECT2))
+    np.testing.assert_array_equal(found.joints, Predictor(seeing).in_crop(found.crop).joints)
+    np.testing.assert_array_equal(found.center_uvd, center)
+    np.testing.assert_allclose(found.center_mm, KINECT2.unproject(center))
+    np.testing.assert_allclose(found.xyz, KINECT2.unproject(center) + found.joints * 150)
+    assert found.camera == KINECT2
+
+
+def test_a_locator_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """The locator is loaded once, by the first frame without a centre."""
+    loads: list[Said] = []
+
+    def load() -> Said:
+        loads.append(Said(np.array([[30.0, -20, 700]]), np.zeros(1)))
+        return loads[-1]
+
+    predictor = Predictor(seeing, KINECT2, refine=0, locator=load)
+    predictor.in_crop(some_crop())
+    predictor.in_frame(frame, (260, 210, 690))
+    assert not loads
+    for _ in range(2):
+        np.testing.assert_allclose(predictor.in_frame(frame).center_mm, (30, -20, 700))
+    assert len(loads) == 1 and predictor.locator is loads[0]
+
+
+def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """The start is the nearest object, a pixel with the depth around it, or a given place."""
+    predictor = Predictor(seeing, KINECT2, refine=0)
+    nearest = locator.find_hand(frame, KINECT2)
+    np.testing.assert_array_equal(predictor.in_frame(frame).center_uvd, nearest)
+    assert KINECT2.unproject(nearest) == pytest.approx((30, -20, 700), abs=60)
+    u, v, _ = nearest
+    np.testing.assert_array_equal(predictor.start(frame, (u, v)), locator.depth_around(frame, u, v))
+    np.testing.assert_array_equal(predictor.start(frame, (1, 2, 3)), [1, 2, 3])
+    with pytest.raises(DataError, match="no depth anywhere in the image"):
+        predictor.in_frame(np.zeros((424, 512)))
+
+
+def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """A camera without a size accepts any frame; another camera's frame and an image with channels raise errors."""
+    own = Camera("own", KINECT2.fx, KINECT2.fy, KINECT2.u0, KINECT2.v0, 0, 0)
+    found, same = (Predictor(seeing, camera).in_frame(frame) for camera in (own, KINECT2))
+    np.testing.assert_array_equal(found.joints, same.joints)
+    assert (found.camera.width, found.camera.height) == (512, 424)
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
+        Predictor(seeing, NYU).in_frame(frame)
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512, 1\), expected \(height, width\)"):
+        Predictor(seeing, KINECT2).in_frame(frame[:, :, None])
+
+
+# ------------------------------------------------------------------------------------------------ places
+
+
+def test_the_likeliest_place(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """With a locator and without a fit, the likeliest place is the start."""
+    said = Said(np.array([[30.0, -20, 700], [0, 0, 900]]), np.array([3.0, 2]))
+    predictor = Predictor(seeing, KINECT2, refine=0, locator=said)
+    np.testing.assert_allclose(predictor.start(frame), KINECT2.project(said.said.center[0]))
+    np.testing.assert_allclose(predictor.in_frame(frame).center_mm, said.said.center[0])
+    np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210, 690)).center_uvd, (260, 210, 690))
+
+
+def test_frames_of_other_sizes_with_a_locator(frame: np.ndarray) -> None:
+    """The size of a frame is checked before the locator runs."""
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
+        load_predictor(NYU).in_frame(frame)
+
+
+# ----------------------------------------------------------------------------------------------- options
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"hand": "Left"}, r"hand='Left' \(did you mean 'left'\?\); expected right, left, either"),
+        ({"hand": None}, "hand=None; expected right, left, either"),
+        ({"fit": "best"}, "fit='best'; expected no, fast, accurate"),
+        ({"refine": -1}, "refine=-1; expected a whole number from 0 to 100"),
+        ({"refine": 1.5}, "refine=1.5; expected a whole number from 0 to 100"),
+        ({"refine": 10**9}, "refine=1000000000; expected a whole number from 0 to 100"),
+        ({"cube_mm": 0.3}, "cube_mm=0.3; expected 50 to 10000 mm"),
+        ({"cube_mm": np.nan}, "cube_mm=nan; expected 50 to 10000 mm"),
+        ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"),
+    ],
+    ids=str,
+)
+def test_options_that_are_none(seeing: netlib.Net, option: dict[str, Any], message: str) -> None:
+    """An invalid option raises an error at construction, also with the packaged weights."""
+    for make in (lambda: Predictor(seeing, **option), lambda: load_predictor(**option)):
+        with pytest.raises(NetlibError, match=f"^{message}$"):
+            make()

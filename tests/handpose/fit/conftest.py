@@ -1,0 +1,61 @@
+"""Hands with known poses, and their depth images."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, Posed
+from handpose.fit.observation import Observation, observe
+from handpose.fit.residuals import Residuals
+from handpose.frames.cameras import NYU
+from handpose.synthetic import prior_file
+from handpose.synthetic.generator import Generator, Recipe, View
+from layers.hand import skeleton
+
+
+class Scene(NamedTuple):
+    """N frames: crops (N, 128, 128), centres (N, 3), the truth as variables (N, V) and as joints (N, 31, 3) mm."""
+
+    crops: np.ndarray
+    center_uvd: np.ndarray
+    truth: np.ndarray
+    joints: np.ndarray
+    seen: Observation
+
+
+@pytest.fixture(scope="session")
+def model() -> CapsuleModel:
+    """The packaged hand in NYU's cube."""
+    return CapsuleModel(skeleton.load(), 150.0)
+
+
+@pytest.fixture(scope="session")
+def scene(model: CapsuleModel) -> Scene:
+    """Twelve hands with the packaged bones, without noise."""
+    exact = prior_file.load().but(scale_std=0, bone_std=0)
+    drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
+    crops, uvd = drawn.depth[:12], drawn.center_uvd[:12]
+    truth = model.variables_of(drawn.bodies.inputs[:12])
+    return Scene(crops, uvd, truth, drawn.bodies.joints[:12] * 150, observe(crops, uvd, NYU, 300.0))
+
+
+def written_out(model: CapsuleModel, posed: Posed, r: Residuals) -> np.ndarray:
+    """The Jacobian (N, 2, R, V) of residuals, computed row by row from the motion of the capsules' ends."""
+    n, s = np.arange(len(posed.ends))[:, None], r.place[..., None, None]
+    motion = posed.motion[n, model.start[r.capsule]] * (1 - s) + posed.motion[n, model.end[r.capsule]] * s
+    J = np.einsum("nitr,nriv->ntrv", r.direction.astype(float), motion)
+    J[..., [SIZE, THICKNESS]] += r.swell[..., None]
+    return J
+
+
+def slopes(function, x: np.ndarray, step: float = 1e-3) -> np.ndarray:
+    """Central differences of a function of x (N, V) along each variable, (N, ..., V)."""
+    columns = []
+    for v in range(x.shape[1]):
+        d = np.zeros(x.shape[1])
+        d[v] = step
+        columns.append((np.asarray(function(x + d), float) - function(x - d)) / (2 * step))
+    return np.stack(columns, axis=-1)

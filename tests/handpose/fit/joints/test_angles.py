@@ -1,0 +1,111 @@
+"""Canonical angles: one representative for all angles of the same pose."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from handpose.fit.joints import angles
+from layers.hand import skeleton as skeletons
+from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib.proto import prototxt, schema
+
+SKELETON = skeletons.load()
+
+
+def draw(rng, N=20, spread=np.pi):
+    """Inputs with arbitrary rotations."""
+    x = np.zeros((N, 47))
+    x[:, :3] = rng.normal(size=(N, 3))
+    x[:, angles.rotations(SKELETON)] = rng.uniform(-spread, spread, (N, 23))
+    return x
+
+
+def test_wrap():
+    """Angles are wrapped into (-180, 180] degrees."""
+    assert np.allclose(
+        angles.wrap([0, np.pi, -np.pi, 3 * np.pi / 2, -7]), [0, np.pi, np.pi, -np.pi / 2, -7 + 2 * np.pi]
+    )
+
+
+def test_the_hand_has_six_pairs():
+    """The pairs belong to the palm, four fingers and the thumb; 23 rotations are free."""
+    found = angles.flips(SKELETON)
+    names = SKELETON.dof_names
+    assert len(angles.rotations(SKELETON)) == 23
+    assert sum(flip.whole for flip in found) == 1 and len(found) == 6
+    thumb = next(flip for flip in found if names[flip.mirrored].startswith("thumb"))
+    assert [names[d] for d in (*thumb.turned, thumb.mirrored, *thumb.negated)] == [
+        "thumb_pip_rot_z", "thumb_pip_rot_y", "thumb_dip_rot_z", "thumb_tip_rot_z",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_flip_changes_no_joint(rng, number):
+    """Both forms of a pair put all 31 joints at the same places."""
+    flip = angles.flips(SKELETON)[number]
+    theta = SKELETON.theta(draw(rng))
+    other = theta.copy()
+    other[:, list(flip.turned)] += np.pi
+    other[:, flip.mirrored] = np.pi - other[:, flip.mirrored]
+    other[:, list(flip.negated)] *= -1
+    a, b = (kinematics_of(SKELETON).joints(t - SKELETON.initial) for t in (theta, other))
+    assert np.abs(theta - other).max() > 0.1 and np.allclose(a, b, atol=1e-12)
+
+
+def test_canonical_keeps_the_pose_and_is_unique(rng):
+    """Joints are unchanged; all 64 combinations of flips, and whole turns, give the same angles."""
+    x = draw(rng, 5)
+    want = angles.canonical(SKELETON, x)
+    assert np.allclose(kinematics_of(SKELETON).joints(want), kinematics_of(SKELETON).joints(x), atol=1e-12)
+    assert np.allclose(angles.canonical(SKELETON, want), want, atol=1e-12)
+    turns = angles.rotations(SKELETON)
+    for pattern in range(64):
+        theta = SKELETON.theta(x)
+        for bit, flip in enumerate(angles.flips(SKELETON)):
+            if pattern >> bit & 1:
+                theta[:, list(flip.turned)] -= np.pi
+                theta[:, flip.mirrored] = np.pi - theta[:, flip.mirrored]
+                theta[:, list(flip.negated)] *= -1
+        theta[:, turns] += 2 * np.pi * rng.integers(-2, 3, (5, 23))
+        assert np.abs(angles.wrap(angles.canonical(SKELETON, theta - SKELETON.initial) - want)).max() < 1e-9
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_angles_within_limits_stay(seed):
+    """Fingers within their limits and the palm in its initial pose are already canonical."""
+    rng = np.random.default_rng(seed)
+    x = np.zeros((50, 47))
+    fingers = np.setdiff1d(angles.rotations(SKELETON), (3, 4, 5))
+    lower, upper = SKELETON.lower[fingers], SKELETON.upper[fingers]
+    x[:, fingers] = rng.uniform(lower, upper, (50, 20))
+    assert np.allclose(angles.canonical(SKELETON, x), x)
+
+
+def test_angle_errors_are_the_short_way_round():
+    """179 and -179 degrees differ by 2 degrees."""
+    a, b = np.zeros((2, 1, 47))
+    palm_z = SKELETON.dof_names.index("palm_rot_z")
+    a[:, palm_z], b[:, palm_z] = np.deg2rad(179), np.deg2rad(-179)
+    errors = angles.angle_errors(SKELETON, a, b)
+    assert errors.shape == (1, 23) and errors.sum() == pytest.approx(2)
+
+
+def test_no_flip_where_a_bone_would_feel_it():
+    """A bone across the flip's axis, a fixed rotation below it, or a DoF of two joints rules the flip out."""
+
+    def skeleton(second, extra=""):
+        dofs = "".join(f'dof {{ name: "{d}" }} ' for d in "abcd") + 'dof { name: "f" initial: 0.5 fixed: true } '
+        first = (
+            'joint { name: "r" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } } '
+        )
+        text = dofs + first + f'joint {{ name: "t" parent: "r" {second} }} {extra}'
+        return skeletons.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test"))
+
+    assert len(angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: Y length: 1 }'))) == 1
+    assert not angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: X length: 1 }'))
+    assert not angles.flips(skeleton('rotate { axis: X dof: "f" } bone { axis: Y length: 1 }'))
+    assert not angles.flips(skeleton('rotate { axis: X dof: "b" } bone { axis: Y length: 1 }'))
+    assert angles.flips(skeleton('rotate { axis: Y dof: "c" } bone { axis: Y length: 1 }'))[0].negated == ()

@@ -1,0 +1,247 @@
+"""handpose/fit/joints/companions.py: files with the angles of a data file."""
+
+import os
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from handpose.fit.joints import companions
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
+from layers.hand import skeleton
+from layers.hand.bodies import kinematics_of
+from netlib.errors import DataError
+
+SKELETON = skeleton.load()
+PACKAGED_BONES = prior_file.load().but(scale_std=0, bone_std=0)
+FRAMES = 6
+SEEN_MM = 130.5  # half a cube
+
+
+@pytest.fixture
+def source(tmp_path):
+    """data/part.h5 with frames of hands; the first hand is partly outside its cube, where joints are clipped."""
+    inputs = BodySampler(PACKAGED_BONES).draw(np.random.default_rng(3), FRAMES).inputs
+    inputs[0, SKELETON.dof_names.index("palm_y")] += 0.6
+    write(
+        tmp_path / "data" / "part.h5", joint=np.clip(kinematics_of(SKELETON).joints(inputs), -1, 1).reshape(FRAMES, 93)
+    )
+    return tmp_path / "data" / "part.h5"
+
+
+def write(path, **arrays):
+    """A file with these arrays, depth and half-cubes."""
+    rows = len(next(iter(arrays.values())))
+    depth = np.random.default_rng(0).uniform(-1, 1, (rows, 1, 4, 4)).astype(np.float32)
+    path.parent.mkdir(exist_ok=True)
+    with h5py.File(path, "w") as file:
+        for name, array in {"depth": depth, "half_cube": np.full(rows, SEEN_MM), **arrays}.items():
+            file[name] = array
+        file.attrs["made_from"] = "a test"
+
+
+def fitted(source, name="part.h5", **options):
+    """The path of the companion angles/part.h5, and the residuals."""
+    target = source.parent.parent / "angles" / name
+    return target, companions.fit_file(source, target, SKELETON, **options)
+
+
+def net_on(files, net_of, *tops):
+    """A net that reads the files with all rows in one batch."""
+    source = files[0].parent.parent / "list.txt"
+    source.write_text("".join(f"{path}\n" for path in files))
+    names = " ".join(f'top: "{top}"' for top in tops)
+    return net_of(
+        f'layer {{ name: "d" type: "HDF5Data" {names} '
+        f'hdf5_data_param {{ source: "{source}" batch_size: {FRAMES * len(files)} }} }}'
+    )
+
+
+# ------------------------------------------------------------------------------------- file contents
+
+
+def test_the_angles_put_the_joints_where_they_are(source):
+    """``dof`` is input for the layer HandModel; ``residual_mm`` is the remaining distance in mm."""
+    target, residuals = fitted(source)
+    with h5py.File(source) as file:
+        truth = file["joint"][...].reshape(FRAMES, 31, 3)
+    with h5py.File(target) as file:
+        dof, residual_mm = file["dof"][...], file["residual_mm"][...]
+    assert (dof.dtype, dof.shape, residual_mm.shape) == (np.float32, (FRAMES, 47), (FRAMES, 31))
+    assert np.abs(kinematics_of(SKELETON).joints(dof)[1:] - truth[1:]).max() < 1e-5
+    distances = np.linalg.norm(kinematics_of(SKELETON).joints(dof) - truth, axis=2) * SEEN_MM
+    known = ~np.isnan(residuals)
+    assert residuals[known] == pytest.approx(distances[known], abs=1e-3)
+    assert np.array_equal(residual_mm, residuals.astype(np.float32), equal_nan=True)
+
+
+def test_joints_that_are_cut_off_are_left_out(source):
+    """A joint clipped at the cube has residual NaN, and the other joints determine the hand."""
+    target, residuals = fitted(source)
+    with h5py.File(source) as file:
+        cut = (np.abs(file["joint"][...].reshape(FRAMES, 31, 3)) >= 1).any(axis=2)
+    assert 0 < cut[0].sum() < 20 and not cut[1:].any()
+    assert np.array_equal(np.isnan(residuals), cut)
+    assert np.nanmax(residuals) < 1e-3
+    with h5py.File(target) as file:
+        assert np.abs(kinematics_of(SKELETON).joints(file["dof"][:1])).max() > 1, (
+            "where the joint would be, outside the cube"
+        )
+
+
+def test_without_half_cubes_the_cube_is_the_usual_one(source):
+    """Without half-cubes, residuals are in mm of 300 mm cubes, and larger by the ratio of the cubes."""
+    with h5py.File(source, "a") as file:
+        file["joint"][...] *= np.float32(0.9)  # a hand too small for the model, so that a residual remains
+    _, own = fitted(source)
+    with h5py.File(source, "a") as file:
+        del file["half_cube"]
+    _, usual = fitted(source)
+    assert np.nanmean(own) > 1 and np.nanmean(usual / own) == pytest.approx(150 / SEEN_MM)
+
+
+def test_options_reach_the_fit(source):
+    """A large ridge keeps the hand near its initial pose, which increases the residual."""
+    _, free = fitted(source)
+    _, pulled = fitted(source, ridge=10.0)
+    assert np.nanmean(pulled) > 10 > np.nanmean(free)
+
+
+# -------------------------------------------------------------------------------------------- links
+
+
+def test_a_list_of_companions_reads_like_the_list_of_the_data(source, net_of):
+    """The companion gives the same depth and joints, and the angles."""
+    target, _ = fitted(source)
+    first = net_on([source], net_of, "depth", "joint").forward()
+    second = net_on([target], net_of, "depth", "joint", "dof").forward()
+    for name in ("depth", "joint"):
+        assert np.array_equal(first[name], second[name])
+    with h5py.File(target) as file:
+        assert np.array_equal(second["dof"], file["dof"])
+        assert file.attrs["made_from"] == "a test"
+        assert (sorted(file), file.attrs["rest_in"]) == (["dof", "residual_mm"], "../data/part.h5")
+
+
+def test_both_folders_can_be_moved(source, tmp_path, net_of):
+    """Links are relative to the companion, so that both folders can be moved together."""
+    fitted(source)
+    (tmp_path / "elsewhere").mkdir()
+    for folder in ("data", "angles"):
+        (tmp_path / folder).rename(tmp_path / "elsewhere" / folder)
+    target = tmp_path / "elsewhere" / "angles" / "part.h5"
+    assert net_on([target], net_of, "depth", "dof").forward()["depth"].shape == (FRAMES, 1, 4, 4)
+
+
+def test_angles_that_the_data_have_already(source):
+    """The companion's angles take precedence over angles in the data, as in synthetic data."""
+    with h5py.File(source, "a") as file:
+        file["dof"] = np.full((FRAMES, 47), 9.0)
+    target, _ = fitted(source)
+    with h5py.File(target) as file:
+        assert (np.abs(file["dof"][...]) < 9).all()
+
+
+def test_a_link_whose_file_has_gone(source, net_of):
+    """The error names the missing data file on one line."""
+    target, _ = fitted(source)
+    source.unlink()
+    message = r"data/part.h5: cannot read the rest of .*part.h5: No such file or directory"
+    with pytest.raises(netlib.DataError, match=message) as error:
+        net_on([target], net_of, "depth", "dof")
+    assert "\n" not in str(error.value)
+
+
+# --------------------------------------------------------------------------------------------- reuse
+
+
+def test_what_is_there_is_kept(source):
+    """A companion made in the same way from the same file is reused, and its frames count as progress."""
+    target, first = fitted(source)
+    os.utime(target, ns=(1, 1))
+    reported = []
+    _, second = fitted(source, progress=reported.append)
+    assert target.stat().st_mtime_ns == 1 and sum(reported) == FRAMES
+    assert second == pytest.approx(first, abs=1e-6, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda source: os.utime(source, ns=(1, 1)) or {},
+        lambda source: {"starts": 2},
+        lambda source: {"limits": False},
+        lambda source: {"ridge": 1e-3},
+    ],
+    ids=["the file", "starts", "limits", "ridge"],
+)
+def test_what_has_changed_is_made_again(source, change):
+    """A rewritten data file, or other options of the fit, cause a new fit."""
+    target, _ = fitted(source)
+    os.utime(target, ns=(1, 1))
+    fitted(source, **change(source))
+    assert target.stat().st_mtime_ns > 1
+
+
+def test_another_hand_of_the_same_name(source):
+    """The skeleton is identified by its numbers, not its name: angles of another hand are fitted again."""
+    target, _ = fitted(source)
+    longer = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)) for j in SKELETON.param.joint]
+    other = skeleton.Skeleton(replace(SKELETON.param, joint=tuple(longer)))
+    residuals = companions.fit_file(source, target, other)
+    assert other.name == SKELETON.name and np.nanmean(residuals) > 1
+
+
+def test_a_companion_that_is_broken_is_made_again(source):
+    """A truncated companion is replaced."""
+    target, residuals = fitted(source)
+    target.write_bytes(target.read_bytes()[:200])
+    assert np.array_equal(fitted(source)[1], residuals, equal_nan=True)
+
+
+# -------------------------------------------------------------------------------------------- mistakes
+
+
+def test_companions_go_to_another_folder(source, tmp_path):
+    """Companions keep the names of their files; neither data nor other companions are overwritten."""
+    files = [source, source.with_name("more.h5")]
+    assert companions.companions_of(files, tmp_path / "out") == [
+        tmp_path / "out" / "part.h5",
+        tmp_path / "out" / "more.h5",
+    ]
+    for folder in (source.parent, source.parent / ".." / "data"):
+        with pytest.raises(DataError, match=r"part.h5: would replace the data themselves; choose another --out"):
+            companions.companions_of(files, folder)
+    with pytest.raises(DataError, match="two files of the list have the same name"):
+        companions.companions_of([source, tmp_path / "other" / "part.h5"], tmp_path / "out")
+    with pytest.raises(DataError, match=r"is not next to the folder of the data, .*; expected --out .*data_angles"):
+        companions.companions_of(files, tmp_path / "far" / "away")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"other": np.zeros(2)}, "no data set 'joint'; it has depth, half_cube, other"),
+        ({"joint": np.zeros((2, 42))}, r"data set 'joint' has shape \(2, 42\), expected \(N, 93\) for 31 joints"),
+        ({"joint": np.ones((2, 93))}, "frame 0 has no known joint"),
+    ],
+    ids=["none", "14 joints", "all cut off"],
+)
+def test_files_with_something_wrong_in_them(tmp_path, arrays, message):
+    """The error names the file on one line, and no file is written."""
+    write(tmp_path / "data" / "bad.h5", **arrays)
+    with pytest.raises(DataError, match=rf"bad.h5: {message}") as error:
+        fitted(tmp_path / "data" / "bad.h5")
+    assert "\n" not in str(error.value) and not (tmp_path / "angles").exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"no HDF5 at all", None], ids=["empty", "text", "cut"])
+def test_files_that_are_not_hdf5(source, content):
+    """An empty, non-HDF5 or truncated file raises an error of one line."""
+    source.write_bytes(source.read_bytes()[:1000] if content is None else content)
+    with pytest.raises(DataError, match=r"part.h5: cannot read the HDF5 file") as error:
+        fitted(source)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,158 @@
+"""Fitting poses to joints."""
+
+import numpy as np
+import pytest
+
+import netlib
+from handpose.body.nyu import EVALUATION_JOINTS, cube_of_test_frame
+from handpose.fit.joints import angles
+from handpose.fit.joints.fit_joints import fit_joints
+from handpose.frames.cameras import NYU
+from handpose.synthetic.pose_prior import BodySampler
+from layers.hand import skeleton as skeletons
+from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib.errors import DataError
+from netlib.proto import prototxt, schema
+
+SKELETON = skeletons.load()
+
+
+def joints_of(body, inputs):
+    """Joints (N, K, 3)."""
+    return kinematics_of(body).joints(inputs)
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    """Inputs (40, 47) of synthetic hands; their joints are computed with the packaged bones."""
+    return BodySampler().draw(np.random.default_rng(7), 40).inputs
+
+
+@pytest.mark.parametrize("limits", [True, False])
+def test_all_joints_give_the_pose_back(inputs, limits):
+    """31 joints are fitted to 1e-5 half-cubes, and the median error of canonical angles is below 0.01 degrees."""
+    found = fit_joints(SKELETON, joints_of(SKELETON, inputs), limits=limits, starts=32)
+    assert found.residuals.max() < 1e-5
+    errors = angles.angle_errors(SKELETON, found.inputs, inputs)
+    assert np.median(errors.max(axis=1)) < 0.01
+
+
+def test_fourteen_joints_fit_exactly(inputs):
+    """NYU's 14 evaluation joints are reproduced, although they do not determine all angles."""
+    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS]
+    found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, starts=32)
+    assert found.residuals.shape == (40, 14) and found.residuals.mean(axis=1).max() < 1e-4
+
+
+def test_a_body_whose_root_does_not_turn():
+    """A body without a rotating root is fitted from its initial rotation alone."""
+    text = """dof { name: "bend" }
+        joint { name: "root" bone { axis: X length: 1 } }
+        joint { name: "tip" parent: "root" rotate { axis: Z dof: "bend" } bone { axis: X length: 1 } }"""
+    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "arm"))
+    bent = np.array([[0.5], [-2.0]])
+    assert np.allclose(fit_joints(arm, joints_of(arm, bent)).inputs, bent, atol=1e-6)
+
+
+@pytest.mark.parametrize("limits", [True, False])
+def test_a_root_that_turns_about_two_axes(rng, limits):
+    """Half a turn of the root affects joints below it; both forms of the pose are valid, with and without limits."""
+    text = """dof { name: "a" lower: -3 upper: 3 } dof { name: "b" lower: -3 upper: 3 }
+        dof { name: "c" lower: -2 upper: 1 }
+        joint { name: "root" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } }
+        joint { name: "tip" parent: "root" rotate { axis: X dof: "c" } bone { axis: Y length: 1 } }"""
+    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "arm"))
+    found = fit_joints(arm, joints_of(arm, rng.uniform(-2, 1, (50, 3))), limits=limits)
+    assert found.residuals.max() < 1e-5
+    assert not limits or ((found.inputs >= arm.lower - 1e-9) & (found.inputs <= arm.upper + 1e-9)).all()
+
+
+def test_joints_that_are_not_known(inputs):
+    """Frames with missing joints are fitted to the others, and the positions of nearby joints are recovered."""
+    targets = joints_of(SKELETON, inputs)
+    hidden = targets.copy()
+    hidden[::2, [0, 5, 28]] = np.nan  # tips and a joint of the thumb
+    hidden[3, 7, 1] = np.nan  # one missing coordinate makes the joint unknown
+    found = fit_joints(SKELETON, hidden, starts=32)
+    assert np.isnan(found.residuals[::2, [0, 5, 28]]).all() and np.isnan(found.residuals[3, 7])
+    assert np.nanmax(found.residuals) < 1e-5
+    assert np.abs(joints_of(SKELETON, found.inputs)[:, [1, 6, 29]] - targets[:, [1, 6, 29]]).max() < 1e-4
+
+
+def test_limits_hold(inputs, rng):
+    """With limits no input exceeds them, and without limits the residual is lower."""
+    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.05, (40, 14, 3))
+    inside, free = (fit_joints(SKELETON, targets, EVALUATION_JOINTS, limits=limits) for limits in (True, False))
+    assert (inside.inputs >= SKELETON.lower - 1e-12).all() and (inside.inputs <= SKELETON.upper + 1e-12).all()
+    assert (free.inputs[:, SKELETON.fixed] == 0).all()
+    assert (free.residuals**2).sum() < (inside.residuals**2).sum()
+    assert (free.inputs > SKELETON.upper).any()
+
+
+def test_ridge_pulls_to_the_initial_pose(inputs, rng):
+    """A larger ridge gives smaller angles and a larger residual."""
+    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
+    fingers = np.setdiff1d(angles.rotations(SKELETON), (3, 4, 5))
+    sizes, residuals = [], []
+    for ridge in (0, 3e-3, 0.1):
+        found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, ridge=ridge)
+        sizes.append((found.inputs[:, fingers] ** 2).sum())
+        residuals.append((found.residuals**2).sum())
+    assert sizes[0] > sizes[1] > sizes[2] and residuals[0] < residuals[1] < residuals[2]
+
+
+def test_the_result_is_a_minimum(inputs, rng):
+    """No small step of an angle lowers the cost, as computed from the joints, without the fit's own derivative."""
+    targets = joints_of(SKELETON, inputs)[:5, EVALUATION_JOINTS] + rng.normal(0, 0.02, (5, 14, 3))
+    found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, limits=False)
+
+    def cost(x):
+        return ((joints_of(SKELETON, x)[:, EVALUATION_JOINTS] - targets) ** 2).sum(axis=(1, 2))
+
+    for dof in np.unique(SKELETON.driven):
+        for step in (1e-2, -1e-2):
+            moved = found.inputs.copy()
+            moved[:, dof] += step
+            assert (cost(moved) >= cost(found.inputs) - 1e-9).all()
+
+
+def test_threads_change_nothing(inputs, rng, monkeypatch):
+    """Results for one and two threads are equal bit for bit."""
+    monkeypatch.setattr("handpose.fit.joints.fit_joints.CHUNK", 8)
+    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
+    before, results = netlib.threads(), []
+    try:
+        for count in (1, 2):
+            netlib.set_threads(count)
+            results.append(fit_joints(SKELETON, targets, EVALUATION_JOINTS).inputs)
+    finally:
+        netlib.set_threads(before)
+    assert np.array_equal(*results)
+
+
+@pytest.mark.parametrize(
+    ("targets", "joints", "message"),
+    [
+        (np.zeros((2, 13, 3)), EVALUATION_JOINTS, r"shape \(2, 13, 3\), expected \(N, 14, 3\)"),
+        (np.full((2, 31, 3), np.nan), None, "frame 0 has no known joint"),
+        (np.full((2, 31, 3), np.inf), None, "frame 0 has an infinite joint"),
+        (np.zeros((2, 2, 3)), [0, 0], "different numbers from 0 to 30"),
+        (np.zeros((2, 1, 3)), [31], "different numbers from 0 to 30"),
+    ],
+)
+def test_wrong_joints_are_refused(targets, joints, message):
+    """Invalid joints raise an error."""
+    with pytest.raises(DataError, match=message):
+        fit_joints(SKELETON, targets, joints)
+
+
+def test_published_predictions_lie_on_the_model(nyu_data):
+    """Every 40th published prediction is fitted to 0.001 mm, because the predictions come from this hand model."""
+    uvd = np.loadtxt(nyu_data / "predictions" / "IJCAI16_NYU_DeepModel.txt").reshape(-1, 14, 3)[::40]
+    half = cube_of_test_frame(np.arange(0, 8252, 40))[:, None, None] / 2
+    xyz = NYU.unproject(uvd)
+    found = fit_joints(
+        SKELETON, (xyz - xyz.mean(axis=1, keepdims=True)) / half, EVALUATION_JOINTS, limits=False, starts=64
+    )
+    assert (found.residuals * half[:, :, 0]).mean(axis=1).max() < 0.001

@@ -1,0 +1,96 @@
+"""handpose/fit/body.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
+from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib.errors import NetlibError
+from netlib.proto import prototxt, schema
+from tests.handpose.body.test_surface_model import ARM
+from tests.handpose.fit.conftest import slopes
+
+COUPLED = ARM.replace('rotate { axis: Z dof: "elbow" }', 'rotate { axis: Z dof: "shoulder" }')
+
+
+def body(text: str) -> CapsuleModel:
+    """The surface of a skeleton given as text; one unit is 10 mm."""
+    return CapsuleModel(Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test")), 10.0)
+
+
+def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:
+    """The ends (N, E, 3) in mm, in float64, computed from the surface itself."""
+    inputs = np.zeros((len(x), len(model.whole.initial)))
+    inputs[:, model.free] = x[:, :SIZE]
+    size, kinematics = np.exp(x[:, SIZE]), kinematics_of(model.whole)
+    pose = kinematics.forward(inputs, model.whole.bones * size[:, None])
+    used = np.unique(np.concatenate([model.surface.start, model.surface.end]))
+    return model.surface.ends(pose, size)[:, used] * model.unit_mm
+
+
+@pytest.mark.parametrize("text", [None, ARM, COUPLED], ids=["hand", "arm", "coupled"])
+def test_ends_and_how_they_move(model: CapsuleModel, text: str | None) -> None:
+    """Ends and their motion equal the surface's and its central differences, with all kinds of variables."""
+    surface = model if text is None else body(text)
+    x = np.random.default_rng(0).normal(0, 0.2, (5, surface.variables))
+    posed = surface.posed(x)
+    scale = surface.unit_mm
+    np.testing.assert_allclose(posed.ends, exact_ends(surface, x), atol=1e-6 * scale)
+    expected = slopes(lambda x: exact_ends(surface, x), x, 1e-5)
+    np.testing.assert_allclose(posed.motion, expected, atol=3e-6 * scale)
+    np.testing.assert_allclose(posed.thickness, np.exp(x[:, SIZE] + x[:, THICKNESS]), rtol=1e-6)
+    assert (posed.motion[..., THICKNESS] == 0).all()
+
+
+def test_variables_of_the_hand(model: CapsuleModel) -> None:
+    """The skeleton has 26 variables, the forearm 2; size and thickness are one each. Knuckles and wrist are rigid."""
+    assert model.variables == 30
+    assert (len(model.root), len(model.limbs), len(model.own)) == (6, 20, 2)
+    used = np.unique(np.concatenate([model.surface.start, model.surface.end]))
+    rigid = {model.whole.joint_names[j] for j in used[model.rigid]}
+    knuckles = {f"{finger}_mcp" for finger in ("little", "ring", "middle", "index", "thumb")}
+    assert rigid == {"palm", "wrist_left", "wrist_middle", "forearm"} | knuckles
+
+
+def test_there_and_back(model: CapsuleModel) -> None:
+    """Inputs survive conversion to variables and back; limbs are clipped to their limits; size scales the joints."""
+    inputs = np.zeros((3, 47))
+    inputs[:, ~model.skeleton.fixed] = np.random.default_rng(1).normal(0, 0.05, (3, 26))
+    lower, upper = model.skeleton.lower, model.skeleton.upper
+    inputs = np.where(model.skeleton.fixed, 0, np.clip(inputs, lower, upper))
+    x = model.variables_of(inputs)
+    np.testing.assert_allclose(model.inputs_of(x), inputs)
+    np.testing.assert_allclose(model.joints(x), kinematics_of(model.skeleton).joints(inputs) * 150, atol=1e-9)
+    x[:, SIZE] = np.log(1.1)
+    root = model.joints(x)[:, model.skeleton.joint_names.index("palm")]
+    larger, same = model.joints(x) - root[:, None], model.joints(model.variables_of(inputs)) - root[:, None]
+    np.testing.assert_allclose(larger, 1.1 * same, atol=1e-9)
+    wild = model.variables_of(np.full((1, 47), 50.0))
+    np.testing.assert_array_equal(wild[0, model.limbs], model.upper[model.limbs])
+
+
+def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
+    """The capsules are moved to the centre, and their radii are scaled by the thickness."""
+    x = np.zeros((1, model.variables))
+    x[0, THICKNESS] = np.log(1.2)
+    capsules = model.capsules(x, np.array([[1.0, 2, 700]]))
+    np.testing.assert_allclose(capsules.radius_a[0], model.radii[:, 0] * 1.2, rtol=1e-6)
+    np.testing.assert_allclose(capsules.a[0] - (1, 2, 700), model.posed(x).ends[0, model.start], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ARM.replace('name: "end" parent: "root"', 'name: "end" parent: "root" translate { axis: Y dof: "x" }'),
+        ARM.replace('joint { name: "end" parent: "root"', 'joint { name: "end"'),
+    ],
+    ids=["slides", "two roots"],
+)
+def test_bodies_that_cannot_be_fitted(text: str) -> None:
+    """A body whose root does not translate alone, or with two roots, raises an error."""
+    with pytest.raises(NetlibError, match=r"skeleton 'arm': expected one root, without a bone, that alone translates"):
+        body(text)

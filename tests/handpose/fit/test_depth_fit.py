@@ -1,0 +1,249 @@
+"""handpose/fit/depth_fit.py"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handpose.body.model import Surface
+from handpose.body.render import Capsules, normalise_depth, render_crop
+from handpose.fit.body import CapsuleModel
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.network_errors import LOST_MM, NetworkErrors
+from handpose.fit.observation import observe
+from handpose.fit.rounding import NETWORK_STEP, rounded
+from handpose.fit.search import ACCURATE, FAST, Plan
+from handpose.frames.cameras import NYU
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib import engine
+from netlib.errors import DataError
+from netlib.proto import prototxt, schema
+from tests.handpose.fit.conftest import Scene
+from tests.handpose.fit.test_descent import error, start_of
+
+# Three bones in a row, unlike a hand: moves in space, turns about all axes, has two bending joints.
+WORM = """name: "worm"
+dof { name: "x" } dof { name: "y" } dof { name: "z" } dof { name: "rz" } dof { name: "rx" } dof { name: "ry" }
+dof { name: "bend" lower: -1.5 upper: 1.5 } dof { name: "curl" lower: -1.5 upper: 1.5 }
+joint { name: "tail" translate { axis: X dof: "x" } translate { axis: Y dof: "y" } translate { axis: Z dof: "z" }
+        rotate { axis: Z dof: "rz" } rotate { axis: X dof: "rx" } rotate { axis: Y dof: "ry" } }
+joint { name: "side" parent: "tail" bone { axis: Y length: 0.3 } }
+joint { name: "one" parent: "tail" bone { axis: X length: 0.5 } }
+joint { name: "two" parent: "one" rotate { axis: Z dof: "bend" } bone { axis: X length: 0.4 } }
+joint { name: "three" parent: "two" rotate { axis: Z dof: "curl" } bone { axis: X length: 0.3 } }
+flesh {
+  capsule { from: "tail" to: "side" radius: 0.12 radius: 0.08 }
+  capsule { from: "tail" to: "one" radius: 0.12 radius: 0.1 }
+  capsule { from: "one" to: "two" radius: 0.1 radius: 0.08 }
+  capsule { from: "two" to: "three" radius: 0.08 radius: 0.05 }
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def fitter(model: CapsuleModel) -> DepthFitter:
+    """The fitter for a network whose limbs have errors of 0.15 radians."""
+    table = np.array([[1.0, 2, 1], [100, 20, 0.5], [1000, 60, 0]])
+    return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}, {"fast": np.full(5, 0.2)}))
+
+
+def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
+    """A fast fit returns joints near the truth, matching inputs, size and cost, and the error from the table."""
+    model = fitter.model
+    start = start_of(scene, model)
+    found = fitter.fit(scene.seen, [start], FAST)
+    assert np.median(np.linalg.norm(found.joints - scene.joints, axis=2).mean(axis=1)) < 6
+    assert error(model, start, scene).mean() > 12
+    np.testing.assert_allclose(found.joints, model.joints(found.x))
+    assert ((found.size > 0.74) & (found.size < 1.36)).all() and (found.start == 0).all()
+    np.testing.assert_allclose(found.error_mm, np.interp(found.uncertainty, [1, 100, 1000], [2, 20, 60]))
+    assert np.isfinite(found.confidence).all()
+    np.testing.assert_allclose(found.cost, found.signs[:, :4].sum(axis=1))
+    np.testing.assert_allclose(found.network, model.joints(rounded(start, NETWORK_STEP)), atol=1e-6)
+    np.testing.assert_allclose(found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1))
+
+
+def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
+    """The accurate plan has a lower cost on average; its confidence is NaN, because its errors were not measured."""
+    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    fast = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST)
+    accurate = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
+    assert np.log(accurate.cost).mean() < np.log(fast.cost).mean()
+    assert np.isnan(accurate.error_mm).all() and np.isnan(accurate.confidence).all()
+
+
+@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
+def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
+    """A frame's fit is independent of other frames and of the number of threads, and is reproducible bit for bit."""
+    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    quarters = len(plan.quarters)
+    whole = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
+    again = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
+    np.testing.assert_array_equal(whole.x, again.x)
+    one = fitter.fit(scene.seen.take(slice(3, 4)), [fitter.model.variables_of(inputs[3:4])] * quarters, plan)
+    np.testing.assert_allclose(one.joints[0], whole.joints[3], atol=1e-6)
+    threads = engine.get().threads()
+    try:
+        engine.get().set_threads(1)
+        np.testing.assert_array_equal(
+            fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan).x, whole.x
+        )
+    finally:
+        engine.get().set_threads(threads)
+
+
+@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
+def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
+    """Predictions that differ by 1e-7, as between two processors, give the same fit."""
+    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    nearly = inputs + np.random.default_rng(0).normal(0, 1e-7, inputs.shape) * (inputs != 0)
+    quarters = len(plan.quarters)
+    found, again = (
+        fitter.fit(scene.seen, [fitter.model.variables_of(own)] * quarters, plan) for own in (inputs, nearly)
+    )
+    np.testing.assert_array_equal(found.x, again.x)
+
+
+def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> None:
+    """An empty crop and a speck get confidence 0; the error stays finite, so that JSON can represent it."""
+    crops = np.ones((2, 128, 128), np.float32)
+    crops[1, 60:70, 60:70] = 0
+    inputs = fitter.model.inputs_of(scene.truth[:2])
+    found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [fitter.model.variables_of(inputs)], FAST)
+    assert (found.confidence == 0).all() and (found.error_mm == LOST_MM).all() and np.isinf(found.uncertainty).all()
+
+
+def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) -> None:
+    """The longer the image border cuts the hand, the lower the confidence; nothing else changes."""
+    start = [start_of(scene, fitter.model)]
+    cut = [np.full(len(scene.seen), mm, np.float32) for mm in (0, 40, 60, 300)]
+    found = [fitter.fit(replace(scene.seen, cut_mm=own), start, FAST) for own in cut]
+    for one, part, times in zip(found, (1, 1, 0.9, 0.6), (1, 1, 1.3, 2.2)):
+        np.testing.assert_allclose(one.confidence, part * found[0].confidence)
+        np.testing.assert_allclose(one.error_mm, np.minimum(times * found[0].error_mm, LOST_MM))
+        np.testing.assert_array_equal(one.x, found[0].x)
+
+
+def test_a_known_size_is_kept(fitter: DepthFitter, scene: Scene) -> None:
+    """A known size is kept to within 0.002."""
+    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    found = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=1.07)
+    assert found.size == pytest.approx(1.07, abs=2e-3)
+
+
+def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None:
+    """From the true pose, every right hand costs less as a right hand than as its mirror image."""
+    inputs = fitter.model.inputs_of(scene.truth)
+    right = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
+    left = fitter.fit(scene.seen.mirrored(), [fitter.model.variables_of(inputs)] * 4, ACCURATE)
+    assert (right.cost < left.cost).all()
+
+
+def test_any_body_with_surface() -> None:
+    """A worm of three bones, drawn at a known pose, is fitted from a start with errors of 0.15."""
+    skeleton = Skeleton(schema.read(prototxt.parse(WORM), SkeletonParameter, "worm"))
+    surface, rng = Surface(skeleton), np.random.default_rng(0)
+    inputs = np.zeros((8, 8))
+    inputs[:, 3:6] = rng.normal(0, 0.5, (8, 3))
+    inputs[:, 6:] = rng.uniform(-1, 1, (8, 2))
+    uvd = np.tile([320.0, 240, 700], (8, 1))
+    ends = surface.ends(surface.kinematics.forward(inputs)) * 150 + NYU.unproject(uvd)[:, None]
+    radii = np.tile(surface.radii * 150, (8, 1, 1))
+    capsules = Capsules(ends[:, surface.start], ends[:, surface.end], radii[..., 0], radii[..., 1])
+    crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
+    fitter = DepthFitter(CapsuleModel(skeleton, 150.0))
+    start = inputs + rng.normal(0, 0.15, inputs.shape)
+    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [fitter.model.variables_of(start)] * 4, ACCURATE)
+    truth = surface.kinematics.joints(inputs) * 150
+    before = np.linalg.norm(surface.kinematics.joints(start) * 150 - truth, axis=2).mean(axis=1)
+    after = np.linalg.norm(found.joints - truth, axis=2).mean(axis=1)
+    assert np.median(after) < 3 and before.mean() > 15
+
+
+def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
+    """The previous frame is one more start, which wins if the network is far off, and loses if it is far off itself."""
+    model = fitter.model
+    far = scene.truth.copy()
+    far[:, model.limbs] = np.clip(far[:, model.limbs] + 0.9, model.lower[model.limbs], model.upper[model.limbs])
+    far[:, model.root[3:]] += 0.7
+    near = scene.truth + np.random.default_rng(0).normal(0, 0.02, scene.truth.shape)
+    alone = fitter.fit(scene.seen, [far], FAST)
+    found = fitter.fit(scene.seen, [far], FAST, before=near)
+    assert (found.start == 1).mean() > 0.7 and np.median(error(model, found.x, scene)) < 4
+    assert error(model, found.x, scene).mean() < 0.5 * error(model, alone.x, scene).mean()
+    np.testing.assert_allclose(found.network, alone.network)
+    other = fitter.fit(scene.seen, [near], FAST, before=far)
+    assert (other.start == 0).mean() > 0.7
+    accurate = fitter.fit(scene.seen, [far] * 4, ACCURATE, before=near)
+    assert (accurate.start == 4).mean() > 0.5
+
+
+@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
+def test_frames_without_a_frame_before(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
+    """A frame with NaN as its previous frame is fitted as if it had none; the other frames are not affected."""
+    starts = [scene.truth + np.random.default_rng(q).normal(0, 0.1, scene.truth.shape) for q in plan.quarters]
+    before = scene.truth.copy()
+    before[::2] = np.nan
+    found = fitter.fit(scene.seen, starts, plan, before=before)
+    alone = fitter.fit(scene.seen, starts, plan)
+    followed = fitter.fit(scene.seen, starts, plan, before=scene.truth)
+    np.testing.assert_array_equal(found.x[::2], alone.x[::2])
+    np.testing.assert_array_equal(found.x[1::2], followed.x[1::2])
+
+
+def test_sizes_of_several_hands(fitter: DepthFitter, scene: Scene) -> None:
+    """Each frame can have its own known size, which also holds for the start from the previous frame."""
+    inputs, sizes = fitter.model.inputs_of(scene.truth), np.linspace(0.9, 1.1, len(scene.truth))
+    for found in (
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=sizes),
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=sizes, before=scene.truth),
+        fitter.follow(scene.seen, scene.truth, np.zeros(12), FAST, size=sizes),
+    ):
+        np.testing.assert_allclose(found.size, sizes, atol=3e-3)
+
+
+@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
+def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
+    """Following reduces the error without a network; ``moved``, the network's error, still adds to the uncertainty."""
+    model = fitter.model
+    before = scene.truth + np.random.default_rng(0).normal(0, 0.05, scene.truth.shape)
+    before[:, -2:] = 0
+    kept, moved = before.copy(), np.linspace(0, 40, len(before))
+    found = fitter.follow(scene.seen, before, moved, plan)
+    assert error(model, found.x, scene).mean() < error(model, before, scene).mean()
+    np.testing.assert_array_equal(before, kept)
+    own = np.linalg.norm(found.joints - model.joints(before), axis=2).mean(axis=1)
+    np.testing.assert_allclose(found.signs[:, 4], np.maximum(own, moved), rtol=1e-6)
+    calm = fitter.follow(scene.seen, before, np.zeros(len(before)), plan)
+    np.testing.assert_array_equal(calm.x, found.x)
+    assert (calm.uncertainty <= found.uncertainty).all() and calm.uncertainty[-1] < found.uncertainty[-1]
+    np.testing.assert_array_equal(found.x, fitter.follow(scene.seen, before, moved, plan).x)
+
+
+def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limbs stay nearer to the expected pose than the network's errors imply; the signs use the network's errors."""
+    model, objective = fitter.model, fitter.objective
+    before = scene.truth + np.random.default_rng(0).normal(0, 0.1, scene.truth.shape)
+    before[:, -2:] = 0
+    before = np.clip(before, model.lower, model.upper)
+    found = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)
+    expected = before.copy()
+    expected[:, model.own] = 0
+    prior = objective.measure(found.x, scene.seen, objective.prior_of(expected, fitter.precision)).prior
+    np.testing.assert_allclose(found.signs[:, 3], prior, rtol=1e-4)
+    monkeypatch.setattr("handpose.fit.depth_fit.HOLD", 1.0)
+    loose = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)
+    held, free = (np.abs(fit.x - before)[:, model.limbs].mean() for fit in (found, loose))
+    assert held < 0.95 * free
+
+
+def test_mistakes(fitter: DepthFitter, scene: Scene) -> None:
+    """The number of starts must match the quarter turns, and the number of frames the crops."""
+    inputs = fitter.model.inputs_of(scene.truth)
+    with pytest.raises(DataError, match="1 starts, expected 4 for the plan 'accurate'"):
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], ACCURATE)
+    with pytest.raises(DataError, match="starts of 11 frames for 12 crops"):
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs[:11])], FAST)

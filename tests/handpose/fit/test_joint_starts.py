@@ -1,0 +1,49 @@
+"""handpose/fit/joint_starts.py"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.joint_starts import aligned, near_joints
+from tests.handpose.fit.conftest import Scene
+
+
+def error(model: CapsuleModel, x: np.ndarray, scene: Scene) -> np.ndarray:
+    """Mean distance (N,) of the joints from the true ones, in mm."""
+    return np.asarray(np.linalg.norm(model.joints(x) - scene.joints, axis=2).mean(axis=1))
+
+
+def test_true_joints(model: CapsuleModel, scene: Scene) -> None:
+    """From angles 0.2 radians off, the true pose is found nearly, because the start keeps a small weight."""
+    start = scene.truth.copy()
+    start[:, model.limbs] += np.random.default_rng(0).normal(0, 0.2, (12, 20))
+    start = np.clip(start, model.lower, model.upper)
+    found = near_joints(model, start, scene.joints)
+    assert error(model, found, scene).max() < 4 and error(model, start, scene).mean() > 8
+    assert (found >= model.lower).all() and (found <= model.upper).all()
+    np.testing.assert_array_equal(found[:, model.own], start[:, model.own])
+
+
+def test_joints_of_another_size(model: CapsuleModel, scene: Scene) -> None:
+    """The size grows with joints that are farther from the root than the skeleton's."""
+    root = scene.joints[:, [24]]
+    found = near_joints(model, scene.truth, root + 1.1 * (scene.joints - root))
+    np.testing.assert_allclose(np.exp(found[:, SIZE]), 1.1, atol=0.02)
+
+
+def test_joints_that_are_no_body(model: CapsuleModel, scene: Scene) -> None:
+    """Independent joint errors of 14 mm become smaller, because the result is a body."""
+    noisy = scene.joints + np.random.default_rng(1).normal(0, 14 / 3**0.5, scene.joints.shape)
+    found = near_joints(model, scene.truth, noisy)
+    given = np.linalg.norm(noisy - scene.joints, axis=2).mean()
+    assert error(model, found, scene).mean() < 0.6 * given
+
+
+def test_another_rotation(model: CapsuleModel, scene: Scene) -> None:
+    """A rotated and shifted body is aligned with the joints, exactly if its limb angles are right."""
+    start = scene.truth.copy()
+    start[:, model.root] += np.random.default_rng(2).normal(0, 2, (12, 6)) * (0.1, 0.1, 0.1, 1, 1, 1)
+    assert error(model, start, scene).min() > 15
+    assert error(model, aligned(model, start, scene.joints), scene).max() < 1e-3
+    assert error(model, near_joints(model, start, scene.joints), scene).max() < 1e-3

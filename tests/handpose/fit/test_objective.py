@@ -1,0 +1,102 @@
+"""handpose/fit/objective.py"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handpose.fit import objective as objectives
+from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.objective import Objective, Prior, Weights
+from tests.handpose.fit.conftest import Scene
+
+SURFACE, OUTLINE, FRONT, PRIOR = range(4)
+
+
+def moved(scene: Scene, size: float = 0.05) -> np.ndarray:
+    """The truth with small errors in all variables."""
+    return scene.truth + np.random.default_rng(0).normal(0, size, scene.truth.shape)
+
+
+def prior_of(objective: Objective, scene: Scene) -> Prior:
+    """The prior about the truth."""
+    return objective.prior_of(scene.truth, np.eye(len(objective.model.limbs)) * 11.0)
+
+
+def cost(objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0) -> objectives.Cost:
+    """The total cost and its parts at x."""
+    prior = prior_of(objective, scene)
+    return objective.weigh(objective.measure(x, scene.seen, prior), scene.seen, robust)
+
+
+def equations(objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0) -> tuple[np.ndarray, np.ndarray]:
+    """The curvature and half the gradient at x."""
+    measured = objective.measure(x, scene.seen, prior_of(objective, scene))
+    return objective.equations(measured, objective.weigh(measured, scene.seen, robust))
+
+
+def test_the_truth_costs_little(model: CapsuleModel, scene: Scene) -> None:
+    """Every term costs less at the truth than at some distance from it, and the parts add up to the total."""
+    objective = Objective(model, Weights())
+    true, off = cost(objective, scene.truth, scene), cost(objective, moved(scene, 0.15), scene)
+    for term in (SURFACE, OUTLINE, FRONT, PRIOR):
+        assert true.parts[:, term].mean() < off.parts[:, term].mean()
+    assert true.parts[:, PRIOR].max() < 1e-6
+    np.testing.assert_allclose(true.total, true.parts.sum(axis=1))
+
+
+def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
+    """The prior equals values worked out by hand, for a limb, the forearm, the thickness and the palm."""
+    weights = Weights(limbs=2.0, size=0.1, thickness=0.2)
+    objective = Objective(model, weights)
+    x = scene.truth.copy()
+    x[0, model.limbs[3]] += 0.1
+    x[1, model.own[0]] += 0.1
+    x[2, -1] += 0.1
+    x[3, model.root[0]] += 0.1  # 15 mm
+    found = cost(objective, x, scene).parts[:, PRIOR]
+    flexion = model.deviation[model.own[0]]
+    n = len(model.rigid)
+    assert found[:4] == pytest.approx([2 * 11 * 0.01, 0.01 / flexion**2, 0.01 / 0.04, n * 15**2 / 14**2], rel=1e-3)
+    known = objective.of_known_size()
+    x[4, SIZE] += 0.01
+    assert cost(known, x, scene).parts[4, PRIOR] > 1000 > cost(objective, x, scene).parts[4, PRIOR]
+
+
+@pytest.mark.parametrize("robust", [40.0, 10.0])
+def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: CapsuleModel, scene: Scene, robust: float) -> None:
+    """b is half the gradient: exactly for the prior, and for all terms where no point changes its capsule or pixel."""
+    x = moved(scene, 0.02)
+    alone = Objective(model, Weights(independent=1e-9, outline=0.0, front=0.0))
+    everything = Objective(model, Weights(outline=0.0, front=0.0))
+    for objective, share in ((alone, 100), (everything, 75)):
+        _, b = equations(objective, x, scene, robust)
+        found = np.empty_like(b, dtype=float)
+        for v in range(model.variables):
+            d = np.zeros(model.variables)
+            d[v] = 1e-3
+            found[:, v] = (
+                cost(objective, x + d, scene, robust).total - cost(objective, x - d, scene, robust).total
+            ) / 4e-3
+        off = np.abs(found - b) / (np.abs(b) + 0.02 * np.abs(b).max(axis=1, keepdims=True))
+        assert np.percentile(off, share) < 0.15
+
+
+def test_curvature_is_symmetric_and_not_negative(model: CapsuleModel, scene: Scene) -> None:
+    """The curvature is symmetric and positive definite, as for a sum of squares."""
+    A, _ = equations(Objective(model, Weights()), moved(scene), scene)
+    np.testing.assert_allclose(A, A.swapaxes(1, 2), rtol=1e-3, atol=0.5)
+    assert (np.linalg.eigvalsh(A) > 0).all()
+
+
+def test_each_weight_weighs_its_term(model: CapsuleModel, scene: Scene) -> None:
+    """Doubling a weight doubles its part of the cost and leaves the other parts unchanged."""
+    x, w = moved(scene, 0.1), Weights()
+    base = cost(Objective(model, w), x, scene).parts
+    for change, term in (("independent", SURFACE), ("outline", OUTLINE), ("front", FRONT)):
+        doubled = cost(Objective(model, replace(w, **{change: 2 * getattr(w, change)})), x, scene).parts
+        expected = base.copy()
+        expected[:, term] *= 2
+        np.testing.assert_allclose(doubled, expected, rtol=1e-4)

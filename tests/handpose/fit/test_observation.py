@@ -1,0 +1,136 @@
+"""handpose/fit/observation.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.fit.observation import observe
+from handpose.frames.cameras import KINECT2, NYU, Camera
+from handpose.frames.crops import crop_pixels, window
+from netlib.errors import DataError
+from tests.handpose.fit.conftest import Scene
+
+
+def test_points_lie_on_the_surface(scene: Scene) -> None:
+    """Every point projects to a pixel of the crop with the same depth, and its ray passes through it."""
+    seen = scene.seen
+    assert (seen.known == 1).all()
+    points, rays = seen.points.swapaxes(1, 2), seen.rays.swapaxes(1, 2)
+    xyz = points + seen.center[:, None]
+    at = np.rint(crop_pixels(NYU.project(xyz), scene.center_uvd, 300.0)).astype(int)
+    n = np.arange(len(xyz))[:, None]
+    found = scene.crops[n, at[..., 1], at[..., 0]] * 150
+    assert (np.abs(found - points[..., 2]) < 1e-2).mean() > 0.98  # rounding in the crop moves a few points by a pixel
+    np.testing.assert_allclose(np.cross(xyz, rays), 0, atol=1e-2)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=2), 1, atol=1e-6)
+
+
+def test_columns_and_rows(scene: Scene) -> None:
+    """``offset`` and ``factor`` map a point in space to its column and row in the crop."""
+    seen = scene.seen
+    xyz = np.random.default_rng(0).uniform(-100, 100, (12, 7, 3)) + seen.center[:, None]
+    x, y, z = np.moveaxis(xyz, -1, 0)
+    expected = crop_pixels(NYU.project(xyz), scene.center_uvd, 300.0)
+    column = seen.offset[:, :1] + seen.factor[:, :1] * x / z
+    row = seen.offset[:, 1:] + seen.factor[:, 1:] * y / z
+    np.testing.assert_allclose(np.stack([column, row], axis=-1) + 0.5 - 0.5, expected - 0.5, atol=0.51)
+
+
+def test_outside_and_nearest() -> None:
+    """``outside`` is in mm, negative inside a square plate; ``nearest`` is the smallest depth of nine pixels."""
+    crop = np.ones((1, 128, 128), np.float32)
+    crop[:, 40:80, 50:70] = 0.2
+    crop[:, 60, 60] = 1  # a pixel without a reading
+    seen = observe(crop, [[320, 240, 700]], NYU, 300.0)
+    px = 300 / 128
+    assert seen.outside[0, 60, 45] == pytest.approx(4.5 * px, rel=0.02)
+    assert seen.outside[0, 45, 60] == pytest.approx(-5.5 * px, rel=0.02)
+    assert seen.outside[0, 60, 60] < 0
+    assert seen.nearest[0, 39, 49] == pytest.approx(30) and seen.nearest[0, 38, 49] == 150
+    cut = np.full((1, 128, 128), 0.2, np.float32)
+    assert observe(cut, [[320, 240, 700]], NYU, 300.0).outside.max() < -60 * px  # the plate continues beyond the crop
+
+
+@pytest.mark.parametrize("camera", [NYU, KINECT2], ids=lambda camera: camera.name)
+@pytest.mark.parametrize(("u", "v", "cut_mm"), [(0.5, 0.5, 0), (0.0, 0.5, 90), (1.0, 0.5, 90), (0.5, 0.0, 60),
+                                                (0.5, 1.0, 60), (0.0, 1.0, 75)])  # fmt: skip
+def test_what_the_edge_of_the_image_cuts(camera: Camera, u: float, v: float, cut_mm: float) -> None:
+    """``cut_mm`` is the length in mm along which the image border cuts a plate of 60 x 90 mm.
+
+    The plate's middle lies within the image, at its border, or at a corner."""
+    uvd = np.array([[u * (camera.width - 1), v * (camera.height - 1), 700]])
+    column, row = np.arange(128) - 63.5, (np.arange(128) - 63.5)[:, None]
+    plate = (abs(column) * 300 / 128 < 30) & (abs(row) * 300 / 128 < 45)
+    picked = window(uvd, 300.0, camera)
+    inside = (picked.columns[0] >= 0) & (picked.rows[0] >= 0)[:, None]
+    seen = observe(np.where(plate & inside, 0.1, 1.0)[None], uvd, camera, 300.0)
+    assert seen.cut_mm[0] == pytest.approx(cut_mm, abs=5)
+    assert seen.take(np.array([0, 0])).mirrored().cut_mm.tolist() == seen.cut_mm.tolist() * 2
+
+
+def test_few_points_and_none() -> None:
+    """If there are fewer pixels than points, each is used once and the rest are unknown; an empty crop has none."""
+    crop = np.ones((2, 128, 128), np.float32)
+    crop[0, 60:65, 60:70] = 0
+    seen = observe(crop, [[320, 240, 700]] * 2, NYU, 300.0, 80)
+    assert seen.known.sum(axis=1).tolist() == [50, 0]
+    assert len(np.unique(seen.points[0, :, :50], axis=1).T) == 50 and (seen.points[1] == 0).all()
+
+
+def test_what_lies_outside_the_image_is_no_surface() -> None:
+    """Crop pixels beyond the image border yield no points."""
+    crop = np.zeros((1, 128, 128), np.float32)
+    seen = observe(crop, [[5, 240, 700]], NYU, 300.0)
+    u = NYU.project(seen.points[0].T + seen.center[0])[:, 0]
+    assert u.min() > -0.6
+
+
+def test_thin_parts_have_more_points() -> None:
+    """A finger gets more points per pixel than a palm."""
+    crop = np.ones((1, 128, 128), np.float32)
+    crop[0, 20:100, 20:26] = 0  # 80 x 6
+    crop[0, 60:100, 50:100] = 0  # 40 x 50
+    seen = observe(crop, [[320, 240, 700]], NYU, 300.0, 300)
+    thin = (seen.points[0, 0] < -60).mean()
+    assert thin > 1.4 * 480 / 2480
+
+
+def test_the_mirror_image(scene: Scene) -> None:
+    """The mirrored observation equals the observation of the mirrored crop, up to rounding to a pixel."""
+    once = scene.seen.mirrored()
+    np.testing.assert_array_equal(once.points, scene.seen.points * np.array([[-1], [1], [1]]))
+    uvd = scene.center_uvd * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
+    other = observe(scene.crops[:, :, ::-1], uvd, NYU, 300.0)
+    np.testing.assert_allclose(once.outside, other.outside, atol=1e-4)
+    np.testing.assert_allclose(once.offset, other.offset, atol=1.5)
+    for name, values in vars(once.mirrored()).items():
+        np.testing.assert_allclose(values, getattr(scene.seen, name), atol=1e-4)
+
+
+def test_some_in_the_mirror(scene: Scene) -> None:
+    """Only the selected frames are mirrored, and the original observation is not modified."""
+    which = np.arange(len(scene.seen)) % 3 == 1
+    before = {name: values.copy() for name, values in vars(scene.seen).items()}
+    some, everything = scene.seen.mirrored(which), scene.seen.mirrored()
+    for name, values in vars(some).items():
+        np.testing.assert_array_equal(values[which], getattr(everything, name)[which])
+        np.testing.assert_array_equal(values[~which], before[name][~which])
+        np.testing.assert_array_equal(getattr(scene.seen, name), before[name])
+        assert values.dtype == before[name].dtype
+    for name, values in vars(scene.seen.mirrored(np.ones(len(which), bool))).items():
+        np.testing.assert_array_equal(values, getattr(everything, name))
+
+
+def test_some_frames_and_some_points(scene: Scene) -> None:
+    """``take`` selects frames, also repeatedly; ``thinned`` keeps every third point."""
+    few = scene.seen.take(np.array([3, 3, 1])).thinned(3)
+    np.testing.assert_array_equal(few.points[1], scene.seen.points[3, :, ::3])
+    assert len(few) == 3 and few.frame.tolist() == [3, 3, 1] and few.known.shape == (3, 134)
+    assert few.outside is scene.seen.outside  # nothing large is copied
+
+
+def test_mistakes() -> None:
+    """A single crop instead of a stack of crops raises an error."""
+    with pytest.raises(DataError, match=r"crops of shape \(128, 128\), expected \(N, size, size\)"):
+        observe(np.zeros((128, 128)), [[1, 2, 3]], KINECT2, 300.0)

@@ -1,0 +1,93 @@
+"""handpose/fit/body.py: RootMotion, compared with the kinematics, for roots of every kind"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from handpose.fit.body import SIZE, CapsuleModel, RootMotion
+from layers.hand.bodies import kinematics_of
+from netlib.errors import NetlibError
+from tests.support.made_tracks import skeleton_of
+
+# A body of three joints; {slides} and {turns} are the motions of its root, which have initial values.
+BODY = """name: "made up"
+dof {{ name: "x" initial: 0.1 }} dof {{ name: "y" initial: -0.2 }} dof {{ name: "z" {z} }}
+dof {{ name: "a" initial: 0.3 }} dof {{ name: "b" initial: -0.4 }} dof {{ name: "c" initial: 0.2 }}
+dof {{ name: "bend" lower: -1.5 upper: 1.5 }}
+joint {{ name: "root" {slides} {turns} }}
+joint {{ name: "one" parent: "root" bone {{ axis: X length: 0.5 }} }}
+joint {{ name: "two" parent: "one" rotate {{ axis: Z dof: "bend" }} bone {{ axis: Y length: 0.4 }} }}
+flesh {{ capsule {{ from: "root" to: "one" radius: 0.1 radius: 0.1 }}
+        capsule {{ from: "one" to: "two" radius: 0.1 radius: 0.05 }} }}
+"""
+
+
+def body(slides: str = "X Y Z", turns: str = "Z X Y", z: str = "", angles: str = "abc") -> CapsuleModel:
+    """A body whose root has these axes, which may be negative, such as NEG_X."""
+    made = {
+        kind: " ".join(f'{kind} {{ axis: {axis} dof: "{name}" }}' for axis, name in zip(axes.split(), names))
+        for kind, axes, names in (("translate", slides, "xyz"), ("rotate", turns, angles))
+    }
+    return CapsuleModel(skeleton_of(BODY.format(slides=made["translate"], turns=made["rotate"], z=z)), 150.0)
+
+
+ROOTS = [
+    *(body(turns=" ".join(order)) for order in itertools.permutations("XYZ")),
+    body("NEG_X Y NEG_Z", "NEG_Z X NEG_Y"),
+    body("Z NEG_X Y", "Y NEG_Z NEG_X"),
+]
+
+
+def any_x(model: CapsuleModel, seed: int, count: int = 30) -> np.ndarray:
+    """Variables (N, V) with the root's angles in all directions."""
+    x = np.random.default_rng(seed).uniform(-1, 1, (count, model.variables))
+    x[:, model.root] *= 4
+    return x
+
+
+def check_round_trip(model: CapsuleModel, x: np.ndarray) -> None:
+    """The joints are the same after a conversion and back; the angles are within half a turn."""
+    root, again = RootMotion(model), x.copy()
+    again[:, root.columns] = root.variables(root.place(x), root.rotation(x))
+    np.testing.assert_allclose(model.joints(again), model.joints(x), atol=1e-3)
+    assert (np.abs(again[:, root.columns[3:]]) <= np.pi).all()
+
+
+@pytest.mark.parametrize("made", [None, *ROOTS], ids=["hand", *(str(RootMotion(made)._axes) for made in ROOTS)])
+def test_there_and_back(model: CapsuleModel, made: CapsuleModel | None) -> None:
+    """The round trip holds for every order and sign of the axes, also where two of them coincide."""
+    own = made or model
+    x = any_x(own, 0)
+    check_round_trip(own, x)
+    middle = RootMotion(own).columns[4]
+    for pole in (0.5, 1.5, -0.5):
+        for initial in (0.4, -0.4, 0.0):  # of the bodies here, and of the hand
+            x[:, middle] = pole * np.pi + initial
+            check_round_trip(own, x)
+
+
+@pytest.mark.parametrize("made", [None, *ROOTS[:2], ROOTS[-1]], ids=["hand", "a", "b", "c"])
+def test_place_and_rotation(model: CapsuleModel, made: CapsuleModel | None) -> None:
+    """Place and rotation equal those of the root joint in the kinematics."""
+    own = made or model
+    kinematics, root, x = kinematics_of(own.skeleton), RootMotion(own), any_x(own, 1)
+    x[:, SIZE] = 0
+    pose = kinematics.forward(own.inputs_of(x))
+    joint = int(np.flatnonzero(own.skeleton.parents < 0)[0])
+    np.testing.assert_allclose(root.place(x), pose.joints[:, joint] * 150)
+    np.testing.assert_allclose(root.rotation(x), kinematics.rotation_of(pose, joint), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [("X Y", "Z X Y"), ("X Y Y", "Z X Y"), ("X Y Z", "Z X"), ("X Y Z", "Z X Z"), ("X Y Z", "Z X Y", "fixed: true"),
+     ("X Y Z", "Z X Y", "", "abb")],
+    ids=["two slides", "one slide twice", "two turns", "one turn twice", "a fixed DoF", "one DoF for two"],
+)  # fmt: skip
+def test_other_roots(kind: tuple[str, ...]) -> None:
+    """Bodies whose root has other motions raise an error."""
+    with pytest.raises(NetlibError, match="skeleton 'made up': its root does not translate along x, y, z and turn"):
+        RootMotion(body(*kind))

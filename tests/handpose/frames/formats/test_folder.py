@@ -1,0 +1,168 @@
+"""handpose/frames/formats/folder.py: folders of 16-bit pictures, patterns of names, damaged frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handpose.frames import camera_file
+from handpose.frames.cameras import NYU
+from handpose.frames.formats.folder import open_folder
+from handpose.frames.images import pack_depth
+from handpose.frames.recording import CameraInfo
+from netlib.errors import DataError
+from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized, put
+
+
+def test_frames_by_number(folder: Path) -> None:
+    """Frames are in numerical order, a missing number is a gap in time, and depth is in mm."""
+    recording = open_folder(folder, GIVEN)
+    frames = list(recording)
+    assert (recording.name, recording.count, recording.rate) == (str(folder), 3, 10)
+    assert (recording.camera, recording.unit_mm, recording.cut) == (CAMERA, 0.5, "")
+    assert [(frame.number, frame.time) for frame in frames] == [(0, 0.0), (1, 0.1), (2, 0.3)]
+    assert [frame.depth[20, 30] for frame in frames] == [500.5, 501, 502]
+    assert recording.remarks == (
+        "frames in the order of the numbers in their names; numbers missing between 1 and 4: 1, which stay gaps in "
+        "time", "camera own, by --camera")  # fmt: skip
+
+
+def test_the_rate_is_assumed_and_said(folder: Path) -> None:
+    """The rate is assumed if it is not given and the names contain no times."""
+    recording = open_folder(folder, replace(GIVEN, rate=None))
+    assert [frame.time for frame in recording] == [0, 1 / 30, 0.1]
+    assert recording.remarks[-1].startswith("rate unknown: 30 frames per second assumed")
+
+
+def test_times_in_names(tmp_path: Path) -> None:
+    """Times in names are used, and the rate is ignored."""
+    for stamp in (1616799936125, 1616799936175):
+        put(tmp_path / f"{stamp}.png", hand_sized())
+    recording = open_folder(tmp_path, replace(GIVEN, rate=None))
+    assert [frame.time for frame in recording] == [0, 0.05]
+    assert recording.rate is None and "in ms since 1970" in recording.remarks[0]
+
+
+def test_a_pattern_and_a_name(tmp_path: Path) -> None:
+    """A pattern or a file name selects one of several sequences."""
+    for name in ("a_1", "a_2", "b_1"):
+        put(tmp_path / f"{name}.png", hand_sized())
+    with pytest.raises(DataError, match="holds 2 sequences"):
+        open_folder(tmp_path, GIVEN)
+    assert open_folder(tmp_path / "a_*.png", GIVEN).count == 2
+    assert open_folder(tmp_path / "b_1.png", GIVEN).count == 1
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".TIFF", ".PNG"])
+def test_other_endings(tmp_path: Path, suffix: str) -> None:
+    """TIFF, and suffixes in capitals, are accepted."""
+    put(tmp_path / f"1{suffix}", hand_sized())
+    assert [frame.depth[20, 30] for frame in open_folder(tmp_path, GIVEN)] == [500]
+
+
+def test_a_tiff_of_several_pictures(tmp_path: Path) -> None:
+    """A TIFF of several pictures raises an error, because all but the first would be lost."""
+    cv2.imwritemulti(str(tmp_path / "1.tif"), [hand_sized()] * 2)
+    with pytest.raises(DataError, match=r"1\.tif: a TIFF of 2 pictures; expected one for each frame"):
+        open_folder(tmp_path, GIVEN)
+
+
+def test_a_float_picture_needs_its_unit(tmp_path: Path) -> None:
+    """A floating-point picture requires a unit, because it may be in metres."""
+    put(tmp_path / "1.tif", hand_sized().astype(np.float32) / 1000)
+    with pytest.raises(DataError, match="depth of unknown unit; give --unit 1 for mm, --unit 1000 for metres"):
+        open_folder(tmp_path, replace(GIVEN, unit_mm=None))
+    (frame,) = open_folder(tmp_path, replace(GIVEN, unit_mm=1000.0))
+    assert frame.depth[20, 30] == 1000
+
+
+def test_camera_json(folder: Path) -> None:
+    """camera.json in the folder is used, and given parameters take precedence."""
+    camera_file.write(folder / "camera.json", CameraInfo(CAMERA, unit_mm=2.0, rate=5.0))
+    recording = open_folder(folder)
+    assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 2, 5)
+    assert f"camera own, by {folder / 'camera.json'}" in recording.remarks
+    assert open_folder(folder / "*.png", CameraInfo(unit_mm=1.0)).unit_mm == 1
+
+
+def test_a_damaged_frame_is_left_out_and_said(folder: Path) -> None:
+    """Its number and time are skipped, and a remark reports it."""
+    path = folder / "2.png"
+    path.write_bytes(path.read_bytes()[:-30])
+    recording = open_folder(folder, GIVEN)
+    before = recording.remarks
+    for _ in range(2):
+        assert [(frame.number, frame.time) for frame in recording] == [(0, 0.0), (2, 0.3)]
+        assert recording.remarks == (
+            *before, f"1 damaged frames are left out, the first: {path}: truncated or damaged PNG")  # fmt: skip
+
+
+def test_all_frames_are_damaged(folder: Path) -> None:
+    """If all frames are damaged, the error is that of the first one."""
+    for path in folder.iterdir():
+        path.write_bytes(b"nothing")
+    with pytest.raises(DataError, match=r"1\.png: not an image that OpenCV can decode"):
+        open_folder(folder, GIVEN)
+
+
+def test_the_first_frame_is_damaged(folder: Path) -> None:
+    """If the first frame is damaged, the next one determines the size."""
+    (folder / "1.png").write_bytes(b"")
+    assert [frame.number for frame in open_folder(folder, GIVEN)] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("image", "what"),
+    [
+        (hand_sized((24, 32)), r"2\.png: 32 x 24 pixels; the camera has 64 x 48"),
+        (np.zeros((48, 64), np.uint8), r"2\.png: a picture of uint8 grey values; expected depth, a 16-bit grey"),
+        (np.zeros((48, 64, 3), np.uint8), r"2\.png: a picture of uint8 colours; expected depth, a 16-bit grey"),
+        (np.zeros((48, 64, 3), np.uint16), r"2\.png: a picture of uint16 colours"),
+    ],
+)
+def test_another_kind_of_picture_is_no_damage(folder: Path, image: np.ndarray, what: str) -> None:
+    """A picture of another size or type raises an error instead of being skipped."""
+    put(folder / "2.png", image)
+    with pytest.raises(DataError, match=what):
+        list(open_folder(folder, GIVEN))
+
+
+def test_another_size_than_the_cameras(folder: Path) -> None:
+    """A size that differs from the camera's raises an error before any frame is read."""
+    with pytest.raises(DataError, match=r"1\.png: 64 x 48 pixels; camera own has 640 x 480"):
+        open_folder(folder, replace(GIVEN, camera=replace(CAMERA, width=640, height=480)))
+
+
+def test_the_packing_of_nyu(tmp_path: Path) -> None:
+    """NYU's packing is recognised by the names of the data set, or by its camera."""
+    image = pack_depth(np.full((480, 640), 700))
+    put(tmp_path / "nyu" / "depth_1_0000001.png", image)
+    put(tmp_path / "nyu" / "rgb_1_0000001.png", image)
+    put(tmp_path / "own" / "1.png", image)
+    recording = open_folder(tmp_path / "nyu")
+    assert (recording.camera, recording.unit_mm, recording.count) == (NYU, 1, 1)
+    assert recording.remarks[0] == "frames of NYU, by their names"
+    for found in (recording, open_folder(tmp_path / "own", CameraInfo(NYU))):
+        assert [float(frame.depth.mean()) for frame in found] == [700]
+
+
+@pytest.mark.parametrize(
+    ("names", "source", "what"),
+    [
+        ((), "", r"holds no depth frames \(16-bit grey PNG or TIFF\)$"),
+        (("a.jpg", "b.JPG", ".1.png"), "", r"holds no depth frames \(16-bit grey PNG or TIFF\), but \.jpg$"),
+        (("depth/1.png", "rgb/1.png"), "", "holds no depth frames .*; depth, rgb in it do: name one"),
+        (("1.png",), "x_*.png", r"x_\*\.png: no picture has such a name"),
+        (("frames_a/1.png",), "frame_a", r"frame_a: no such file or folder \(did you mean 'frames_a'\?\)"),
+    ],
+)
+def test_nothing_to_read(tmp_path: Path, names: tuple[str, ...], source: str, what: str) -> None:
+    """The error names what was found instead."""
+    for name in names:
+        put(tmp_path / name, hand_sized())
+    with pytest.raises(DataError, match=what):
+        open_folder(tmp_path / source, GIVEN)

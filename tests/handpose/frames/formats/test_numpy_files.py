@@ -1,0 +1,67 @@
+"""handpose/frames/formats/numpy_files.py: headers as NumPy writes them, and damaged ones."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.lib import format as npy
+
+from handpose.frames.formats import numpy_files
+from handpose.frames.formats.numpy_files import NpzFile, header_of
+from netlib.errors import DataError
+
+
+def written(array: np.ndarray, version: tuple[int, int] | None = None) -> bytes:
+    """The content of a file written by NumPy."""
+    stream = io.BytesIO()
+    npy.write_array(stream, array, version)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("version", [(1, 0), (2, 0)])
+def test_a_header(version: tuple[int, int]) -> None:
+    """The header gives the shape, the type and the position of the values."""
+    array = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
+    content = written(array, version)
+    header = header_of(content, "x")
+    assert (header.shape, header.dtype, header.frame_bytes) == ((2, 3, 4), array.dtype, 24)
+    np.testing.assert_array_equal(header.frame(content[header.start + 24 :]), array[1])
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (b"", "x: no array as NumPy writes it: "),
+        (written(np.zeros((2, 3)))[:40], "x: no array as NumPy writes it: "),
+        (written(np.zeros((2, 3)), (3, 0)), "its version is 3.0"),
+        (written(np.zeros((2, 3))).replace(b"(2, 3)", b"(2,-3)"), r"x: an array of shape \(2, -3\)"),
+        (written(np.zeros((2, 3))).replace(b"'<f8'", b"'a(((")[:200], "x: no array as NumPy writes it: "),
+        (written(np.asfortranarray(np.zeros((2, 3)))), "x: an array in Fortran's order"),
+    ],
+)
+def test_a_damaged_header(content: bytes, what: str) -> None:
+    """A damaged header raises an error of one line."""
+    with pytest.raises(DataError, match=what):
+        header_of(content, "x")
+
+
+def test_frame_by_frame(tmp_path: Path) -> None:
+    """Frames are read one by one, with and without compression."""
+    depth = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
+    for save in (np.savez, np.savez_compressed):
+        save(tmp_path / "a.npz", depth=depth)
+        file = NpzFile(tmp_path / "a.npz")
+        name, header = file.stack()
+        assert (name, header.shape) == ("depth", (2, 3, 4))
+        np.testing.assert_array_equal(list(file.frames(name, header)), depth)
+
+
+def test_small_arrays(tmp_path: Path, monkeypatch) -> None:
+    """Small arrays of numbers and texts are read; large arrays and objects are not."""
+    monkeypatch.setattr(numpy_files, "SMALL", 200)
+    np.savez(tmp_path / "a.npz", depth=np.zeros((2, 3, 4)), fx=60.0, camera="{}", large=np.zeros(1000),
+             objects=np.array([None]))  # fmt: skip
+    assert sorted(NpzFile(tmp_path / "a.npz").small()) == ["camera", "fx"]

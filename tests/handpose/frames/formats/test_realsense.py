@@ -1,0 +1,261 @@
+"""A live RealSense: with a fake of pyrealsense2, and with the software device of the real module."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import threading
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.frames.cameras import Camera
+from handpose.frames.formats import realsense
+from handpose.frames.formats.realsense import open_live
+from handpose.frames.lens import Lens
+from handpose.frames.recording import UNKNOWN, CameraInfo
+from netlib.errors import DataError, NetlibError
+
+Sent = tuple[int, float, str]  # frame number, time in ms, the clock's name
+
+
+class FakeModule:
+    """The used part of pyrealsense2, with a camera that sends the frames ``sent`` and is then unplugged."""
+
+    def __init__(
+        self, sent: list[Sent], model: str = "distortion.brown_conrady", coeffs: tuple[float, ...] = (0,) * 5
+    ) -> None:
+        self.stopped = 0
+        self.serials = ["0123"]
+        self.stream = SimpleNamespace(depth="depth")
+        self.format = SimpleNamespace(z16="z16")
+        self.camera_info = SimpleNamespace(name="name", serial_number="serial_number")
+        self.intrinsics = SimpleNamespace(
+            width=64, height=48, fx=60.5, fy=61.5, ppx=31.25, ppy=23.75, model=model, coeffs=list(coeffs)
+        )
+        self.video_stream_profile = SimpleNamespace(
+            get_intrinsics=lambda: self.intrinsics, fps=lambda: 30, format=lambda: "z16"
+        )
+        self.video_stream_profile.as_video_stream_profile = lambda: self.video_stream_profile
+        self.depth_sensor = SimpleNamespace(get_depth_scale=lambda: float(np.float32(0.0001)))
+        self.device = SimpleNamespace(
+            get_info={"name": "Fake D400", "serial_number": "0123"}.__getitem__,
+            first_depth_sensor=lambda: self.depth_sensor,
+        )
+        self.pipeline_profile = SimpleNamespace(
+            get_stream=lambda stream: self.video_stream_profile, get_device=lambda: self.device
+        )
+        self._frames = iter([self.depth_frame(*frame) for frame in sent])
+
+    @staticmethod
+    def depth_frame(number: int, time_ms: float, domain: str) -> Any:
+        return SimpleNamespace(
+            get_frame_number=lambda: number,
+            get_timestamp=lambda: time_ms,
+            get_frame_timestamp_domain=lambda: domain,
+            get_data=lambda: np.full((48, 64), number, np.uint16) + np.arange(64, dtype=np.uint16),
+        )
+
+    def context(self) -> Any:
+        return SimpleNamespace(query_devices=lambda: [self.device])
+
+    def config(self) -> Any:
+        config = SimpleNamespace(serial="", enable_stream=lambda stream: None)
+        config.enable_device = lambda serial: setattr(config, "serial", serial)
+        return config
+
+    def pipeline(self) -> Any:
+        return SimpleNamespace(start=self._start, stop=self._stop, wait_for_frames=self._wait_for_frames)
+
+    def _start(self, config: Any) -> Any:
+        if config.serial not in ("", *self.serials):
+            raise RuntimeError("No device connected")
+        return self.pipeline_profile
+
+    def _stop(self) -> None:
+        self.stopped += 1
+        if self.stopped > 1:
+            raise RuntimeError("stop() cannot be called before start()")
+
+    def _wait_for_frames(self, timeout_ms: int) -> Any:
+        frame = next(self._frames, None)
+        if frame is None:
+            raise RuntimeError(f"Frame didn't arrive within {timeout_ms}")
+        return SimpleNamespace(get_depth_frame=lambda: frame)
+
+
+def every(count: int = 4, domain: str = "hardware") -> list[Sent]:
+    return [(10 + i, 5000 + i * 33.0, domain) for i in range(count)]
+
+
+def plug_in(monkeypatch: pytest.MonkeyPatch, *arguments: Any, **more: Any) -> FakeModule:
+    module = FakeModule(*arguments, **more)
+    monkeypatch.setitem(sys.modules, "pyrealsense2", module)
+    return module
+
+
+def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Depth is in the camera's unit, with its numbers and times; unplugging the camera ends the recording."""
+    module = plug_in(monkeypatch, every())
+    with open_live(None, UNKNOWN) as recording:
+        assert recording.camera == Camera("Fake D400 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
+        assert (recording.unit_mm, recording.rate, recording.live, recording.count) == (0.1, 30, True, None)
+        frames = list(recording)
+        assert [f.number for f in frames] == [0, 1, 2, 3]
+        assert [f.time for f in frames] == pytest.approx([0, 0.033, 0.066, 0.099])
+        assert [f.depth[0, 0] for f in frames] == pytest.approx([1.0, 1.1, 1.2, 1.3])
+        assert "was the camera unplugged" in recording.cut
+        assert recording.remarks == ()
+    recording.close()  # closing twice is harmless
+    assert module.stopped == 2
+
+
+def test_a_camera_without_focal_lengths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera without focal lengths raises an error, because it is not calibrated."""
+    plug_in(monkeypatch, every()).intrinsics.fx = 0.0
+    with pytest.raises(
+        DataError, match=r"Fake D400 0123: camera 'Fake D400 0123': fx is 0\.0, expected more than 0 px"
+    ):
+        open_live(None, UNKNOWN)
+
+
+def test_frames_that_nobody_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames that were not read in time are counted, and no frame is returned twice."""
+    sent = every(6)
+    plug_in(monkeypatch, [sent[0], sent[0], sent[1], sent[4], sent[5]])
+    recording = open_live(None, UNKNOWN)
+    assert [(f.number, round(f.time, 3)) for f in recording] == [(0, 0.0), (1, 0.033), (4, 0.132), (5, 0.165)]
+    assert recording.remarks == ("frames lost because they were not taken in time: 2",)
+
+
+def test_a_clock_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Times continue if the clock changes from the camera's to the computer's."""
+    later = [(12 + i, 1.7e12 + i * 33.0, "global") for i in range(2)]
+    plug_in(monkeypatch, every(2) + later)
+    times = [f.time for f in open_live(None, UNKNOWN)]
+    assert np.diff(times) == pytest.approx([0.033, 1 / 30, 0.033], abs=1e-3)
+
+
+def test_times_always_ascend(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Times ascend, also if the camera's clock restarts or stands still."""
+    plug_in(monkeypatch, [(1, 500.0, "a"), (2, 500.0, "a"), (3, 0.0, "a"), (4, 33.0, "a"), (0, 40.0, "a")])
+    frames = list(open_live(None, UNKNOWN))
+    assert all(a.time < b.time and a.number < b.number for a, b in itertools.pairwise(frames))
+    assert len(frames) == 5
+
+
+def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The lens distortion is removed, unless the user gives a camera without a lens."""
+    lens: dict[str, Any] = {"model": "distortion.inverse_brown_conrady", "coeffs": (0.2, 0.1, 0, 0, 0)}
+    plug_in(monkeypatch, every(), **lens)
+    bent = next(iter(open_live(None, UNKNOWN)))
+    plug_in(monkeypatch, every(), **lens)
+    plain = next(iter(open_live(None, CameraInfo(Camera("own", 60.5, 61.5, 31.25, 23.75, 64, 48), Lens()))))
+    assert (plain.depth > 0).all()
+    assert not np.array_equal(bent.depth, plain.depth)
+
+
+def test_a_camera_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera is selected by its serial number; for an unknown one the error lists those connected."""
+    plug_in(monkeypatch, every())
+    assert open_live("0123", UNKNOWN).name == "Fake D400 0123"
+    with pytest.raises(DataError, match="camera 999 cannot be started: No device connected; connected: 0123"):
+        open_live("999", UNKNOWN)
+
+
+def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If the camera does not match the given one, it is stopped."""
+    module = plug_in(monkeypatch, every())
+    with pytest.raises(DataError, match="64 x 48"):
+        open_live(None, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480)))
+    assert module.stopped == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ModuleNotFoundError("No module named 'pyrealsense2'"), "pip install pyrealsense2"),
+        (ImportError("libusb-1.0.so.0: cannot open shared object file"), "libusb.*apt install libusb-1.0-0"),
+    ],
+)
+def test_without_the_package(monkeypatch: pytest.MonkeyPatch, error: ImportError, said: str) -> None:
+    """The error names the command that installs the package."""
+
+    class Finder:
+        def find_spec(self, name: str, *others: object) -> None:
+            if name == "pyrealsense2":
+                raise error
+
+    monkeypatch.delitem(sys.modules, "pyrealsense2", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
+    with pytest.raises(NetlibError, match=said):
+        open_live(None, UNKNOWN)
+
+
+@pytest.fixture
+def rs() -> Any:
+    return pytest.importorskip("pyrealsense2", reason="pyrealsense2 is missing, or libusb", exc_type=ImportError)
+
+
+def test_the_stand_in_is_like_the_real_one(rs: Any) -> None:
+    """Every attribute of the fake that is used exists in the real module."""
+    fake = FakeModule([])
+    for name, parts in vars(fake).items():
+        if isinstance(parts, SimpleNamespace):
+            assert [part for part in vars(parts) if not hasattr(getattr(rs, name), part)] == [], name
+    for name, made in (("context", fake.context()), ("config", fake.config()), ("pipeline", fake.pipeline()),
+                       ("depth_frame", fake.depth_frame(0, 0, ""))):  # fmt: skip
+        assert [part for part in vars(made) if part != "serial" and not hasattr(getattr(rs, name), part)] == [], name
+    assert hasattr(rs.composite_frame, "get_depth_frame")
+
+
+@pytest.fixture
+def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A function that sends a frame of a software device, given its number, time and value."""
+    device = rs.software_device()
+    for key, value in ((rs.camera_info.name, "Software"), (rs.camera_info.serial_number, "0123")):
+        device.register_info(key, value)
+    sensor = device.add_sensor("Stereo Module")
+    numbers = rs.intrinsics()
+    numbers.width, numbers.height, numbers.model, numbers.coeffs = 64, 48, rs.distortion.brown_conrady, [0.0] * 5
+    numbers.fx, numbers.fy, numbers.ppx, numbers.ppy = 60.5, 61.5, 31.25, 23.75
+    stream = rs.video_stream()
+    stream.type, stream.index, stream.uid, stream.fmt, stream.bpp = rs.stream.depth, 0, 0, rs.format.z16, 2
+    stream.width, stream.height, stream.fps, stream.intrinsics = 64, 48, 30, numbers
+    profile = sensor.add_video_stream(stream, True).as_video_stream_profile()
+    sensor.add_read_only_option(rs.option.depth_units, 0.0001)
+    pipeline = rs.pipeline()
+    pipeline.set_device(device)
+    monkeypatch.setattr(rs, "pipeline", lambda: pipeline)
+
+    def send(number: int, time_ms: float, value: int) -> None:
+        frame = rs.software_video_frame()
+        frame.pixels, frame.stride, frame.bpp = np.full((48, 64), value, np.uint16), 128, 2
+        frame.timestamp, frame.domain, frame.frame_number = time_ms, rs.timestamp_domain.hardware_clock, number
+        frame.profile, frame.depth_units = profile, 0.0001
+        sensor.on_video_frame(frame)
+
+    yield send
+
+
+def test_the_real_module(software: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames of a software device are read one by one, until it sends no more."""
+    monkeypatch.setattr(realsense, "WAIT_MS", 60_000)
+    with open_live(None, UNKNOWN) as recording:
+        assert recording.camera == Camera("Software 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
+        assert (recording.unit_mm, recording.rate) == (0.1, 30.0)
+        frames = iter(recording)
+        for i, number in enumerate((10, 11, 13)):
+            sender = threading.Thread(target=software, args=(number, 1000 + 33.0 * (number - 10), 1000 + i))
+            sender.start()
+            frame = next(frames)
+            sender.join()
+            assert (frame.number, round(frame.time, 6)) == (number - 10, round(0.033 * (number - 10), 6))
+            assert (frame.depth == np.float32(1000 + i) * np.float32(0.1)).all()
+        monkeypatch.setattr(realsense, "WAIT_MS", 1)
+        assert list(frames) == []
+        assert "was the camera unplugged" in recording.cut
+        assert recording.remarks == ("frames lost because they were not taken in time: 1",)

@@ -1,0 +1,330 @@
+"""ROS bags recorded by RealSense's own program and by drivers, for ROS 1 and 2."""
+
+from __future__ import annotations
+
+import functools
+import struct
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.frames.cameras import Camera
+from handpose.frames.formats.ros_bag import open_bag
+from handpose.frames.lens import Lens
+from handpose.frames.opening import open_recording
+from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
+from netlib.errors import DataError, NetlibError
+from tests.support import bags
+
+pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
+
+DEPTH = np.random.default_rng(0).integers(0, 4000, (4, 48, 64)).astype(np.uint16)
+IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+GIVEN = CameraInfo(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
+KINDS: dict[str, Any] = {
+    "realsense.bag": bags.write_realsense,
+    "plain.bag": bags.write_ros1,
+    "bz2.bag": functools.partial(bags.write_ros1, compression="BZ2"),
+    "sqlite": bags.write_ros2,
+    "mcap": functools.partial(bags.write_ros2, storage="MCAP"),
+    "realsense_db3": functools.partial(bags.write_ros2, make=bags.realsense_db3),
+}
+
+
+def images(*messages: tuple[bytes, int], topic: str = bags.TOPIC, **info: Any) -> Any:
+    """A function that makes a bag with these images and the camera of ``info``."""
+
+    def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+        return bags.driver(of, depth[:0], topic, **info) + [(topic, IMAGE, ns, content) for content, ns in messages]
+
+    return make
+
+
+def read(path: Path, given: CameraInfo = UNKNOWN) -> tuple[Recording, list[DepthFrame]]:
+    recording = open_bag(path, given)
+    return recording, list(recording)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_kind_of_bag(tmp_path: Path, name: str) -> None:
+    """Depth is in the bag's unit, with its camera and the times of the images."""
+    recording, frames = read(KINDS[name](tmp_path / name, DEPTH))
+    assert recording.camera == Camera("ros", 60.5, 61.5, 31.25, 23.75, 64, 48)
+    assert recording.unit_mm == (0.1 if "realsense" in name else 1.0)
+    assert (recording.count, recording.cut) == (4, "")
+    assert [f.time for f in frames] == pytest.approx([i * bags.STEP_NS / 1e9 for i in range(4)], abs=1e-12)
+    assert [f.number for f in frames] == list(range(4))
+    assert all(np.array_equal(f.depth, d * np.float32(recording.unit_mm)) for f, d in zip(frames, DEPTH))
+    assert len(list(recording)) == 4  # a second iteration starts at the first frame
+
+
+@pytest.mark.parametrize("name", ["sqlite", "mcap"])
+def test_a_file_without_its_folder(tmp_path: Path, name: str) -> None:
+    """A single database or mcap file is read without its folder, as recorded by RealSense."""
+    KINDS[name](tmp_path / name, DEPTH)
+    suffix = {"sqlite": "db3", "mcap": "mcap"}[name]
+    assert len(read(tmp_path / name / f"{name}.{suffix}")[1]) == 4
+
+
+def test_older_realsense(tmp_path: Path) -> None:
+    """Older recordings of RealSense, with ROS image messages and spaces in option names, are read."""
+    path = bags.write_realsense(tmp_path / "a.bag", DEPTH, tail=False, unit_m=0.001, option="Depth Units")
+    recording, frames = read(path)
+    assert (recording.unit_mm, len(frames)) == (1.0, 4)
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "unit_mm"),
+    [
+        (DEPTH[0], {"padding": 6}, 1.0),
+        (DEPTH[0], {"big": True}, 1.0),
+        (DEPTH[0], {"padding": 3, "big": True, "encoding": "mono16"}, 1.0),
+        (DEPTH[0].astype(np.float32) / 1000, {"encoding": "32FC1"}, 1000.0),
+        (DEPTH[0].astype(np.float32) / 1000, {"encoding": "32FC1", "big": True, "padding": 2}, 1000.0),
+    ],
+)
+def test_layouts_of_images(tmp_path: Path, values: Any, options: dict[str, Any], unit_mm: float) -> None:
+    """Padded rows, both byte orders, and millimetres or metres are read."""
+    message = bags.Messages(True).image(values, 5, **options)
+    recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))))
+    assert recording.unit_mm == unit_mm
+    np.testing.assert_allclose(frames[0].depth, DEPTH[0], rtol=1e-6)
+
+
+def test_holes_of_metres(tmp_path: Path) -> None:
+    """NaN and infinity become 0."""
+    values = np.full((48, 64), 0.5, np.float32)
+    values[0, :2] = np.nan, np.inf
+    message = bags.Messages(True).image(values, 5, "32FC1")
+    _, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))))
+    assert frames[0].depth[0, :3].tolist() == [0, 0, 500]
+
+
+@pytest.mark.parametrize(
+    ("model", "d", "lens"),
+    [
+        ("plumb_bob", (0.2, 0.1, 0.01, 0.02, 0.03), Lens((0.2, 0.1, 0.01, 0.02, 0.03))),
+        ("rational_polynomial", (0.5, 0.3, 0, 0, 0.1, 0.1, 0.05, 0.02), Lens((0.5, 0.3, 0, 0, 0.1, 0.1, 0.05, 0.02))),
+        ("Inverse Brown Conrady", (0.2, 0.1, 0, 0, 0), Lens((0.2, 0.1, 0, 0, 0), "inverse_brown_conrady")),
+        ("", (), Lens()),
+    ],
+)
+def test_lenses(tmp_path: Path, model: str, d: tuple[float, ...], lens: Lens) -> None:
+    """The lens of camera_info is used like a given one."""
+    make = functools.partial(bags.driver, model=model, d=d)
+    path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
+    own, frames = read(path)
+    _, same = read(path, CameraInfo(own.camera, lens))
+    assert np.array_equal(frames[0].depth, same[0].depth)
+    assert np.array_equal(frames[0].depth, DEPTH[0]) == lens.is_straight
+
+
+def test_rectified_images(tmp_path: Path) -> None:
+    """Rectified images have no distortion, and the camera of the matrix P."""
+    p = [70.0, 0, 30, 0, 0, 71, 20, 0, 0, 0, 1, 0]
+    make = functools.partial(bags.driver, topic="/camera/depth/image_rect", d=(0.2, 0.1, 0, 0, 0), p=p)
+    recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))
+    assert recording.camera == Camera("ros", 70, 71, 30, 20, 64, 48)
+    assert np.array_equal(frames[0].depth, DEPTH[0])
+
+
+def test_a_lens_that_is_not_known(tmp_path: Path) -> None:
+    make = functools.partial(bags.driver, model="equidistant", d=(0.2, 0.1, 0, 0))
+    with pytest.raises(DataError, match=r"a\.bag: /camera/depth/camera_info: .*'equidistant' is not known"):
+        open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make), CameraInfo())
+
+
+def test_a_camera_that_is_not_calibrated(tmp_path: Path) -> None:
+    """For an uncalibrated camera the parameters must be given."""
+    path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, k=[0] * 9, p=[0] * 12))
+    with pytest.raises(DataError, match="the camera of these frames is unknown"):
+        open_bag(path, UNKNOWN)
+    assert read(path, GIVEN)[0].camera.fx == 60
+
+
+class TestTopics:
+    def two(self, of: bags.Messages, depth: bags.Depth) -> bags.Content:
+        aligned = bags.driver(
+            of, depth[:2], "/camera/aligned_depth_to_color/image_raw", k=[90, 0, 30, 0, 90, 20, 0, 0, 1]
+        )
+        return bags.driver(of, depth) + aligned
+
+    def test_several_of_depth(self, tmp_path: Path) -> None:
+        """Several depth topics raise an error that lists them; PATH#TOPIC selects one."""
+        path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=self.two)
+        both = "depth of 2 topics: /camera/aligned_depth_to_color/image_raw, /camera/depth/image_raw; name one by"
+        with pytest.raises(DataError, match=both):
+            open_bag(path, UNKNOWN)
+        recording, frames = read(Path(f"{path}#/camera/aligned_depth_to_color/image_raw"))
+        assert open_recording(f"{path}#/camera/aligned_depth_to_color/image_raw").camera == recording.camera
+        assert (recording.camera.fx, recording.count, len(frames)) == (90, 2, 2)
+        with pytest.raises(DataError, match=r"no images of '/camera/depth/image_rw' \(did you mean"):
+            open_bag(Path(f"{path}#/camera/depth/image_rw"), CameraInfo())
+
+    def test_infrared_and_colour_are_no_depth(self, tmp_path: Path) -> None:
+        """Infrared and colour topics are ignored, although infrared has 16 bits as well."""
+
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            ir = ("/camera/ir/image_raw", IMAGE, 1, of.image(depth[0], 1, "mono16"))
+            colour = ("/camera/color/image_raw", IMAGE, 1, of.image(depth[0], 1, "rgb8"))
+            return [ir, colour, *bags.driver(of, depth)]
+
+        assert len(read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]) == 4
+
+    def test_packed_beside_raw(self, tmp_path: Path) -> None:
+        """Compressed images in addition to raw ones are not a second topic."""
+
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            packed = (f"{bags.TOPIC}/compressedDepth", "sensor_msgs/msg/CompressedImage", 1, of.packed(depth[0], 1))
+            return [packed, *bags.driver(of, depth)]
+
+        assert len(read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]) == 4
+
+    def test_no_depth(self, tmp_path: Path) -> None:
+        message = bags.Messages(True).image(DEPTH[0], 5, "rgb8")
+        path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5), topic="/camera/color/image_raw"))
+        with pytest.raises(DataError, match="no images of depth; it has /camera/color/image_raw"):
+            open_bag(path, UNKNOWN)
+
+
+class TestOneTopicOfSeveralTypes:
+    """A bag may have several connections of different types for one topic."""
+
+    WRITERS = (
+        ("a.bag", bags.write_ros1),
+        ("sqlite", bags.write_ros2),
+        ("mcap", functools.partial(bags.write_ros2, storage="MCAP")),
+    )
+
+    @pytest.mark.parametrize(("name", "write"), WRITERS)
+    def test_the_images_are_read(self, tmp_path: Path, name: str, write: Any) -> None:
+        """A CameraInfo under the topic of the images is ignored."""
+
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            return [(bags.TOPIC, INFO, bags.START_NS, of.info(depth.shape[1:])), *bags.driver(of, depth)]
+
+        recording, frames = read(write(tmp_path / name, DEPTH, make=make))
+        assert (recording.count, len(frames)) == (4, 4)
+        assert np.array_equal(frames[0].depth, DEPTH[0])
+
+    @pytest.mark.parametrize(("name", "write"), WRITERS)
+    def test_images_of_two_types(self, tmp_path: Path, name: str, write: Any) -> None:
+        """Raw and compressed images under one topic raise an error."""
+
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            packed = (bags.TOPIC, "sensor_msgs/msg/CompressedImage", 1, of.packed(depth[0], 1))
+            return [packed, *bags.driver(of, depth)]
+
+        path = write(tmp_path / name, DEPTH, make=make)
+        for asked in (path, Path(f"{path}#{bags.TOPIC}")):
+            with pytest.raises(DataError, match=f"{bags.TOPIC}: messages of 2 types, .*CompressedImage, .*Image; expe"):
+                open_bag(asked, UNKNOWN)
+
+    @pytest.mark.parametrize(("name", "write"), WRITERS)
+    @pytest.mark.parametrize("kind", [INFO, "std_msgs/msg/String", "sensor_msgs/msg/CompressedImage"])
+    def test_messages_of_another_type_than_declared(self, tmp_path: Path, name: str, write: Any, kind: str) -> None:
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            other = {"Info": of.info(depth.shape[1:]), "String": of.text("0.5"), "Image": of.packed(depth[0], 1)}
+            content = next(message for end, message in other.items() if kind.endswith(end))
+            return [(topic, declared, ns, content) for topic, declared, ns, _ in bags.driver(of, depth)]
+
+        with pytest.raises(DataError, match=f"{name}: {bags.TOPIC}"):
+            read(write(tmp_path / name, DEPTH, make=make), GIVEN)
+
+    def test_an_index_that_leads_to_another_topic(self, tmp_path: Path) -> None:
+        """An index of ROS 1 that leads to a message of another connection raises an error."""
+        path = bags.write_ros1(tmp_path / "a.bag", DEPTH)
+        content = path.read_bytes()
+        image, info = (b"op=\x02\t\0\0\0conn=" + struct.pack("<I", n) for n in (1, 0))
+        assert (content.count(image), content.count(info)) == (4, 1)
+        path.write_bytes(content.replace(image, info))
+        with pytest.raises(DataError, match=f"{bags.TOPIC}: no message can be read: the index leads to a message of"):
+            open_bag(path, UNKNOWN)
+
+
+@pytest.mark.parametrize("text", ["e", "1e", "--", "", "2", "0", "nan"])
+def test_depth_units_that_are_no_number(tmp_path: Path, text: str) -> None:
+    def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+        return [
+            (topic, kind, ns, of.text(text) if "option" in topic else content)
+            for topic, kind, ns, content in bags.realsense_db3(of, depth)
+        ]
+
+    with pytest.raises(DataError, match=f"depth units of '{text}' m; expected a number between 0 and 1"):
+        open_bag(bags.write_ros2(tmp_path / "a", DEPTH, make=make), UNKNOWN)
+
+
+class TestTimes:
+    def test_without_stamps(self, tmp_path: Path) -> None:
+        """Without stamps the times are the bag's own."""
+        image = bags.Messages(True).image
+        path = bags.write_ros1(
+            tmp_path / "a.bag", DEPTH, make=images((image(DEPTH[0], 0), 10**9), (image(DEPTH[1], 0), 3 * 10**9))
+        )
+        assert [f.time for f in read(path)[1]] == [0.0, 2.0]
+
+    def test_the_same_image_again(self, tmp_path: Path) -> None:
+        """A repeated image is omitted, and a remark reports it."""
+        image = bags.Messages(True).image
+        sent = [(image(DEPTH[i], ns), 10 + k) for k, (i, ns) in enumerate([(0, 10**9), (0, 10**9), (1, 2 * 10**9)])]
+        recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images(*sent)))
+        assert [(f.number, f.time) for f in frames] == [(0, 0.0), (2, 1.0)]
+        assert recording.remarks == ("frames left out because they are not later than the one before: 1",)
+
+    def test_a_clock_that_is_set_anew(self, tmp_path: Path) -> None:
+        """A clock that is set back raises an error."""
+        image = bags.Messages(True).image
+        path = bags.write_ros1(
+            tmp_path / "a.bag", DEPTH, make=images((image(DEPTH[0], 9 * 10**9), 1), (image(DEPTH[1], 10**9), 2))
+        )
+        with pytest.raises(DataError, match="the clock goes back"):
+            read(path)
+
+
+class TestDamage:
+    def test_a_cut_bag(self, tmp_path: Path) -> None:
+        """A truncated bag has no index; the error names the command that repairs it."""
+        path = bags.write_ros1(tmp_path / "a.bag", DEPTH)
+        path.write_bytes(path.read_bytes()[:-3000])
+        with pytest.raises(DataError, match=r"a\.bag: cannot read the bag.*rosbag reindex"):
+            open_bag(path, UNKNOWN)
+
+    @pytest.mark.parametrize(
+        ("rows", "said"),
+        [
+            (49, "6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1"),
+            (1 << 28, "64 x 268435456 pixels; expected those of a depth camera"),
+        ],
+    )
+    def test_an_image_with_too_few_bytes(self, tmp_path: Path, rows: int, said: str) -> None:
+        message = bags.Messages(True).image(DEPTH[0], 5)
+        size = struct.Struct("<II")
+        message = message.replace(size.pack(48, 64), size.pack(rows, 64))
+        with pytest.raises(DataError, match=said):
+            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))), CameraInfo())
+
+    @pytest.mark.parametrize("form", ["16UC1; compressedDepth rvl", "32FC1; compressedDepth png"])
+    def test_other_compressions(self, tmp_path: Path, form: str) -> None:
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            content = of.packed(depth[0], 5, form).replace(b"\x89PNG", b"none" if "rvl" in form else b"\x89PNG")
+            return [(f"{bags.TOPIC}/compressedDepth", "sensor_msgs/msg/CompressedImage", 5, content)]
+
+        with pytest.raises(DataError, match="expected 16UC1 as PNG"):
+            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make), GIVEN)
+
+    @pytest.mark.parametrize("name", ["a.bag", "a.db3", "a.mcap"])
+    def test_what_is_no_bag(self, tmp_path: Path, name: str) -> None:
+        for content in (b"", b"no bag"):
+            (tmp_path / name).write_bytes(content)
+            with pytest.raises(DataError, match=f"{name}: "):
+                open_bag(tmp_path / name, CameraInfo())
+
+
+def test_without_rosbags(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The error names the command that installs rosbags."""
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    with pytest.raises(NetlibError, match="pip install rosbags"):
+        open_bag(tmp_path / "a.bag", CameraInfo())

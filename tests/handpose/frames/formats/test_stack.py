@@ -1,0 +1,210 @@
+"""handpose/frames/formats/stack.py: .npy, .npz and .h5, with other data in the file, and truncated files."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from handpose.frames import camera_file
+from handpose.frames.formats.stack import open_stack
+from handpose.frames.recording import CameraInfo
+from netlib.errors import DataError
+from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized
+
+DEPTH = np.stack([hand_sized(distance=1000 + i) for i in range(3)])
+TIMES = np.array([5.0, 5.25, 6.5])
+BESIDE = {"fx": 60.0, "fy": 61.0, "u0": 31.5, "v0": 23.5, "unit_mm": 0.5}
+
+
+def save(path: Path, depth: np.ndarray = DEPTH, **others: object) -> Path:
+    """Write a stack to a file of the path's kind."""
+    if path.suffix == ".npy":
+        np.save(path, depth)
+    elif path.suffix == ".npz":
+        np.savez_compressed(path, depth=depth, **others)
+    else:
+        with h5py.File(path, "w") as file:
+            file["depth"] = depth
+            if "time" in others:
+                file["time"] = others.pop("time")
+            file.attrs.update(others)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".h5"])
+@pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.float32, np.float64])
+def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
+    """Every kind of file and of values is read, repeatedly."""
+    recording = open_stack(save(tmp_path / f"take{suffix}", DEPTH.astype(dtype)), GIVEN)
+    assert (recording.camera, recording.unit_mm, recording.count, recording.rate) == (CAMERA, 0.5, 3, 10)
+    for _ in range(2):
+        assert [(frame.number, frame.time) for frame in recording] == [(0, 0), (1, 0.1), (2, 0.2)]
+    for frame, stored in zip(recording, DEPTH):
+        np.testing.assert_array_equal(frame.depth, stored / np.float32(2))
+    assert recording.cut == ""
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_what_stands_beside_the_frames(tmp_path: Path, suffix: str) -> None:
+    """Times may start anywhere; the camera is stored as numbers or as the text of a camera.json."""
+    recording = open_stack(save(tmp_path / f"a{suffix}", time=TIMES, **BESIDE))
+    assert [frame.time for frame in recording] == [0, 0.25, 1.5]
+    assert (recording.camera, recording.unit_mm, recording.rate, recording.remarks) == (CAMERA, 0.5, None, ())
+    text = camera_file.to_text(CameraInfo(CAMERA, unit_mm=0.25, rate=20.0))
+    recording = open_stack(save(tmp_path / f"b{suffix}", camera=text))
+    assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.25, 20)
+    assert open_stack(tmp_path / f"b{suffix}", CameraInfo(unit_mm=3.0)).unit_mm == 3
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_every_word_of_a_camera_json(tmp_path: Path, suffix: str) -> None:
+    """Numbers, lists and texts in addition to the frames have the same keys as a camera.json."""
+    said: dict[str, Any] = {
+        "fx": 60, "fy": 61.0, "ppx": 31.5, "ppy": 23.5, "width": 64, "height": 48, "name": "mine", "fps": 20.0,
+        "depth_units": 0.000125, "model": "brown_conrady", "coeffs": [-0.2, 0.0, 0.0, 0.0, 0.0],
+    }  # fmt: skip
+    depth = np.random.default_rng(0).integers(4000, 8000, DEPTH.shape).astype(np.uint16)
+    recording = open_stack(save(tmp_path / f"a{suffix}", depth, **said))
+    expected = camera_file.of(said, "")
+    assert (recording.camera, recording.unit_mm, recording.rate) == (expected.camera, 0.125, 20)
+    straight = {key: value for key, value in said.items() if key not in ("model", "coeffs")}
+    plain = open_stack(save(tmp_path / f"b{suffix}", depth, **straight))
+    assert not np.array_equal(next(iter(recording)).depth, next(iter(plain)).depth)
+    open_stack(save(tmp_path / f"c{suffix}", name="a take", model="D435", width=3.0), GIVEN)  # another meaning
+
+
+def test_camera_json_beside(tmp_path: Path) -> None:
+    """A camera.json with the file's own name is used."""
+    camera_file.write(tmp_path / "take.camera.json", GIVEN)
+    assert open_stack(save(tmp_path / "take.npy")).unit_mm == 0.5
+
+
+def test_the_rate_is_assumed_and_said(tmp_path: Path) -> None:
+    """The rate is assumed for frames without times, and a remark reports it."""
+    recording = open_stack(save(tmp_path / "take.npy"), CameraInfo(CAMERA, unit_mm=1.0))
+    assert recording.rate == 30 and "30 frames per second assumed" in recording.remarks[-1]
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".h5"])
+def test_one_image(tmp_path: Path, suffix: str) -> None:
+    """A single image is a stack of one, with or without its time."""
+    for time in ({}, {} if suffix == ".npy" else {"time": TIMES[:1]}):
+        recording = open_stack(save(tmp_path / f"one{suffix}", DEPTH[0], **time), GIVEN)
+        (frame,) = recording
+        assert (recording.count, frame.number, frame.time) == (1, 0, 0)
+        np.testing.assert_array_equal(frame.depth, DEPTH[0] / np.float32(2))
+
+
+def test_a_stack_by_another_name(tmp_path: Path) -> None:
+    """The only array of three axes is used, under any name."""
+    np.savez(tmp_path / "other.npz", frames=DEPTH, joints=np.zeros((3, 2)))
+    assert open_stack(tmp_path / "other.npz", GIVEN).count == 3
+
+
+def test_a_file_that_ends_too_early(tmp_path: Path) -> None:
+    """Complete frames are returned, and ``cut`` then reports that some are missing."""
+    path = save(tmp_path / "take.npy")
+    content = path.read_bytes()
+    path.write_bytes(content[:-1])
+    recording = open_stack(path, GIVEN)
+    assert recording.cut == "" and len(list(recording)) == 2
+    assert recording.cut == f"{path}: ends after 2 whole frames, its header announces 3"
+    path.write_bytes(content[:1000])
+    with pytest.raises(DataError, match="ends within its first frame, at byte 1000"):
+        open_stack(path, GIVEN)
+
+
+def test_a_file_that_is_cut_while_it_is_read(tmp_path: Path) -> None:
+    """A file truncated while it is read raises an error."""
+    path = save(tmp_path / "take.npy")
+    frames = iter(open_stack(path, GIVEN))
+    next(frames)
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(DataError, match="was cut to 1000 of"):
+        next(frames)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".h5"])
+@pytest.mark.parametrize(
+    ("depth", "what"),
+    [
+        (np.zeros((3, 4, 5, 1), np.uint16), r"an array of shape \(3, 4, 5, 1\); expected \(frames, height, width\)"),
+        (np.zeros((0, 4, 5), np.uint16), r"an array of shape \(0, 4, 5\)|has no rows"),
+        (np.zeros((3, 4, 5), np.uint8), "values of type uint8; expected depths, of 16 bits or more"),
+        (np.zeros((3, 24, 32), np.uint16), "32 x 24 pixels; camera own has 64 x 48"),
+    ],
+)
+def test_what_is_no_stack(tmp_path: Path, suffix: str, depth: np.ndarray, what: str) -> None:
+    """An invalid array raises an error when the file is opened."""
+    path = save(tmp_path / f"take{suffix}", depth)
+    with pytest.raises(DataError, match=f"^{path}: .*({what})"):
+        open_stack(path, GIVEN)
+
+
+def test_a_negative_depth(tmp_path: Path) -> None:
+    """A negative depth raises an error that names the frame."""
+    path = save(tmp_path / "take.npy", np.where(DEPTH == 1001, -1.0, DEPTH))
+    with pytest.raises(DataError, match=f"{path}: frame 1: a depth of -0.5 mm"):
+        list(open_stack(path, GIVEN))
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+@pytest.mark.parametrize(
+    ("others", "what"),
+    [
+        ({"time": [0.0, 2.0, 1.0]}, r"time\[2\] is 1; expected finite seconds, each after the one before"),
+        ({"time": [0.0, 1.0, np.nan]}, r"time\[2\] is nan"),
+        ({"time": [0.0, 1.0]}, r"time is float64 \(2,\), expected \(3,\)"),
+        ({"fx": 60.0}, "has fx, but not fy and u0 and v0"),
+        ({"unit_mm": [1.0, 2.0]}, r"unit_mm is \[1.0, 2.0\]; expected a number"),
+        ({"rate": "fast"}, 'rate is "fast"; expected a number'),
+        ({"camera": '{"fx": 1}'}, "camera: has fx, but not"),
+        ({"camera": ["a", "b"]}, r"camera has the shape \(2,\), expected one text|camera: "),
+    ],
+)
+def test_what_is_wrong_beside_the_frames(tmp_path: Path, suffix: str, others: dict[str, object], what: str) -> None:
+    """Invalid data in addition to the frames raise an error."""
+    path = save(tmp_path / f"take{suffix}", **others)
+    with pytest.raises(DataError, match=f"^{path}: ({what})"):
+        open_stack(path, GIVEN)
+
+
+def test_a_damaged_archive(tmp_path: Path) -> None:
+    """A damaged archive raises an error, also if only its checksum is wrong."""
+    path = tmp_path / "take.npz"
+    np.savez(path, depth=DEPTH)
+    content = bytearray(path.read_bytes())
+    content[5000] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(DataError, match=r"a damaged \.npz file: Bad CRC-32"):
+        list(open_stack(path, GIVEN))
+    path.write_bytes(content[:9000])
+    with pytest.raises(DataError, match=r"a damaged \.npz file: File is not a zip file"):
+        open_stack(path, GIVEN)
+
+
+def test_archives_without_a_stack(tmp_path: Path) -> None:
+    """The error lists the arrays of the archive."""
+    np.savez(tmp_path / "a.npz", joints=np.zeros((3, 2)))
+    with pytest.raises(DataError, match=r"holds joints \(3, 2\); expected an array depth"):
+        open_stack(tmp_path / "a.npz", GIVEN)
+    np.savez(tmp_path / "b.npz", a=DEPTH, b=DEPTH)
+    with pytest.raises(DataError, match=r"holds a \(3, 48, 64\), b \(3, 48, 64\); expected an array depth"):
+        open_stack(tmp_path / "b.npz", GIVEN)
+    with zipfile.ZipFile(tmp_path / "c.npz", "w") as archive:
+        archive.writestr("readme.txt", "nothing")
+    with pytest.raises(DataError, match="holds nothing; expected an array depth"):
+        open_stack(tmp_path / "c.npz", GIVEN)
+
+
+def test_objects_are_not_unpickled(tmp_path: Path) -> None:
+    """Arrays of objects raise an error instead of being unpickled."""
+    for path in (tmp_path / "take.npy", tmp_path / "take.npz"):
+        save(path, np.full((3, 4, 5), None))
+        with pytest.raises(DataError, match="values of type object"):
+            open_stack(path, GIVEN)

@@ -1,0 +1,128 @@
+"""handpose/frames/camera_file.py: camera.json with this project's keys and with those of others."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from handpose.frames import camera_file
+from handpose.frames.camera_file import next_to, parse, read, to_text, write
+from handpose.frames.cameras import Camera
+from handpose.frames.lens import Lens
+from handpose.frames.recording import UNKNOWN, CameraInfo
+from netlib.errors import DataError
+
+FOUR = '"fx": 60, "fy": 61, "u0": 31.5, "v0": 23.5'
+
+
+def test_the_example_of_the_docstring() -> None:
+    """The example in the module's docstring is parsed."""
+    text = (camera_file.__doc__ or "").split("\n\n")[1]
+    assert parse(text, "x") == CameraInfo(
+        Camera("own", 476.0, 476.0, 313.7, 242.8, 640, 480), Lens((0.1, -0.2, 0, 0, 0)), 0.125, 30.0, "x"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("{}", CameraInfo(origin="x")),
+        ('{"unit_mm": 0.125}', CameraInfo(unit_mm=0.125, origin="x")),
+        (f"{{{FOUR}}}", CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), origin="x")),
+        (f'{{{FOUR}, "min_range_mm": 80}}', CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0, 80.0), origin="x")),
+        (f'{{{FOUR}, "distortion": [0.1, 0, 0, 0]}}',
+         CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((0.1, 0, 0, 0)), origin="x")),
+        ('{"width": 64, "height": 48, "fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "model": "Inverse Brown Conrady", '
+         '"coeffs": [0.1, 0, 0, 0, 0], "depth_scale": 0.001, "fps": 30}',
+         CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), Lens((0.1, 0, 0, 0, 0), "inverse_brown_conrady"), 1.0,
+                    30.0, "x")),
+        ('{"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "k1": 1, "k2": 2, "k3": 3, "k4": 4, "k5": 5, "k6": 6, "p1": 7, '
+         '"p2": 8, "codx": 0, "cody": 0, "metric_radius": 1.7}',
+         CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((1, 2, 7, 8, 3, 4, 5, 6)), origin="x")),
+    ],
+    ids=["nothing", "a unit", "a camera", "a range", "a list", "RealSense", "Azure"],
+)  # fmt: skip
+def test_what_is_understood(text: str, expected: CameraInfo) -> None:
+    """This project's keys, RealSense's and Azure's are accepted."""
+    assert parse(text, "x") == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "x:1:1: not JSON: Expecting value"),
+        ('{"fx": 60,\n}', "x:2:1: not JSON|x:1:10: not JSON"),
+        ("[1, 2]", r"x: found \[1, 2\]; expected \{"),
+        ('{"fx": NaN}', "x: found NaN; expected finite numbers"),
+        ("[" * 100000, "x: not the JSON of a camera"),
+        ('{"fx": ' + "9" * 5000 + "}", "x: not the JSON of a camera"),
+        ('{"unit": 1}', r"x: unknown key 'unit' \(did you mean 'unit_mm'\?\); known: fx, fy"),
+        ('{"focal": 1}', "x: unknown key 'focal'.*; known: fx, fy"),
+        ('{"fx": 60, "fx": 61}', "x: has 'fx' twice"),
+        (f'{{{FOUR}, "cx": 31.5}}', "x: says u0 twice, once as cx"),
+        ('{"fx": 60, "fy": 60}', "x: has fx, but not u0 and v0"),
+        ('{"fx": 0, "fy": 1, "u0": 1, "v0": 1}', "x: fx is 0; expected a number more than 0 and at most 1e"),
+        ('{"fx": "60", "fy": 1, "u0": 1, "v0": 1}', 'x: fx is "60"; expected a number'),
+        ('{"fx": true, "fy": 1, "u0": 1, "v0": 1}', "x: fx is true; expected a number"),
+        (f'{{{FOUR}, "width": 64}}', "x: has width, but not height"),
+        (f'{{{FOUR}, "width": 64.5, "height": 48}}', "x: width is 64.5; expected a whole number"),
+        ('{"width": 64, "height": 48}', "x: has width, but not fx, fy, u0, v0"),
+        ('{"unit_mm": -1}', "x: unit_mm is -1; expected"),
+        ('{"depth_scale": "1"}', 'x: unit_mm is "1"; expected a number'),
+        ('{"rate": 1e999}', "x: rate is Infinity; expected a number"),
+        ('{"distortion": [1, 2, 3]}', r"x: distortion \(1.0, 2.0, 3.0\), expected 4, 5, 8"),
+        ('{"distortion": [1, "a"]}', "x: distortion is .*expected a list of numbers"),
+        ('{"distortion": {"modell": "none"}}', r"x: distortion: unknown key 'modell' \(did you mean 'model'\?\)"),
+        ('{"distortion": {"model": "fisheye", "coefficients": [1, 0, 0, 0]}}', "distortion model 'fisheye' is not kn"),
+        ('{"distortion": {"model": 1, "coefficients": [1, 0, 0, 0]}}', "x: distortion: model is 1; expected a text"),
+        ('{"distortion": [0, 0, 0, 0], "k1": 0}', "x: says the distortion twice: distortion and k1"),
+        ('{"model": "none", "distortion": {"model": "none"}}', "says the model of the distortion, and"),
+        ('{"codx": 0.1}', "x: has codx 0.1; expected 0"),
+    ],
+)
+def test_what_is_refused(text: str, what: str) -> None:
+    """An invalid text raises an error with its place."""
+    with pytest.raises(DataError, match=f"^{what}" if what.startswith("x") else what):
+        parse(text, "x")
+
+
+positive = st.floats(1e-3, 1e4)
+
+
+@example(60.0, 61.0, 31.5, 23.5, 64, None, [0.0] * 5)
+@given(positive, positive, st.floats(-1e5, 1e5), st.floats(-1e5, 1e5), st.integers(0, 9000), st.none() | positive,
+       st.none() | st.lists(st.floats(-5, 5), min_size=5, max_size=5))  # fmt: skip
+def test_every_number_returns(
+    fx: float, fy: float, u0: float, v0: float, width: int, unit: float | None, lens: list[float] | None
+) -> None:
+    """Every number is restored bit for bit; a lens without distortion is omitted."""
+    said = CameraInfo(
+        Camera("any", fx, fy, u0, v0, width, 7 if width else 0), lens and Lens(tuple(lens)), unit, unit, "x"
+    )
+    if said.lens is not None and said.lens.is_straight:
+        said = CameraInfo(said.camera, None, unit, unit, "x")
+    assert parse(to_text(said), "x") == said
+
+
+def test_a_file(tmp_path: Path) -> None:
+    """A file is written and read back; a missing file raises an error."""
+    path = tmp_path / "camera.json"
+    write(path, CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), unit_mm=0.5))
+    assert read(path) == CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), unit_mm=0.5, origin=str(path))
+    assert json.loads(path.read_text())["width"] == 64
+    with pytest.raises(DataError, match=r"none\.json: cannot read the camera: No such file"):
+        read(tmp_path / "none.json")
+
+
+def test_beside(tmp_path: Path) -> None:
+    """A folder has its own camera.json; for a file, the file's own name takes precedence."""
+    take = tmp_path / "take.npz"
+    assert next_to(tmp_path) == next_to(take) == UNKNOWN
+    write(tmp_path / "camera.json", CameraInfo(unit_mm=1.0))
+    assert next_to(tmp_path).unit_mm == next_to(take).unit_mm == 1
+    write(tmp_path / "take.camera.json", CameraInfo(unit_mm=2.0))
+    assert (next_to(tmp_path).unit_mm, next_to(take).unit_mm) == (1, 2)

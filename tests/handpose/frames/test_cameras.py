@@ -1,0 +1,46 @@
+"""handpose/frames/cameras.py"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from handpose.frames.cameras import CAMERAS, NYU, Camera
+
+
+def test_axes() -> None:
+    """The optical axis meets the principal point; right is +x and +u; up is +y and a smaller v."""
+    np.testing.assert_allclose(NYU.project([0, 0, 800]), [320, 240, 800])
+    u, v, d = NYU.project([100, 50, 1000])
+    assert (u, v, d) == pytest.approx((320 + 58.803, 240 - 29.3535, 1000))
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+@given(x=st.floats(-500, 500), y=st.floats(-500, 500), z=st.floats(100, 5000))
+def test_round_trip(camera: Camera, x: float, y: float, z: float) -> None:
+    """unproject inverts project, for every camera and for arrays of any shape."""
+    points = np.broadcast_to([x, y, z], (2, 3, 3))
+    np.testing.assert_allclose(camera.unproject(camera.project(points)), points, atol=1e-9)
+
+
+def test_minimum_range() -> None:
+    """Readings nearer than the minimum range become 0; an image without such readings is returned unchanged."""
+    depth = np.array([[0, 199, 200, 900, -1]], np.int16)
+    np.testing.assert_array_equal(NYU.in_range(depth), [[0, 0, 200, 900, -1]])
+    assert replace(NYU, min_range_mm=100.0).in_range(depth) is depth
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "expected"),
+    [("fx", 0, "more than 0 px"), ("fy", -587.0, "more than 0 px"), ("fx", float("nan"), "more than 0 px"),
+     ("fy", float("inf"), "more than 0 px"), ("u0", float("nan"), "a finite number of px"),
+     ("v0", float("inf"), "a finite number of px")],
+)  # fmt: skip
+def test_no_camera(field: str, value: float, expected: str) -> None:
+    """The error names the invalid number."""
+    with pytest.raises(ValueError, match=f"camera 'nyu': {field} is {value}, expected {expected}"):
+        replace(NYU, **{field: value})

@@ -1,0 +1,233 @@
+"""handpose/frames/crops.py"""
+
+from __future__ import annotations
+
+from math import floor
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from handpose.body.nyu import CENTER_JOINT, CUBE_MM
+from handpose.datasets.nyu_files import read_nyu_depth
+from handpose.frames.cameras import CAMERAS, KINECT2, NYU, Camera
+from handpose.frames.crops import (
+    clear_crop,
+    crop,
+    crop_pixels,
+    crop_scale,
+    crops_of_windows,
+    normalise_joints,
+    restore_joints,
+    window,
+    without_flying_pixels,
+    without_isolated_near,
+)
+from netlib.errors import DataError
+
+
+def cut_and_resize(
+    depth: NDArray[np.float32], uvd: tuple[float, float, float], cube: float, camera: Camera
+) -> NDArray[np.float32]:
+    """The released preprocessing, step by step: cut the window, pad, clamp, resize with OpenCV, paste."""
+    (u, v, d), h = uvd, cube / 2
+    left, right = (floor((u * d / camera.fx + side) / d * camera.fx) for side in (-h, h))
+    top, bottom = (floor((v * d / camera.fy + side) / d * camera.fy) for side in (-h, h))
+    part = np.zeros((bottom - top, right - left), np.float32)
+    rows, columns = np.arange(top, bottom), np.arange(left, right)
+    r, c = (rows >= 0) & (rows < camera.height), (columns >= 0) & (columns < camera.width)
+    part[np.ix_(r, c)] = depth[np.ix_(rows[r], columns[c])]
+    part[(part != 0) & (part < d - h)] = d - h
+    part[part > d + h] = d + h
+    height, width = part.shape
+    shape = (128, height * 128 // width) if width > height else (width * 128 // height, 128)
+    small = cv2.resize(part, shape, interpolation=cv2.INTER_NEAREST)
+    out = np.zeros((128, 128), np.float32)
+    x, y = 64 - shape[0] // 2, 64 - shape[1] // 2
+    out[y : y + shape[1], x : x + shape[0]] = small
+    out[out == 0] = d + h
+    return (out - np.float32(d)) / np.float32(h)
+
+
+def test_the_published_crop(nyu_data: Path) -> None:
+    """The crop of the first real test frame equals the crop published by the paper's authors, on every pixel."""
+    uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][0, CENTER_JOINT]
+    made = crop(read_nyu_depth(nyu_data / "depth_1_0000001.png"), uvd, CUBE_MM)
+    published = cv2.imread(str(nyu_data / "crops" / "0.png"), cv2.IMREAD_GRAYSCALE)
+    assert published is not None
+    assert made.dtype == np.float32 and made.shape == (128, 128)
+    np.testing.assert_array_equal(np.rint((made + 1) / 2 * 255), published)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    camera=st.sampled_from([CAMERAS["nyu"], CAMERAS["icvl"], CAMERAS["kinect2"]]),
+    across=st.floats(0, 1),
+    down=st.floats(0, 1),
+    d=st.floats(300, 1500),
+    cube=st.sampled_from([200.0, 250.0, 261.0, 300.0]),
+)
+def test_same_as_cutting_and_resizing(camera: Camera, across: float, down: float, d: float, cube: float) -> None:
+    """Choosing pixels equals cutting, padding and OpenCV's nearest-neighbour resize, also at the image borders."""
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(d - cube, d + cube, (camera.height, camera.width)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.1] = 0
+    uvd = (across * (camera.width - 1), down * (camera.height - 1), d)
+    made = crop(depth, uvd, cube, camera)
+    np.testing.assert_allclose(made, cut_and_resize(depth, uvd, cube, camera), atol=2e-6)
+
+
+def test_near_far_and_no_reading() -> None:
+    """Depths nearer than the cube become -1, farther ones 1, the centre's depth 0; missing readings are background."""
+    for reading, value in ((10, -1), (650, -1), (800, 0), (875, 0.5), (5000, 1), (0, 1), (np.nan, 1)):
+        depth = np.full((480, 640), reading)
+        np.testing.assert_allclose(crop(depth, (320, 240, 800), 300), value, atol=1e-7)
+
+
+@given(seed=st.integers(0, 10**6))
+def test_crops_together(seed: int) -> None:
+    """Crops of several windows of one image equal single crops, also at the borders and at missing readings."""
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(400, 1000, (240, 320)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.1] = 0
+    depth[rng.random(depth.shape) < 0.1] = np.nan
+    centers = np.column_stack([rng.uniform(0, 319, 4), rng.uniform(0, 239, 4), rng.uniform(400, 1000, 4)])
+    camera = CAMERAS["icvl"]
+    picked = window(centers, 300.0, camera, 64)
+    together = crops_of_windows(depth, picked, centers[:, 2], 300.0)
+    assert together.dtype == np.float32 and together.shape == (4, 64, 64)
+    np.testing.assert_array_equal(together, [crop(depth, center, 300.0, camera, 64) for center in centers])
+
+
+def test_outside_the_image_is_background() -> None:
+    """For a centre at the image's corner, three quarters of the crop are background."""
+    made = crop(np.full((480, 640), 800, np.uint16), (0, 0, 800), 300)
+    assert (made[:63] == 1).all() and (made[:, :63] == 1).all()
+    assert (made[66:, 66:126] == 0).all()
+
+
+def test_window_is_square_in_space() -> None:
+    """With a smaller fy the aspect is kept: the shorter side is padded equally on both ends."""
+    wide = Camera("wide", 600.0, 300.0, 320.0, 240.0, 640, 480)
+    columns, rows = window([[320, 240, 800]], 200, wide)
+    assert (columns >= 0).all()
+    np.testing.assert_array_equal(np.flatnonzero(rows[0] >= 0), np.arange(32, 96))
+
+
+@pytest.mark.parametrize("distance", [350, 600, 1000])
+def test_crop_scale_is_half_a_pixel_before_the_window(distance: float) -> None:
+    """``crop_scale`` is half a pixel less than the picked pixels on average; ``crop_pixels`` corrects for it."""
+    centers = np.stack([np.linspace(200.1, 300.7, 37), np.full(37, 200.3), np.full(37, distance)], axis=1)
+    columns = window(centers, 300.0).columns
+    first, factor = crop_scale(centers, 300.0)
+    n, i = np.nonzero(columns >= 0)
+    scaled = first[n, 0] + factor[n, 0] * columns[n, i]
+    assert (scaled - i).mean() == pytest.approx(-0.5, abs=0.04)
+    uvd = np.stack([columns, columns, np.full_like(columns, distance)], axis=2).astype(float)
+    np.testing.assert_allclose(crop_pixels(uvd, centers, 300.0)[n, i, 0], scaled + 0.5)
+
+
+def test_crop_pixels_undo_the_window() -> None:
+    """``crop_pixels`` maps the image pixel shown at a crop pixel back to that crop pixel."""
+    centers = np.array([[200.3, 150.8, 700.0], [320.0, 240.0, 1000.0]])
+    columns, rows = window(centers, 300)
+    uvd = np.stack([columns, rows, np.full_like(rows, 700)], axis=-1)
+    at = crop_pixels(uvd, centers, 300)
+    for axis, index in enumerate((columns, rows)):
+        n, i = np.nonzero(index >= 0)
+        assert len(i) > 250
+        np.testing.assert_allclose(at[n, i, axis], i, atol=0.51)
+
+
+def test_joints_there_and_back() -> None:
+    """Joints convert to half-cubes relative to the centre and back, with a separate cube for each frame."""
+    xyz = np.array([[[10.0, 20.0, 800.0], [10.0, 20.0, 1100.0]], [[0.0, 0.0, 700.0], [130.5, 0.0, 700.0]]])
+    center, half = np.array([[10.0, 20.0, 800.0], [0.0, 0.0, 700.0]]), np.array([150.0, 130.5])
+    joints = normalise_joints(xyz, center, half)
+    np.testing.assert_allclose(joints, [[[0, 0, 0], [0, 0, 2]], [[0, 0, 0], [1, 0, 0]]])
+    np.testing.assert_allclose(restore_joints(joints, center, half), xyz)
+
+
+@pytest.mark.parametrize(
+    ("uvd", "cube", "message"),
+    [
+        ((320, 240, 0), 300, "depth 0 mm"),
+        ((np.nan, 240, 800), 300, "u nan px"),
+        ((320, 240, 800), -1, "cube of -1 mm"),
+        ((5000, 240, 800), 300, "outside the image"),
+    ],
+)
+def test_impossible_crops(uvd: tuple[float, float, float], cube: float, message: str) -> None:
+    """A centre or cube that is impossible for a hand raises an error with the numbers."""
+    with pytest.raises(DataError, match=message):
+        crop(np.ones((480, 640)), uvd, cube, NYU)
+
+
+def test_image_of_another_camera() -> None:
+    """An image of the wrong size raises an error that names the camera."""
+    with pytest.raises(DataError, match=r"\(240, 320\), expected \(480, 640\) of camera 'nyu'"):
+        crop(np.ones((240, 320)), (100, 100, 800), 300)
+
+
+def plate() -> np.ndarray:
+    """A slanted plate, with a bar 45 mm in front of it, in a cube of 300 mm."""
+    crop = np.ones((128, 128), np.float32)
+    crop[30:100, 20:110] = np.linspace(0, 0.5, 90, dtype=np.float32)  # 0.8 mm from pixel to pixel
+    crop[50:60] = np.where(crop[50:60] < 1, crop[50:60] - 0.3, 1)
+    return crop
+
+
+def test_clean_edges_stay() -> None:
+    """Correct readings at edges are kept, in front of the background and in front of other surfaces."""
+    np.testing.assert_array_equal(without_flying_pixels(plate(), 150.0, 1.5), plate())
+
+
+def test_flying_pixels() -> None:
+    """Depths between a surface and the background are removed, also where they are two pixels wide."""
+    crop = plate()
+    crop[100, 20:110] = crop[99, 20:110] + 0.15
+    crop[101, 20:110] = crop[99, 20:110] + 0.4
+    np.testing.assert_array_equal(without_flying_pixels(crop, 150.0, 1.5), plate())
+
+
+def test_between_two_surfaces() -> None:
+    """A row of depths between the bar and the plate is removed; its neighbours stay."""
+    crop = plate()
+    crop[60, 20:110] = (crop[59, 20:110] + crop[61, 20:110]) / 2
+    found = without_flying_pixels(crop, 150.0, 1.5)
+    assert (found[60, 20:110] == 1).all()
+    np.testing.assert_array_equal(np.delete(found, 60, axis=0), np.delete(crop, 60, axis=0))
+
+
+def test_wide_pixels() -> None:
+    """For pixels 6 mm wide, a step of 25 mm between neighbours counts as a slope and is kept."""
+    ramp = np.ones((128, 128), np.float32)
+    ramp[:, 40:80] = np.linspace(-0.9, 0.9, 40, dtype=np.float32)  # 7 mm
+    ramp[:, 40:80:2] -= 0.06  # plus steps of up to 16 mm
+    assert (without_flying_pixels(ramp, 150.0, 1.0)[:, 41:80] == 1).any()
+    np.testing.assert_array_equal(without_flying_pixels(ramp, 150.0, 6.0), ramp)
+
+
+def test_crop_of_a_frame() -> None:
+    """``clear_crop`` removes the rim of a disc whose rim reads a depth between the disc and the wall."""
+    depth = np.full((424, 512), 1500, np.float32)
+    v, u = np.indices(depth.shape)
+    far = np.hypot(u - 256, v - 212)
+    depth[far < 30] = 600
+    depth[(far >= 30) & (far < 31)] = 650
+    found = clear_crop(depth, (256.0, 212.0, 600.0), 300.0, KINECT2)
+    assert set(np.unique(found).tolist()) == {0.0, 1.0}
+
+
+def test_isolated_near_readings() -> None:
+    """Readings in front of the cube are background, unless they continue a surface that reaches the near face."""
+    crop = plate()
+    crop[5:20, 5:20] = -1
+    np.testing.assert_array_equal(without_isolated_near(crop, 150.0), plate())
+    arm = plate()
+    arm[30:100, 60:80] = np.clip(np.linspace(-1.5, 0.2, 70, dtype=np.float32), -1, 1)[:, None]
+    np.testing.assert_array_equal(without_isolated_near(arm, 150.0), arm)

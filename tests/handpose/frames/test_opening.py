@@ -1,0 +1,83 @@
+"""handpose/frames/opening.py: the reader for each kind of source."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from handpose.frames.formats.folder import FolderRecording
+from handpose.frames.formats.stack import StackRecording
+from handpose.frames.opening import open_recording
+from handpose.frames.recording import UNKNOWN, CameraInfo
+from netlib.errors import DataError
+from tests.handpose.frames.conftest import GIVEN, hand_sized
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo]]:
+    """The calls of readers that need packages; the readers themselves are replaced."""
+    found: list[tuple[str, object, CameraInfo]] = []
+    for module, name in (("video", "open_video"), ("ros_bag", "open_bag"), ("realsense", "open_live")):
+
+        def opened(source: object, given: CameraInfo, name: str = name) -> None:
+            found.append((name, source, given))
+
+        monkeypatch.setitem(sys.modules, f"handpose.frames.formats.{module}", SimpleNamespace(**{name: opened}))
+    return found
+
+
+def test_folders_and_pictures(folder: Path) -> None:
+    """Folders, patterns and pictures are accepted as paths and as text."""
+    for source in (folder, str(folder), folder / "*.png", folder / "1.png"):
+        with open_recording(source, GIVEN) as recording:
+            assert isinstance(recording, FolderRecording)
+
+
+def test_stacks(tmp_path: Path) -> None:
+    """Suffixes in capitals are accepted."""
+    np.save(tmp_path / "a.npy", hand_sized()[None])
+    (tmp_path / "a.npy").rename(tmp_path / "B.NPY")
+    assert isinstance(open_recording(tmp_path / "B.NPY", GIVEN), StackRecording)
+
+
+@pytest.mark.parametrize(
+    ("name", "reader"),
+    [("a.mkv", "open_video"), ("A.AVI", "open_video"), ("a.bag", "open_bag"), ("a.mcap", "open_bag")],
+)
+def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]], name: str, reader: str) -> None:
+    """Containers are opened by readers that are imported on demand."""
+    (tmp_path / name).touch()
+    open_recording(tmp_path / name, GIVEN)
+    assert asked == [(reader, tmp_path / name, GIVEN)]
+
+
+def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]]) -> None:
+    """A folder with metadata.yaml is opened as a bag of ROS 2."""
+    (tmp_path / "metadata.yaml").touch()
+    open_recording(tmp_path)
+    assert asked == [("open_bag", tmp_path, UNKNOWN)]
+
+
+def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:
+    """The first camera is opened, or the one with a serial number."""
+    open_recording("realsense")
+    open_recording("realsense:0123", GIVEN)
+    assert asked == [("open_live", None, UNKNOWN), ("open_live", "0123", GIVEN)]
+
+
+@pytest.mark.parametrize("name", ["none.npz", "none.mkv", "none.bag", "none", "none/of/these.png"])
+def test_what_is_not_there(tmp_path: Path, name: str) -> None:
+    """A missing file raises an error before any reader is imported."""
+    with pytest.raises(DataError, match=f"^{tmp_path / name}: (no such file|no such file or folder)$"):
+        open_recording(tmp_path / name)
+
+
+def test_what_is_no_recording(tmp_path: Path) -> None:
+    """The error for an unknown file lists the accepted kinds."""
+    (tmp_path / "a.txt").touch()
+    with pytest.raises(DataError, match=r"a\.txt: not a recording; expected a folder .*\.npz.*realsense"):
+        open_recording(tmp_path / "a.txt")

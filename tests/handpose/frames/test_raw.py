@@ -1,0 +1,126 @@
+"""handpose/frames/raw.py: conversion of stored values to depth, and the sources of their unit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from handpose.frames.cameras import SR305
+from handpose.frames.lens import Lens, Undistorter
+from handpose.frames.raw import DepthDecoder, calibration_of, sized, stored
+from handpose.frames.recording import UNKNOWN, CameraInfo
+from netlib.errors import DataError
+from tests.handpose.frames.conftest import CAMERA, hand_sized
+
+U16, F32 = np.dtype(np.uint16), np.dtype(np.float32)
+
+
+def decode(raw: np.ndarray, unit_mm: float = 0.5) -> np.ndarray:
+    """Depth of a camera without a lens."""
+    return DepthDecoder(replace(CAMERA, width=raw.shape[1], height=raw.shape[0]), None, unit_mm, "take")(raw)
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.int32, np.uint64, np.float32, np.float64])
+def test_depth_is_in_mm(dtype: str) -> None:
+    """Values of any type are converted to float32 in mm."""
+    depth = decode(np.array([[0, 1, 65]], dtype))
+    assert depth.dtype == np.float32
+    np.testing.assert_array_equal(depth, [[0, 0.5, 32.5]])
+
+
+def test_what_is_no_number_was_not_read() -> None:
+    """NaN, infinities, and values too large for float32 become 0."""
+    np.testing.assert_array_equal(decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]])
+
+
+def test_the_lens_is_taken_out() -> None:
+    """The distortion is removed as by Undistorter."""
+    lens, raw = Lens((0.3, 0, 0, 0)), hand_sized()
+    expected = Undistorter(CAMERA, lens)(raw.astype(np.float32))
+    np.testing.assert_array_equal(DepthDecoder(CAMERA, lens, 1.0, "take")(raw), expected)
+
+
+@pytest.mark.parametrize(
+    ("raw", "what"),
+    [
+        (np.zeros((3, 4), np.uint8), "take: values of type uint8; expected depths, of 16 bits or more"),
+        (np.zeros((3, 4), complex), "values of type complex128"),
+        (np.zeros((3, 4), object), "values of type object"),
+        (np.zeros((3, 4), np.uint16), "take: 4 x 3 pixels; the camera has 64 x 48"),
+        (np.zeros((48, 64, 3), np.uint16), r"take: shape \(48, 64, 3\); the camera has"),
+        (np.full((48, 64), -2, np.int16), "take: a depth of -1 mm"),
+        (np.full((48, 64), -2.0), "take: a depth of -1 mm"),
+    ],
+)
+def test_what_is_no_depth(raw: np.ndarray, what: str) -> None:
+    """Invalid types, shapes and negative depths raise an error."""
+    with pytest.raises(DataError, match=what):
+        DepthDecoder(CAMERA, None, 0.5, "take")(raw)
+
+
+@given(st.lists(st.integers(0, 65535), min_size=1, max_size=50), st.sampled_from([0.1, 0.125, 0.25, 1 / 3, 1, 5]))
+def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
+    """Every 16-bit value is restored, in any unit."""
+    raw = np.array([values], np.uint16)
+    np.testing.assert_array_equal(stored(decode(raw, unit_mm), unit_mm, "take"), raw)
+
+
+@pytest.mark.parametrize("depth", [65535.6, -0.6, np.nan])
+def test_depths_that_16_bits_cannot_hold(depth: float) -> None:
+    """Depths that 16 bits cannot hold raise an error instead of being clipped."""
+    with pytest.raises(DataError, match=r"take: depth from .* does not fit into 16 bits of 1 mm; expected 0 to 65535"):
+        stored(np.array([[5, depth]], np.float32), 1.0, "take")
+
+
+def test_the_user_is_believed_first() -> None:
+    """Precedence, for each parameter: the user, the file, camera.json."""
+    own, beside = CameraInfo(SR305, unit_mm=0.25), CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json")
+    shape = (SR305.height, SR305.width)
+    found = calibration_of(CameraInfo(unit_mm=3.0), own, beside, shape, U16, "take")
+    assert (found.camera, found.unit_mm, found.rate, found.remarks) == (SR305, 3.0, 5.0, ())
+    assert calibration_of(UNKNOWN, own, beside, shape, U16, "take").unit_mm == 0.25
+
+
+def test_the_unit_of_a_known_camera() -> None:
+    """The unit is that of the camera's images unless another is given; a camera's name alone is not enough."""
+    given = CameraInfo(SR305, origin="--camera")
+    found = calibration_of(given, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
+    assert found.unit_mm == 0.125 and found.remarks == ("camera sr305, by --camera",)
+    stranger = CameraInfo(replace(SR305, fx=500.0), origin="--camera")
+    found = calibration_of(stranger, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
+    assert found.unit_mm == 1 and "unit unknown: a value of 1 is taken for 1 mm" in found.remarks[1]
+
+
+def test_nothing_is_guessed() -> None:
+    """A missing camera, a wrong size, and floating-point depth of unknown unit raise errors."""
+    with pytest.raises(DataError, match=r"take: the camera of these frames .*camera\.json.*--camera, nyu, icvl"):
+        calibration_of(UNKNOWN, UNKNOWN, UNKNOWN, (48, 64), U16, "take")
+    for camera, shape in ((CAMERA, (48, 64)), (SR305, (480, 640))):  # cameras whose images have a known unit
+        with pytest.raises(DataError, match="take: float32 depth of unknown unit; give --unit 1 for mm"):
+            calibration_of(CameraInfo(camera), UNKNOWN, UNKNOWN, shape, F32, "take")
+    assert sized(replace(CAMERA, width=0, height=0), (48, 64), "take") == CAMERA
+    with pytest.raises(DataError, match="take: 48 x 64 pixels; camera own has 64 x 48"):
+        sized(CAMERA, (64, 48), "take")
+    with pytest.raises(DataError, match=r"frames of shape \(4, 48, 64\)"):
+        sized(CAMERA, (4, 48, 64), "take")
+
+
+def test_a_lens_that_is_left_in_is_told() -> None:
+    """The user's camera replaces the file's camera and its lens, which a remark reports."""
+    own = CameraInfo(CAMERA, Lens((0.3, 0, 0, 0)), 1.0)
+    found = calibration_of(CameraInfo(CAMERA), own, UNKNOWN, (48, 64), U16, "take")
+    assert found.lens is None and "the distortion in take is of another camera" in found.remarks[0]
+    found = calibration_of(UNKNOWN, own, UNKNOWN, (48, 64), U16, "take")
+    assert found.lens == own.lens and found.remarks == ("the distortion of the lens is taken out",)
+
+
+def test_frames_without_times() -> None:
+    """30 frames per second are assumed, with a warning, unless a rate is given."""
+    given = CameraInfo(CAMERA, unit_mm=1.0)
+    assert calibration_of(replace(given, rate=60.0), UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced() == (60.0, ())
+    rate, remarks = calibration_of(given, UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced()
+    assert rate == 30 and "30 frames per second assumed" in remarks[0]

@@ -1,0 +1,322 @@
+"""handpose/frames/writing.py: recordings are restored to the last value and microsecond."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from handpose.frames.cameras import Camera
+from handpose.frames.opening import open_recording
+from handpose.frames.recording import DepthFrame
+from handpose.frames.writing import RecordingWriter
+from netlib.errors import DataError, NetlibError
+from netlib.files import atomic, locks
+
+SMALL = Camera("own", 5.0, 6.0, 2.0, 1.5, 4, 3)
+
+
+def frames(count: int = 3, start: float = 0.0) -> list[DepthFrame]:
+    """Different frames, 1/30 s apart."""
+    return [DepthFrame(i, start + i / 30, np.full((3, 4), 100.0 + i, np.float32)) for i in range(count)]
+
+
+def write(path: Path, taken: list[DepthFrame], unit_mm: float = 0.5, *, replace: bool = False) -> None:
+    """Write a recording of some frames."""
+    with RecordingWriter(path, SMALL, unit_mm, 30.0, replace=replace) as writer:
+        for frame in taken:
+            writer.write(frame)
+    assert writer.count == len(taken)
+
+
+@pytest.mark.parametrize("name", ["take", "take.1", "take.npz"])
+def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
+    """Camera, unit, rate and times are restored, relative to the first frame; no other file is left."""
+    write(tmp_path / "new" / name, frames(start=7.5))
+    recording = open_recording(tmp_path / "new" / name)
+    assert (recording.camera, recording.unit_mm, recording.rate, recording.count) == (SMALL, 0.5, 30, 3)
+    assert [frame.time for frame in recording] == pytest.approx([0, 1 / 30, 2 / 30], abs=1e-6)
+    assert [float(frame.depth.mean()) for frame in recording] == [100, 101, 102]
+    assert [path.name for path in (tmp_path / "new").iterdir()] == [name]
+
+
+def test_a_video_comes_back(tmp_path: Path) -> None:
+    """A video is restored, with times in milliseconds."""
+    pytest.importorskip("av")
+    write(tmp_path / "take.mkv", frames())
+    recording = open_recording(tmp_path / "take.mkv")
+    assert (recording.camera, recording.unit_mm) == (SMALL, 0.5)
+    assert [frame.time for frame in recording] == pytest.approx([0, 1 / 30, 2 / 30], abs=1e-3)
+    assert [float(frame.depth.mean()) for frame in recording] == [100, 101, 102]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    values=st.lists(st.lists(st.integers(0, 65535), min_size=12, max_size=12), min_size=1, max_size=3),
+    gaps=st.lists(st.integers(1, 10**8), min_size=3, max_size=3),
+    unit_mm=st.sampled_from([0.1, 0.125, 1 / 3, 1.0]),
+)
+@pytest.mark.parametrize("name", ["take", "take.npz"])
+def test_to_the_last_value(
+    tmp_path_factory: pytest.TempPathFactory, name: str, values: list[list[int]], gaps: list[int], unit_mm: float
+) -> None:
+    """Every stored value is restored, and every time in whole microseconds."""
+    path = tmp_path_factory.mktemp("any") / name
+    stored = np.array(values, np.uint16).reshape(-1, 3, 4)
+    times = [sum(gaps[:i]) / 10**6 for i in range(len(stored))]
+    depths = stored.astype(np.float32) * np.float32(unit_mm)
+    write(path, [DepthFrame(i, time, depth) for i, (time, depth) in enumerate(zip(times, depths))], unit_mm)
+    found = list(open_recording(path))
+    np.testing.assert_array_equal([frame.depth for frame in found], depths)
+    assert [frame.time for frame in found] == times
+
+
+@pytest.mark.parametrize("name", ["take", "take.npz"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseException]) -> None:
+    """After Ctrl-C or an error in the block, the frames so far are kept."""
+    with pytest.raises(error), RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
+        for frame in frames(2):
+            writer.write(frame)
+        raise error
+    assert len(list(open_recording(tmp_path / name))) == 2
+
+
+@pytest.mark.parametrize("name", ["take", "take.npz"])
+@pytest.mark.parametrize(
+    ("frame", "what"),
+    [
+        (DepthFrame(9, 1.0, np.full((3, 4), 70000, np.float32)), "frame 9: depth from 70000 to 70000 mm does not fit"),
+        (DepthFrame(9, 1 / 30, np.ones((3, 4), np.float32)), "frame 9: at 0.033333 s, which is not after the frame"),
+        (DepthFrame(9, 1.0, np.ones((4, 3), np.float32)), r"frame 9 has the shape \(4, 3\), expected \(3, 4\)"),
+    ],
+)
+def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, frame: DepthFrame, what: str) -> None:
+    """An invalid frame raises an error, and the frames before it are kept."""
+    with pytest.raises(DataError, match=what), RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
+        for one in (*frames(2), frame):
+            writer.write(one)
+    assert writer.count == 2
+    assert len(list(open_recording(tmp_path / name))) == 2
+
+
+@pytest.mark.parametrize("name", ["take", "take.npz"])
+def test_nothing_is_overwritten_unasked(tmp_path: Path, name: str) -> None:
+    """An existing recording is replaced only with ``replace``."""
+    path = tmp_path / name
+    write(path, frames(3))
+    with pytest.raises(NetlibError, match=r"(is not empty|is there already); name a new \w+ or replace it by --force"):
+        write(path, frames(1))
+    write(path, frames(1), replace=True)
+    assert open_recording(path).count == 1
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """The files of a folder, by name."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("linked", [False, True])
+@pytest.mark.parametrize("count", [0, 2])
+def test_an_old_recording_stands_till_the_new_one_has_frames(tmp_path: Path, count: int, linked: bool) -> None:
+    """An old recording is kept until the new one has a frame; hidden files are kept in any case."""
+    place = tmp_path / "take"
+    write(place, frames(3))
+    (place / ".mine").touch()
+    if linked:
+        place = tmp_path / "link"
+        place.symlink_to("take")
+    before = contents(place)
+    with pytest.raises(DataError, match="does not fit"), RecordingWriter(place, SMALL, 1.0, replace=True) as writer:
+        for frame in frames(count):
+            writer.write(frame)
+            assert contents(place) == before
+        writer.write(DepthFrame(9, 1.0, np.full((3, 4), 70000, np.float32)))
+    assert (contents(place) == before) == (count == 0)
+    assert open_recording(place).count == (count or 3) and (place / ".mine").exists()
+    assert {path.name for path in tmp_path.iterdir()} == {"take", place.name}
+
+
+def test_an_old_recording_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """If the new recording cannot be renamed, the old one is restored."""
+    write(tmp_path / "take", frames(3))
+    before, rename = contents(tmp_path / "take"), Path.rename
+
+    def failing(self: Path, target: Path) -> Path:
+        if self.name.endswith(".tmp"):
+            raise OSError(5, "Input/output error")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(OSError, match=r"Input/output error: '.*/take'"):
+        write(tmp_path / "take", frames(1), replace=True)
+    assert contents(tmp_path / "take") == before
+
+
+@pytest.mark.parametrize("between", [True, False], ids=["between the names", "while the old one goes"])
+def test_a_writer_that_was_killed_while_the_new_one_took_the_place(tmp_path: Path, between: bool) -> None:
+    """The next writer restores the old recording or finishes its removal; hidden files of the user are kept."""
+    write(tmp_path / "take", frames(3))
+    (tmp_path / "take" / ".note").write_text("mine")
+    left = tmp_path / ".take.0123abcd.netlib.old"
+    if between:
+        (tmp_path / "take").rename(left)
+        with pytest.raises(NetlibError, match="is not empty"):
+            write(tmp_path / "take", frames(1))
+        assert len(contents(tmp_path / "take")) == 5  # including camera.json and the note
+    else:
+        write(left, frames(2))
+        (tmp_path / "take" / ".note").rename(left / ".note")
+    write(tmp_path / "take", frames(1), replace=True)
+    assert (tmp_path / "take" / ".note").read_text() == "mine" and len(contents(tmp_path / "take")) == 3
+    assert [path.name for path in tmp_path.iterdir()] == ["take"]
+
+
+@pytest.mark.parametrize("named", ["take", "link", "take/*.png", "take/000000033333us.png"])
+def test_who_reads_what_a_killed_writer_left_puts_the_old_recording_back(tmp_path: Path, named: str) -> None:
+    """A reader restores the old recording left by a killed writer, for any form of its name."""
+    write(tmp_path / "take", frames(3))
+    before = contents(tmp_path / "take")
+    (tmp_path / "link").symlink_to("take")
+    (tmp_path / "take").rename(tmp_path / ".take.0123abcd.netlib.old")
+    assert open_recording(tmp_path / named).count == (1 if "us" in named else 3)
+    assert contents(tmp_path / "take") == before
+
+
+@pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "loop"])
+def test_a_name_that_no_recording_can_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Invalid names raise an error, without a search for backups."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(DataError, match="no such file or folder"):
+        open_recording(name)
+
+
+def test_what_another_writer_took_away_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """If another writer is killed after moving the recording away, the recording is restored."""
+    write(tmp_path / "take", frames(3))
+    before, kept = contents(tmp_path / "take"), atomic.backups
+
+    def taken_away(path: Path) -> list[Path]:
+        if path.exists():
+            path.rename(tmp_path / ".take.0123abcd.netlib.old")
+        return kept(path)
+
+    monkeypatch.setattr(atomic, "backups", taken_away)
+    with pytest.raises(NetlibError, match="is not empty"):
+        write(tmp_path / "take", frames(1))
+    assert contents(tmp_path / "take") == before
+
+
+@pytest.mark.parametrize("other", ["empty", "notes", "file"])
+def test_an_old_recording_stays_beside_what_is_not_the_new_one(tmp_path: Path, other: str) -> None:
+    """If other content is in the recording's place, nothing is removed, and the error names both."""
+    left = tmp_path / ".take.0123abcd.netlib.old"
+    write(left, frames(3))
+    before = contents(left)
+    if other == "file":
+        (tmp_path / "take").touch()
+    else:
+        (tmp_path / "take").mkdir()
+        if other == "notes":
+            (tmp_path / "take" / "notes.txt").touch()
+    with pytest.raises(DataError, match=r"/take: is not the recording that was to take the place of .*0123abcd"):
+        write(tmp_path / "take", frames(1), replace=True)
+    assert contents(left) == before
+
+
+def test_no_part_of_an_old_recording_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An old recording whose removal was interrupted is not restored."""
+    write(tmp_path / "take", frames(3))
+
+    def cut_short(path: Path) -> None:
+        for picture in list(path.glob("*.png"))[:1]:
+            picture.unlink()
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(atomic, "_remove", cut_short)
+        write(tmp_path / "take", frames(1), replace=True)
+    shutil.rmtree(tmp_path / "take")
+    with pytest.raises(DataError, match="no such file or folder"):
+        open_recording(tmp_path / "take")
+
+
+@pytest.mark.parametrize("why", ["at work", "read only"])
+def test_an_old_recording_that_cannot_be_put_back_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
+) -> None:
+    """The error names the place of an old recording that cannot be restored."""
+    left = tmp_path / ".take.0123abcd.netlib.old"
+    write(left, frames(3))
+
+    def failing(self: Path, target: Path) -> Path:
+        raise OSError(30, "Read-only file system")
+
+    if why == "read only":
+        monkeypatch.setattr(Path, "rename", failing)
+    with contextlib.ExitStack() as stack, pytest.raises(DataError, match=r"the old recording is .*/\.take\.0123abcd"):
+        if why == "at work":
+            stack.enter_context(locks.held(left))
+        open_recording(tmp_path / "take")
+    assert left.is_dir()
+
+
+def test_an_old_recording_is_locked_before_it_loses_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An old recording is locked before it is renamed, so that no other process restores it."""
+    write(tmp_path / "take", frames(3))
+    rename, seen = Path.rename, []
+
+    def watched(self: Path, target: Path) -> Path:
+        result = rename(self, target)
+        if target.name.endswith(".old"):
+            with pytest.raises(DataError, match="is being replaced"):
+                open_recording(tmp_path / "take")
+            seen.append(target)
+        return result
+
+    monkeypatch.setattr(Path, "rename", watched)
+    write(tmp_path / "take", frames(1), replace=True)
+    assert len(seen) == 1 and open_recording(tmp_path / "take").count == 1
+
+
+def test_a_mounted_disk_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mount point cannot be renamed, which raises an error before the first frame."""
+    write(tmp_path / "take", frames(3))
+    monkeypatch.setattr(os.path, "ismount", lambda path: True)
+    with pytest.raises(NetlibError, match="a disk is mounted there"):
+        write(tmp_path / "take", frames(1), replace=True)
+
+
+@pytest.mark.parametrize("name", ["file", "file/take", "file/take.npz"])
+def test_a_file_where_a_folder_should_be(tmp_path: Path, name: str) -> None:
+    """A file in place of a folder raises an error with its name."""
+    (tmp_path / "file").touch()
+    with pytest.raises(NetlibError, match=r"/file: is a file; expected a folder$"):
+        write(tmp_path / name, frames(1), replace=True)
+
+
+def test_a_folder_with_other_files_is_never_replaced(tmp_path: Path) -> None:
+    """A folder with other files is never replaced, because they may be important."""
+    (tmp_path / "thesis.txt").touch()
+    with pytest.raises(NetlibError, match=r"holds thesis\.txt, which no recording has; name a new folder$"):
+        write(tmp_path, frames(1), replace=True)
+
+
+def test_without_frames_there_is_no_stack(tmp_path: Path) -> None:
+    """Without frames no file is left."""
+    write(tmp_path / "take.npz", [])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["take.npy", "take.mp4", "take.bag", "take.png"])
+def test_other_endings(tmp_path: Path, name: str) -> None:
+    """Another suffix raises an error."""
+    with pytest.raises(NetlibError, match=rf"{name}: cannot write \.\w+; expected a folder, FILE\.npz or FILE\.mkv"):
+        RecordingWriter(tmp_path / name, SMALL, 1.0)

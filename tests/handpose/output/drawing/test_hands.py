@@ -1,0 +1,83 @@
+"""handpose/output/drawing/hands.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.frames.cameras import NYU
+from handpose.frames.crops import crop_pixels
+from handpose.output.drawing import hands
+from layers.hand import skeleton
+from layers.hand.bodies import kinematics_of
+from netlib.errors import DataError
+
+SKELETON = skeleton.load()
+JOINTS = kinematics_of(SKELETON).joints(np.zeros((1, 47)))[0]
+EMPTY = np.ones((128, 128), np.float32)
+
+
+def test_overlay_shows_joints_where_they_are_seen() -> None:
+    """With a known centre, a joint's dot is at its pixel in the crop, in its finger's colour; otherwise near it."""
+    center = np.array([250.0, 200.0, 700.0])
+    tip = SKELETON.joint_names.index("thumb_tip")
+    uvd = NYU.project(JOINTS[tip] * 150 + NYU.unproject(center))
+    u, v = np.rint(crop_pixels(uvd[None, None], center[None], 300.0)[0, 0] * 4 + 1.5).astype(int)
+    picture = hands.overlay(EMPTY, JOINTS, SKELETON, center_uvd=center)
+    assert picture.shape == (512, 512, 3) and picture.dtype == np.uint8
+    assert tuple(picture[v, u]) == hands.COLOURS["thumb"]
+    parallel = hands.overlay(EMPTY, JOINTS, SKELETON)
+    near = parallel[v - 30 : v + 30, u - 30 : u + 30].reshape(-1, 3)
+    assert (near == hands.COLOURS["thumb"]).all(axis=1).any()
+
+
+def test_every_finger_has_its_colour() -> None:
+    """The picture has five colours for five fingers, and grey for the rest."""
+    for picture in (hands.overlay(EMPTY, JOINTS, SKELETON), hands.view_3d(JOINTS, SKELETON)):
+        shown = {tuple(int(c) for c in colour) for colour in np.unique(picture.reshape(-1, 3), axis=0)}
+        assert {*hands.COLOURS.values(), hands.GREY} <= shown
+
+
+def test_near_is_bright() -> None:
+    """The background is black, and the near face of the cube is the brightest."""
+    crop = EMPTY.copy()
+    crop[:, 100:] = -1
+    picture = hands.overlay(crop, JOINTS * 0.01, SKELETON, zoom=2)
+    assert picture.shape == (256, 256, 3)
+    assert (picture[5, 5] == 0).all() and (picture[5, 250] > 200).all()
+
+
+def test_truth_is_drawn_too() -> None:
+    """A second skeleton adds white on the crop and leaves the first one's colours."""
+    without = hands.overlay(EMPTY, JOINTS, SKELETON)
+    both = hands.overlay(EMPTY, JOINTS, SKELETON, truth=JOINTS + 0.2)
+    white = (both == 255).all(axis=2) & ~(without == 255).all(axis=2)
+    assert white.sum() > 50
+    assert not np.array_equal(hands.view_3d(JOINTS, SKELETON), hands.view_3d(JOINTS, SKELETON, truth=JOINTS + 0.2))
+
+
+def test_joints_far_outside_do_no_harm() -> None:
+    """Joints far outside do not move the others: a joint in the middle of the crop is drawn there."""
+    wild = JOINTS * 1e9
+    tip = SKELETON.joint_names.index("index_tip")
+    wild[tip] = 0
+    picture = hands.overlay(EMPTY, wild, SKELETON)
+    assert picture.shape == (512, 512, 3)
+    assert tuple(picture[257, 257]) == hands.COLOURS["index"]
+    assert (picture == 0).all(axis=2).mean() > 0.9  # except for the bones, which cross it
+    assert (hands.overlay(EMPTY, JOINTS * 1e9 + 1e9, SKELETON) == 0).all(), "all beside the picture"
+    far, near = hands.view_3d(JOINTS * 3, SKELETON), hands.view_3d(JOINTS, SKELETON)
+    assert far.shape == near.shape
+    colours = {tuple(int(c) for c in colour) for colour in np.unique(far.reshape(-1, 3), axis=0)}
+    assert hands.GREY in colours and not np.array_equal(far, near)
+
+
+def test_mistakes() -> None:
+    """Joints of another skeleton, NaN and an oblong crop raise an error with the reason."""
+    for call, message in (
+        (lambda: hands.overlay(EMPTY, np.zeros((14, 3)), SKELETON), r"\(14, 3\), expected \(31, 3\)"),
+        (lambda: hands.view_3d(JOINTS * np.nan, SKELETON), "finite"),
+        (lambda: hands.overlay(np.ones((10, 20)), JOINTS, SKELETON), r"\(10, 20\), expected a square"),
+    ):
+        with pytest.raises(DataError, match=message):
+            call()

@@ -1,0 +1,104 @@
+"""handpose/output/drawing/sheets.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from handpose.output.drawing import hands, sheets, strokes
+from handpose.output.drawing.sheets import PAGES, ContactSheet
+from handpose.output.drawing.strokes import Image
+from layers.hand import skeleton as skeletons
+from layers.hand.bodies import kinematics_of
+from netlib.blob import Array
+from netlib.errors import DataError
+
+SKELETON = skeletons.load()
+CROPS = [np.full((128, 128), 1.0), np.full((128, 128), 0.5)]
+
+
+def picture(value: int = 0) -> Image:
+    return np.full((3, 4, 3), value % 256, np.uint8)
+
+
+@given(frames=st.integers(1, 2000), columns=st.integers(1, 4), rows=st.integers(1, 4))
+def test_moments_evenly_apart(frames: int, columns: int, rows: int) -> None:
+    """Moments span the whole sequence for any number of frames; few pictures are kept, and few are drawn."""
+    sheet, drawn = ContactSheet(columns, rows), []
+    for n in range(frames):
+        sheet.add(n, lambda n=n: drawn.append(n) or picture(n))
+        assert len(sheet._kept) <= PAGES * columns * rows
+    times = sheet.times()
+    assert len(times) == min(frames, columns * rows) and times[0] == 0
+    gaps = np.diff(times)
+    if len(gaps):
+        assert gaps.min() >= 1 and gaps.max() <= 2 * gaps.min()
+        assert frames - times[-1] <= gaps.max() + 1
+    assert len(drawn) <= PAGES * columns * rows * (1 + np.log2(max(frames, 2)) / 2)
+
+
+def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each picture is reduced to the requested width, with its time in seconds above it."""
+    received = {}
+    monkeypatch.setattr(sheets.strokes, "sheet", lambda *given: received.update(given=given))
+    sheet = ContactSheet(2, 2, width=100)
+    for n in range(3):
+        sheet.add(n / 30, lambda n=n: np.full((150, 200, 3), n, np.uint8))
+    sheet.page()
+    images, columns, titles = received["given"]
+    assert [image.shape for image in images] == [(75, 100, 3)] * 3 and [image[0, 0, 0] for image in images] == [0, 1, 2]
+    assert columns == 2 and titles == ["0.00 s", "0.03 s", "0.07 s"]
+
+
+def test_a_page_can_be_drawn() -> None:
+    """A page has only as many cells as there are pictures."""
+    sheet = ContactSheet(2, 2)
+    sheet.add(0.0, picture)
+    assert sheet.page().shape == (3 + 22 + 16, 4 + 16, 3)
+
+
+def test_mistakes() -> None:
+    """A sheet without cells and a page without pictures raise errors."""
+    with pytest.raises(DataError, match="0 columns, 3 rows"):
+        ContactSheet(0, 3)
+    with pytest.raises(DataError, match="0 pictures"):
+        ContactSheet().page()
+
+
+@pytest.fixture
+def joints() -> Array:
+    """The joints of two hands."""
+    inputs = np.random.default_rng(0).normal(0, 0.1, (2, len(SKELETON.initial)))
+    return np.asarray(kinematics_of(SKELETON).joints(inputs))
+
+
+def test_two_views(joints: Array) -> None:
+    """Each frame has two cells with a title each: the view on the crop and the view in space."""
+    titles = [("frame 0", "1 mm"), ("frame 7", "2 mm")]
+    drawn = sheets.two_views(CROPS, joints, joints[:, ::-1], SKELETON, titles, columns=2)
+    cells = []
+    for crop, hand, truth in zip(CROPS, joints, joints[:, ::-1]):
+        cells += [hands.overlay(crop, hand, SKELETON, truth, zoom=3), hands.view_3d(hand, SKELETON, truth, size=384)]
+    assert np.array_equal(drawn, strokes.sheet(cells, 2, ["frame 0", "1 mm", "frame 7", "2 mm"]))
+
+
+def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
+    """An annotation with ICVL's 16 joints, which do not match the skeleton's 31, is omitted."""
+    titles = [("a", "b"), ("c", "d")]
+    few = sheets.two_views(CROPS, joints, joints[:, :16], SKELETON, titles)
+    assert few.shape == sheets.two_views(CROPS, joints, joints, SKELETON, titles).shape
+    assert not np.array_equal(few, sheets.two_views(CROPS, joints, joints, SKELETON, titles))
+
+
+def test_side_by_side(joints: Array) -> None:
+    """Each method has a column with its mean error in mm."""
+    moved = joints + (0.1, 0, 0)
+    drawn = sheets.side_by_side(CROPS, {"A": joints, "B": moved}, joints, SKELETON, np.array([150.0, 100.0]))
+    cells = [
+        hands.overlay(crop, hand, SKELETON, truth, zoom=2)
+        for crop, truth, pair in zip(CROPS, joints, zip(joints, moved))
+        for hand in pair
+    ]
+    assert np.array_equal(drawn, strokes.sheet(cells, 2, ["A, 0 mm", "B, 15 mm", "A, 0 mm", "B, 10 mm"]))

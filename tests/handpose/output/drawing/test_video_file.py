@@ -1,0 +1,149 @@
+"""handpose/output/drawing/video_file.py"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handpose.output.drawing.strokes import Image
+from handpose.output.drawing.video_file import TICKS, VideoFile
+from netlib.errors import DataError, NetlibError
+
+av = pytest.importorskip("av", reason="needs PyAV")
+TIMES = [5.0, 5.033, 5.066, 6.5, 6.501, 6.6]  # with a gap
+
+
+def picture(n: int, height: int = 64, width: int = 96) -> Image:
+    """A grey picture, with another grey for each number."""
+    return np.full((height, width, 3), 40 * n, np.uint8)
+
+
+def write(path: Path, times: list[float] = TIMES) -> None:
+    with VideoFile(path) as video:
+        for n, time in enumerate(times):
+            video.write(picture(n), time)
+
+
+def read(path: Path) -> list[tuple[float, int]]:
+    """The time and the grey of every frame."""
+    with av.open(str(path)) as file:
+        return [(frame.time, int(frame.to_ndarray(format="gray")[9, 9])) for frame in file.decode(video=0)]
+
+
+def test_every_picture_at_its_time(tmp_path: Path) -> None:
+    """The first time is 0, gaps are kept, and no picture is omitted or changed."""
+    write(tmp_path / "a.mp4")
+    frames = read(tmp_path / "a.mp4")
+    np.testing.assert_allclose([time for time, _ in frames], np.subtract(TIMES, 5.0), atol=1 / TICKS)
+    np.testing.assert_allclose([grey for _, grey in frames], 40 * np.arange(6), atol=4)
+
+
+def test_browsers_play_it(tmp_path: Path) -> None:
+    """The file is H.264 in yuv420p, with the index first; the last picture lasts one period of the rate."""
+    write(tmp_path / "a.mp4")
+    content = (tmp_path / "a.mp4").read_bytes()
+    assert 0 < content.index(b"moov") < content.index(b"mdat")
+    with av.open(str(tmp_path / "a.mp4")) as file:
+        stream = file.streams.video[0]
+        if {"libx264", "libopenh264"} & av.codecs_available:
+            assert stream.codec_context.name == "h264"
+        assert stream.codec_context.color_range == 1  # limited range, 16 to 235, to which the pictures are converted
+        assert (stream.codec_context.pix_fmt, stream.width, stream.height) == ("yuv420p", 96, 64)
+        assert file.duration / 1e6 == pytest.approx(1.6 + 1 / 30, abs=0.001)
+
+
+@pytest.mark.parametrize(("height", "width"), [(63, 96), (64, 95), (63, 95)])
+def test_odd_sizes(tmp_path: Path, height: int, width: int) -> None:
+    """yuv420p needs an even size, so that a row or a column is repeated."""
+    with VideoFile(tmp_path / "a.mp4") as video:
+        video.write(picture(3, height, width), 0.0)
+    with av.open(str(tmp_path / "a.mp4")) as file:
+        image = next(file.decode(video=0)).to_ndarray(format="gray")
+    assert image.shape == (64, 96) and np.ptp(image.astype(int)) < 5
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
+def test_what_was_written_before_a_stop_is_kept(tmp_path: Path, stop: type[BaseException]) -> None:
+    """After Ctrl-C or an error the file has all pictures so far, replaces an older file, and is the only one left."""
+    path = tmp_path / "a.mp4"
+    path.write_bytes(b"old")
+    with pytest.raises(stop), VideoFile(path) as video:
+        for n in range(4):
+            video.write(picture(n), n / 30)
+        assert path.read_bytes() == b"old"
+        raise stop
+    assert len(read(path)) == 4
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_without_a_picture_there_is_no_file(tmp_path: Path) -> None:
+    """Without a picture an older file stays and no new one is written."""
+    (tmp_path / "a.mp4").write_bytes(b"old")
+    with VideoFile(tmp_path / "a.mp4"):
+        pass
+    with pytest.raises(ValueError), VideoFile(tmp_path / "b.mp4"):
+        raise ValueError
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
+
+
+def test_what_cannot_be_written_is_one_error_about_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk, a missing folder and a folder of that name raise an error with the file name; no file is left."""
+
+    def full(video: VideoFile, frame: object) -> None:
+        raise av.error.FFmpegError(28, "No space left on device", "something.tmp")  # fmt: skip
+
+    with monkeypatch.context() as patch:
+        patch.setattr(VideoFile, "_mux", full)
+        with pytest.raises(OSError, match="No space left") as error:
+            write(tmp_path / "a.mp4")
+    assert error.value.filename == str(tmp_path / "a.mp4") and list(tmp_path.iterdir()) == []
+    with pytest.raises(FileNotFoundError, match=r"none/a\.mp4'$"):
+        write(tmp_path / "none" / "a.mp4")
+    (tmp_path / "folder.mp4").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write(tmp_path / "folder.mp4")
+    assert list(tmp_path.iterdir()) == [tmp_path / "folder.mp4"]
+
+
+def test_mistakes(tmp_path: Path) -> None:
+    """Times that do not ascend, another size and another suffix raise errors; the video stays valid."""
+    with VideoFile(tmp_path / "a.mp4") as video:
+        video.write(picture(1), 1.0)
+        with pytest.raises(DataError, match="a picture at 1 s after one at 1 s; expected a later one"):
+            video.write(picture(1), 1.0)
+        for time in (1.000001, 1e300):
+            with pytest.raises(DataError, match="by 1/60000 s at least and 1e\\+08 s at most"):
+                video.write(picture(1), time)
+        with pytest.raises(DataError, match="95 x 64 pixels after some of 96 x 64 pixels"):
+            video.write(picture(1, 64, 95), 2.0)
+    assert len(read(tmp_path / "a.mp4")) == 1
+    with pytest.raises(NetlibError, match=r"a\.avi: a video is written as \.mp4"):
+        VideoFile(tmp_path / "a.avi")
+
+
+@pytest.mark.parametrize("rate", [1e-300, 1e-9, 1e5, 1e300])
+def test_rates_that_no_player_knows(tmp_path: Path, rate: float) -> None:
+    """An extreme rate is clipped to a valid one, because it affects only the duration of the last picture."""
+    with VideoFile(tmp_path / "a.mp4", rate) as video:
+        video.write(picture(1), 0.0)
+        video.write(picture(2), 0.5)
+    assert len(read(tmp_path / "a.mp4")) == 2
+
+
+def test_without_an_encoder_of_h264_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without an H.264 encoder the fallback is used, and the note names the file."""
+    assert VideoFile(tmp_path / "a.mp4").note == "" or not {"libx264", "libopenh264"} & av.codecs_available
+    monkeypatch.setattr(av, "codecs_available", {"mpeg4", "png"})
+    assert "a.mp4: PyAV has no H.264 encoder here" in VideoFile(tmp_path / "a.mp4").note
+    write(tmp_path / "a.mp4")
+    np.testing.assert_allclose([time for time, _ in read(tmp_path / "a.mp4")], np.subtract(TIMES, 5.0), atol=1 / TICKS)
+
+
+def test_without_pyav_there_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error names the command that installs PyAV."""
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(NetlibError, match=r"^PyAV is missing: pip install av$"):
+        VideoFile(tmp_path / "a.mp4")

@@ -1,0 +1,199 @@
+"""web/live: the page in Chromium, with frames from a server in this process."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.output.drawing.hands import COLOURS
+from handpose.output.drawing.page import assembly
+from handpose.output.drawing.page.assembly import script_of
+from handpose.output.live.messages import Messages
+from handpose.output.live.page import BROWSER, page
+from handpose.output.live.server import VIEWS, LiveServer
+from handpose.tracking.track import TrackedFrame
+from tests.handpose.output.drawing.page.page_reading import picture
+from tests.handpose.output.drawing.page.test_assembly import LONGEST
+from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
+from tests.support.chromium_tabs import browser, visit
+from tests.support.tracked_hands import CAMERA, HEADER
+
+__all__ = ["browser", "visit"]  # fixtures
+Visit = Callable[..., Any]
+
+
+class Shown:
+    """A server, and a browser tab that shows its page."""
+
+    def __init__(self, server: LiveServer, visit: Visit) -> None:
+        self.server, self.messages = server, Messages(HEADER, gestures=True)
+        self.tab = visit(server.page_url, viewport={"width": 1200, "height": 900})
+        assert server.wait_for_client(60)
+
+    def put(self, frame: TrackedFrame) -> None:
+        self.server.put(VIEWS, self.messages.view(self.messages.record(frame), DEPTH, frame))
+
+    def show(self, frame: TrackedFrame) -> None:
+        """Send a frame and wait until it is drawn."""
+        self.put(frame)
+        self.state(f"frame {frame.number}, {frame.time:.2f} s; ")
+
+    def state(self, begin: str) -> None:
+        """Wait until the status line begins with this text."""
+        self.tab.locator("#state").filter(has_text=re.compile(f"^{re.escape(begin)}")).wait_for()
+
+
+@pytest.fixture
+def shown(server: LiveServer, visit: Visit) -> Shown:
+    """A page without frames so far."""
+    return Shown(server, visit)
+
+
+def test_both_hands_of_a_frame(shown: Shown) -> None:
+    """Joints, surfaces and depth equal the tracked ones, and the list has each hand's confidence."""
+    shown.state("connected; no frame yet")
+    shown.show(BOTH)
+    joints = np.array(shown.tab.evaluate("live.scene.joints"))
+    np.testing.assert_allclose(joints, np.concatenate([RIGHT.xyz, LEFT.xyz]), atol=0.01)
+    ends = np.array(shown.tab.evaluate("live.scene.capsules.map(({ a, rb }) => [...a, rb])"))
+    assert RIGHT.capsules is not None and LEFT.capsules is not None
+    expected = [np.c_[hand.capsules.a[0], hand.capsules.radius_b[0]] for hand in (RIGHT, LEFT)]
+    np.testing.assert_allclose(ends, np.concatenate(expected), rtol=1e-5)
+    points = np.array(shown.tab.evaluate("live.scene.points")).reshape(-1, 3)
+    u, v, d = CAMERA.project(points).T
+    np.testing.assert_allclose(d, DEPTH.astype(int)[np.rint(v).astype(int), np.rint(u).astype(int)])
+    assert len(points) > 1000
+    assert shown.tab.locator("#hands li").all_inner_texts() == [
+        "right 93%, expected error 8 mm, gesture open", "left 42%, expected error 8 mm, gesture open"
+    ]  # fmt: skip
+
+
+def test_the_depth_image(shown: Shown) -> None:
+    """Nearer is lighter, and each joint's disc is at its pixel in its finger's colour."""
+    shown.show(BOTH)
+    image = picture(shown.tab, "depth")
+    zoom = image.shape[1] / CAMERA.width
+    for hand in (RIGHT, LEFT):
+        for joint in ("thumb_tip", "little_tip"):
+            u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(joint)])
+            colour = image[int((v + 0.5) * zoom), int((u + 0.5) * zoom), :3]
+            np.testing.assert_allclose(colour, COLOURS[joint.split("_")[0]][::-1], atol=3)
+    wall = image[-3, -3, 0]
+    u, v, _ = CAMERA.project(RIGHT.xyz.mean(axis=0))
+    assert image[int((v + 4) * zoom), int(u * zoom), 0] > wall + 50
+    shown.tab.locator("#depth").hover(position={"x": 1, "y": 1})
+    assert shown.tab.locator("#under").inner_text() == "column 0, row 0: 1500 mm"
+
+
+def test_the_space(shown: Shown) -> None:
+    """Surface, skeleton and points are drawn, can be switched off, and turn with the mouse."""
+    shown.show(BOTH)
+
+    def covered() -> int:
+        return int(np.count_nonzero(picture(shown.tab, "stage", draw="live.stage.draw(1)")[..., 3]))
+
+    every = covered()
+    shown.tab.get_by_label("surface").uncheck()
+    bones = covered()
+    shown.tab.get_by_label("depth points").uncheck()
+    shown.tab.get_by_label("skeleton", exact=True).uncheck()
+    assert every > bones > 2 * covered() > 0
+    box = shown.tab.locator("#stage").bounding_box()
+    shown.tab.mouse.move(box["x"] + 200, box["y"] + 200)
+    shown.tab.mouse.down()
+    shown.tab.mouse.move(box["x"] + 260, box["y"] + 200, steps=3)
+    shown.tab.mouse.up()
+    turned = shown.tab.evaluate("live.stage.viewer.turned")
+    assert abs(turned[0][2]) > 0.2
+    shown.show(ONE)
+    assert shown.tab.evaluate("live.stage.viewer.turned") == turned, "a new frame leaves the view as it is"
+    shown.tab.get_by_role("button", name="Front view").click()
+    assert shown.tab.evaluate("live.stage.viewer.turned") == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+
+
+def test_names_and_a_hand_that_leaves(shown: Shown) -> None:
+    """Pointing at a joint shows its name and position; for a lost hand the reason is shown."""
+    shown.show(BOTH)
+    tip = len(RIGHT.xyz) + HEADER.skeleton.joint_names.index("index_tip")  # a joint of the left hand
+    box = shown.tab.locator("#stage").bounding_box()
+    u, v, _ = shown.tab.evaluate(f"live.stage.viewer.pixel(live.scene.joints[{tip}])")
+    shown.tab.mouse.move(box["x"] + u, box["y"] + v)
+    x, y, z = LEFT.xyz[tip - len(RIGHT.xyz)]
+    assert shown.tab.locator("#joint").inner_text() == f"index_tip: {x:.1f}, {y:.1f}, {z:.1f} mm"
+    shown.show(ONE)
+    assert shown.tab.locator("#hands li").all_inner_texts()[1] == "left hand lost 0.1 s: left the image"
+    assert shown.tab.evaluate("live.scene.joints.length") == len(RIGHT.xyz)
+    shown.show(TrackedFrame(2, 0.2, ()))
+    assert shown.tab.locator("#hands li").count() == 0
+
+
+def test_a_page_that_is_slow_gets_the_newest_frame(shown: Shown) -> None:
+    """Frames that arrive while the page is busy are dropped."""
+    shown.show(BOTH)
+    frames = [BOTH._replace(number=number, time=number / 30) for number in range(1, 60)]
+    encoded = [shown.messages.view(shown.messages.record(frame), DEPTH, frame) for frame in frames]
+    busy = "for (const end = performance.now() + 500; performance.now() < end; );"
+    shown.tab.evaluate(f"setTimeout(() => {{ {busy} }})")
+    for message in encoded:
+        shown.server.put(VIEWS, message)
+    shown.state("frame 59, ")
+    assert shown.tab.evaluate("live.drawn") < 20
+
+
+def test_the_end(serve: Callable[..., LiveServer], visit: Visit) -> None:
+    """The page reports the end of the recording, with the last frame, and a stopped tracker."""
+    with serve() as server:
+        shown = Shown(server, visit)
+        shown.show(BOTH)
+        shown.put(ONE)
+    shown.state("the recording has ended; the last frame is 1")
+    assert shown.tab.locator("#hands li").count() == 2
+    with pytest.raises(RuntimeError), serve() as server:
+        shown = Shown(server, visit)
+        raise RuntimeError
+    shown.state("the tracker was stopped")
+
+
+def test_two_pages(server: LiveServer, visit: Visit) -> None:
+    """Two pages show the same frame."""
+    one, other = Shown(server, visit), Shown(server, visit)
+    other.state("connected; no frame yet")
+    one.put(BOTH)
+    for shown in (one, other):
+        shown.state("frame 0, 0.00 s; ")
+
+
+def test_the_token_leaves_the_address(server: LiveServer, browser: Any) -> None:
+    """The address bar has no token; a reloaded page continues with it, and another tab shows the error."""
+    address = server.page_url.partition("?")[0]
+    context = browser.new_context()
+    with contextlib.closing(context):
+        tab, other = context.new_page(), context.new_page()
+        tab.goto(server.page_url)
+        for again in (False, True):
+            if again:
+                tab.reload()
+            tab.locator("#state").filter(has_text="connected").wait_for()
+            assert tab.evaluate("location.href") == address
+        other.goto(address)
+        other.get_by_text("Wrong token. Open the address that the tracker has printed.").wait_for()
+
+
+def test_one_file_for_one_server() -> None:
+    """The page has no external address, its policy allows only its own script, style and server; sources are short."""
+    text = page(HEADER)
+    assert not re.search(r"https?://|<link|\bsrc=|url\(|@import|\bimport\s*[({\"']|\beval\(|innerHTML", text)
+    assert "default-src 'none'; " in text and "connect-src 'self'; " in text and "unsafe" not in text.split("<body>")[0]
+    script = script_of("live", BROWSER) + script_of("without_token", BROWSER)
+    for path in BROWSER.iterdir():
+        source = path.read_text(encoding="utf-8")
+        assert len(source.splitlines()) < LONGEST and max(map(len, source.splitlines())) <= 120, path.name
+        assert path.suffix == ".html" or source.startswith("/* "), path.name
+        assert path.suffix != ".js" or f"modules.{path.stem} = " in script, path.name
+    assert "modules.stage = " in script and "modules.bones = " in script  # shared with the page of a hand
+    assert (assembly.FOLDER / "stage.js").is_file()

@@ -1,0 +1,88 @@
+"""handpose/output/live/messages.py"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from handpose.frames.cameras import CAMERAS
+from handpose.output.drawing.contrast import Contrast
+from handpose.output.live.messages import MAX_DATAGRAM, MAX_SAMPLES, Messages, depth_step
+from handpose.output.tracks.json_values import FrameValues, header_values
+from handpose.tracking.track import LostHand, TrackedFrame
+from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
+from tests.support.tracked_hands import HEADER
+
+
+def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
+    """Every record has the bones, because a receiver may have missed the first frame of a hand."""
+    messages, values = Messages(HEADER), FrameValues(HEADER)
+    assert json.loads(messages.header) == json.loads(json.dumps(header_values(HEADER)))
+    for frame in (BOTH, ONE, ONE._replace(number=2, time=0.2)):
+        found, expected = json.loads(messages.line(messages.record(frame))), values.values(frame)
+        assert all(len(hand.pop("bones_mm")) == 31 for hand in found["hands"])
+        for hand in expected["hands"]:
+            hand.pop("bones_mm", None)
+        assert found == json.loads(json.dumps(expected))
+
+
+def test_joints_and_gestures() -> None:
+    """The joint format and the gestures are those of the options."""
+    messages = Messages(HEADER, "mano", gestures=True)
+    assert json.loads(messages.header)["joint_format"]["name"] == "mano"
+    hand = messages.record(BOTH)["hands"][0]
+    assert len(hand["mano"]["positions_m"]) == 21 and hand["gesture"]["name"] == "open"
+
+
+def test_the_message_for_the_page() -> None:
+    """The message has record, contrast, depth and capsules in the documented layout."""
+    messages = Messages(HEADER)
+    message = messages.view(messages.record(BOTH), DEPTH, BOTH)
+    (size,) = struct.unpack_from("<I", message)
+    values = json.loads(message[4 : 4 + size])
+    contrast = Contrast()
+    contrast.see(0.0, DEPTH, np.concatenate([RIGHT.xyz, LEFT.xyz])[:, 2])
+    assert size % 4 == 0 and values["record"] == json.loads(json.dumps(Messages(HEADER).record(BOTH)))
+    assert (values["middle"], values["spread"]) == (contrast.middle, contrast.spread)
+    samples = np.frombuffer(message, "<u2", DEPTH.size, 4 + size).reshape(DEPTH.shape)
+    np.testing.assert_array_equal(samples, DEPTH.astype(np.uint16))
+    numbers = np.frombuffer(message[4 + size + samples.nbytes :], "<f4").reshape(-1, 8)
+    assert values["capsules"] == [len(numbers) // 2] * 2
+    assert RIGHT.capsules is not None
+    np.testing.assert_allclose(numbers[: len(numbers) // 2, :3], RIGHT.capsules.a[0], rtol=1e-6)
+    np.testing.assert_allclose(numbers[: len(numbers) // 2, 7], RIGHT.capsules.radius_b[0], rtol=1e-6)
+
+
+def test_large_frames_are_sampled() -> None:
+    """Images of 640 x 480 pixels are subsampled by 2; the message is padded to 4 bytes; far depths are clipped."""
+    assert {depth_step(camera.width, camera.height) for camera in CAMERAS.values()} == {1, 2}
+    assert depth_step(640, 480) == 2 and depth_step(MAX_SAMPLES + 1, 1) == 2 and depth_step(0, 0) == 1
+    camera = dataclasses.replace(HEADER.camera, width=642, height=482)
+    messages, frame = Messages(dataclasses.replace(HEADER, camera=camera)), TrackedFrame(0, 0.0, ())
+    message = messages.view(messages.record(frame), np.full((482, 642), 1e6, np.float32), frame)
+    (size,) = struct.unpack_from("<I", message)
+    samples = np.frombuffer(message[4 + size :], "<u2")
+    assert depth_step(642, 482) == 3 and len(samples) == 214 * 161 and (samples == 65535).all()
+    odd = Messages(dataclasses.replace(HEADER, camera=dataclasses.replace(camera, width=3, height=3)))
+    message = odd.view(odd.record(frame), np.ones((3, 3), np.float32), frame)
+    assert len(message) % 4 == 0
+
+
+@pytest.mark.parametrize("hands", [0, 2, 3, 40])
+def test_a_datagram_is_bounded(hands: int) -> None:
+    """A datagram holds at least two hands; those that do not fit are omitted and counted."""
+    every = tuple(dataclasses.replace(RIGHT, id=id) for id in range(hands))
+    lost = tuple(LostHand(100 + id, "left", 0.0, "left the image") for id in range(hands))
+    messages = Messages(HEADER)
+    record = messages.record(TrackedFrame(7, 0.2, every, lost))
+    datagram = messages.datagram(record)
+    found = json.loads(datagram)
+    assert len(datagram) <= MAX_DATAGRAM and found["number"] == 7
+    kept = len(found["hands"])
+    assert found["hands"] == json.loads(messages.line(record))["hands"][:kept] and kept >= min(hands, 2)
+    assert found.get("omitted", 0) == hands - kept
+    assert len(record["hands"]) == hands, "the record itself is as before"

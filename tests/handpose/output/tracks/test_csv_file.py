@@ -1,0 +1,104 @@
+"""handpose/output/tracks/csv_file.py"""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handpose.output.tracks import csv_file
+from handpose.output.tracks.csv_file import CsvWriter
+from handpose.tracking.track import LostHand, TrackedFrame, TrackHeader
+from layers.hand.skeleton import load
+from netlib.errors import DataError
+from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
+
+HAND = header_of(load())
+
+
+def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> list[dict[str, str]]:
+    """The rows of the file, by column."""
+    with CsvWriter(path, header) as writer:
+        for frame in frames:
+            writer.write(frame)
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("header", [HAND, header_of(any_skeleton(2))], ids=["the hand", "another body"])
+def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
+    """Each row has the joints in mm and the angles in rad, by column."""
+    frames = any_track(header, 3, 6)
+    rows = iter(written(tmp_path / "a.csv", header, frames))
+    sk = header.skeleton
+    for frame in frames:
+        for hand in frame.hands:
+            row = next(rows)
+            assert (row["number"], row["id"], row["hand"], row["lost"]) == (
+                str(frame.number),
+                str(hand.id),
+                hand.hand,
+                "",
+            )
+            assert float(row["time_s"]) == pytest.approx(frame.time, abs=1e-6)
+            joints = [[float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in sk.joint_names]
+            assert np.abs(np.array(joints) - hand.xyz).max() < 0.0051
+            theta = sk.theta(hand.inputs)
+            for dof in set(sk.driven[sk.turns]):
+                assert float(row[f"{sk.dof_names[dof]}_rad"]) == pytest.approx(theta[dof], abs=1e-5)
+        for lost in frame.lost:
+            row = next(rows)
+            assert (row["id"], row["hand"], row["lost"]) == (str(lost.id), lost.hand, lost.reason)
+            assert not any(list(row.values())[5:])
+    assert next(rows, None) is None
+
+
+def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
+    """Unknown values are empty, which pandas reads as NaN; a reason may contain commas and quotes."""
+    hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=np.nan)
+    reason = 'it is "dark", 3 mm'
+    seen, lost = written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0, (hand,), (LostHand(1, "left", 0, reason),))])
+    assert seen["confidence"] == seen["error_mm"] == ""
+    assert lost["lost"] == reason
+
+
+def test_no_hand_no_row(tmp_path: Path) -> None:
+    """Without hands the file has only its header."""
+    assert written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0.0, ())]) == []
+    assert (
+        (tmp_path / "a.csv").read_text().startswith("number,time_s,id,hand,lost,confidence,error_mm,little_tip_x_mm,")
+    )
+
+
+def test_an_interruption_leaves_whole_rows(tmp_path: Path) -> None:
+    """After an error the file has complete rows for the frames so far."""
+    frames = any_track(HAND, 3, 4)
+    rows = written(tmp_path / "whole.csv", HAND, frames)
+    with pytest.raises(DataError), CsvWriter(tmp_path / "cut.csv", HAND) as writer:
+        for frame in frames:
+            writer.write(frame)
+        raise DataError("the camera was unplugged")
+    assert (tmp_path / "cut.csv").read_text() == (tmp_path / "whole.csv").read_text()
+    assert len(rows) == sum(len(frame.hands) + len(frame.lost) for frame in frames)
+
+
+@pytest.mark.parametrize("cell", ["=1+1.png", "+a", "-a", "@a", "\t=a", " =a", "\N{FULLWIDTH EQUALS SIGN}a"])
+def test_cells_that_a_spreadsheet_would_run(cell: str) -> None:
+    """A text that begins like a formula is marked as a text."""
+    (row,) = csv.reader(io.StringIO(csv_file.rows_of([[cell, "b"]]).decode(), newline=""))
+    assert row == [f"'{cell}", "b"]
+
+
+def test_a_carriage_return() -> None:
+    """It is escaped, because it would begin another row."""
+    assert csv_file.rows_of([["\r=a", "b"]]) == b"\\r=a,b\n"
+
+
+@pytest.mark.parametrize("cell", ["-1.50", "+3", "-1e-05", "", "a=b", "take-1.png", 5])
+def test_numbers_and_names_are_unchanged(cell: object) -> None:
+    """Numbers, and texts that only contain such characters, are not marked."""
+    assert csv_file.rows_of([[cell]]) in (f"{cell}\n".encode(), b'""\n')

@@ -1,0 +1,225 @@
+"""handpose/output/tracks/json_file.py: tracks are read as written, and interrupted files are complete"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter, Track, read_track
+from handpose.output.tracks.json_values import rounded
+from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader, joints_of
+from layers.hand.skeleton import load
+from netlib.errors import DataError
+from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
+
+HAND = header_of(load())
+LAYOUTS = {"json": JsonWriter, "jsonl": JsonLinesWriter}
+both = pytest.mark.parametrize("layout", LAYOUTS)
+
+
+def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> Track:
+    """The track, written in the layout of the suffix and read back."""
+    with LAYOUTS[path.suffix[1:]](path, header) as writer:
+        for frame in frames:
+            writer.write(frame)
+    return read_track(path)
+
+
+def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) -> None:
+    """Assert equality to the digits of the file, also for the joints computed from angles and bones."""
+    assert replace(track.header, skeleton=header.skeleton) == header
+    assert track.header.skeleton.param == header.skeleton.param
+    assert [frame.number for frame in track.frames] == [frame.number for frame in frames]
+    assert [frame.time for frame in track.frames] == pytest.approx([frame.time for frame in frames], abs=1e-6)
+    for got, frame in zip(track.frames, frames):
+        assert [(l.id, l.hand, l.reason) for l in got.lost] == [(l.id, l.hand, l.reason) for l in frame.lost]
+        assert [l.since for l in got.lost] == pytest.approx([l.since for l in frame.lost], abs=1e-6)
+        for a, b in zip(got.hands, frame.hands, strict=True):
+            assert (a.id, a.hand, a.cube_mm) == (b.id, b.hand, b.cube_mm)
+            assert (a.confidence, a.error_mm) == pytest.approx((b.confidence, b.error_mm), abs=0.006, nan_ok=True)
+            for name, digits in (("xyz", 0.00501), ("origin_mm", 5e-4), ("center_uvd", 5e-4), ("bones", 5e-6)):
+                assert np.abs(getattr(a, name) - getattr(b, name)).max() <= digits
+            again = joints_of(track.header.skeleton, header.unit_mm, a.hand, a.inputs, a.bones, a.origin_mm)
+            assert np.abs(again - b.xyz).max() < 0.05
+
+
+@both
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10**6))
+def test_what_is_written_can_be_read(tmp_path_factory: pytest.TempPathFactory, layout: str, seed: int) -> None:
+    """Pose, bones and joints of both hands, and lost hands, are restored for any body."""
+    header = header_of(any_skeleton(seed), unit_mm=100.0)
+    frames = any_track(header, seed)
+    check_same(written(tmp_path_factory.mktemp("track") / f"a.{layout}", header, frames), header, frames)
+
+
+@both
+def test_the_packaged_hand(tmp_path: Path, layout: str) -> None:
+    """The packaged hand is restored with its surface; bones are written only when they change."""
+    frames = any_track(HAND, 3, 8)
+    track = written(tmp_path / f"a.{layout}", HAND, frames)
+    check_same(track, HAND, frames)
+    assert not track.cut
+    assert (tmp_path / f"a.{layout}").read_text().count("bones_mm") == 4  # two hands whose bones change once
+
+
+@both
+def test_numbers_of_numpy(tmp_path: Path, layout: str) -> None:
+    """NumPy's numbers are accepted for frames and hands."""
+    hand = replace(any_hand(HAND, np.random.default_rng(0)), id=np.int64(3))
+    lost = LostHand(np.int32(4), "left", np.float32(0.5), "left the image")
+    track = written(tmp_path / f"a.{layout}", HAND, [TrackedFrame(np.int64(7), np.float64(0.25), (hand,), (lost,))])
+    (frame,) = track.frames
+    assert (frame.number, frame.hands[0].id, frame.lost[0].id) == (7, 3, 4)
+
+
+def test_keys_and_units(tmp_path: Path) -> None:
+    """Keys and units are as documented; unknown values are null."""
+    hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=float("nan"))
+    written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (hand,))])
+    found = json.loads((tmp_path / "a.json").read_text())
+    body, (frame,) = found["skeleton"], found["frames"]
+    assert found["units"] == {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
+    assert found["axes"] == {"x": "right", "y": "up", "z": "away from the camera"}
+    assert found["camera"]["fx"] == 588.03
+    assert found["complete"] is True
+    assert body["joints"] == HAND.skeleton.joint_names
+    assert ["index_dip", "index_tip"] in body["bones"]
+    assert len(body["angles"]) == 23  # 3 of the palm, 4 of each of four fingers, 4 of the thumb
+    assert body["angles"][0] == {"name": "palm_rot_x", "lower": None, "upper": None}
+    assert body["angles"][3]["upper"] == pytest.approx(0.968701 + 0.117380)
+    assert (frame["number"], frame["time_s"]) == (7, 0.25)
+    (got,) = frame["hands"]
+    assert got["confidence"] is got["error_mm"] is None
+    theta = HAND.skeleton.theta(hand.inputs)
+    assert got["angles_rad"]["index_dip_rot_x"] == pytest.approx(theta[46], abs=1e-5)
+    assert got["translations_mm"]["palm_x"] == pytest.approx(theta[0] * 150, abs=1e-3)
+    assert np.allclose(got["positions_mm"], hand.xyz, atol=0.0051)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, DataError])
+def test_an_interruption_leaves_a_whole_document(tmp_path: Path, error: type[BaseException]) -> None:
+    """After an interruption the document is complete and has a note; no other file is left."""
+    frames = any_track(HAND, 1, 3)
+    with pytest.raises(error), JsonWriter(tmp_path / "a.json", HAND) as writer:
+        for frame in frames:
+            writer.write(frame)
+        raise error
+    track = read_track(tmp_path / "a.json")
+    check_same(track, HAND, frames)
+    assert track.cut == "the tracker was stopped"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_an_interruption_before_the_first_frame_leaves_what_was_there(tmp_path: Path) -> None:
+    """An interruption before the first frame leaves an older file."""
+    (tmp_path / "a.json").write_text("yesterday")
+    with pytest.raises(DataError), JsonWriter(tmp_path / "a.json", HAND):
+        raise DataError("no camera")
+    assert (tmp_path / "a.json").read_text() == "yesterday"
+
+
+def test_no_frame_at_all(tmp_path: Path) -> None:
+    """A recording without frames gives a track without frames."""
+    assert written(tmp_path / "a.json", HAND, []).frames == []
+    assert written(tmp_path / "a.jsonl", HAND, []).frames == []
+
+
+def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each line is flushed as soon as it is written."""
+    frames = any_track(HAND, 1, 2)
+    with JsonLinesWriter(None, HAND) as writer:
+        assert json.loads(capsys.readouterr().out)["format"] == "handpose track"
+        for frame in frames:
+            writer.write(frame)
+            assert json.loads(capsys.readouterr().out)["number"] == frame.number
+    assert writer.files == []
+
+
+def test_numbers_that_are_not_known_are_null() -> None:
+    """NaN and infinity become null, alone and within lists, because JSON lacks them."""
+    nan, infinity = float("nan"), float("inf")
+    assert rounded(nan, 2) is None
+    assert rounded([[0.126, nan], [-0.001, infinity]], 2) == [[0.13, None], [0.0, None]]
+
+
+def test_lines_that_are_cut(tmp_path: Path) -> None:
+    """Complete lines are read and a truncated one is reported; a missing final line end does not matter."""
+    frames = any_track(HAND, 1, 3)
+    written(tmp_path / "a.jsonl", HAND, frames)
+    text = (tmp_path / "a.jsonl").read_text()
+    (tmp_path / "a.jsonl").write_text(text[:-9])
+    track = read_track(tmp_path / "a.jsonl")
+    check_same(Track(track.header, track.frames), HAND, frames[:2])
+    assert track.cut.startswith(f"{tmp_path / 'a.jsonl'}:4: the line is cut after ")
+    (tmp_path / "a.jsonl").write_text(text[:-1])
+    check_same(read_track(tmp_path / "a.jsonl"), HAND, frames)
+
+
+def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
+    """A document formatted by another program is read, on one line or on many."""
+    frames = any_track(HAND, 1, 2)
+    written(tmp_path / "a.json", HAND, frames)
+    values = json.loads((tmp_path / "a.json").read_text())
+    for indent in (None, 2):
+        (tmp_path / "b.json").write_text(json.dumps(values, indent=indent))
+        check_same(read_track(tmp_path / "b.json"), HAND, frames)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"handpose track"', '"something"', "a.json: not a track; expected a file that track --json has written"),
+        ('"version":1', '"version":2', "a.json: a track of version 2; this program reads 1"),
+        ('"fx":588.03', '"fx":-3', "a.json: 'camera': 'fx' is -3, expected a number above 0"),
+        ('"time_s":0.0', '"time_s":NaN', "a.json: 'frames' 0: 'time_s' is nan, expected a number"),
+        ('"time_s":0.0', '"time_s":"0"', "a.json: 'frames' 0: 'time_s' is '0', expected a number"),
+        ('"number":0', '"number":-1', "a.json: 'frames' 0: 'number' is -1, expected a whole number of at least 0"),
+        ('"hands"', '"fingers"', "a.json: 'frames' 0: there is no 'hands'"),
+        ('"hand":"right"', '"hand":"both"', "a.json: 'frames' 0: 'hands' 0: 'hand' is 'both', expected 'right' or "),
+        ('"positions_mm":[', '"positions_mm":[[1,2,3],', r"a.json: .*'positions_mm' is .*, expected 31 x 3 numbers"),
+        ('"bones_mm"', '"bones"', "a.json: 'frames' 0: 'hands' 0: hand 0 has no 'bones_mm', neither here nor before"),
+        ('dof { name: \\"palm_x', 'dog { name: \\"palm_x', r"a.json: 'skeleton' 'prototxt':3:1: error: unknown field"),
+        ('"complete":true}', '"complete":true', r"a.json: not whole JSON: Expecting ',' delimiter: line "),
+        ("{", "[" * 100_000, "a.json: JSON of too many levels"),
+    ],
+)  # fmt: skip
+def test_what_is_no_track(tmp_path: Path, old: str, new: str, message: str) -> None:
+    """The error names the place and what was expected, on one line."""
+    path = tmp_path / "a.json"
+    written(path, HAND, any_track(HAND, 1, 2))
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(Exception, match=message) as caught:
+        read_track(path)
+    assert str(caught.value).isprintable()
+
+
+def test_a_standard_output_that_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A closed standard output, as by >&- in a shell, raises an error."""
+    monkeypatch.setattr("sys.stdout", None)
+    with pytest.raises(OSError, match="is closed: 'standard output'"), JsonLinesWriter(None, HAND):
+        pytest.fail("began all the same")
+
+
+@both
+def test_an_undecided_side(tmp_path: Path, layout: str) -> None:
+    """The side is null until it is decided, and the assumed one, of which the angles are, returns from the file."""
+    hand = replace(any_hand(HAND, np.random.default_rng(0)), hand="left", side_confidence=0.75)
+    frame = TrackedFrame(
+        0, 0.0, (hand,), (LostHand(4, None, 0.0, "hidden"),), (RefusedPlace((1.0, 2.0, 700.0), "a cup"),)
+    )
+    track = written(tmp_path / f"a.{layout}", HAND, [frame])
+    (found,) = track.frames
+    assert (
+        found.hands[0].hand == "left" and found.hands[0].known_side is None and found.hands[0].side_confidence == 0.75
+    )
+    assert found.lost[0].hand is None and found.refused == frame.refused
+    assert '"hand": null' in (tmp_path / f"a.{layout}").read_text().replace('"hand":null', '"hand": null')
