@@ -36,6 +36,7 @@ from netlib.caffe._caffe import (
 )
 from netlib.caffe.classifier import Classifier
 from netlib.caffe.detector import Detector
+from netlib.caffe.images import blob_from_image, blob_from_images
 from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
 
 __version__ = _caffe.__version__
@@ -57,6 +58,8 @@ __all__ = [
     "Solver",
     "Timer",
     "_caffe",
+    "blob_from_image",
+    "blob_from_images",
     "get_solver",
     "has_nccl",
     "init_log",

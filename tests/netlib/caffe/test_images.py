@@ -1,0 +1,95 @@
+"""netlib/caffe/images.py: inputs of a net with the arguments and the values of cv2.dnn.blobFromImage."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from netlib import caffe
+from netlib.caffe.images import blob_from_image, blob_from_images
+from netlib.errors import NetlibError
+from tests.support.nets import inputs
+
+IMAGE = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)  # (H, W, 3)
+
+
+def test_by_hand() -> None:
+    """The mean is subtracted, then the factor applied; the result is (N, C, H, W)."""
+    blob = blob_from_image(IMAGE, 0.5, mean=(1, 2, 3))
+    assert blob.shape == (1, 3, 2, 3) and blob.dtype == np.float32 and blob.flags.c_contiguous
+    assert blob[0, :, 1, 2].tolist() == [(15 - 1) / 2, (16 - 2) / 2, (17 - 3) / 2]
+
+
+def test_swapped() -> None:
+    """With swapRB the first channel is red, and so is the first number of the mean."""
+    assert blob_from_image(IMAGE, mean=(1, 2, 3), swapRB=True)[0, :, 0, 0].tolist() == [2 - 1, 1 - 2, 0 - 3]
+
+
+def test_cropped() -> None:
+    """With crop, the centre of the image that covers the size is used; otherwise the image is stretched."""
+    wide = np.tile(np.uint8([10, 20, 30, 40]), (2, 1))
+    assert blob_from_image(wide, size=(2, 2), crop=True).tolist() == [[[[20, 30]] * 2]]
+    assert blob_from_image(wide, size=(2, 2)).tolist() == [[[[15, 35]] * 2]]
+
+
+sides = st.integers(1, 60)
+
+
+@given(
+    data=st.data(),
+    channels=st.sampled_from([None, 1, 3, 4]),
+    dtype=st.sampled_from([np.uint8, np.float32]),
+    size=st.none() | st.tuples(sides, sides),
+    scale=st.sampled_from([1.0, 1 / 255, 0.017, 2.3, -1.5]),
+    swap=st.booleans(),
+    crop=st.booleans(),
+)
+def test_equal_to_opencv(data, channels, dtype, size, scale, swap, crop) -> None:
+    """Every bit equals that of cv2.dnn.blobFromImages, for images of several sizes."""
+    rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
+    shapes = data.draw(st.lists(st.tuples(sides, sides), min_size=1, max_size=3))
+    images = [(rng.random((*shape, *([channels] if channels else []))) * 255).astype(dtype) for shape in shapes]
+    mean = data.draw(st.sampled_from([(), (104, 117, 123, 9), tuple(rng.uniform(0, 255, channels or 1).tolist())]))
+    expected = cv2.dnn.blobFromImages(images, scale, size or (0, 0), mean or (0, 0, 0, 0), swap, crop)
+    assert np.array_equal(blob_from_images(images, scale, size, mean, swap, crop), expected)
+
+
+def test_one_image_equals_opencv() -> None:
+    """The positions of the arguments are those of OpenCV."""
+    arguments = (1 / 127.5, (5, 4), (127.5, 120, 110), True, True)
+    assert np.array_equal(blob_from_image(IMAGE, *arguments), cv2.dnn.blobFromImage(IMAGE, *arguments))
+    assert np.array_equal(blob_from_image(IMAGE, size=(0, 0)), cv2.dnn.blobFromImage(IMAGE))
+
+
+def test_as_an_input(net_of) -> None:
+    """A net takes the result as input, also several images at a time; the names are also in netlib.caffe."""
+    net = net_of(inputs(data=(1, 3, 4, 4)) + 'layer { name: "p" type: "Power" bottom: "data" top: "y" }')
+    blob = caffe.blob_from_images([IMAGE, IMAGE[::-1]], 1.0, (4, 4))
+    assert np.array_equal(net.forward(data=blob)["y"], blob)
+    assert caffe.blob_from_image is blob_from_image
+
+
+@pytest.mark.parametrize(
+    ("images", "options", "message"),
+    [
+        ([], {}, "at least one image, found none"),
+        (IMAGE, {}, r"a list of images, found an array of shape \(2, 3, 3\); blob_from_image takes one"),
+        ([None], {}, r"an image of shape \(\); .* cv2.imread returns None"),
+        ([np.zeros((2, 2, 2), np.uint8)], {}, r"an image of shape \(2, 2, 2\); expected .* 1, 3 or 4 channels"),
+        ([np.zeros((0, 2), np.uint8)], {}, r"an image of shape \(0, 2, 1\)"),
+        ([np.zeros((2, 2))], {}, "an image of float64; expected uint8, uint16 or float32"),
+        ([IMAGE, IMAGE[:, :, 0]], {}, r"the same number of channels, found \[3, 1\]"),
+        ([IMAGE], {"mean": 104}, r"the mean has shape \(1,\); expected one number for each of 3 channels"),
+        ([IMAGE], {"mean": IMAGE}, r"the mean has shape \(2, 3, 3\)"),
+        ([IMAGE], {"size": (0, 4)}, r"size is \(0, 4\); expected a width and a height of at least 1 px"),
+        ([IMAGE], {"size": (2.5, 4)}, r"size is \(2.5, 4\)"),
+        ([IMAGE], {"size": (4,)}, r"size is \(4,\)"),
+    ],
+)
+def test_mistakes(images, options, message) -> None:
+    """Each mistake is one clear line, also where OpenCV computes something else without an error."""
+    with pytest.raises(NetlibError, match=message):
+        blob_from_images(images, **options)
