@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 
 from docs.making import hand_picture
-from docs.making.pages import BROWSER, PAGES, momentum, small_net, windows
+from docs.making.pages import BROWSER, PAGES, small_net, windows
 from netlib.files.paths import ROOT
+from netlib.proto import schema
+from netlib.proto.messages import SolverParameter
+from netlib.updates import RULES
 from tests.support.chromium_tabs import browser, visit
 
 __all__ = ["browser", "visit"]  # fixtures
@@ -59,28 +62,49 @@ def test_the_picture_of_the_hand(browser: Any, monkeypatch: pytest.MonkeyPatch, 
 # ---------------------------------------------------------------------------------------------- momentum
 
 
-def test_the_roots_are_those_of_the_path() -> None:
-    """If the larger root is real, every late step multiplies the error by it."""
-    data = momentum.data()
-    m, r = data["momenta"].index(0.25), data["rates"].index(0.1)
-    (first, _), path = data["roots"][m][r][0], data["paths"][m][r][0]
-    assert first[1] == 0 and path[20] / path[19] == pytest.approx(first[0], rel=1e-3)
-    assert momentum.roots(0.25 * 1, 0.25) == [[0.5, 0], [0.5, 0]]  # the best for the slow direction
-    assert np.hypot(*momentum.roots(0.9, 0.81)[0]) == pytest.approx(0.9, rel=1e-3)  # a pair: sqrt(m)
+def test_paths_and_roots_are_those_of_the_rule(visit: Visit) -> None:
+    """For random curvatures, rates and momenta the page computes netlib's steps, and the roots of the polynomial."""
+    tab, rng = visit(page_of("momentum")), np.random.default_rng(0)
+    rule, count = RULES["SGD"]
+    for curvature, rate, momentum in rng.uniform((0.5, 0.01, 0), (20, 0.1, 0.99), (8, 3)):
+        param = schema.changed(SolverParameter(), momentum=momentum)
+        w, histories, steps = np.array([3.0]), [np.zeros(1) for _ in range(count)], [3.0]
+        for t in range(20):
+            rule(param, w, curvature * w, rate, histories, t + 1)
+            steps.append(float(w[0]))
+        call = [curvature, rate, momentum]
+        np.testing.assert_allclose(tab.evaluate("(all) => page.errors(...all)", [*call, 3, 20]), steps, rtol=1e-9)
+        found = np.array(tab.evaluate("(all) => page.roots(...all)", call)) @ [1, 1j]
+        np.testing.assert_allclose(np.sort(found), np.sort(np.roots([1, rate * curvature - 1 - momentum, momentum])))
+        assert abs(found[0]) >= abs(found[1]) - 1e-12
 
 
 def test_momentum_in_use(visit: Visit) -> None:
-    """The keyboard moves a slider, divergence is reported, and the path has one point per step."""
+    """The keyboard moves a slider, divergence and its limit are reported, a double root is named, and the start is
+    chosen by a click.
+    """
     tab = visit(page_of("momentum"))
     assert tab.locator("#root-y").inner_text() == "y (λ = 9): |z| = 0.8; a negative root: it changes sign in every step"
+    assert tab.locator("#limit").inner_text() == "With m = 0 a path converges for r < 2 (1 + m) / κ = 0.222."
+    for _ in range(8):  # from r λ = 1.8 to the limit of 2
+        tab.locator("#rate").press("ArrowRight")
+    assert tab.locator("#root-y").inner_text() == "y (λ = 9): |z| = 1; does not converge"
     tab.locator("#rate").press("ArrowRight")
-    assert tab.locator("#rate-value").inner_text() == "0.225"
     assert tab.locator("#root-y.bad").inner_text() == "y (λ = 9): |z| = 1.025; diverges"
-    tab.get_by_role("button", name="best").click()
-    assert tab.locator("#root-x").inner_text() == "x (λ = 1): |z| = 0.5; real roots: it decays without oscillating"
+    tab.get_by_role("button", name="best with").last.click()
+    assert tab.locator("#root-x").inner_text().endswith("|z| = 0.5; a double root: (A + B t) zᵗ, without oscillation")
     assert tab.locator("#valley circle").count() == 31
     tab.locator("#steps").fill("3")
     assert tab.locator("#valley circle").count() == 4
+    tab.locator("#kappa").fill("24")
+    assert tab.locator("#kappa-value").inner_text() == "1000"
+    assert tab.locator("#root-y").inner_text().endswith("At first it grows, to 11.64 times its start in step 15")
+    box = tab.locator("#valley svg").bounding_box()
+    tab.mouse.click(box["x"] + box["width"] / 4, box["y"] + box["height"] / 2)
+    start = [float(tab.locator(f"#start-{name}").input_value()) for name in "xy"]
+    np.testing.assert_allclose(start, [-5.75, 0], atol=0.11)
+    tab.locator("#start-y").fill("-3")
+    assert tab.evaluate("page.state.start") == [start[0], -3]
 
 
 # ---------------------------------------------------------------------------------------------- windows
@@ -155,7 +179,7 @@ def test_the_small_net_in_use(visit: Visit) -> None:
     tab = visit(page_of("small_net"))
     for _ in range(3):
         tab.get_by_role("button", name="Step").click()
-    assert tab.locator("#told").inner_text() == "Forward, second: h = w a + b: 1 · 3 + 0 = 3; (−1) · 3 + 1 = −2"
+    assert tab.locator("#told").inner_text() == "Forward, second: h = a wᵀ + b: 1 · 3 + 0 = 3; (−1) · 3 + 1 = −2"
     assert tab.locator("#graph .runs").count() == 1
     tab.locator("#step").fill("14")
     assert "dh0 + dh1 + dh2 = [0.25, 0.5] + [0, 0] + [1.5, 0] = [1.75, 0.5]" in tab.locator("#told").inner_text()

@@ -1,16 +1,15 @@
-/* A path that was computed for each rate and momentum, its loss, and the roots that say how it goes. */
+/* A valley and a start to choose, the path of SGD with momentum, its loss, and the roots that say how it goes. */
 
 import { byId, element } from "./elements.js";
+import { CHOICES, errors, outlook, roots, size } from "./descent.js";
 import { shape, short } from "./common.js";
 
 const data = JSON.parse(byId("data").textContent);
-const [a, b] = data.steep, COUNT = data.paths[0][0][0].length - 1;
-const PRESETS = [
-  ["plain, r = 0.2", 0.2, 0], ["too fast, r = 0.225", 0.225, 0], ["best: r = 0.25, m = 0.25", 0.25, 0.25],
-  ["heavy: r = 0.1, m = 0.9", 0.1, 0.9],
-];
-const sliders = Object.fromEntries(["rate", "momentum", "steps"].map((name) => [name, byId(name)]));
-const loss = (x, y) => (a * x * x + b * y * y) / 2;
+const KAPPAS = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 15, 20, 25, 30, 40, 50, 70, 100, 150, 200, 300, 500, 700, 1000];
+const IDS = ["kappa", "rate", "momentum", "steps", "start-x", "start-y"];
+const control = Object.fromEntries(IDS.map((id) => [id, byId(id)]));
+const state = { kappa: data.kappa, rate: 0, momentum: 0, steps: data.steps, start: [...data.start], choice: "plain" };
+const loss = (x, y) => (x * x + state.kappa * y * y) / 2;
 
 /* ---------------------------------------------------------------------------------------------- the three pictures */
 
@@ -18,37 +17,38 @@ const VALLEY = { width: 600, height: 270, left: -11.5, right: 11.5 }; // as many
 const scale = VALLEY.width / (VALLEY.right - VALLEY.left);
 const place = (x, y) => [(x - VALLEY.left) * scale, VALLEY.height / 2 - y * scale];
 
-const path = shape("polyline", { class: "line" }), dots = shape("g", { class: "dots" });
-const levels = [1, 4, 10, 20, 35, 55, 80, 120].map((level) => {
-  const [cx, cy] = place(0, 0), radius = (steep) => Math.sqrt((2 * level) / steep) * scale;
-  return shape("ellipse", { cx, cy, rx: radius(a), ry: radius(b), class: "grid" });
-});
+const path = shape("polyline", { class: "line" }), dots = shape("g", { class: "dots" }), levels = shape("g", {});
 const ticks = [-10, -5, 5, 10].map((x) => shape("text", { x: place(x, 0)[0] - 8, y: VALLEY.height - 6, class: "small" },
   short(x)));
 const [middleX, middleY] = place(0, 0);
-byId("valley").append(shape(
+const valley = shape(
   "svg", { class: "wide", viewBox: `0 0 ${VALLEY.width} ${VALLEY.height}`, role: "img", "aria-label": "The path" },
-  ...levels, ...ticks, path, dots,
+  levels, ...ticks, path, dots,
   shape("path", { class: "axis", d: `M${middleX - 7} ${middleY}h14M${middleX} ${middleY - 7}v14` }),
-));
+);
+byId("valley").append(valley);
+valley.addEventListener("click", (event) => {
+  const box = valley.getBoundingClientRect(), unit = VALLEY.width / box.width / scale;
+  const at = [(event.clientX - box.left) * unit + VALLEY.left,
+    (VALLEY.height / 2 / scale) - (event.clientY - box.top) * unit];
+  state.start = at.map((value) => Number(value.toFixed(1)));
+  update();
+});
 
 const LOSS = { width: 600, height: 190, left: 70, top: 10, bottom: 30, low: -12, high: 6 };
-const across = (step) => LOSS.left + (step / COUNT) * (LOSS.width - LOSS.left - 14);
+const across = (step) => LOSS.left + (step / Math.max(state.steps, 1)) * (LOSS.width - LOSS.left - 14);
 const down = (value) => {
   const share = (Math.log10(Math.max(value, 1e-300)) - LOSS.low) / (LOSS.high - LOSS.low);
   return LOSS.height - LOSS.bottom - share * (LOSS.height - LOSS.top - LOSS.bottom);
 };
-const curve = shape("polyline", { class: "line" }), now = shape("circle", { r: 4, class: "dot" });
+const curve = shape("polyline", { class: "line" }), columns = shape("g", {});
 const rows = [-12, -8, -4, 0, 4].flatMap((power) => [
   shape("path", { class: "grid", d: `M${LOSS.left} ${down(10 ** power)}H${LOSS.width}` }),
   shape("text", { x: 4, y: down(10 ** power) + 4, class: "small" }, power ? `1e${short(power)}` : "1"),
 ]);
-const columns = [0, 10, 20, 30].map((step) => shape("text", {
-  x: across(step) + 6 - step / 1.5, y: LOSS.height - 8, class: "small",
-}, String(step)));
 byId("loss").append(shape(
   "svg", { class: "wide", viewBox: `0 0 ${LOSS.width} ${LOSS.height}`, role: "img", "aria-label": "Loss by step" },
-  ...rows, ...columns, curve, now,
+  ...rows, columns, curve,
 ));
 
 const ROOTS = { size: 300, unit: 88 };
@@ -65,59 +65,87 @@ byId("roots").append(shape(
 
 /* ------------------------------------------------------------------------------------------------ what they show */
 
-const size = ([re, im]) => Math.hypot(re, im);
-
-function told(name, steep, [first, second]) {
-  const largest = Math.max(size(first), size(second)), left = `|z| = ${short(largest, 3)}`;
-  const kind = Math.abs(first[1]) > 1e-6 ? "a complex pair: it oscillates"
-    : Math.min(first[0], second[0]) < -1e-6 && largest === Math.abs(Math.min(first[0], second[0]))
-      ? "a negative root: it changes sign in every step" : "real roots: it decays without oscillating";
-  const verdict = largest > 1 + 1e-9 ? "diverges" : largest > 1 - 1e-9 ? "does not converge" : kind;
-  return `${name} (λ = ${steep}): ${left}; ${verdict}`;
-}
-
-function update() {
-  const [r, m, steps] = [sliders.rate, sliders.momentum, sliders.steps].map((slider) => Number(slider.value));
-  const [xs, ys] = data.paths[m][r], [forX, forY] = data.roots[m][r];
-  byId("rate-value").textContent = short(data.rates[r], 3);
-  byId("momentum-value").textContent = short(data.momenta[m], 2);
-  byId("steps-value").textContent = String(steps);
-  const shown = xs.slice(0, steps + 1).map((x, n) => place(x, ys[n]).map((px) => clamp(px)));
-  path.setAttribute("points", shown.map((at) => at.join()).join(" "));
-  dots.replaceChildren(...shown.map(([cx, cy]) => shape("circle", { cx, cy, r: 3, class: "dot" })));
-  const losses = xs.map((x, n) => loss(x, ys[n]));
-  curve.setAttribute("points", losses.map((value, n) => `${across(n)},${clamp(down(value))}`).join(" "));
-  now.setAttribute("cx", across(steps));
-  now.setAttribute("cy", clamp(down(losses[steps])));
-  byId("loss").previousElementSibling.textContent = `The loss after ${steps} steps: ${scientific(losses[steps])}`;
-  marks.replaceChildren(...[["x", forX], ["y", forY]].flatMap(([name, pair]) => pair.map((root) => {
-    const [cx, cy] = onPlane(root).map((px) => Math.min(Math.max(px, 6), ROOTS.size - 6));
-    return shape("circle", { cx, cy, r: 6, class: `dot ${name}`, "fill-opacity": 0.85 });
-  })));
-  byId("root-x").textContent = told("x", a, forX);
-  byId("root-y").textContent = told("y", b, forY);
-  for (const [name, pair] of [["x", forX], ["y", forY]]) {
-    byId(`root-${name}`).classList.toggle("bad", Math.max(...pair.map(size)) > 1 + 1e-9);
-  }
-}
-
 const clamp = (px) => Math.min(Math.max(px, -1e4), 1e4); // of what diverges
 const scientific = (value) => (
   (value >= 0.01 && value < 1e4 ? short(value, 2) : value.toExponential(1)).replace("-", "−")
 );
+const significant = (value) => String(Number(value.toPrecision(3)));
 
-for (const [slider, count] of [[sliders.rate, data.rates.length - 1], [sliders.momentum, data.momenta.length - 1],
-  [sliders.steps, COUNT]]) {
-  slider.max = count;
-  slider.addEventListener("input", update);
+/* One coordinate in words: the larger root, and by how much the error grows before it shrinks. */
+function told(name, curvature, pair) {
+  const words = `${name} (λ = ${short(curvature)}): |z| = ${short(size(pair[0]), 3)}; ${outlook(pair)}`;
+  const relative = errors(curvature, state.rate, state.momentum, 1, 2000).map(Math.abs), most = Math.max(...relative);
+  return size(pair[0]) < 1 && most > 1.005
+    ? `${words}. At first it grows, to ${short(most, 2)} times its start in step ${relative.indexOf(most)}` : words;
 }
-function choose(rate, momentum) {
-  sliders.rate.value = data.rates.indexOf(rate);
-  sliders.momentum.value = data.momenta.indexOf(momentum);
-  update();
+
+function update() {
+  if (state.choice) [state.rate, state.momentum] = CHOICES[state.choice].of(state.kappa);
+  const { kappa, rate, momentum, steps, start } = state;
+  control.kappa.value = KAPPAS.indexOf(kappa);
+  control.rate.value = rate * kappa;
+  control.momentum.value = momentum;
+  control.steps.value = steps;
+  [control["start-x"].value, control["start-y"].value] = start;
+  byId("kappa-value").textContent = short(kappa);
+  byId("rate-value").textContent = significant(rate);
+  byId("momentum-value").textContent = short(momentum, 3);
+  byId("steps-value").textContent = String(steps);
+  byId("limit").textContent = `With m = ${short(momentum, 3)} a path converges for r < 2 (1 + m) / κ = ${
+    significant((2 * (1 + momentum)) / kappa)}.`;
+  for (const button of byId("choices").children) button.setAttribute("aria-pressed", button.value === state.choice);
+
+  const [cx, cy] = place(0, 0), radius = (level, steep) => Math.sqrt((2 * level) / steep) * scale;
+  levels.replaceChildren(...[1, 4, 10, 20, 35, 55, 80, 120].map((level) => shape("ellipse", {
+    cx, cy, rx: radius(level, 1), ry: radius(level, kappa), class: "grid",
+  })));
+  const xs = errors(1, rate, momentum, start[0], steps), ys = errors(kappa, rate, momentum, start[1], steps);
+  const shown = xs.map((x, n) => place(x, ys[n]).map(clamp));
+  path.setAttribute("points", shown.map((at) => at.join()).join(" "));
+  dots.replaceChildren(...shown.map(([x, y]) => shape("circle", { cx: x, cy: y, r: 3, class: "dot" })));
+  const losses = xs.map((x, n) => loss(x, ys[n]));
+  curve.setAttribute("points", losses.map((value, n) => `${across(n)},${clamp(down(value))}`).join(" "));
+  columns.replaceChildren(...[0, 1, 2, 3].map((part) => Math.round((part * steps) / 3)).map((step, part) => shape(
+    "text", { x: across(step), y: LOSS.height - 8, class: "small", "text-anchor": part < 3 ? "middle" : "end" },
+    String(step),
+  )));
+  byId("loss").previousElementSibling.textContent = `The loss after ${steps} steps: ${scientific(losses[steps])}`;
+
+  const pairs = [["x", 1, roots(1, rate, momentum)], ["y", kappa, roots(kappa, rate, momentum)]];
+  marks.replaceChildren(...pairs.flatMap(([name, , pair]) => pair.map((root) => {
+    const [x, y] = onPlane(root).map((px) => Math.min(Math.max(px, 6), ROOTS.size - 6));
+    return shape("circle", { cx: x, cy: y, r: 6, class: `dot ${name}`, "fill-opacity": 0.85 });
+  })));
+  for (const [name, curvature, pair] of pairs) {
+    byId(`root-${name}`).textContent = told(name, curvature, pair);
+    byId(`root-${name}`).classList.toggle("bad", outlook(pair) === "diverges");
+  }
 }
-sliders.steps.value = COUNT;
-byId("presets").append(...PRESETS.map(([title, rate, momentum]) => element("button", {
-  type: "button", onclick: () => choose(rate, momentum),
+
+/* ------------------------------------------------------------------------------------------------ the controls */
+
+function listen(id, take) {
+  control[id].addEventListener("input", () => {
+    const value = Number(control[id].value);
+    if (control[id].value === "" || !Number.isFinite(value)) return;
+    take(value);
+    update();
+  });
+}
+control.kappa.max = KAPPAS.length - 1;
+listen("kappa", (value) => (state.kappa = KAPPAS[value]));
+listen("rate", (value) => Object.assign(state, { rate: value / state.kappa, choice: "" }));
+listen("momentum", (value) => Object.assign(state, { momentum: value, choice: "" }));
+listen("steps", (value) => (state.steps = value));
+listen("start-x", (value) => (state.start[0] = value));
+listen("start-y", (value) => (state.start[1] = value));
+byId("choices").append(...Object.entries(CHOICES).map(([value, { title }]) => element("button", {
+  type: "button", value, onclick: () => {
+    state.choice = value;
+    update();
+  },
 }, title)));
-choose(0.2, 0);
+update();
+
+// For the console, and for tests.
+globalThis.page = { errors, roots, state };

@@ -78,7 +78,7 @@ const forwards = {
       const terms = row.map((value, i) => `${factor(value)} · ${factor(x[i])}`);
       return `${[...terms, ...(b ? [factor(b[o])] : [])].join(" + ")} = ${short(y[o])}`;
     });
-    return `${brief(top[0])} = w ${brief(bottom[0])}${b ? " + b" : ""}: ${rows.join("; ")}`;
+    return `${brief(top[0])} = ${brief(bottom[0])} wᵀ${b ? " + b" : ""}: ${rows.join("; ")}`;
   },
   ReLU: ({ bottoms: [x], tops: [y] }) => `h = max(h, 0): ${list(x)} becomes ${list(y)}, in the same memory`,
   Split: ({ tops }) => `three readers, three copies: h0 = h1 = h2 = ${list(tops[0])}`,
@@ -93,8 +93,8 @@ const forwards = {
 const backwards = {
   InnerProduct({ topDiffs: [dy], bottomDiffs: [dx], dparams: [dw, db] }, { bottom, top }) {
     const name = brief(bottom[0]), given = `d${brief(top[0])} = ${list(dy)}`;
-    const passed = dx ? `; d${name} = wᵀ dy = ${list(dx)}` : `; d${name} is not computed, because first is frozen`;
-    return `${given}: dw += dy xᵀ = ${list(dw.flat())}${db ? `, db += dy = ${list(db)}` : ""}${passed}`;
+    const passed = dx ? `; d${name} = dy w = ${list(dx)}` : `; d${name} is not computed, because first is frozen`;
+    return `${given}: dw += dyᵀ x = ${list(dw.flat())}${db ? `, db += dy = ${list(db)}` : ""}${passed}`;
   },
   ReLU: ({ topDiffs: [dy], bottomDiffs: [dx] }) => `dh = ${list(dy)} becomes ${list(dx)}: 0 where forward set 0`,
   Split: ({ topDiffs, bottomDiffs: [dx] }) => `dh = dh0 + dh1 + dh2 = ${topDiffs.map(list).join(" + ")} = ${list(dx)}`,
