@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
+import sys
 from pathlib import Path
 
 import pytest
 
 import netlib
 from docs.making import notebooks
+from docs.making.markdown import links
 from docs.making.notebooks import cells, main
 from netlib.files.paths import ROOT
 
@@ -36,12 +39,13 @@ The end.
 
 
 def test_cells() -> None:
-    """Sessions become code cells without prompts and outputs; blocks that are not run stay text."""
+    """Sessions become code cells without prompts, one for each output; blocks that are not run stay text."""
     assert list(cells(DOCUMENT)) == [
-        ("markdown", "# Title\n\n<!-- not run: it takes hours -->\n```python\nnever()\n```"),
-        ("code", "for i in range(2):\n    print(i)\nx = 1"),
-        ("raises-exception", "1 / 0"),
-        ("markdown", "The end."),
+        ("markdown", "# Title\n\n<!-- not run: it takes hours -->\n```python\nnever()\n```", ""),
+        ("code", "for i in range(2):\n    print(i)", "0\n1\n"),
+        ("code", "x = 1", ""),
+        ("raises-exception", "1 / 0", "ZeroDivisionError: division by zero\n"),
+        ("markdown", "The end.", ""),
     ]
 
 
@@ -52,20 +56,55 @@ CHAPTERS = sorted(path.stem for path in (ROOT / "docs" / "book").glob("[0-9]*.md
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the written notebooks."""
     folder = tmp_path_factory.mktemp("notebooks")
-    (folder / "docs").symlink_to(ROOT / "docs")
+    for path in ROOT.iterdir():
+        if path.name != "build":
+            (folder / path.name).symlink_to(path)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(notebooks, "ROOT", folder)
-        patch.setattr(notebooks, "PLACE", folder / "build")
+        patch.setattr(notebooks, "PLACE", folder / "build" / "book")
         assert main() == 0
-    return folder / "build"
+    return folder / "build" / "book"
 
 
 def test_every_chapter_is_written(written: Path) -> None:
-    """Each chapter becomes a notebook in a format that Jupyter reads, which starts in the project's folder."""
+    """Each chapter becomes a notebook in a format that Jupyter reads, without a path of the machine."""
     assert sorted(path.stem for path in written.glob("*.ipynb")) == CHAPTERS
     for path in written.glob("*.ipynb"):
-        made = json.loads(path.read_text(encoding="utf-8"))
-        assert made["nbformat"] == 4 and made["cells"][0]["source"][1].startswith("os.chdir(")
+        text = path.read_text(encoding="utf-8")
+        assert json.loads(text)["nbformat"] == 4 and str(ROOT) not in text and str(written) not in text
+
+
+def test_every_link_and_picture_of_a_notebook_leads_somewhere(written: Path) -> None:
+    """Relative links lead to files, those to headings to an anchor that every viewer has; chapters lead to notebooks."""
+    texts = {path.name: "\n".join(markdown_of(path)) for path in written.glob("*.ipynb")}
+    pictures = 0
+    for name, text in texts.items():
+        for link in links(text):
+            target, _, anchor = link.target.partition("#")
+            assert not target or (written / target).is_file(), f"{name}: {link.target}"
+            pictures += target.endswith(".svg")
+            if anchor and (not target or target.endswith(".ipynb")):
+                assert f'<a id="{anchor}"></a>\n\n#' in texts[target or name], f"{name}: {link.target}"
+        assert not re.search(r"\]\([0-9]\w+\.md", text)
+    assert pictures > 20
+
+
+def markdown_of(path: Path) -> list[str]:
+    """Return the texts of a notebook's Markdown cells."""
+    made = json.loads(path.read_text(encoding="utf-8"))
+    return ["".join(cell["source"]) for cell in made["cells"] if cell["cell_type"] == "markdown"]
+
+
+def test_the_first_cell_finds_the_project(written: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """From the notebook's folder the first cell enters the project's; elsewhere it raises an error of one line."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(written)
+    for _ in range(2):
+        exec(notebooks.FIRST, {})
+        assert Path.cwd() == written.parents[1]
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"keep it in build/book"):
+        exec(notebooks.FIRST, {})
 
 
 @pytest.mark.parametrize("chapter", CHAPTERS)
