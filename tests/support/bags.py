@@ -53,26 +53,37 @@ class Messages:
         )  # fmt: skip
         return self.encode("sensor_msgs/msg/Image", message)
 
-    def packed(self, values: Depth, ns: int, form: str = "16UC1; compressedDepth png") -> bytes:
+    def packed(
+        self, values: Depth, ns: int, form: str = "16UC1; compressedDepth png", header: bytes = bytes(12)
+    ) -> bytes:
         """Return an image in the format of the plug-in compressedDepth: twelve bytes, then a PNG."""
-        png = np.concatenate([np.zeros(12, np.uint8), cv2.imencode(".png", values)[1].reshape(-1)])
-        message = self.store.types["sensor_msgs/msg/CompressedImage"](header=self.header(ns), format=form, data=png)
+        return self.compressed(header + cv2.imencode(".png", values)[1].tobytes(), ns, form)
+
+    def compressed(self, content: bytes, ns: int, form: str) -> bytes:
+        """Return a CompressedImage."""
+        message = self.store.types["sensor_msgs/msg/CompressedImage"](
+            header=self.header(ns), format=form, data=np.frombuffer(content, np.uint8)
+        )
         return self.encode("sensor_msgs/msg/CompressedImage", message)
 
     def info(
         self, shape: tuple[int, int], model: str = "plumb_bob", d: tuple[float, ...] = (0,) * 5, **more: Any
     ) -> bytes:
-        """Return a CameraInfo with K, D and P; ``k`` and ``p`` replace the usual ones."""
+        """Return a CameraInfo with K, D and P; ``k`` and ``p`` replace the usual ones.
+
+        ``region`` is x, y, width and height, ``binning`` one number for each axis.
+        """
         name = str.upper if self.is_ros1 else str.lower
         k = more.get("k", K)
         p = more.get("p", [k[0], 0, k[2], 0, 0, k[4], k[5], 0, 0, 0, 1, 0])
         arrays = {"d": d, "k": k, "r": np.eye(3).ravel(), "p": p}
+        (left, top, width, height), (bin_x, bin_y) = more.get("region", (0, 0, 0, 0)), more.get("binning", (0, 0))
         roi = self.store.types["sensor_msgs/msg/RegionOfInterest"](
-            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+            x_offset=left, y_offset=top, height=height, width=width, do_rectify=False
         )
         message = self.store.types["sensor_msgs/msg/CameraInfo"](
-            header=self.header(START_NS), height=shape[0], width=shape[1], distortion_model=model, binning_x=0,
-            binning_y=0, roi=roi, **{name(key): np.array(value, np.float64) for key, value in arrays.items()},
+            header=self.header(START_NS), height=shape[0], width=shape[1], distortion_model=model, binning_x=bin_x,
+            binning_y=bin_y, roi=roi, **{name(key): np.array(value, np.float64) for key, value in arrays.items()},
         )  # fmt: skip
         return self.encode("sensor_msgs/msg/CameraInfo", message)
 
@@ -96,11 +107,38 @@ def write(writer: Any, messages: Messages, content: Content) -> None:
             writer.write(connections[topic, kind], ns, message)
 
 
-def driver(messages: Messages, depth: Depth, topic: str = TOPIC, **info: Any) -> Content:
-    """Return the messages of a camera's ROS driver: 16UC1 images in mm, and the camera beside them."""
+def rvl(image: Depth) -> bytes:
+    """Return the RVL compression of a 16-bit image."""
+    values, numbers, i, before = image.ravel().tolist(), [], 0, 0
+    while i < len(values):
+        zeros = next((k for k, value in enumerate(values[i:]) if value), len(values) - i)
+        run = next((k for k, value in enumerate(values[i + zeros :]) if not value), len(values) - i - zeros)
+        numbers += [zeros, run]
+        for value in values[i + zeros : i + zeros + run]:
+            numbers.append(2 * (value - before) if value >= before else 2 * (before - value) - 1)
+            before = value
+        i += zeros + run
+    digits: list[int] = []
+    for number in numbers:
+        while number > 7:
+            digits.append(number & 7 | 8)
+            number >>= 3
+        digits.append(number)
+    digits += [0] * (-len(digits) % 8)
+    words = [int("".join(f"{digit:x}" for digit in digits[k : k + 8]), 16) for k in range(0, len(digits), 8)]
+    return np.array(words, "<u4").tobytes()
+
+
+def driver(
+    messages: Messages, depth: Depth, topic: str = TOPIC, sensor: tuple[int, int] | None = None, **info: Any
+) -> Content:
+    """Return the messages of a camera's ROS driver: 16UC1 images in mm, and the camera beside them.
+
+    ``sensor`` is the height and width of its sensor, if the images have another.
+    """
     content = [
         (f"{topic.rpartition('/')[0]}/camera_info", "sensor_msgs/msg/CameraInfo", START_NS,
-         messages.info(depth.shape[1:], **info))
+         messages.info(sensor or depth.shape[1:], **info))
     ]  # fmt: skip
     for i, image in enumerate(depth):
         content.append((topic, "sensor_msgs/msg/Image", stamp_of(i) + 5_000_000, messages.image(image, stamp_of(i))))

@@ -105,7 +105,7 @@ def _opened(path: Path) -> Iterator[Bag]:
         raise NetlibError(f"rosbags is missing: pip install rosbags ({reason_of(error)})") from error
     ros_limits.check_files(path)
     ros_limits.limit_reading()
-    is_ros1 = path.suffix.lower() == ".bag"
+    is_ros1 = path.suffix.lower() == ".bag" and not path.is_dir()
     try:
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)
         with ros_limits.limited_rows(), ros_limits.named_limits():
@@ -129,7 +129,7 @@ def open_bag(path: Path, given: CameraInfo) -> Recording:
         where = f"{path}: {topic}"
         image = bag.first(topic, *messages.IMAGES)
         values = messages.values_of(image, where)
-        own = _own(bag, topic, messages.encoding_of(image))
+        own = _own(bag, topic, messages.encoding_of(image), values.shape, given.camera is not None)
         calibration = calibration_of(given, own, camera_file.next_to(path), values.shape, values.dtype, where)
         return _BagRecording(path, calibration, topic, bag.topics(*messages.IMAGES)[topic])
 
@@ -155,35 +155,37 @@ class _BagRecording(Contained):
 
 def _depth_topic(bag: Bag, asked: str) -> str:
     """The requested topic, or the only one with depth. Raises DataError."""
-    images = [*bag.topics(messages.IMAGE)]
-    images += [
-        topic
-        for topic in bag.topics(messages.COMPRESSED)
-        if topic.endswith(messages.PACKED) and topic.removesuffix(messages.PACKED) not in images
-    ]
+    images = {topic: topic for topic in bag.topics(messages.IMAGE)}
+    packed = bag.topics(messages.COMPRESSED)
+    for ending in (*messages.PACKED, ""):  # compressed copies of an image do not count
+        images = {messages.image_topic(topic): topic for topic in packed if topic.endswith(ending)} | images
     if asked:
         if asked not in (all_images := [*bag.topics(*messages.IMAGES)]):
             raise DataError(f"{bag.where}: no images of {asked!r}{did_you_mean(asked, all_images)}; it has "
                             f"{', '.join(all_images) or 'none'}")  # fmt: skip
         return asked
-    depth = [t for t in images if messages.encoding_of(bag.first(t, *messages.IMAGES)) in messages.ENCODINGS]
+    depth = [t for t in images.values() if messages.encoding_of(bag.first(t, *messages.IMAGES)) in messages.ENCODINGS]
     named = [topic for topic in depth if "depth" in topic.lower()] or depth  # infrared has 16 bits, too
     if not named:
-        raise DataError(f"{bag.where}: no images of depth; it has {', '.join(images) or 'no images'}")
+        raise DataError(f"{bag.where}: no images of depth; it has {', '.join(images.values()) or 'no images'}")
     if len(named) > 1:
         raise DataError(f"{bag.where}: depth of {len(named)} topics: {', '.join(sorted(named))}; name one by "
                         f"{bag.where}#TOPIC")  # fmt: skip
     return named[0]
 
 
-def _own(bag: Bag, topic: str, encoding: str) -> CameraInfo:
-    """The bag's parameters of the camera of a topic, and the unit."""
-    base = topic.removesuffix(messages.PACKED)
+def _own(bag: Bag, topic: str, encoding: str, shape: tuple[int, ...], has_camera: bool) -> CameraInfo:
+    """The bag's parameters of the camera of a topic, and the unit; if the user gave a camera, invalid ones count as
+    unknown.
+    """
+    base = messages.image_topic(topic)
     parent = base.rpartition("/")[0]
     places = (f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info")  # ROS's and RealSense's
     infos = bag.topics(messages.INFO)
-    found = next((place for place in places if place in infos), None)
-    said = messages.given_by(bag.first(found, messages.INFO), base, f"{bag.where}: {found}") if found else CameraInfo()
+    said = CameraInfo()
+    if found := next((place for place in places if place in infos), None):
+        with contextlib.suppress(*([DataError] if has_camera else [])):
+            said = messages.given_by(bag.first(found, messages.INFO), base, shape, f"{bag.where}: {found}")
     return CameraInfo(said.camera, said.lens, _unit_mm(bag, base, encoding), None, bag.where)
 
 

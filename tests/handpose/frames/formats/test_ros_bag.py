@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -23,6 +24,7 @@ pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
 
 DEPTH = np.random.default_rng(0).integers(0, 4000, (4, 48, 64)).astype(np.uint16)
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
 GIVEN = CameraInfo(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
 KINDS: dict[str, Any] = {
     "realsense.bag": bags.write_realsense,
@@ -32,6 +34,11 @@ KINDS: dict[str, Any] = {
     "mcap": functools.partial(bags.write_ros2, storage="MCAP"),
     "realsense_db3": functools.partial(bags.write_ros2, make=bags.realsense_db3),
 }
+
+
+def png(values: np.ndarray, ending: str = ".png") -> bytes:
+    """The bytes of an image file."""
+    return cv2.imencode(ending, values)[1].tobytes()
 
 
 def images(*messages: tuple[bytes, int], topic: str = bags.TOPIC, **info: Any) -> Any:
@@ -92,6 +99,109 @@ def test_layouts_of_images(tmp_path: Path, values: Any, options: dict[str, Any],
     recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))))
     assert recording.unit_mm == unit_mm
     np.testing.assert_allclose(frames[0].depth, DEPTH[0], rtol=1e-6)
+
+
+def compressed(content: bytes, form: str, ending: str = "/compressed", topic: str = bags.TOPIC) -> Any:
+    """A function that makes a bag of a camera and one compressed image."""
+
+    def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+        return [
+            *bags.driver(of, depth[:0], topic),
+            (f"{topic}{ending}", COMPRESSED, 5, of.compressed(content, 5, form)),
+        ]
+
+    return make
+
+
+@pytest.mark.parametrize("write", [bags.write_ros1, bags.write_ros2])
+@pytest.mark.parametrize(
+    ("form", "ending", "content"),
+    [
+        ("16UC1; png compressed ", "/compressed", png(DEPTH[0])),
+        ("16UC1; png compressed", "/compressed", png(DEPTH[0])),
+        ("mono16; png compressed ", "/compressed", png(DEPTH[0])),
+        ("png", "/compressed", png(DEPTH[0])),
+        ("", "", png(DEPTH[0])),
+        ("16UC1; tiff compressed ", "/compressed", png(DEPTH[0], ".tiff")),
+        ("16UC1; compressedDepth", "/compressedDepth", bytes(12) + png(DEPTH[0])),
+        ("16UC1; compressedDepth rvl", "/compressedDepth",
+         bytes(12) + struct.pack("<II", 64, 48) + bags.rvl(DEPTH[0])),
+    ],
+)  # fmt: skip
+def test_compressed_images(tmp_path: Path, write: Any, form: str, ending: str, content: bytes) -> None:
+    """Depth as PNG, TIFF or RVL has the stored values, in mm, and the camera of the image's topic."""
+    recording, frames = read(write(tmp_path / "a.bag", DEPTH, make=compressed(content, form, ending)))
+    assert (recording.camera.fx, recording.unit_mm) == (bags.K[0], 1.0)
+    assert np.array_equal(frames[0].depth, DEPTH[0])
+
+
+def test_colours_as_png_are_no_depth(tmp_path: Path) -> None:
+    """A PNG of colours whose format is only "png" is ignored."""
+    content = png(np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(DataError, match=r"no images of depth; it has /camera/color/image_raw/compressed"):
+        read(bags.write_ros1(tmp_path / "a.bag", DEPTH,
+                             make=compressed(content, "png", topic="/camera/color/image_raw")))  # fmt: skip
+
+
+@pytest.mark.parametrize(("a", "b"), [(10100.0, -1009.0), (5000.0, -249.0)])
+def test_quantised_metres(tmp_path: Path, a: float, b: float) -> None:
+    """A stored value v of a 32FC1 compressedDepth is a / (v - b) metres; 0 is no reading."""
+    values = np.full((48, 64), 9000, np.uint16)
+    values[0, 0] = 0
+    content = struct.pack("<iff", 0, a, b) + png(values)
+    make = compressed(content, "32FC1; compressedDepth png", "/compressedDepth")
+    recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))
+    assert recording.unit_mm == 1000
+    assert frames[0].depth[0, :2].tolist() == pytest.approx([0, 1000 * a / (9000 - b)])
+
+
+def test_metres_as_tiff(tmp_path: Path) -> None:
+    """A 32FC1 TIFF has metres."""
+    make = compressed(png(DEPTH[0].astype(np.float32) / 1000, ".tiff"), "32FC1; tiff compressed ")
+    _, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))
+    np.testing.assert_allclose(frames[0].depth, DEPTH[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "region", "binning", "expected"),
+    [
+        ((96, 128), (0, 0, 0, 0), (2, 2), (60, 61, 16, 12)),
+        ((144, 192), (0, 0, 0, 0), (3, 3), (40, 122 / 3, 32 / 3, 8)),
+        ((48, 128), (0, 0, 0, 0), (2, 0), (60, 122, 16, 24)),
+        ((100, 200), (30, 20, 64, 48), (0, 0), (120, 122, 2, 4)),
+        ((100, 200), (30, 20, 64, 48), (1, 1), (120, 122, 2, 4)),
+        ((200, 300), (10, 4, 128, 96), (2, 2), (60, 61, 11, 10)),
+        ((48, 64), (0, 0, 64, 48), (1, 1), (120, 122, 32, 24)),
+        ((48, 64), (0, 0, 0, 0), (2, 2), (120, 122, 32, 24)),
+    ],
+)
+@pytest.mark.parametrize("name", ["image_raw", "image_rect"])
+def test_regions_and_binning(
+    tmp_path: Path,
+    name: str,
+    sensor: tuple[int, int],
+    region: tuple[int, ...],
+    binning: tuple[int, int],
+    expected: tuple[float, ...],
+) -> None:
+    """The camera of an image that shows a region of the sensor, or binned pixels, is computed from the sensor's."""
+    k = [120, 0, 32, 0, 122, 24, 0, 0, 1]
+    make = functools.partial(
+        bags.driver, topic=f"/camera/depth/{name}", sensor=sensor, region=region, binning=binning, k=k
+    )
+    camera = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[0].camera
+    assert (camera.fx, camera.fy, camera.u0, camera.v0) == pytest.approx(expected)
+    assert (camera.width, camera.height) == (64, 48)
+
+
+def test_a_camera_of_another_size(tmp_path: Path) -> None:
+    """Images of another size than camera_info announces raise an error; a given camera replaces it."""
+    make = functools.partial(bags.driver, sensor=(100, 200), region=(8, 4, 80, 40), binning=(2, 1))
+    path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
+    said = "the camera has 200 x 100 pixels, of which a region of 80 x 40 at 8, 4 is read with a binning of 2 x 1"
+    with pytest.raises(DataError, match=f"camera_info: {said}; expected images of that size, found 64 x 48"):
+        open_bag(path, UNKNOWN)
+    assert open_bag(path, GIVEN).camera.fx == 60
 
 
 def test_holes_of_metres(tmp_path: Path) -> None:
@@ -306,13 +416,25 @@ class TestDamage:
         with pytest.raises(DataError, match=said):
             open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))), CameraInfo())
 
-    @pytest.mark.parametrize("form", ["16UC1; compressedDepth rvl", "32FC1; compressedDepth png"])
-    def test_other_compressions(self, tmp_path: Path, form: str) -> None:
-        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
-            content = of.packed(depth[0], 5, form).replace(b"\x89PNG", b"none" if "rvl" in form else b"\x89PNG")
-            return [(f"{bags.TOPIC}/compressedDepth", "sensor_msgs/msg/CompressedImage", 5, content)]
+    @pytest.mark.parametrize(
+        ("form", "content", "said"),
+        [
+            ("16UC1; jpeg compressed", b"\xff\xd8\xff", "format '16UC1; jpeg compressed'; expected a PNG or TIFF"),
+            ("16UC1; compressedDepth lzf", bytes(12) + b"none", "expected a PNG or TIFF of 16 bits, or RVL"),
+            ("16UC1; compressedDepth rvl", bytes(12) + b"none", "0 x 0 pixels"),
+            ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<III", 64, 48, 7), "RVL: a run of 0 zeros"),
+            ("32FC1; compressedDepth png", bytes(12) + png(DEPTH[0]), "with the parameters 0 and 0"),
+            ("32FC1; png compressed ", png(DEPTH[0]), "32FC1 as 16-bit values without their scale"),
+            ("16UC1; png compressed ", png(DEPTH[0].astype(np.uint8)), "a picture of uint8"),
+        ],
+    )
+    def test_other_compressions(self, tmp_path: Path, form: str, content: bytes, said: str) -> None:
+        """Compressions that do not preserve depth, and damaged ones, raise an error with the format."""
 
-        with pytest.raises(DataError, match="expected 16UC1 as PNG"):
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            return [(f"{bags.TOPIC}/compressed", COMPRESSED, 5, of.compressed(content, 5, form))]
+
+        with pytest.raises(DataError, match=said):
             open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make), GIVEN)
 
     @pytest.mark.parametrize("name", ["a.bag", "a.db3", "a.mcap"])
