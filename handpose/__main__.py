@@ -1,7 +1,10 @@
-"""The command ``handpose``: each tool of tools/ as a sub-command with the same options.
+"""The commands ``handpose`` and ``netlib``: the tools of tools/ as sub-commands with the same options.
 
 handpose train prototxt/nyu_solver.prototxt --max-iter 2000    # in a clone: python tools/train.py ...
-handpose export-onnx --help
+netlib run deploy.prototxt net.caffemodel cat.jpg              # in a clone: python tools/run_net.py ...
+
+``handpose`` lists every tool, ``netlib`` those for any Caffe net, under short names. Both are in this file because the
+package netlib, which is large, is imported by a tool when it has prepared its process (tools/__init__.py).
 """
 
 from __future__ import annotations
@@ -19,39 +22,63 @@ BASE = Path(__file__).resolve().parents[1]
 INSTALLED = BASE / "netlib" / "share" / "tools"  # netlib/files/paths.py, which is not imported before a tool starts
 TOOLS = INSTALLED if INSTALLED.is_dir() else BASE / "tools"
 
+# Commands for nets of any kind, in the order in which a user needs them: short name -> file in tools/.
+NET_TOOLS = {
+    "run": "run_net",
+    "train": "train",
+    "test": "test_net",
+    "time": "time",
+    "export-onnx": "export_onnx",
+    "features": "extract_features",
+    "draw": "draw_net",
+    "upgrade": "upgrade_net",
+    "convert-imageset": "convert_imageset",
+    "compute-image-mean": "compute_image_mean",
+    "plot-log": "plot_log",
+    "caffe": "caffe",
+}
+
 
 def main() -> None:
     """Run the tool that the command line names, in this process, as if Python ran its file."""
+    _run_command(PROGRAM, commands(), commands())
+
+
+def netlib() -> None:
+    """Like ``main``, for the command ``netlib``. The names that ``handpose`` lists are accepted, too."""
+    listed = {name: TOOLS / f"{stem}.py" for name, stem in NET_TOOLS.items()}
+    _run_command("netlib", listed, {**commands(), **listed})
+
+
+def _run_command(program: str, listed: dict[str, Path], known: dict[str, Path]) -> None:
     words = sys.argv[1:]
     if not words or words[0] in ("-h", "--help"):
-        print(usage(), end="")
+        print(usage(program, listed), end="")
         sys.exit(0 if words else 2)
     if words[0] == "--version":
-        print(f"{PROGRAM} {handpose.__version__}")
+        print(f"{program} {handpose.__version__}")
         return
     name = words[0].replace("_", "-")
-    known = commands()
     if name not in known:
         from netlib.errors import did_you_mean
 
-        print(f"{PROGRAM}: error: unknown command {words[0]!r}{did_you_mean(name, known)}; "
-              f"'{PROGRAM} --help' lists them", file=sys.stderr)  # fmt: skip
+        print(f"{program}: error: unknown command {words[0]!r}{did_you_mean(name, known)}; "
+              f"'{program} --help' lists them", file=sys.stderr)  # fmt: skip
         sys.exit(2)
-    sys.argv = [f"{PROGRAM} {name}", *words[1:]]
+    sys.argv = [f"{program} {name}", *words[1:]]
     _run(known[name])
 
 
 def commands() -> dict[str, Path]:
-    """The file of each sub-command by its name."""
+    """The file of each sub-command of ``handpose`` by its name."""
     return {path.stem.replace("_", "-"): path for path in sorted(TOOLS.glob("*.py")) if path.stem != "__init__"}
 
 
-def usage() -> str:
+def usage(program: str, listed: dict[str, Path]) -> str:
     """The commands, each with the first sentence of its docstring."""
-    lines = [f"usage: {PROGRAM} COMMAND ...", "", f"'{PROGRAM} COMMAND --help' describes a command.", ""]
-    known = commands()
-    width = max(map(len, known), default=0)
-    for name, path in known.items():
+    lines = [f"usage: {program} COMMAND ...", "", f"'{program} COMMAND --help' describes a command.", ""]
+    width = max(map(len, listed), default=0)
+    for name, path in listed.items():
         doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
         first = " ".join(doc.partition("\n\n")[0].split())
         lines.append(f"  {name:{width}}  {re.split(r'(?<=[.?]) (?=[A-Z])', first, maxsplit=1)[0]}")

@@ -18,20 +18,22 @@ SHARE = BASE / "netlib" / "share"  # in an installed package, the parent of a cl
 ROOT = SHARE if SHARE.is_dir() else BASE  # parent of fast/, prototxt/, models/ and tools/
 OWN_FOLDERS = ("prototxt", "models")  # these are installed too
 IS_CLONE = (ROOT / "setup.cfg").exists()
-PROGRAM = "handpose"  # command of an installed package; its first argument names a tool
+PROGRAMS = ("handpose", "netlib")  # commands of an installed package; their first argument names a tool
 _loading = lock()
 
 
 def command(name: str) -> str:
     """The command line of a tool, in the form in which the user started this one, or as installed."""
-    if IS_CLONE and not is_subcommand():
-        return f"python tools/{name}.py"
-    return f"{PROGRAM} {name.replace('_', '-')}"
+    if not is_subcommand():
+        return f"python tools/{name}.py" if IS_CLONE else f"{PROGRAMS[0]} {name.replace('_', '-')}"
+    if name == Path(getattr(sys.modules["__main__"], "__file__", None) or "").stem:
+        return sys.argv[0]  # netlib has short names for some tools
+    return f"{sys.argv[0].split()[0]} {name.replace('_', '-')}"
 
 
 def is_subcommand() -> bool:
-    """Whether this process was started as ``handpose NAME``; handpose/__main__.py sets argv[0]."""
-    return bool(sys.argv) and sys.argv[0].startswith(f"{PROGRAM} ")
+    """Whether this process was started as ``handpose NAME`` or ``netlib NAME``; handpose/__main__.py sets argv[0]."""
+    return bool(sys.argv) and sys.argv[0].startswith(tuple(f"{program} " for program in PROGRAMS))
 
 
 def own(name: str) -> Path:

@@ -588,6 +588,27 @@ def read_image(path: Path) -> Any:
         io.load_image(path, color)
 
 
+def make_run_net() -> list[str]:
+    """Write a net, its weights, an image, mean images and names of classes."""
+    import netlib
+    from tests.support.caffe_messages import write_blob
+
+    put("net.prototxt", inputs(data=(1, 3, 4, 5)) + 'layer { name: "p" type: "InnerProduct" bottom: "data" top: "y" '
+        'inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }')  # fmt: skip
+    netlib.Net("net.prototxt", netlib.TEST).save("net.caffemodel")
+    write_blob(Path("mean.binaryproto"), np.ones((1, 3, 4, 5), np.float32))
+    np.save("mean.npy", np.ones((3, 4, 5)))
+    return [put_picture("a.png", (4, 5, 3)), "mean.binaryproto", "mean.npy", put("labels.txt", "cat\ndog\nbird\n")]
+
+
+def read_run_net(path: Path) -> Any:
+    """Run the net on the image with both means."""
+    from tools import run_net
+
+    for mean in ("mean.binaryproto", "mean.npy"):
+        run_tool(run_net.main, "net.prototxt", "net.caffemodel", "a.png", "--mean-file", mean, "--labels", "labels.txt")
+
+
 def read_imageset(path: Path) -> Any:
     """Read a list of images with tools/convert_imageset.py."""
     from tools import convert_imageset
@@ -1090,6 +1111,8 @@ READERS: tuple[Reader, ...] = (
     Reader("data lmdb", ("layers/data/lmdb_file.py",), make_database, read_database),
     Reader("datum", (), make_datums, read_datum),
     Reader("mean image", ("netlib/proto/binaryproto.py",), make_mean, read_mean),
+    Reader("run net", ("tools/common/net_images.py", "layers/data/images.py", "netlib/proto/binaryproto.py"),
+           make_run_net, read_run_net),
     Reader("picture", ("netlib/caffe/io.py",), lambda: make_pictures()[:5], read_image),
     Reader("picture list", ("tools/convert_imageset.py", "layers/data/image_data.py"),
            lambda: [name for name in make_pictures() if name != "mean.binaryproto"], read_imageset),

@@ -21,7 +21,7 @@ from tests.tools.conftest import ROOT
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
 COMMANDS = [path.stem for path in FILES]
 LONGEST = 160  # lines; longer files contain logic that belongs elsewhere
-WITH_ENGINE = ["extract_features", "measure_fit", "predict", "test", "time", "train"]
+WITH_ENGINE = ["extract_features", "measure_fit", "predict", "run_net", "test", "test_net", "time", "train"]
 
 
 def examples(doc: str, name: str) -> list[list[str]]:
@@ -117,7 +117,9 @@ layer { name: "own" type: "Python" bottom: "depth" top: "pred" python_param { mo
         ("extract_features", ["none.caffemodel", "net.prototxt", "pred", "db", "1", "lmdb"]),
         ("measure_fit", ["--model", "net.prototxt", "--weights", "none.caffemodel"]),
         ("predict", ["crop.png", "--model", "net.prototxt", "--weights", "none.caffemodel"]),
+        ("run_net", ["net.prototxt", "none.caffemodel", "crop.png"]),
         ("test", ["none.caffemodel", "--model", "net.prototxt"]),
+        ("test_net", ["net.prototxt", "none.caffemodel"]),
         ("time", ["net.prototxt"]),
         ("train", ["solver.prototxt"]),
     ],

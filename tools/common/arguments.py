@@ -192,6 +192,22 @@ def center(text: str) -> tuple[float, ...]:
     return numbers
 
 
+def numbers(text: str) -> tuple[float, ...]:
+    """Parse finite numbers separated by commas: 104,117,123."""
+    if not (found := _numbers(text)):
+        raise argparse.ArgumentTypeError(f"expected numbers separated by commas, found {_cut(text)}")
+    return found
+
+
+def pixels(text: str) -> tuple[int, int]:
+    """Parse a width and a height in px: 224x224."""
+    side = whole(1, MAX_SIDE)
+    width, cross, height = text.partition("x")
+    if not cross:
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT in px, such as 224x224, found {_cut(text)}")
+    return side(width), side(height)
+
+
 def _number(text: str) -> float:
     """Parse a finite number; NaN, for which every comparison fails, if the text is not one."""
     numbers = _numbers(text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -90,6 +90,19 @@ def report_test(net: Net, weights: str, iterations: int) -> None:
     """Log the outputs of each batch and their means, with weights from a file. Raises NetlibError."""
     report.copied(weights, *net.copy_from(weights))
     log.info("Running for %d iterations.", iterations)
+    loss, scores = mean_scores(net, iterations, lambda *values: log.info("Batch %d, %s = %.6g", *values))
+    log.info("Loss: %.6g", loss)
+    for score in scores:
+        log.info("%s", score)
+
+
+def mean_scores(
+    net: Net, iterations: int, on_value: Callable[[int, str, float], object] = lambda batch, name, value: None
+) -> tuple[float, list[str]]:
+    """The mean loss over batches, and a line with the mean of each output.
+
+    ``on_value(batch, name, value)`` is called with each value of each batch. Raises NetlibError.
+    """
     loss, sums = 0.0, {name: np.zeros(0) for name in net.outputs}
     for i in range(iterations):
         loss += net.run_forward()
@@ -97,10 +110,8 @@ def report_test(net: Net, weights: str, iterations: int) -> None:
             values = net.blobs[name].data.ravel().astype(np.float64)
             sums[name] = sums[name] + values if i else values
             for value in values:
-                log.info("Batch %d, %s = %.6g", i, name, value)
-    log.info("Loss: %.6g", loss / iterations)
-    for score in report.scores(net, {name: total / iterations for name, total in sums.items()}):
-        log.info("%s", score)
+                on_value(i, name, value)
+    return loss / iterations, list(report.scores(net, {name: total / iterations for name, total in sums.items()}))
 
 
 def report_time(net: Net, iterations: int) -> None:

@@ -1,0 +1,196 @@
+"""tools/run_net.py: a net on images, its best classes, and its blobs in files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import netlib
+from netlib.blob import Array
+from netlib.caffe import blob_from_images
+from tests.support.caffe_messages import write_blob
+from tests.support.nets import inputs, ip
+from tests.support.running import Done, run_tool
+
+NET = (
+    inputs(data=(2, 3, 8, 10))
+    + 'layer { name: "pool" type: "Pooling" bottom: "data" top: "pool" pooling_param { pool: AVE kernel_size: 2 } }'
+    + ip("fc/1", "pool", "fc/1", outputs=4)
+    + 'layer { name: "prob" type: "Softmax" bottom: "fc/1" top: "prob" }'
+)
+SHAPES = ((8, 10), (20, 12), (9, 30))  # (H, W) of the images
+
+
+@pytest.fixture(autouse=True)
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with net.prototxt, its weights, 0.png to 2.png, and labels.txt for four classes."""
+    monkeypatch.chdir(tmp_path)
+    Path("net.prototxt").write_text(NET)
+    net = netlib.Net("net.prototxt", netlib.TEST, seed=1)
+    net.params["fc/1"][0].data[...] /= 50
+    net.save("net.caffemodel")
+    for number, shape in enumerate(SHAPES):
+        cv2.imwrite(f"{number}.png", np.random.default_rng(number).integers(0, 256, (*shape, 3), np.uint8))
+    Path("labels.txt").write_text("n01 cat, tabby\nn02 dog\nn03 bird\nn04 fish\n")
+    return tmp_path
+
+
+def images() -> list[Array]:
+    return [cv2.imread(f"{number}.png") for number in range(3)]
+
+
+def run(*argv: object, status: int = 0) -> Done:
+    return run_tool("run_net", "net.prototxt", "net.caffemodel", *argv, status=status)
+
+
+def outputs_of(blob: Array, name: str = "prob") -> Array:
+    """Return a blob of the net for this input."""
+    return netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST).forward([name], data=blob)[name]
+
+
+def test_best_classes() -> None:
+    """The best classes of each image are printed with their labels, best first."""
+    lines = run("0.png", "1.png", "2.png", "--mean", "104,117,123", "--labels", "labels.txt", "--top", "2").out
+    prob = outputs_of(blob_from_images(images(), 1, (10, 8), (104, 117, 123)))
+    labels = Path("labels.txt").read_text().splitlines()
+    expected = []
+    for number in range(3):
+        best = np.argsort(-prob[number])[:2]
+        expected += [f"{number}.png: prob", *(f"  {prob[number, i]:.4f}  {labels[i]}" for i in best)]
+    assert lines.splitlines() == expected
+
+
+def test_classes_without_labels() -> None:
+    """Without labels the outputs of a Softmax are printed by number, and the range of any other blob."""
+    prob = outputs_of(blob_from_images(images()[:1], 1, (10, 8)))[0]
+    assert run("0.png", "--top", "1").out == f"0.png: prob\n  {prob.max():.4f}  class {prob.argmax()}\n"
+    pool = outputs_of(blob_from_images(images()[:1], 1, (10, 8)), "pool")
+    assert run("0.png", "--blob", "pool").out == (
+        f"0.png: pool (3, 7, 9), values from {pool.min():.6g} to {pool.max():.6g}, mean {pool.mean():.6g}\n"
+    )
+
+
+def test_blobs_in_files() -> None:
+    """A .npz file has the named blobs of all images, whatever their names; a .npy file has one."""
+    assert run("0.png", "1.png", "2.png", "--blob", "fc/1", "--blob", "pool", "--out", "a.npz").out == (
+        "wrote a.npz: fc/1 (3, 4), pool (3, 3, 7, 9)\n"
+    )
+    blob = blob_from_images(images(), 1, (10, 8))
+    with np.load("a.npz") as file:
+        assert sorted(file) == ["fc/1", "pool"]
+        assert np.allclose(file["fc/1"], outputs_of(blob, "fc/1"), rtol=1e-5)
+        assert np.array_equal(file["pool"], outputs_of(blob, "pool"))
+    printed = run("0.png", "1.png", "--out", "b.npy", "--labels", "labels.txt").out.splitlines()
+    assert printed[0] == "0.png: prob" and printed[-1] == "wrote b.npy: prob (2, 4)"
+    assert np.load("b.npy").shape == (2, 4)
+
+
+@pytest.mark.parametrize(
+    ("options", "arguments"),
+    [
+        (["--scale", "0.017", "--mean", "104,117,123", "--rgb"], (0.017, (10, 8), (104, 117, 123), True)),
+        (["--crop", "--mean", "7"], (1.0, (10, 8), (7, 7, 7), False, True)),
+        (["--size", "10x8", "--resize", "10x8"], (1.0, (10, 8))),
+    ],
+)
+def test_preprocessing_as_in_opencv(options: list[str], arguments: tuple[object, ...]) -> None:
+    """The options are the arguments of cv2.dnn.blobFromImage."""
+    run("0.png", "1.png", "2.png", *options, "--blob", "data", "--out", "data.npy")
+    assert np.array_equal(np.load("data.npy"), cv2.dnn.blobFromImages(images(), *arguments))
+
+
+def test_another_size() -> None:
+    """--size reshapes a net without fully connected layers, and --batch sets the number of images of a pass."""
+    Path("net.prototxt").write_text(NET[: NET.index("layer", NET.index("pool"))])
+    run("0.png", "1.png", "2.png", "--size", "30x20", "--batch", "3", "--blob", "pool", "--out", "pool.npy")
+    assert np.load("pool.npy").shape == (3, 3, 19, 29)
+
+
+@pytest.mark.parametrize("name", ["mean.binaryproto", "mean.npy"])
+def test_mean_image(name: str) -> None:
+    """With a mean image, images are resized to its size, it is subtracted, and the input is cut from the centre."""
+    mean = np.random.default_rng(3).uniform(90, 130, (1, 3, 13, 12)).astype(np.float32)
+    if name.endswith(".npy"):
+        np.save(name, mean[0].astype(np.float64))
+    else:
+        write_blob(Path(name), mean)
+    run("0.png", "1.png", "--mean-file", name, "--scale", "0.5", "--blob", "data", "--out", "data.npy")
+    resized = np.stack([cv2.resize(image, (12, 13)) for image in images()[:2]]).transpose(0, 3, 1, 2)
+    assert np.array_equal(np.load("data.npy"), (resized - mean)[:, :, 2:10, 1:11] * np.float32(0.5))
+
+
+def test_mean_of_a_file_per_channel() -> None:
+    """A file may have one number per channel."""
+    np.save("mean.npy", np.array([1, 2, 3]))
+    run("0.png", "--mean-file", "mean.npy", "--blob", "data", "--out", "data.npy")
+    assert np.array_equal(np.load("data.npy"), cv2.dnn.blobFromImages(images()[:1], 1.0, (10, 8), (1, 2, 3)))
+
+
+def test_grey_net() -> None:
+    """A net with one input channel takes grey images."""
+    Path("net.prototxt").write_text(inputs(data=(1, 1, 8, 10)) + 'layer { name: "p" type: "Power" bottom: "data" top: '
+                                    '"y" }')  # fmt: skip
+    run("0.png", "--out", "y.npy")
+    assert np.array_equal(np.load("y.npy")[0, 0], cv2.imread("0.png", cv2.IMREAD_GRAYSCALE))
+
+
+TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shape { dim: 1 dim: 3 } } }'
+
+
+@pytest.mark.parametrize(
+    ("net", "argv", "message"),
+    [
+        (NET, ["none.png"], "none.png: cannot read the image: No such file or directory"),
+        (NET, ["labels.txt"], "labels.txt: not an image that OpenCV can decode"),
+        (NET, ["0.png", "--labels", "net.prototxt"], "net.prototxt: 1 labels, but blob 'prob' has 4 classes"),
+        (NET, ["0.png", "--labels", "empty.txt"], "empty.txt: the file is empty; expected the name of a class"),
+        (NET, ["0.png", "--blob", "fc1"], "net.prototxt: the net has no blob 'fc1' (did you mean 'fc/1'?)"),
+        (NET, ["0.png", "--mean", "1,2"], "the mean has 2 channels, the net's input 3"),
+        (NET, ["0.png", "--mean-file", "bad.npy"], "bad.npy: found float64 (2, 2); expected numbers (C,), (C, H, W)"),
+        (NET, ["0.png", "--mean-file", "nan.npy"], "nan.npy: the mean has values that are not finite"),
+        (NET, ["0.png", "--mean-file", "0.png"], "0.png: "),
+        (NET, ["0.png", "--mean-file", "labels.npy"], "labels.npy: no array as NumPy writes it"),
+        (NET, ["0.png", "--mean-file", "mean.npy", "--resize", "20x20"], "the mean image has 12 x 12 px, images are "
+         "resized to 20 x 20"),
+        (NET, ["0.png", "--resize", "9x9"], "images of 9 x 9 px are smaller than the net's input, 10 x 8"),
+        (NET, ["0.png", "--out", "none/a.npz"], "none/a.npz: folder none does not exist"),
+        (NET, ["0.png", "--out", "bad.npy", "--mean-file", "bad.npy"], "bad.npy: is read in this run"),
+        (NET, ["0.png", "--out", "a.npy", "--blob", "pool", "--blob", "prob"], "a.npy: a .npy file holds one array, "
+         "found pool, prob; expected .npz or --blob"),
+        (TRAIN, ["0.png"], "net.prototxt: the net reads its data in a data layer; expected a deploy prototxt"),
+        (inputs(a=(1, 3, 2, 2), b=(1, 3)), ["0.png"], "net.prototxt: the net has the inputs a, b; expected one"),
+        (inputs(a=(1, 7)), ["0.png"], "net.prototxt: the input 'a' has shape (1, 7); expected (N, C, H, W)"),
+        (inputs(a=(1, 3, 2, 2)) + 'layer { name: "r" type: "Reduction" bottom: "a" top: "s" }', ["0.png"],
+         "blob 's' has shape () for 1 images; expected the image as first axis"),
+    ],
+)  # fmt: skip
+def test_mistakes(net: str, argv: list[str], message: str) -> None:
+    """Each mistake is one line with the file or the option, and nothing is written."""
+    Path("empty.txt").write_text("")
+    Path("labels.npy").write_text("cat\n")
+    for name, array in (("bad", np.zeros((2, 2))), ("nan", np.full(3, np.nan)), ("mean", np.zeros((3, 12, 12)))):
+        np.save(f"{name}.npy", array)
+    before = sorted(Path().iterdir())
+    Path("net.prototxt").write_text(net)
+    done = run(*argv, status=1)
+    assert message in done.err.splitlines()[-1] and "Traceback" not in done.err
+    assert sorted(Path().iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["0.png", "--mean", "1", "--mean-file", "m.npy"], "expected either --mean or --mean-file"),
+        (["0.png", "--mean", "1,x"], "expected numbers separated by commas, found '1,x'"),
+        (["0.png", "--size", "8"], "expected WIDTHxHEIGHT in px, such as 224x224, found '8'"),
+        (["0.png", "--size", "0x8"], "expected an integer of at least 1, found '0'"),
+        (["0.png", "--out", "a.txt"], "expected a file name with suffix .npz, .npy"),
+        ([], "the following arguments are required: IMAGE"),
+    ],
+)
+def test_wrong_usage(argv: list[str], message: str) -> None:
+    """Wrong usage gives argparse's message and status 2."""
+    assert message in run(*argv, status=2).err

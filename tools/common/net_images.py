@@ -1,0 +1,117 @@
+"""Images for any net: its input, the mean, and preprocessing as in cv2.dnn.blobFromImage or Caffe's data layers."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from layers.data.images import read_image
+from netlib import files
+from netlib.blob import Array
+from netlib.caffe.images import blob_from_images
+from netlib.errors import DataError, NetlibError, reason_of
+from netlib.net import Net
+from netlib.proto.binaryproto import read_blob
+
+Size = tuple[int, int]  # width and height in px
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """How images (H, W, C), blue first, become an input (N, C, H, W).
+
+    size     of the input; the net is reshaped to it
+    resize   images are resized to this size, and ``size`` is cut from the centre, as Caffe's data layers do in phase
+             TEST
+    crop     images keep their aspect ratio when resized: the centre is cut out. Otherwise they are stretched
+    rgb      the first channel of the input is red
+    mean     (C, 1, 1) or, for images of size ``resize``, (C, H, W), in the order of the input's channels
+    scale    factor, applied after the mean is subtracted
+    """
+
+    size: Size
+    resize: Size
+    crop: bool
+    rgb: bool
+    mean: Array
+    scale: float
+
+    def __post_init__(self) -> None:
+        (width, height), (w, h) = self.resize, self.size
+        if width < w or height < h:
+            raise NetlibError(f"images of {width} x {height} px are smaller than the net's input, {w} x {h}")
+        if self.mean.shape[1:] not in ((1, 1), (height, width)):
+            raise NetlibError(f"the mean image has {self.mean.shape[2]} x {self.mean.shape[1]} px, images are resized "
+                              f"to {width} x {height}; expected the same size, or one number per channel")  # fmt: skip
+
+    def blob(self, images: Sequence[Array]) -> NDArray[np.float32]:
+        """Return the input of the net for images."""
+        blob = blob_from_images(images, 1.0, self.resize, (), self.rgb, self.crop)
+        blob -= self.mean.astype(np.float32)
+        (width, height), (w, h) = self.resize, self.size
+        y, x = (height - h) // 2, (width - w) // 2
+        return blob[:, :, y : y + h, x : x + w] * np.float32(self.scale)
+
+
+def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
+    """Name and shape (N, C, H, W) of the input for images. Raises NetlibError."""
+    if not net.inputs:
+        raise NetlibError(f"{net.source}: the net reads its data in a data layer; expected a deploy prototxt, which "
+                          "has an Input layer instead and no loss")  # fmt: skip
+    if len(net.inputs) > 1:
+        raise NetlibError(f"{net.source}: the net has the inputs {', '.join(net.inputs)}; expected one, for images. "
+                          "Python's Net.forward accepts all")  # fmt: skip
+    (name,) = net.inputs
+    shape = net.blobs[name].shape
+    if len(shape) != 4 or shape[1] not in (1, 3):
+        raise NetlibError(f"{net.source}: the input {name!r} has shape {shape}; expected (N, C, H, W) with 3 channels, "
+                          "or 1 for grey images")  # fmt: skip
+    return name, shape
+
+
+def read_images(paths: Sequence[str], channels: int) -> list[Array]:
+    """Read images as uint8 (H, W, C), blue first, or grey if ``channels`` is 1. Raises DataError."""
+    return [read_image(Path(path), channels != 1) for path in paths]
+
+
+def read_labels(path: str) -> list[str]:
+    """The names of the classes in a text file, one per line. Raises DataError."""
+    labels = files.read_text(path, "the labels").rstrip("\n").split("\n")
+    if labels == [""]:
+        raise DataError(f"{path}: the file is empty; expected the name of a class in each line")
+    return labels
+
+
+def mean_of(numbers: Sequence[float], path: str | None, channels: int) -> Array:
+    """The mean from numbers, one or one per channel, or from a file; (C, 1, 1) or (C, H, W). Raises NetlibError."""
+    if path is not None:
+        mean, where = _read_mean(path), f"{path}: the mean"
+    else:
+        mean, where = np.resize(np.asarray(numbers, float), channels if len(numbers) < 2 else len(numbers)), "the mean"
+    if len(mean) != channels:
+        raise NetlibError(f"{where} has {len(mean)} channels, the net's input {channels}")
+    return mean.reshape(channels, *(mean.shape[1:] or (1, 1)))
+
+
+def _read_mean(path: str) -> Array:
+    """Read (C,) or (C, H, W) from a .npy or .binaryproto file. Raises DataError."""
+    if path.endswith(".npy"):
+        content = files.read_bytes(path, "the mean")
+        try:
+            mean = np.load(io.BytesIO(content), allow_pickle=False)
+        except Exception as error:  # Python's parser may raise anything for a damaged header
+            raise DataError(f"{path}: no array as NumPy writes it: {reason_of(error)[:200]}") from error
+    else:
+        mean = read_blob(path)
+    if mean.ndim == 4 and len(mean) == 1:  # as compute_image_mean writes it
+        mean = mean[0]
+    if mean.ndim not in (1, 3) or mean.dtype.kind not in "fiu" or not mean.size:
+        raise DataError(f"{path}: found {mean.dtype} {mean.shape}; expected numbers (C,), (C, H, W) or (1, C, H, W)")
+    if not np.isfinite(mean).all():
+        raise DataError(f"{path}: the mean has values that are not finite")
+    return mean

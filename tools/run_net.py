@@ -1,0 +1,147 @@
+#!/usr/bin/env python3
+"""Run a net on images: print its best classes, or write blobs as NumPy arrays.
+
+    python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean 104,117,123 --labels synset_words.txt
+    python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean-file mean.binaryproto
+    python tools/run_net.py deploy.prototxt net.caffemodel *.jpg --scale 0.017 --blob fc7 --out features.npz
+
+Each image is read in 8 bits, blue first, and resized to the net's input; then the mean is subtracted, and the result
+multiplied by the scale. These are the steps and the numbers of OpenCV's blobFromImage; with a mean image, those of
+Caffe's data layers: the image is resized to the mean's size, and the input is cut from its centre.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import tools
+
+tools.begin(__name__)
+
+import numpy as np
+
+import netlib
+from netlib.blob import Array
+from netlib.errors import NetlibError, did_you_mean
+from netlib.files import atomic
+from netlib.net import Net
+from tools.common import outputs
+from tools.common.arguments import add_engine, count, name_in, numbers, parser_of, pixels, positive_number
+from tools.common.console import DONE, guarded, say
+from tools.common.net_images import Preprocessing, image_input, mean_of, read_images, read_labels
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__, nets=True)
+    parser.add_argument("net", metavar="NET", help="deploy prototxt of the net")
+    parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
+    parser.add_argument("images", metavar="IMAGE", nargs="+", help="image files")
+    given = parser.add_argument_group("preprocessing (the net's author knows the values)")
+    given.add_argument("--mean", type=numbers, metavar="M[,M,M]", default=(),
+                       help="to subtract: one number, or one per channel of the input (default: 0)")  # fmt: skip
+    given.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
+    given.add_argument("--scale", type=positive_number, metavar="S", default=1.0,
+                       help="factor, after the mean (default: 1)")  # fmt: skip
+    given.add_argument("--rgb", action="store_true", help="the net's first channel is red (Caffe's is blue)")
+    given.add_argument("--size", type=pixels, metavar="WxH", help="size of the input (default: that of the prototxt)")
+    given.add_argument("--resize", type=pixels, metavar="WxH", help="resize images to this size, and cut the input "
+                       "from the centre (default: size of the mean file, else of the input)")  # fmt: skip
+    given.add_argument("--crop", action="store_true",
+                       help="keep the aspect ratio: cut off what does not fit (default: stretch)")  # fmt: skip
+    parser.add_argument("--labels", metavar="FILE", help="names of the classes, one per line")
+    parser.add_argument("--top", type=count, default=5, metavar="N", help="classes to print (default: %(default)s)")
+    parser.add_argument("--blob", metavar="NAME", action="append", default=[],
+                        help="blob to print or write instead of the outputs; can be repeated")  # fmt: skip
+    parser.add_argument("--out", metavar="FILE", type=name_in(".npz", ".npy"), help="write the blobs of all images: "
+                        ".npz, or .npy for a single one; the first axis is the image")  # fmt: skip
+    parser.add_argument("--batch", type=count, metavar="N", help="images per pass (default: that of the prototxt)")
+    add_engine(parser)
+    args = parser.parse_args(argv)
+    if args.mean and args.mean_file:
+        parser.error("expected either --mean or --mean-file")
+    return guarded(run, args)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the net on all images. Raises NetlibError."""
+    if args.out:
+        outputs.check_place(Path(args.out), [args.net, args.weights, args.mean_file, args.labels, *args.images])
+    labels = read_labels(args.labels) if args.labels else None
+    net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
+    name, (batch, channels, height, width) = image_input(net)
+    size = args.size or (width, height)
+    mean = mean_of(args.mean, args.mean_file, channels)
+    resize = args.resize or (size if mean.shape[1:] == (1, 1) else (mean.shape[2], mean.shape[1]))
+    preprocessing = Preprocessing(size, resize, args.crop, args.rgb, mean, args.scale)
+    blobs = args.blob or net.outputs
+    if wrong := [blob for blob in blobs if blob not in net.blobs]:
+        raise NetlibError(f"{args.net}: the net has no blob {wrong[0]!r}{did_you_mean(wrong[0], net.blobs)}")
+    if args.out and args.out.endswith(".npy") and len(blobs) > 1:
+        raise NetlibError(f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob")
+    found: dict[str, list[Array]] = {blob: [] for blob in blobs}
+    for paths in _batches(args.images, args.batch or batch):
+        inputs: dict[str, Any] = {name: preprocessing.blob(read_images(paths, channels))}
+        arrays = net.forward(blobs, **inputs)
+        for blob in blobs:
+            if arrays[blob].shape[:1] != (len(paths),):
+                raise NetlibError(f"blob {blob!r} has shape {arrays[blob].shape} for {len(paths)} images; expected the "
+                                  "image as first axis")  # fmt: skip
+            if args.out:
+                found[blob].append(arrays[blob].copy())
+        if not args.out or labels:
+            for number, path in enumerate(paths):
+                for blob in blobs:
+                    _print(path, blob, arrays[blob][number], net, labels, args)
+    if args.out:
+        _write(Path(args.out), {blob: np.concatenate(parts) for blob, parts in found.items()})
+    return DONE
+
+
+def _batches(paths: Sequence[str], size: int) -> Iterator[Sequence[str]]:
+    for begin in range(0, len(paths), size):
+        yield paths[begin : begin + size]
+
+
+def _print(path: str, blob: str, values: Array, net: Net, labels: list[str] | None, args: argparse.Namespace) -> None:
+    """Print the best classes if the values are probabilities or there are labels, else their range."""
+    of_softmax = any(blob in layer.spec.top and layer.spec.type == "Softmax" for layer in net.layers)
+    if max(values.shape, default=1) != values.size or not (labels or of_softmax):
+        say(f"{path}: {blob} {values.shape}, values from {values.min():.6g} to {values.max():.6g}, mean "
+            f"{values.mean():.6g}")  # fmt: skip
+        return
+    scores = values.ravel()
+    if labels is not None and len(labels) != len(scores):
+        raise NetlibError(f"{args.labels}: {len(labels)} labels, but blob {blob!r} has {len(scores)} classes")
+    say(f"{path}: {blob}")
+    for number in np.argsort(-scores, kind="stable")[: args.top]:
+        say(f"  {scores[number]:.4f}  {labels[number] if labels else f'class {number}'}")
+
+
+def _write(out: Path, arrays: Mapping[str, Array]) -> None:
+    """Write arrays by the suffix of the file's name."""
+
+    def fill(path: Path) -> None:
+        if out.suffix.lower() == ".npy":
+            with path.open("wb") as file:
+                for array in arrays.values():  # only one
+                    np.lib.format.write_array(file, array, allow_pickle=False)
+            return
+        with zipfile.ZipFile(path, "w") as archive:  # numpy.savez does not accept every name
+            for name, array in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                    np.lib.format.write_array(entry, array, allow_pickle=False)
+
+    atomic.replace(out, fill)
+    say(f"wrote {out}: {', '.join(f'{name} {array.shape}' for name, array in arrays.items())}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
