@@ -152,6 +152,7 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
         (NET, ["0.png", "--mean-file", "bad.npy"], "bad.npy: found float64 (2, 2); expected numbers (C,), (C, H, W)"),
         (NET, ["0.png", "--mean-file", "nan.npy"], "nan.npy: the mean has values that are not finite"),
         (NET, ["0.png", "--mean-file", "0.png"], "0.png: "),
+        (NET, ["0.png", "--mean", "1e99"], "the mean has values that are not finite in float32"),
         (NET, ["0.png", "--mean-file", "labels.npy"], "labels.npy: no array as NumPy writes it"),
         (NET, ["0.png", "--mean-file", "mean.npy", "--resize", "20x20"], "the mean image has 12 x 12 px, images are "
          "resized to 20 x 20"),

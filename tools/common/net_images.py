@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,7 +53,7 @@ class Preprocessing:
     def blob(self, images: Sequence[Array]) -> NDArray[np.float32]:
         """Return the input of the net for images."""
         blob = blob_from_images(images, 1.0, self.resize, (), self.rgb, self.crop)
-        blob -= self.mean.astype(np.float32)
+        blob -= self.mean
         (width, height), (w, h) = self.resize, self.size
         y, x = (height - h) // 2, (width - w) // 2
         return blob[:, :, y : y + h, x : x + w] * np.float32(self.scale)
@@ -89,12 +90,16 @@ def read_labels(path: str) -> list[str]:
 
 def mean_of(numbers: Sequence[float], path: str | None, channels: int) -> Array:
     """The mean from numbers, one or one per channel, or from a file; (C, 1, 1) or (C, H, W). Raises NetlibError."""
-    if path is not None:
-        mean, where = _read_mean(path), f"{path}: the mean"
-    else:
-        mean, where = np.resize(np.asarray(numbers, float), channels if len(numbers) < 2 else len(numbers)), "the mean"
+    mean = np.asarray(numbers) if path is None else _read_mean(path)
+    where = "the mean" if path is None else f"{path}: the mean"
+    if path is None and len(mean) < 2:
+        mean = np.resize(mean, channels)
     if len(mean) != channels:
         raise NetlibError(f"{where} has {len(mean)} channels, the net's input {channels}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = mean.astype(np.float32)
+    if not np.isfinite(mean).all():
+        raise NetlibError(f"{where} has values that are not finite in float32")
     return mean.reshape(channels, *(mean.shape[1:] or (1, 1)))
 
 
@@ -103,7 +108,9 @@ def _read_mean(path: str) -> Array:
     if path.endswith(".npy"):
         content = files.read_bytes(path, "the mean")
         try:
-            mean = np.load(io.BytesIO(content), allow_pickle=False)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # headers written by Python 2
+                mean = np.load(io.BytesIO(content), allow_pickle=False)
         except Exception as error:  # Python's parser may raise anything for a damaged header
             raise DataError(f"{path}: no array as NumPy writes it: {reason_of(error)[:200]}") from error
     else:
@@ -112,6 +119,4 @@ def _read_mean(path: str) -> Array:
         mean = mean[0]
     if mean.ndim not in (1, 3) or mean.dtype.kind not in "fiu" or not mean.size:
         raise DataError(f"{path}: found {mean.dtype} {mean.shape}; expected numbers (C,), (C, H, W) or (1, C, H, W)")
-    if not np.isfinite(mean).all():
-        raise DataError(f"{path}: the mean has values that are not finite")
     return mean
