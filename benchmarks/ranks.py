@@ -43,6 +43,7 @@ import netlib
 from benchmarks.paper import Paper, add_batch, small
 from netlib import engine
 from netlib.distributed.allreduce import Buffers, Gradients
+from netlib.distributed.data_parallel import DataParallel
 from netlib.engine.plain import BackwardHook
 from netlib.errors import NetlibError
 from netlib.layer import Layer
@@ -128,7 +129,7 @@ def worker(args: argparse.Namespace) -> int:
     """Time the steps of a rank; rank 0 prints those with overlapped averaging and those without."""
     ranks = world(divide=True)
     engine.get().set_threads(args.threads)
-    solver = netlib.get_solver(args.worker, seed=1, ranks=ranks)
+    solver = netlib.get_solver(args.worker, seed=1, callbacks=[DataParallel(ranks)])
     watch = Watch(ranks, solver.net)
     for i in range(2 * args.steps):
         watch.begin(meanwhile=i % 2 == 0)

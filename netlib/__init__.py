@@ -17,7 +17,6 @@ os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # OpenCV read
 from netlib import gradcheck  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402
 from netlib.building import python_layer  # noqa: E402
-from netlib.distributed.solver import get_solver  # noqa: E402
 from netlib.errors import (  # noqa: E402
     DataError,
     DivergenceError,
@@ -30,7 +29,7 @@ from netlib.files import own_modules  # noqa: E402
 from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
 from netlib.net import Net, set_random_seed  # noqa: E402
 from netlib.proto.options import layer_types  # noqa: E402
-from netlib.solver import Solver  # noqa: E402
+from netlib.solver import Solver, get_solver  # noqa: E402
 from netlib.system import aliases  # noqa: E402
 from netlib.system.once import once  # noqa: E402
 

@@ -5,16 +5,18 @@
     solver.step(100)               or make some iterations
 
 ``iter`` always equals the number of updates made. Training logs the same lines as Caffe, to the logger "netlib";
-tools/train.py adds Caffe's time stamps. A subclass attaches further work at the hooks that ``step`` calls.
+tools/train.py adds Caffe's time stamps. Further work attaches to a solver as callbacks (training/callbacks.py).
 """
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,18 +24,24 @@ import numpy as np
 
 from netlib import engine as engines
 from netlib.blob import Array
-from netlib.errors import DivergenceError, LayerError
+from netlib.errors import DataError, DivergenceError, LayerError, NetlibError, WeightsError
 from netlib.files.paths import find
 from netlib.net import Net, next_seed
 from netlib.proto import schema
 from netlib.proto.messages import NetParameter, NetState, SolverParameter
-from netlib.snapshots import snapshot, weights
-from netlib.snapshots.solver_state import SolverState
+from netlib.snapshots import hdf5_format, snapshot, weights
 from netlib.training import report, solver_parameter
-from netlib.training.resume import restore_state, state_of
+from netlib.training.callbacks import Callback, Request, Rollback
+from netlib.training.resume import extra_state, restore_state, state_of
 from netlib.updates import Update, learning_rate, steps_taken
 
 log = logging.getLogger("netlib")
+
+SNAPSHOT_S = 120.0  # time in which a snapshot is written, also to a slow disk
+
+
+class _TestStoppedError(Exception):
+    """Stops a test after this batch."""
 
 
 class Solver:
@@ -45,8 +53,9 @@ class Solver:
     iter          number of updates made
     update        applies gradients to the weights (updates.py); its history has, per parameter, the arrays of the rule
     smoothed      the losses of the last average_loss iterations
-    callbacks     pairs of functions: the first is called before the gradients of an iteration, the second after them
-    on_iteration  a function, called with the solver after each update
+    callbacks     the work attached to this solver; those given, then ``Rollback``, then those that are appended
+    requested     may be set to "stop" or "snapshot" at any time, by a signal handler or another thread; it takes effect
+                  after the current iteration, or after the current batch of a test
     """
 
     net_class: type[Net] = Net  # class of the training net and the test nets
@@ -58,14 +67,15 @@ class Solver:
         seed: int | None = None,
         engine: str | None = None,
         python_layers: bool = True,
+        callbacks: Sequence[Callback] = (),
     ) -> None:
         self.param, self.source = solver_parameter.checked(param), source
+        self.callbacks: list[Callback] = [*callbacks, Rollback()]
+        self.requested: Request | None = None
         self.seed = self._choose_seed(seed)
         self.engine = engines.get(engine)
         self.python_layers = python_layers
         self.iter = 0
-        self.on_iteration: Callable[[Any], None] | None = None
-        self.callbacks: list[tuple[Callable[[], Any], Callable[[], Any]]] = []
         name, net = solver_parameter.train_net(self.param, source)
         self.net = self._make_net(name, net, param.train_state, phase="TRAIN", number=0)
         self.update = Update(self.param, self.net.learnable, self.engine.run)
@@ -83,19 +93,31 @@ class Solver:
         """The seed given, else that of the file, else one from ``set_random_seed``, else a random one."""
         if given is None:
             given = self.param.random_seed if self.param.random_seed >= 0 else next_seed()
-        return secrets.randbits(31) if given is None else given
+        seed = secrets.randbits(31) if given is None else given
+        for callback in self.callbacks:
+            seed = callback.seed(seed)
+        return seed
+
+    @property
+    def rank(self) -> int:
+        """The number of this process among those that train together; 0 tests, logs and writes snapshots."""
+        return max(callback.rank for callback in self.callbacks)
+
+    @property
+    def rank_count(self) -> int:
+        """The number of processes that train together."""
+        return max(callback.count for callback in self.callbacks)
 
     # ------------------------------------------------------------------------------------------ nets
 
-    def _make_net(
-        self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int, **options: Any
-    ) -> Net:
-        """Build the net with this number; ``options`` are passed to ``net_class``."""
+    def _make_net(self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int) -> Net:
+        """Build the net with this number."""
         which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
         log.info("Creating %s net file: %s", which, name)
+        hooks = [callback.layer_hook for callback in self.callbacks if callback.layer_hook and phase == "TRAIN"]
         net = self.net_class(
             param, state=solver_parameter.state_of(phase, param.state, state), seed=self.seed + number,
-            engine=self.engine.name, python_layers=self.python_layers, **options,
+            engine=self.engine.name, python_layers=self.python_layers, layer_hook=next(iter(hooks), None),
         )  # fmt: skip
         net.source = name
         return net
@@ -117,68 +139,102 @@ class Solver:
     # ------------------------------------------------------------------------------------------ training
 
     def solve(self, resume: str | Path | None = None) -> bool:
-        """Train until max_iter, then take the last snapshot and test. Returns False if stopped early."""
+        """Train until max_iter, then take the last snapshot and test. Returns False if a request stopped it early."""
         p = self.param
         log.info("Solving %s", self.net.name)
         log.info("Learning Rate Policy: %s", p.lr_policy)
-        if resume is not None:
-            self.restore(resume)
-        finished = self._train(p.max_iter - self.iter)
-        if p.snapshot_after_train and not (p.snapshot and self.iter % p.snapshot == 0) and not self._is_saved():
-            self.snapshot()
-        if not finished:
-            log.info("Optimization stopped early.")
-            return False
-        if self._display_is_due():
-            self.smoothed.append(self._last_loss())
-            log.info("Iteration %d, loss = %.6g", self.iter, self.loss)
-        if p.test_interval and self.iter % p.test_interval == 0:
-            self.test_all()
+        with self._errors(), self._snapshots_reserved():
+            if resume is not None:
+                self.restore(resume)
+            finished = self._train(p.max_iter - self.iter)
+            if p.snapshot_after_train and not (p.snapshot and self.iter % p.snapshot == 0) and not self._is_saved():
+                self.snapshot()
+            if not finished:
+                log.info("Optimization stopped early.")
+                return False
+            if self._display_is_due():
+                self.smoothed.append(self._last_loss())
+                log.info("Iteration %d, loss = %.6g", self.iter, self.loss)
+            if p.test_interval and self.iter % p.test_interval == 0:
+                self.test_all()
         log.info("Optimization Done.")
         return True
 
     def _train(self, iterations: int) -> bool:
-        return self.step(iterations)
+        """Like ``step``, but keeps in a snapshot the progress made before the data failed."""
+        begun = self.iter
+        try:
+            return self.step(iterations)
+        except DataError:
+            if self._writes_snapshots and self.iter > begun and not self._is_saved():
+                try:
+                    self.snapshot()
+                except WeightsError as error:
+                    log.error("%s", error)
+            raise
 
     def step(self, iterations: int) -> bool:
-        """Make some updates. Returns True when all are made."""
+        """Make some updates. Returns True when all are made, False if a request stopped it early."""
         self._lap = (self.iter, time.perf_counter())
-        for _ in range(iterations):
-            self._before_iteration()
-            if self._test_is_due():
-                self.test_all()
-            self.net.clear_param_diffs()
-            self._before_gradients()
-            self.smoothed.append(self._forward_backward())
-            if self._display_is_due():
-                self._display()
-            self._before_update()
-            self.apply_update()
-            self.iter += 1
-            self._after_update()
-            if self._snapshot_is_due():
-                self.snapshot()
+        with self._errors():
+            self._call("on_step")
+            for _ in range(iterations):
+                self._call("on_iteration")
+                if self.test_is_due():
+                    self.test_all()
+                    if self._action() == "stop":
+                        self._call("on_cut")
+                        return self._stopped()
+                self.net.clear_param_diffs()
+                self._call("on_start")
+                self.smoothed.append(self._forward_backward())
+                if self._display_is_due():
+                    self._display()
+                self._call("on_gradients_ready")
+                self.apply_update()
+                self.iter += 1
+                self._call("on_update")
+                action = self._action()
+                if action == "stop":
+                    return self._stopped()
+                if action == self.requested:
+                    self.requested = None
+                if action == "snapshot" or self._snapshot_is_due():
+                    self.snapshot()
         return True
 
-    # ------------------------------------------------------------------------------------------ hooks for subclasses
+    # ------------------------------------------------------------------------------------------ callbacks and requests
 
-    def _before_iteration(self) -> None:
-        """Called at the start of an iteration, before its tests."""
+    def _call(self, method: str) -> None:
+        """Call a method of all callbacks."""
+        for callback in self.callbacks:
+            getattr(callback, method)(self)
 
-    def _before_gradients(self) -> None:
-        for on_start, _ in self.callbacks:
-            on_start()
+    @contextlib.contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Context manager: the callbacks see an error before it is raised, and may replace it."""
+        try:
+            yield
+        except NetlibError as raised:
+            error = raised
+            for callback in self.callbacks:
+                error = callback.on_error(self, error)
+            if error is raised:
+                raise
+            raise error from raised
 
-    def _before_update(self) -> None:
-        for _, on_gradients_ready in self.callbacks:
-            on_gradients_ready()
+    def _action(self) -> Request | None:
+        """The request that takes effect now."""
+        request = self.requested
+        for callback in self.callbacks:
+            request = callback.action(request)
+        return request
 
-    def _after_update(self) -> None:
-        if self.on_iteration is not None:
-            self.on_iteration(self)
-
-    def _after_test_batch(self) -> None:
-        """Called after each batch of a test net."""
+    def _stopped(self) -> bool:
+        """Take a snapshot at a requested stop; returns False."""
+        self.requested = None
+        self.snapshot()
+        return False
 
     # ------------------------------------------------------------------------------------------ one iteration
 
@@ -189,16 +245,19 @@ class Solver:
         for left in reversed(range(self.param.iter_size)):
             loss = self.net.run_forward(report.debug_forward) if is_shown else self.net.run_forward()
             total += self._finite(loss)
-            self._backward(left, report.debug_backward if is_shown else None)
-        return total / self.param.iter_size
-
-    def _backward(self, left: int, after: Callable[[Any], object] | None) -> None:
-        """Run the net backwards; ``left`` batches of this iteration remain. ``after`` as in ``Net.run_backward``."""
-        self.net.run_backward(after=after)
+            hooks = [] if left else [hook for callback in self.callbacks if (hook := callback.backward_hook())]
+            self.net.run_backward(next(iter(hooks), None), report.debug_backward if is_shown else None)
+        return self._agreed(total / self.param.iter_size)
 
     def _last_loss(self) -> float:
         """The loss of one more batch."""
-        return self._finite(self.net.run_forward())
+        return self._agreed(self._finite(self.net.run_forward()), with_gradients=False)
+
+    def _agreed(self, loss: float, with_gradients: bool = True) -> float:
+        """The loss to report, given that of this process."""
+        for callback in self.callbacks:
+            loss = callback.on_loss(self, loss, with_gradients)
+        return loss
 
     def _finite(self, loss: float) -> float:
         if not np.isfinite(loss):
@@ -238,26 +297,48 @@ class Solver:
         speed = done / seconds if seconds and done else 0.0
         log.info("Iteration %d (%.6g iter/s, %.6gs/%d iters), loss = %.6g",
                  self.iter, speed, seconds, self.param.display, self.loss)  # fmt: skip
-        report.outputs("Train", self.net, self._train_outputs())
+        outputs: Mapping[str, Array] = {name: self.net.blobs[name].data for name in self.net.outputs}
+        for callback in self.callbacks:
+            outputs = callback.outputs(self.net, outputs)
+        report.outputs("Train", self.net, outputs)
         if self.param.debug_info:
             report.debug_params(self.net)
-
-    def _train_outputs(self) -> Mapping[str, Array]:
-        return {name: self.net.blobs[name].data for name in self.net.outputs}
 
     def _snapshot_is_due(self) -> bool:
         return bool(self.param.snapshot) and self.iter % self.param.snapshot == 0
 
-    def _test_is_due(self) -> bool:
+    def test_is_due(self) -> bool:
+        """Whether the next iteration begins with tests."""
         p = self.param
         return bool(p.test_interval) and self.iter % p.test_interval == 0 and (self.iter > 0 or p.test_initialization)
 
+    def _at_root(self, work: Callable[[], object], seconds: float = 0.0) -> None:
+        """Do work that one process does for all."""
+        for callback in reversed(self.callbacks):
+            work = partial(callback.at_root, self, work, seconds)
+        work()
+
     def test_all(self) -> list[dict[str, Any]]:
-        """Run every test net; returns the mean of each output."""
-        return [self.test(i) for i in range(len(self.test_nets))]
+        """Run the test nets until a request to stop. Returns the mean of each output, at rank 0."""
+        means: list[dict[str, Any]] = []
+
+        def test() -> None:
+            for i in range(len(self.test_nets)):
+                if self.requested != "stop":
+                    means.append(self.test(i))
+
+        self._at_root(test)
+        return means
 
     def test(self, number: int) -> dict[str, Any]:
-        """Run one test net over test_iter batches; returns and logs the mean of each output."""
+        """Run one test net over test_iter batches; returns and logs the mean of each output, {} if stopped."""
+        try:
+            return self._test(number)
+        except _TestStoppedError:
+            log.info("Test interrupted.")
+            return {}
+
+    def _test(self, number: int) -> dict[str, Any]:
         net, batches = self.test_nets[number], self.param.test_iter[number]
         begun = time.perf_counter()
         log.info("Iteration %d, Testing net (#%d)", self.iter, number)
@@ -274,7 +355,9 @@ class Solver:
                         "Silence layer that reads it"
                     )
                 sums[name] += values
-            self._after_test_batch()
+            self._call("on_test_batch")
+            if self.requested == "stop":
+                raise _TestStoppedError
         if not np.isfinite(loss):
             where = net.first_not_finite() or "its loss alone"
             log.error("Test net (#%d) has a value that is not finite: %s", number, where)
@@ -316,7 +399,8 @@ class Solver:
                     "snapshot is written. Lower base_lr or set clip_gradients; the last snapshot is untouched"
                 )
         weights_path, state_path = self.snapshot_paths(self.iter)
-        self._write(weights_path, state_path)
+        others = [states for callback in self.callbacks for states in callback.other_states(self.net)]
+        self._at_root(lambda: self._write(weights_path, state_path, others), SNAPSHOT_S)
         self._saved = state_path
         return state_path
 
@@ -324,18 +408,43 @@ class Solver:
         """Whether the last solver state written or read is that of this iteration."""
         return self._saved is not None and self._saved.absolute() == self.snapshot_paths(self.iter)[1].absolute()
 
-    def _write(self, weights_path: Path, state_path: Path) -> None:
+    def _write(self, weights_path: Path, state_path: Path, others: Sequence[Mapping[str, Any]]) -> None:
         kind = "HDF5" if self.param.snapshot_format == "HDF5" else "binary proto"
         log.info("Snapshotting to %s file %s", kind, weights_path)
         log.info("Snapshotting solver state to %s file %s", kind, state_path)
         image = weights.image(self.net, weights_path, self.param.snapshot_diff)
-        snapshot.write_pair(image, self._state(weights_path), weights_path, state_path)
+        snapshot.write_pair(image, state_of(self, weights_path, others), weights_path, state_path)
 
-    def _state(self, weights_path: Path) -> SolverState:
-        """Content of the solver state file that goes with these weights."""
-        return state_of(self, weights_path)
+    @property
+    def _writes_snapshots(self) -> bool:
+        return bool(self.param.snapshot or self.param.snapshot_after_train)
+
+    @contextlib.contextmanager
+    def _snapshots_reserved(self) -> Iterator[None]:
+        """Context manager: no other process writes snapshots of this prefix, and this one will be able to."""
+        if self.rank or not self._writes_snapshots:
+            yield
+            return
+        with snapshot.prefix_in_use(self.prefix):
+            if self.param.snapshot_format == "HDF5":
+                hdf5_format.check_names(weights.owned(self.net))
+            extra_state(self)  # fails now, not after hours, if the state of a layer cannot be stored
+            yield
 
     def restore(self, path: str | Path) -> None:
         """Resume from a solver state; exact to the bit if netlib wrote it. Raises WeightsError."""
         restore_state(self, path)
         self._saved = Path(path)
+        self._call("on_restore")
+
+
+def get_solver(
+    path: str | Path, seed: int | None = None, engine: str | None = None, python_layers: bool = True,
+    callbacks: Sequence[Callback] = (), **changes: Any,
+) -> Solver:  # fmt: skip
+    """Create the solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
+
+    ``python_layers=False`` rejects nets with layers of type Python. ``callbacks`` is work attached to the solver
+    (training/callbacks.py), such as ``DataParallel(ranks)``, with which several processes train together.
+    """
+    return Solver(solver_parameter.read(path, **changes), str(path), seed, engine, python_layers, callbacks)

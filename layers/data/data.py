@@ -85,7 +85,7 @@ class Data(Reader):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         if self.cursor.key != self.key and not self.cursor.set_key(self.key):
             self.cursor.first()
-        for i in self.share.places(self.batch_size):
+        for i in self.shard.places(self.batch_size):
             if i is not None:
                 image, label, what = self._entry()
                 if i == 0:

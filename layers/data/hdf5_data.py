@@ -69,7 +69,7 @@ class HDF5Data(Reader):
                                     f"those in {self.files[0].path} {first.shape[1:]}")  # fmt: skip
         origin = ", ".join(sorted({file.made_from for file in self.files}))
         self.notes = [f"{self.rows} rows in {len(self.files)} files of {source}, made from {origin}"]
-        step = self.batch_size * self.share.count
+        step = self.batch_size * self.shard.count
         if step > self.rows:
             warn(self, f"batch_size {step} is more than the {self.rows} rows of {source}; every batch repeats some")
 
@@ -83,14 +83,14 @@ class HDF5Data(Reader):
     def read(self, cursor: Cursor, batch: list[Array]) -> Cursor:
         """Fill ``batch`` with the rows from ``cursor`` on, or with this rank's shard of them; returns the cursor after
         them."""
-        done, size = 0, len(batch[0]) * self.share.count
+        done, size = 0, len(batch[0]) * self.shard.count
         while done < size:
             turn, place, row = cursor
             file = self.files[self.order(len(self.files), turn, 0)[place]]
             take = min(size - done, file.rows - row)
             rows = self.order(file.rows, turn, 1 + place)[row : row + take]
             file.check()
-            own, places = self.share.rows(done, take)
+            own, places = self.shard.rows(done, take)
             for out, dataset in zip(batch, file.datasets):
                 dataset.take(rows[own], out[places])
             done += take

@@ -96,7 +96,7 @@ class ImageData(Reader):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         turn, place = self.cursor
         order = self._order(turn)
-        for i in self.share.places(self.batch_size):
+        for i in self.shard.places(self.batch_size):
             if i is not None:
                 path, top[1].data[i] = self.items[order[place]]
                 image = self._read(path)

@@ -7,13 +7,13 @@ import sys
 import time
 from typing import Any
 
-from netlib.distributed.ranks import latest
+from netlib.distributed import ranks
 from netlib.system.once import once
 from netlib.training import glog
 
 _log = logging.getLogger("netlib")
 _LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's levels 0 to 3
-_ADVICE = "run several solvers as processes of mpiexec, each with get_solver(..., ranks=...): docs/distributed.md"
+_ADVICE = "run several solvers as processes of mpiexec, with the callback DataParallel: docs/distributed.md"
 
 
 class Timer:
@@ -64,7 +64,7 @@ def log(text: str) -> None:
 
 def solver_count() -> int:
     """Return the number of solvers that train together."""
-    return latest[0].count
+    return ranks.latest.count
 
 
 def set_solver_count(count: int) -> None:
@@ -75,7 +75,7 @@ def set_solver_count(count: int) -> None:
 
 def solver_rank() -> int:
     """Return the rank of this solver among those that train together."""
-    return latest[0].rank
+    return ranks.latest.rank
 
 
 def set_solver_rank(rank: int) -> None:

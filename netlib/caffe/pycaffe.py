@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from netlib import net as core
 from netlib.blob import Array, Blob
-from netlib.distributed.solver import DistributedSolver
 from netlib.engine.plain import BackwardHook, Connection, Executor
 from netlib.errors import LayerError
 from netlib.graph import AUTOMATIC
@@ -23,7 +22,9 @@ from netlib.proto import schema
 from netlib.proto.messages import SolverParameter
 from netlib.snapshots import weights as weights_of
 from netlib.snapshots.snapshot import write_weights
+from netlib.solver import Solver as CoreSolver
 from netlib.training import solver_parameter
+from netlib.training.callbacks import Functions
 from netlib.updates import learning_rate
 
 log = logging.getLogger("netlib")
@@ -294,7 +295,7 @@ class Options:
         return repr(object.__getattribute__(self, "_solver")._param)
 
 
-class Solver(DistributedSolver):
+class Solver(CoreSolver):
     """A solver: ``SGDSolver(solver_file)``, or ``get_solver(solver_file)`` for the type given in the file."""
 
     net_class = Net
@@ -321,7 +322,7 @@ class Solver(DistributedSolver):
 
     def add_callback(self, on_start: Callable[[], Any], on_gradients_ready: Callable[[], Any]) -> None:
         """Call the first function before each iteration, the second when its gradients are ready."""
-        self.callbacks.append((on_start, on_gradients_ready))
+        self.callbacks.append(Functions(on_start, on_gradients_ready))
 
     def share_weights(self, net: core.Net) -> None:
         """Make a net share this solver's weights."""

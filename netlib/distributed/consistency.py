@@ -5,30 +5,19 @@ from __future__ import annotations
 import functools
 import zlib
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from netlib.blob import Array
 from netlib.distributed.ranks import Ranks
-from netlib.engine.plain import Engine
 from netlib.layer import Layer
 from netlib.net import Net
 from netlib.params import Param
 from netlib.proto import schema
-from netlib.proto.messages import SolverParameter
+from netlib.training.callbacks import Solver
 
 COMPARED_EVERY = 100  # iterations between comparisons of the parameters
-
-
-class Solver(Protocol):
-    """The attributes of a solver that are used here."""
-
-    param: SolverParameter
-    net: Net
-    iter: int
-    engine: Engine
-    ranks: Ranks
 
 
 def traits_of(solver: Solver) -> dict[str, Any]:
@@ -45,7 +34,7 @@ def traits_of(solver: Solver) -> dict[str, Any]:
 
 def checksum(solver: Solver) -> int | None:
     """Checksum of all parameters in iterations in which they are compared, else None."""
-    if solver.ranks.count == 1 or solver.iter % COMPARED_EVERY:
+    if solver.rank_count == 1 or solver.iter % COMPARED_EVERY:
         return None
     return _crc_of(solver.net.learnable)
 

@@ -30,8 +30,9 @@ from netlib.distributed.allreduce import Averaging, Gradients, Means, Requests
 from netlib.distributed.ranks import Ranks
 from netlib.engine.plain import BackwardHook
 from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError, reason_of
+from netlib.training.callbacks import Request
 
-REQUESTS = (None, "snapshot", "stop")
+REQUESTS: tuple[Request | None, ...] = (None, "snapshot", "stop")
 STOP = REQUESTS.index("stop")
 ERRORS: dict[str, type[NetlibError]] = {
     cls.__name__: cls for cls in (NetlibError, DataError, DivergenceError, WeightsError)
@@ -92,7 +93,7 @@ class MPIRanks(Ranks):
         self._exchange(0.0, None, None)
         return int(self._exchange_values(number)[0])
 
-    def agree(self, loss: float, request: str | None, checksum: int | None) -> float:
+    def agree(self, loss: float, request: Request | None, checksum: int | None) -> float:
         """Exchange the five numbers once."""
         table = self._exchange(loss, request, checksum)
         now = time.monotonic()
@@ -123,11 +124,11 @@ class MPIRanks(Ranks):
         self._agreed = kind(message)
         return self._agreed
 
-    def asked(self, own: str | None) -> str | None:
+    def asked(self, own: Request | None) -> Request | None:
         """The request that the last exchange agreed on."""
         return REQUESTS[self._asked]
 
-    def from_root(self, own: str | None) -> str | None:
+    def from_root(self, own: Request | None) -> Request | None:
         """Exchange the five numbers and return the request of rank 0."""
         self._since = None  # the work of rank 0 before this does not count as a step
         return REQUESTS[int(self._exchange(0.0, own, None)[0, ASKED])]
@@ -147,7 +148,7 @@ class MPIRanks(Ranks):
             self._heartbeats += [self._comm.Isend(np.array([seconds]), r, ALIVE) for r in range(1, self.count)]
 
     def _exchange(
-        self, loss: float, request: str | None, checksum: int | None, failed: Exception | None = None
+        self, loss: float, request: Request | None, checksum: int | None, failed: Exception | None = None
     ) -> Array:
         """Exchange the five numbers of all ranks; returns (N, 5). If a rank failed, raises its error on every rank."""
         own = np.array([loss, REQUESTS.index(request), failed is not None,

@@ -15,9 +15,10 @@ from typing import Any
 
 from netlib.blob import Array
 from netlib.distributed.allreduce import Gradients
-from netlib.distributed.share import Share
+from netlib.distributed.shard import Shard
 from netlib.engine.plain import BackwardHook
 from netlib.errors import NetlibError
+from netlib.training.callbacks import Request
 
 
 class Ranks:
@@ -27,9 +28,9 @@ class Ranks:
     on_machine = 1  # number of ranks on this machine
 
     @property
-    def share(self) -> Share:
+    def shard(self) -> Shard:
         """The shard of the data that this rank reads."""
-        return Share(self.rank, self.count, self.divide)
+        return Shard(self.rank, self.count, self.divide)
 
     def introduce(self, facts: Mapping[str, Any]) -> None:
         """Raise NetlibError on every rank unless the facts about the training are equal on all ranks."""
@@ -49,7 +50,7 @@ class Ranks:
                 raise
             raise agreed from error
 
-    def agree(self, loss: float, request: str | None, checksum: int | None) -> float:
+    def agree(self, loss: float, request: Request | None, checksum: int | None) -> float:
         """Agree after the gradients of a step are computed; returns the mean loss over the ranks.
 
         request   a request to this solver: "stop", "snapshot" or None
@@ -63,11 +64,11 @@ class Ranks:
         """Report to the other ranks that this one failed. Returns the exception to raise."""
         return error
 
-    def asked(self, own: str | None) -> str | None:
+    def asked(self, own: Request | None) -> Request | None:
         """Request that counts after the last ``agree``: "stop" from any rank, or "snapshot" from rank 0."""
         return own
 
-    def from_root(self, own: str | None) -> str | None:
+    def from_root(self, own: Request | None) -> Request | None:
         """Request to rank 0, which the others wait for."""
         return own
 
@@ -93,4 +94,4 @@ class Ranks:
 
 
 ALONE = Ranks()
-latest = [ALONE]  # ranks of the most recent solver, for layers that read caffe.solver_rank
+latest = ALONE  # of the last DataParallel of this process, for layers that read caffe.solver_rank

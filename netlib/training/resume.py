@@ -43,6 +43,14 @@ class Solver(Protocol):
     history: list[list[Array]]
     smoothed: deque[float]
 
+    @property
+    def rank(self) -> int:
+        """The number of this process among those that train together."""
+
+    @property
+    def rank_count(self) -> int:
+        """The number of processes that train together."""
+
 
 def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()) -> SolverState:
     """Content of the solver state that goes with the weights ``learned_net``.
@@ -70,13 +78,7 @@ def _course(solver: Solver) -> dict[str, Any]:
     """Values of the options in ``COURSE``, with the batch size and the number of ranks."""
     first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
     batch = first[0] if first else 0
-    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": batch, "ranks": rank_and_count(solver)[1]}
-
-
-def rank_and_count(solver: Solver) -> tuple[int, int]:
-    """This process's rank and the number of ranks; (0, 1) for a solver without ``ranks``."""
-    ranks = getattr(solver, "ranks", None)
-    return (0, 1) if ranks is None else (ranks.rank, ranks.count)
+    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": batch, "ranks": solver.rank_count}
 
 
 def restore_state(solver: Solver, path: str | Path) -> None:
@@ -124,10 +126,10 @@ def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
     generators of ranks other than 0 are reset.
     """
     nets: list[dict[str, Any]] = list(state.extra.get("layers", []))
-    others, (rank, count) = state.extra.get("ranks", []), rank_and_count(solver)
-    if rank and nets:
-        if len(others) == count - 1:
-            nets[0] = others[rank - 1]
+    others = state.extra.get("ranks", [])
+    if solver.rank and nets:
+        if len(others) == solver.rank_count - 1:
+            nets[0] = others[solver.rank - 1]
         else:
             nets[0] = {name: {k: v for k, v in own.items() if k != "rng"} for name, own in nets[0].items()}
     return nets

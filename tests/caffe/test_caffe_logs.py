@@ -15,6 +15,7 @@ import pytest
 import netlib
 from netlib.errors import DataError
 from netlib.snapshots import binary_format, snapshot
+from netlib.training.callbacks import Functions
 from netlib.updates import learning_rate
 from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_print, solver_text, texts, words
 from tests.support.running import run_tool
@@ -77,10 +78,10 @@ def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCap
     """SIGHUP writes a snapshot and continues, SIGINT writes one and stops, in a hundredth of Caffe's iterations."""
     solver = solver_of("sigint.log", tmp_path, display="20")
 
-    def signals(solver: netlib.Solver) -> None:
+    def signals() -> None:
         solver.requested = {177: "snapshot", 304: "stop"}.get(solver.iter)
 
-    solver.on_iteration = signals
+    solver.callbacks.append(Functions(on_update=signals))
     caplog.set_level("INFO", "netlib")
     assert not solver.solve()
     mine, theirs = said(caplog.messages), said(log_lines("sigint.log"))[:-1]

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import netlib
+from netlib.training.callbacks import Functions
 from tests.caffe.recorded import check_same_log, layer_cases, log_lines, said, solver_text
 
 pytestmark = pytest.mark.both_engines
@@ -52,14 +53,14 @@ def test_the_papers_network_follows_caffe_for_50_iterations(
     recorded = json.loads((network / "traj_nodrop.json").read_text())["iters"]
     losses, norms = [], []
 
-    def compare(solver: netlib.Solver) -> None:
+    def compare() -> None:
         want = recorded[solver.iter - 1]
         losses.append(abs(solver.net.loss() / want["DeepHandModelxyzloss"] - 1))
         for label, (norm, _) in want["param_l2norm_and_sum_after"].items():
             layer, index = label.split("/")
             norms.append(abs(float(np.linalg.norm(solver.net.params[layer][int(index)].data)) / norm - 1))
 
-    solver.on_iteration = compare
+    solver.callbacks.append(Functions(on_update=compare))
     caplog.set_level("INFO", "netlib")
     iterations = 10 if engine_in_use == "plain" else 50
     assert solver.step(iterations) if iterations < 50 else solver.solve()

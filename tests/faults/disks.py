@@ -25,6 +25,7 @@ import netlib  # before NumPy: it chooses the BLAS threads
 # isort: split
 
 from netlib.errors import NetlibError
+from netlib.training.callbacks import Functions
 from tests.faults import readers, runs
 from tests.faults.isolation import BrokenPromise, Outcome
 
@@ -195,7 +196,7 @@ def two_trainings(number: int) -> Outcome:
             go.wait()
 
         solver = netlib.get_solver("solver.prototxt", seed=3)
-        solver.callbacks.append((lambda: wait() if solver.iter == 3 else None, lambda: None))
+        solver.callbacks.append(Functions(on_start=lambda: wait() if solver.iter == 3 else None))
         solver.solve(runs.last_state())
         return "held"
 

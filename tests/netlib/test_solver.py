@@ -14,20 +14,11 @@ import pytest
 import netlib
 from netlib.snapshots import binary_format, snapshot
 from netlib.snapshots.solver_state import SolverState
+from netlib.training.callbacks import Functions
 from netlib.training.resume import COURSE
+from tests.netlib.conftest import ONE_WEIGHT, MakeSolver
 
 pytestmark = pytest.mark.both_engines
-
-MakeSolver = Callable[..., netlib.Solver]
-
-# Loss = (w x - t)² / 2 with x = 2, t = 1: dL/dw = 2 (2 w - 1). From w = 1 the gradient is 2.
-ONE_WEIGHT = """
-    layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 } data_filler { value: 2 } } }
-    layer { name: "t" type: "DummyData" top: "t" dummy_data_param { shape { dim: 1 dim: 1 } data_filler { value: 1 } } }
-    layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" %s
-            inner_product_param { num_output: 1 bias_term: false weight_filler { value: 1 } } }
-    layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
-"""
 
 # Shuffled data, dropout and random noise: all state that an exact resume must restore.
 RANDOM = """
@@ -61,21 +52,6 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Run every test in its own folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-@pytest.fixture
-def solver_of(work: Path) -> MakeSolver:
-    """``solver_of(net, options)`` writes a solver and its net; the defaults are base_lr 0.1 and a fixed policy."""
-
-    def make(net: str, options: str = "", seed: int | None = None) -> netlib.Solver:
-        (work / "net.prototxt").write_text(net)
-        for default in ("base_lr: 0.1", 'lr_policy: "fixed"', "max_iter: 100", 'snapshot_prefix: "snap"'):
-            if default.split(":")[0] + ":" not in options:
-                options += f" {default}"
-        (work / "solver.prototxt").write_text(f'net: "net.prototxt" {options}')
-        return netlib.get_solver("solver.prototxt", seed)
-
-    return make
 
 
 @pytest.fixture
@@ -142,7 +118,7 @@ def test_the_loss_is_the_mean_over_iter_size_and_average_loss(solver_of: MakeSol
     assert list(solver.smoothed) == [0.5, 0.5]
     solver = solver_of(ONE_WEIGHT % "", "average_loss: 2")
     losses = []
-    solver.on_iteration = lambda s: losses.append(s.net.loss())
+    solver.callbacks.append(Functions(on_update=lambda: losses.append(solver.net.loss())))
     solver.step(5)
     assert solver.loss == pytest.approx(np.mean(losses[-2:]))
 
@@ -452,11 +428,11 @@ def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path,
     """A stop request writes a snapshot and ends training; a snapshot request writes one and continues."""
     solver = solver_of(ONE_WEIGHT % "", "max_iter: 6 snapshot_after_train: false")
 
-    def ask(solver: netlib.Solver) -> None:
+    def ask() -> None:
         if solver.iter == 3:
             solver.requested = request_
 
-    solver.on_iteration = ask
+    solver.callbacks.append(Functions(on_update=ask))
     assert solver.solve() == (request_ == "snapshot")
     assert solver.iter == (3 if request_ == "stop" else 6)
     assert [path.name for path in work.glob("*.solverstate")] == ["snap_iter_3.solverstate"]

@@ -17,8 +17,10 @@ import numpy as np
 from mpi4py import MPI
 
 from netlib.distributed import consistency, mpi
+from netlib.distributed.data_parallel import DataParallel
 from netlib.proto import prototxt
 from netlib.errors import DataError, NetlibError
+from netlib.training.callbacks import Functions
 from netlib.distributed.allreduce import Gradients
 from netlib.distributed.mpi import MPIRanks
 
@@ -151,7 +153,7 @@ def cut_off(ranks):
 
 def stopped(ranks):
     """Rank 1 is stopped after 40 iterations, and the other one waits for it in vain."""
-    solver = netlib.get_solver("solver.prototxt", ranks=ranks)
+    solver = netlib.get_solver("solver.prototxt", callbacks=[DataParallel(ranks)])
     solver.step(40)
     ranks._comm.Barrier()
     if ranks.rank == 1:
@@ -163,7 +165,8 @@ def stopped(ranks):
 def two_solvers(ranks):
     """Two solvers take turns on the same ranks; an error of one rank is raised on all, and both solvers continue."""
     ranks.on_machine = 1
-    one, other = (netlib.get_solver(f"{name}.prototxt", ranks=ranks) for name in ("exact", "small_solver"))
+    files = "exact.prototxt", "small_solver.prototxt"
+    one, other = (netlib.get_solver(file, callbacks=[DataParallel(ranks)]) for file in files)
     one.step(1)
     other.step(1)
     run = one.net.run_forward
@@ -185,7 +188,7 @@ def two_solvers(ranks):
 def losses(ranks):
     """Write the losses of every solver file losses*.prototxt, 20 iterations each, into a .json beside it."""
     for path in sorted(Path().glob("losses*.prototxt")):
-        got = train(netlib.get_solver(path, ranks=ranks), 20)
+        got = train(netlib.get_solver(path, callbacks=[DataParallel(ranks)]), 20)
         if ranks.rank == 0:
             path.with_suffix(".json").write_text(json.dumps(got))
 
@@ -206,7 +209,7 @@ def resume(ranks):
     bits = []
     for begin, beside in ((None, ranks.count), (None, 1), ("snapshots/exact_iter_3.solverstate", 1)):
         ranks.on_machine = beside
-        solver = netlib.get_solver("exact.prototxt", ranks=ranks)
+        solver = netlib.get_solver("exact.prototxt", callbacks=[DataParallel(ranks)])
         solver.solve(begin)
         assert solver.iter == 6
         arrays = [p.blob.data for p in solver.net.learnable] + [h for hs in solver.history for h in hs]
@@ -219,14 +222,14 @@ def resume(ranks):
 def checksum(ranks):
     """A weight that changes on one rank only is detected."""
     consistency.COMPARED_EVERY = 4
-    solver = netlib.get_solver("exact.prototxt", ranks=ranks)
+    solver = netlib.get_solver("exact.prototxt", callbacks=[DataParallel(ranks)])
 
     def change():
         if solver.iter == 5 and ranks.rank == 1:
             weights = solver.net.learnable[0].blob.data.view(np.uint32).reshape(-1)
             weights[3] ^= 1  # the last bit
 
-    solver.callbacks.append((change, lambda: None))
+    solver.callbacks.append(Functions(on_start=change))
     said = caught(NetlibError, solver.step, 12)
     assert solver.iter == 8 and said.startswith("the parameters of rank 1 differ from those of rank 0")
 

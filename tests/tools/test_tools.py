@@ -98,7 +98,7 @@ def reached(path: Path) -> set[str]:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_that_runs_nets_can_refuse_code(name: str) -> None:
     """Exactly the commands that run nets have --no-python-layers, for nets from untrusted sources."""
-    classes = {"netlib.net.Net", "netlib.solver.Solver", "netlib.interruption.solver.InterruptibleSolver"}
+    classes = {"netlib.net.Net", "netlib.solver.Solver"}
     runs_nets = bool(classes & reached(ROOT / "tools" / f"{name}.py"))
     assert ("--no-python-layers" in run_tool(name, "--help").out) == runs_nets
 

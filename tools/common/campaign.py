@@ -27,7 +27,7 @@ from netlib import engine
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import File
-from netlib.interruption.solver import InterruptibleSolver as Solver
+from netlib.solver import Solver
 from tools.common import training
 from tools.common.console import DONE, duration, on_missing_data, say
 from tools.common.progress import ProgressBar

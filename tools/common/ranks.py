@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from netlib import engine
 from netlib.distributed.ranks import ALONE, Ranks
 from netlib.errors import NetlibError
+from netlib.training.callbacks import Callback
 
 OPEN_MPI = ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK")
 LAUNCHERS = (  # environment variables with the number of processes and the number of this one
@@ -51,6 +52,15 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
     from netlib.distributed.mpi import MPIRanks
 
     return MPIRanks(MPI.COMM_WORLD, divide, patience)
+
+
+def callbacks_of(ranks: Ranks) -> list[Callback]:
+    """The callbacks of a solver that these ranks train together; none for a single process."""
+    if ranks.count == 1:
+        return []
+    from netlib.distributed.data_parallel import DataParallel
+
+    return [DataParallel(ranks)]
 
 
 @contextlib.contextmanager

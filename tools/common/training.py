@@ -18,13 +18,14 @@ import netlib
 from netlib import engine as engines
 from netlib import files
 from netlib.distributed.ranks import ALONE, Ranks
-from netlib.interruption.solver import InterruptibleSolver as Solver
 from netlib.proto import prototxt
-from netlib.training.resume import rank_and_count
+from netlib.solver import Solver
+from netlib.training import callbacks
+from netlib.training.callbacks import Callback, Functions
 from tools.common.caffe_log import BarHandler, log_to
 from tools.common.console import DONE, duration, on_missing_data
 from tools.common.progress import ProgressBar
-from tools.common.ranks import ended_together, threads_of
+from tools.common.ranks import callbacks_of, ended_together, threads_of
 
 log = logging.getLogger("netlib")
 
@@ -62,7 +63,7 @@ def train(
         if console.file:
             console.file.begin([snapshot, *read])
         if watch is not None:
-            solver.callbacks.append((lambda: watch(solver), lambda: None))
+            solver.callbacks.append(Functions(on_start=lambda: watch(solver)))
         status = solve(solver, console, snapshot)
     return DONE if ranks.rank else status
 
@@ -99,7 +100,7 @@ def new_solver(
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))
     with on_missing_data():
-        solver = netlib.get_solver(solver_file, seed, engine, ranks=ranks if ranks.count > 1 else None, **changes)
+        solver = netlib.get_solver(solver_file, seed, engine, callbacks=callbacks_of(ranks), **changes)
     _describe(solver)
     return solver
 
@@ -114,7 +115,7 @@ def solve(
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
     with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _time_left(solver, console):
         finished = solver.solve(snapshot)
-    if stopped or rank_and_count(solver)[1] == 1:
+    if stopped or solver.rank_count == 1:
         return DONE if finished or not stopped else 128 + stopped[0]
     return DONE if finished else 128 + signal.SIGTERM  # another rank received the signal
 
@@ -131,7 +132,7 @@ def _describe(solver: Solver) -> None:
             )
     for name in net.outputs:
         log.info("This network produces output %s", name)
-    if (ranks := rank_and_count(solver)[1]) > 1:
+    if (ranks := solver.rank_count) > 1:
         batch = next(blob.shape[0] for at in net.connections for blob in at.top)
         log.info("%d ranks × %d = %d per step; base_lr is not scaled", ranks, batch, ranks * batch)
     count = sum(p.blob.count for p in net.learnable)
@@ -160,7 +161,7 @@ def requests_by_signal(
     handlers = {signal.SIGINT: effects[on_sigint], signal.SIGTERM: stop}
     if hasattr(signal, "SIGHUP"):
         handlers[signal.SIGHUP] = effects[on_sighup]
-        if rank_and_count(solver)[1] > 1:  # mpiexec forwards SIGUSR1, but ends at SIGHUP
+        if solver.rank_count > 1:  # mpiexec forwards SIGUSR1, but ends at SIGHUP
             handlers[signal.SIGUSR1] = effects[on_sighup]
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
@@ -173,28 +174,29 @@ def requests_by_signal(
 @contextlib.contextmanager
 def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
     """Context manager that reports the remaining time."""
-    if rank_and_count(solver)[0]:
+    if solver.rank:
         yield
         return
     with contextlib.ExitStack() as bars:
-        solver.on_iteration = _TimeLeft(solver, console, bars)
+        solver.callbacks.append(shown := _TimeLeft(console, bars))
         try:
             yield
         finally:
-            solver.on_iteration = console.bar = None
+            solver.callbacks.remove(shown)
+            console.bar = None
 
 
-class _TimeLeft:
+class _TimeLeft(Callback):
     """A progress bar on a terminal, below the log; elsewhere a log line per minute."""
 
     LINE_EVERY = 60.0  # seconds
 
-    def __init__(self, solver: Solver, console: BarHandler, bars: contextlib.ExitStack) -> None:
-        self.solver, self.console, self.bars = solver, console, bars
+    def __init__(self, console: BarHandler, bars: contextlib.ExitStack) -> None:
+        self.console, self.bars = console, bars
         self.bar: ProgressBar | None = None
 
-    def __call__(self, solver: Solver) -> None:
-        """Called after each iteration."""
+    def on_update(self, solver: callbacks.Solver) -> None:
+        """Show the progress."""
         now = time.perf_counter()
         if self.bar is None:  # the first iteration is known only now
             self.begun, self.last_line = (solver.iter, now), now

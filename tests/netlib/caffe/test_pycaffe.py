@@ -13,7 +13,8 @@ import pytest
 
 import netlib
 from netlib.caffe import process, pycaffe
-from netlib.distributed import consistency
+from netlib.distributed import consistency, ranks
+from netlib.distributed.data_parallel import DataParallel
 from netlib.distributed.ranks import Ranks
 from netlib.errors import NetlibError
 from netlib.system.once import once
@@ -336,19 +337,18 @@ def test_one_solver_in_one_process() -> None:
             call()
 
 
-def test_one_solver_of_several_processes(work: Path) -> None:
-    """The count and rank are those of the last solver created; setting other values raises an error."""
+def test_one_solver_of_several_processes(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The count and rank are those of the ranks that train together; setting other values raises an error."""
 
     class OneOfThree(Ranks):
         rank, count = 1, 3
 
-    pycaffe.get_solver("solver.prototxt", ranks=OneOfThree())
+    monkeypatch.setattr(ranks, "latest", ranks.ALONE)
+    pycaffe.get_solver("solver.prototxt", callbacks=[DataParallel(OneOfThree())])
     assert (process.solver_count(), process.solver_rank()) == (3, 1)
     process.set_solver_count(3)
     with pytest.raises(NotImplementedError, match=r"docs/distributed\.md"):
         process.set_solver_rank(0)
-    pycaffe.get_solver("solver.prototxt")
-    assert (process.solver_count(), process.solver_rank()) == (1, 0)
 
 
 def test_the_log(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from netlib.distributed.ranks import ALONE
-from netlib.distributed.share import RankOfLayers, Share
+from netlib.distributed.shard import RankOfLayers, Shard
 from netlib.errors import LayerError, NetlibError
 from netlib.net import Net
 from netlib.proto import prototxt
@@ -22,26 +22,26 @@ def test_every_row_of_a_step_goes_to_one_rank(count):
         for rank in range(count):
             got, done = {}, 0
             for take in pieces:
-                own, places = Share(rank, count).rows(done, take)
+                own, places = Shard(rank, count).rows(done, take)
                 got.update(zip(range(places.start, places.stop), range(done, done + take)[own]))
                 done += take
             assert got == {k // count: k for k in range(12) if k % count == rank}
-            places = Share(rank, count).places(-(-12 // count))
+            places = Shard(rank, count).places(-(-12 // count))
             assert got == {place: k for place, k in zip(places, range(12)) if place is not None}
 
 
 def test_batches():
     """The batch size is that of the prototxt or, with divide, a share of it."""
-    assert Share(1, 4).batch(6) == 6
-    assert Share(1, 4, divide=True).batch(8) == 2
+    assert Shard(1, 4).batch(6) == 6
+    assert Shard(1, 4, divide=True).batch(8) == 2
     with pytest.raises(ValueError, match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple of 4$"):
-        Share(1, 4, divide=True).batch(6)
+        Shard(1, 4, divide=True).batch(6)
 
 
 def test_a_batch_that_cannot_be_divided(write_rows):
     """The error names the layer and the position of its batch_size."""
     with pytest.raises(LayerError, match=r"^net:1:\d+: error: layer 'd': a batch of 6 cannot be divided among 4 ranks"):
-        net(hdf5(None, write_rows, "false"), 6, Share(1, 4, divide=True))
+        net(hdf5(None, write_rows, "false"), 6, Shard(1, 4, divide=True))
 
 
 def test_alone():
@@ -49,7 +49,7 @@ def test_alone():
     y = np.ones(3)
     ALONE.average([y])
     ALONE.introduce({"data": 1})
-    assert y.tolist() == [1, 1, 1] and ALONE.share == Share() and ALONE.of_root(5) == 5
+    assert y.tolist() == [1, 1, 1] and ALONE.shard == Shard() and ALONE.of_root(5) == 5
     assert ALONE.agree(2.5, "stop", 7) == 2.5 and ALONE.asked("stop") == ALONE.from_root("stop") == "stop"
     assert ALONE.gather({"a": 1}) == []
     error = NetlibError("no")
@@ -98,9 +98,9 @@ def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
     resume, and also if the batch is divided among the ranks.
     """
     text = layer(tmp_path, write_rows, shuffle)
-    whole = net(text, BATCH * COUNT, Share())
-    ranks = [net(text, BATCH, Share(r, COUNT)) for r in range(COUNT)]
-    divided = [net(text, BATCH * COUNT, Share(r, COUNT, divide=True)) for r in range(COUNT)]
+    whole = net(text, BATCH * COUNT, Shard())
+    ranks = [net(text, BATCH, Shard(r, COUNT)) for r in range(COUNT)]
+    divided = [net(text, BATCH * COUNT, Shard(r, COUNT, divide=True)) for r in range(COUNT)]
     seen = []
     for step in range(5):
         expected = whole.forward()["x"].copy()
@@ -109,7 +109,7 @@ def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
             for r, of_rank in enumerate(nets):
                 if step == 2:
                     states = of_rank.layer_states()
-                    of_rank = nets[r] = net(text, BATCH * (COUNT if nets is divided else 1), of_rank.layers[0].share)
+                    of_rank = nets[r] = net(text, BATCH * (COUNT if nets is divided else 1), of_rank.layers[0].shard)
                     of_rank.restore_layer_states(states)
                 assert np.array_equal(of_rank.forward()["x"], expected[r::COUNT])
     assert len(np.unique(seen)) == ROWS  # all rows occur and they differ
@@ -118,7 +118,7 @@ def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
 def test_more_ranks_than_rows(write_rows, caplog):
     """Rows are repeated, with the warning for a batch larger than the data."""
     text = hdf5(None, write_rows, "false")
-    nets = [net(text, 1, Share(r, 12)) for r in range(12)]
+    nets = [net(text, 1, Shard(r, 12)) for r in range(12)]
     rows = [float(n.forward()["x"][0, 0]) for n in nets]
     assert rows[:2] == rows[10:] and len(set(rows)) == 10
     assert "batch_size 12 is more than the 10 rows" in caplog.text
@@ -128,7 +128,7 @@ def test_more_ranks_than_rows(write_rows, caplog):
 def test_what_a_layer_reads(tmp_path, write_rows, layer):
     """The description of the data is equal for all ranks and differs for other data."""
     text = layer(tmp_path, write_rows, "false")
-    first, second = (net(text, 1, Share(r, 2)).layers[0].reads() for r in range(2))
+    first, second = (net(text, 1, Shard(r, 2)).layers[0].reads() for r in range(2))
     assert first == second
     if layer is hdf5:
         write_rows("list.txt", [4, 1, 5], seed=1, x=(1,))  # the same number of rows
@@ -137,7 +137,7 @@ def test_what_a_layer_reads(tmp_path, write_rows, layer):
             change.put(f"{0:08}".encode(), datum(np.full((1, 1, 1), 99, np.uint8), 0))
     else:
         (tmp_path / "list").write_text((tmp_path / "list").read_text().replace(" 7\n", " 8\n"))
-    assert net(text, 1, Share()).layers[0].reads() != first
+    assert net(text, 1, Shard()).layers[0].reads() != first
 
 
 def test_random_numbers():
@@ -146,11 +146,11 @@ def test_random_numbers():
               data_filler { type: "gaussian" } } }
               layer { name: "fc" type: "InnerProduct" bottom: "x" top: "y"
                       inner_product_param { num_output: 3 weight_filler { type: "gaussian" } }"""
-    nets = [net(text, 2, Share(r, 3)) for r in range(3)]
+    nets = [net(text, 2, Shard(r, 3)) for r in range(3)]
     drawn = [n.forward()["y"].tobytes() for n in nets]
     assert len({n.params["fc"][0].data.tobytes() for n in nets}) == 1
     assert len(set(drawn)) == 3
-    assert net(text, 2, Share(1, 3)).forward()["y"].tobytes() == drawn[1]
+    assert net(text, 2, Shard(1, 3)).forward()["y"].tobytes() == drawn[1]
 
 
 def test_windows(tmp_path):
@@ -160,8 +160,8 @@ def test_windows(tmp_path):
     (tmp_path / "windows").write_text(f"# 0\n{tmp_path}/p.png\n3 20 20\n20\n{windows}")
     text = (f'type: "WindowData" top: "x" top: "t" window_data_param {{ source: "{tmp_path}/windows" batch_size: %d '
             'fg_fraction: 0.5 } transform_param { crop_size: 4 }')  # fmt: skip
-    nets = [net(text, 8, Share(r, 2)) for r in range(2)]
+    nets = [net(text, 8, Shard(r, 2)) for r in range(2)]
     first, second = (n.forward()["x"].copy() for n in nets)
     assert first.shape == second.shape and not np.array_equal(first, second)
     assert nets[0].layers[0].reads() == nets[1].layers[0].reads() is not None
-    assert net(text, 8, Share(1, 2, divide=True)).forward()["x"].shape[0] == 4
+    assert net(text, 8, Shard(1, 2, divide=True)).forward()["x"].shape[0] == 4

@@ -12,7 +12,7 @@ from netlib.layer import Layer
 
 
 @dataclass(frozen=True)
-class Share:
+class Shard:
     """The shard of the data that one rank reads.
 
     rank, count  the rank reads rows k with k mod count = rank
@@ -45,7 +45,7 @@ class Share:
         return slice(first, take, self.count), slice(place, place + len(range(first, take, self.count)))
 
 
-EVERY_ROW = Share()
+EVERY_ROW = Shard()
 
 
 class RankOfLayers(LayerHook):
@@ -54,15 +54,15 @@ class RankOfLayers(LayerHook):
     Parameters and the order of the data are the same on all ranks; other random numbers differ.
     """
 
-    def __init__(self, share: Share) -> None:
-        self.share = share
+    def __init__(self, shard: Shard) -> None:
+        self.shard = shard
 
     def before_setup(self, layer: Layer) -> None:
         """Set the shard of layers that read data."""
-        if hasattr(layer, "share"):
-            layer.share = self.share
+        if hasattr(layer, "shard"):
+            layer.shard = self.shard
 
     def after_setup(self, layer: Layer, seed: np.random.SeedSequence) -> None:
         """Give layers their own random numbers on ranks other than 0."""
-        if self.share.rank:
-            layer.rng.bit_generator.state = np.random.SFC64(seed.spawn(self.share.rank)[-1]).state
+        if self.shard.rank:
+            layer.rng.bit_generator.state = np.random.SFC64(seed.spawn(self.shard.rank)[-1]).state

@@ -1,1 +1,0 @@
-"""Interruptible training: stop requests, rollback of a partial iteration, reserved snapshots."""

@@ -1,0 +1,37 @@
+"""Solvers from text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import netlib
+
+MakeSolver = Callable[..., netlib.Solver]
+
+# Loss = (w x - t)² / 2 with x = 2, t = 1: dL/dw = 2 (2 w - 1). From w = 1 the gradient is 2.
+ONE_WEIGHT = """
+    layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 } data_filler { value: 2 } } }
+    layer { name: "t" type: "DummyData" top: "t" dummy_data_param { shape { dim: 1 dim: 1 } data_filler { value: 1 } } }
+    layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" %s
+            inner_product_param { num_output: 1 bias_term: false weight_filler { value: 1 } } }
+    layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
+"""
+
+
+@pytest.fixture
+def solver_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MakeSolver:
+    """``solver_of(net, options)`` writes a solver and its net; the defaults are base_lr 0.1 and a fixed policy."""
+    monkeypatch.chdir(tmp_path)
+
+    def make(net: str, options: str = "", seed: int | None = None) -> netlib.Solver:
+        (tmp_path / "net.prototxt").write_text(net)
+        for default in ("base_lr: 0.1", 'lr_policy: "fixed"', "max_iter: 100", 'snapshot_prefix: "snap"'):
+            if default.split(":")[0] + ":" not in options:
+                options += f" {default}"
+        (tmp_path / "solver.prototxt").write_text(f'net: "net.prototxt" {options}')
+        return netlib.get_solver("solver.prototxt", seed)
+
+    return make
