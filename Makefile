@@ -99,7 +99,7 @@ endif
 WORDED := README.md CHANGELOG.md CONTRIBUTING.md docs/*.md docs/book docs/results docs/exercises/README.md models prototxt \
 	tests/caffe/README.md
 WORDED_CODE := netlib layers fast handpose exercises experiments export tools benchmarks docs/making
-NAMES := ledger,misfit,mot,nd,trainings
+NAMES := ledger,mot,nd,trainings
 lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -6,13 +6,12 @@
 writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm), runs the same prediction on them
 as tools/predict.py, and draws demo/hands.png: the crop of each frame with the skeleton, the fitted surface, and the
 hand in space; above them the confidence of the fit, its expected error and its true error. demo/hands.json has the
-numbers: joints in mm from each crop's centre (x right, y up, z away).
+numbers in the format of a track, and for each hand its true error in mm (``true_error_mm``).
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shlex
 import sys
@@ -30,11 +29,12 @@ import numpy as np
 from handpose import NYU, load_predictor
 from handpose.estimate.prediction import percent
 from handpose.output.drawing import hands, strokes, surface
+from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from netlib.files import atomic
 from netlib.files.paths import command, is_subcommand
-from tools.common import findings, outputs
+from tools.common import outputs
 from tools.common.arguments import count, parser_of, seed
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.make_folder(args.out)
     predictor = load_predictor(NYU)
     scenes = draw_scenes(np.random.default_rng(args.seed), args.frames)
-    images, titles, results = [], [], []
+    images, titles, predictions, frames = [], [], [], []
     begun = time.perf_counter()
     with ProgressBar(args.frames) as progress:
         for n, (depth, truth) in enumerate(zip(scenes.depth, scenes.joints)):
@@ -72,12 +72,13 @@ def run(args: argparse.Namespace) -> int:
             off = float(mean_errors_14(found.xyz[None], truth[None])[0])
             titles += [f"{found.hand}, {percent(found.fit.confidence)} sure", f"expected {found.fit.error_mm:.0f} mm",
                        f"true error {off:.0f} mm"]  # fmt: skip
-            joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm.round(1).tolist()))
-            results.append({**findings.facts(found, predictor), "true_error_mm": round(off, 1), "joints_mm": joints})
+            frames.append({"image": f"frame_{n}.png", **frame_values(n, found, predictor.skeleton)})
+            frames[-1]["hands"][0]["true_error_mm"] = round(off, 1)
+            predictions.append(found)
             progress(1)
     seconds = time.perf_counter() - begun
     outputs.write_image(args.out / "hands.png", strokes.sheet(images, 6, titles))
-    atomic.replace_text(args.out / "hands.json", json.dumps(results, indent=2) + "\n")
+    atomic.replace_text(args.out / "hands.json", document("demo", predictions, frames, predictor.skeleton) + "\n")
     say(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
     predict = Path(__file__).resolve().with_name("predict.py")
     program = command("predict").split() if is_subcommand() else [_from_here(sys.executable), _from_here(str(predict))]

@@ -21,15 +21,14 @@ Networks are trained on right hands, in images that are not mirrored. --hand eit
 and selects the one that matches the depth better; use --hand left or right if it is known. Another body
 (docs/bodies.md) needs --weights and --model of its net, --cube, and for full frames --center.
 
-Joints are printed in mm from the crop's centre (x right, y up, z away); with --camera also the centre in camera axes.
-The percentage is the probability that their mean error is below 30 mm.
+Joints are in mm, x right, y up, z away, from the camera, and without --camera from the crop's centre. The percentage is
+the probability that their mean error is below 30 mm. --json prints the format of a track with one frame per image.
 --html also writes a page for the browser that shows the hands with the depth points; they can be rotated and bent.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -51,6 +50,7 @@ from handpose.estimate.prediction import Prediction
 from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.search import PLANS
 from handpose.frames.images import UnitError, read_crop, read_frame
+from handpose.output.tracks.predictions import document, frame_values
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, outputs
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
     given = args.center or [None]
     centers = given if len(given) > 1 else given * len(args.images)
     places = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
-    results, hands = [], []
+    frames, hands = list[dict[str, Any]](), list[tuple[str, Prediction]]()
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
         if found.in_frame and predictor.is_hand:
@@ -119,8 +119,8 @@ def run(args: argparse.Namespace) -> int:
         hands.append((image, found))
         findings.draw(place, found, predictor)
         if args.json:
-            values = findings.values(found, predictor, args.joints)
-            results.append({"image": image, "picture": str(place), **values})
+            values = frame_values(len(frames), found, predictor.skeleton, args.joints)
+            frames.append({"image": image, "picture": str(place), **values})
         else:
             words, lines = findings.table(found, predictor, args.joints)
             for line in (f"{image}: {words}; picture {place}", *lines):
@@ -130,7 +130,8 @@ def run(args: argparse.Namespace) -> int:
     if args.csv:
         findings.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:
-        print(json.dumps(results, indent=2))
+        source = args.images[0] if len(args.images) == 1 else f"{len(args.images)} images"
+        print(document(source, [found for _, found in hands], frames, predictor.skeleton, args.joints))
     return DONE
 
 

@@ -25,7 +25,7 @@ from docs.making.made import Made
 from netlib.files.paths import ROOT
 
 CLOSE = 1.0  # grey levels, on average
-CLOSE_TO = {"confidence": 0.05, "inputs": np.inf, "size": 0.05, "misfit": np.inf, "center_uvd": 2.0}
+CLOSE_TO = {"confidence": 0.05, "angles_rad": np.inf, "translations_mm": np.inf, "bones_mm": 3.0, "center_uvd": 2.0}
 CLOSE_MM = 3.0  # of joints, centres and errors
 _SIGNATURE, _KEY = b"\x89PNG\r\n\x1a\n", b"Description\0"
 
@@ -45,7 +45,10 @@ def alike(there: bytes, wanted: bytes) -> bool:
 def shows_the_same_hands(there: bytes, wanted: bytes) -> bool:
     """Whether two pictures have the same size, and as many hands of the same sides at nearly the same places."""
     a, b = _image(there), _image(wanted)
-    return a is not None and b is not None and a.shape == b.shape and _near(described(there), described(wanted), "")
+    numbers = described(there)
+    if a is None or b is None or numbers is None:
+        return False
+    return a.shape == b.shape and _near(numbers, described(wanted), "")
 
 
 def with_description(png: bytes, words: str) -> bytes:
@@ -79,7 +82,7 @@ def _near(a: Any, b: Any, key: str) -> bool:
         return len(a) == len(b) and all(_near(x, y, key) for x, y in zip(a, b))
     if isinstance(a, int | float) and isinstance(b, int | float):
         return abs(a - b) <= CLOSE_TO.get(key, CLOSE_MM)
-    return a is not None and bool(a == b)
+    return bool(a == b)
 
 
 def _drawn(commands: tuple[str, ...], written: str) -> bytes:

@@ -53,8 +53,9 @@ class TrackedHand:
     hand        "right" or "left"
     confidence  probability that the joints' mean error is below 30 mm; NaN if it was not measured
     error_mm    expected error; NaN likewise
-    inputs      (D,) of the skeleton: radians, and lengths in units; for a left hand, those of its mirror image
-    bones       (K,) signed lengths in units, as ``Skeleton.bones``
+    inputs      (D,) of the skeleton: radians, and lengths in units; for a left hand, those of its mirror image; NaN
+                without a fit
+    bones       (K,) signed lengths in units, as ``Skeleton.bones``; NaN without a fit
     origin_mm   (3,) origin of the inputs, camera axes: the middle of its crop, for a left hand not mirrored
     xyz         (K, 3) mm, camera axes: x right, y up, z away
     center_uvd  (3,) px, px, mm: centre of its crop
@@ -119,7 +120,7 @@ class TrackedFrame(NamedTuple):
     """The hands of one frame.
 
     number  0-based, of the frame in its recording
-    time    s
+    time    s; NaN if unknown, of single images
     hands   the tracked hands, by id
     lost    hands tracked before that are missing now, by id
     refused  places where a new hand was supposed and refused

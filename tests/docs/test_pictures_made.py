@@ -12,8 +12,8 @@ import numpy as np
 from docs.making.pictures import alike, described, shows_the_same_hands, with_description
 
 HANDS: list[dict[str, Any]] = [
-    {"hand": "right", "confidence": 0.98, "expected_error_mm": 4.0, "joints_mm": {"palm": [1.0, 2, 3]}, "misfit": 20.0},
-    {"hand": "left", "confidence": 0.5, "expected_error_mm": 30.0, "joints_mm": {"palm": [4.0, 5, 6]}, "misfit": 90.0},
+    {"hand": "right", "confidence": 0.98, "error_mm": 4.0, "positions_mm": [[1.0, 2, 3]], "angles_rad": {"a": 0.1}},
+    {"hand": "left", "confidence": 0.5, "error_mm": 30.0, "positions_mm": [[4.0, 5, 6]], "angles_rad": {"a": 0.2}},
 ]
 PICTURE = np.random.default_rng(0).integers(0, 255, (40, 60, 3), np.uint8)
 
@@ -48,10 +48,11 @@ def test_hands_decide() -> None:
     assert not shows_the_same_hands(there, shown(PICTURE[:-1], HANDS))
     assert not shows_the_same_hands(there, shown(PICTURE, HANDS[:1]))
     assert not shows_the_same_hands(png(PICTURE), png(PICTURE)) and not shows_the_same_hands(b"", there)
-    changes = [("hand", "left", False), ("confidence", 0.96, True), ("confidence", 0.8, False), ("misfit", 60.0, True),
-               ("expected_error_mm", 4.6, True), ("expected_error_mm", 9.0, False),
-               ("joints_mm", {"palm": [1, 3, 3.5]}, True), ("joints_mm", {"palm": [1, 2, 9]}, False),
-               ("joints_mm", {}, False)]  # fmt: skip
+    changes = [("hand", "left", False), ("confidence", 0.96, True), ("confidence", 0.8, False),
+               ("angles_rad", {"a": 3.0}, True),
+               ("error_mm", 4.6, True), ("error_mm", 9.0, False),
+               ("positions_mm", [[1, 3, 3.5]], True), ("positions_mm", [[1, 2, 9]], False),
+               ("positions_mm", [], False)]  # fmt: skip
     for key, value, same in changes:
         other = copy.deepcopy(HANDS)
         other[0][key] = value

@@ -9,6 +9,7 @@ import numpy as np
 
 from handpose.frames.cameras import NYU
 from handpose.frames.images import read_frame
+from tests.support import json_schema
 from tests.support.running import run_tool
 
 
@@ -24,8 +25,10 @@ def test_demo(tmp_path, monkeypatch):
     depth = read_frame("my frames ö/frame_1.png", NYU)
     assert depth.shape == (480, 640) and 300 < np.median(depth[depth > 0]) < 3000
     assert cv2.imread("my frames ö/hands.png").shape[1] > 6 * 256
-    hands = json.loads(Path("my frames ö/hands.json").read_text())
-    assert len(hands) == 2 and all(hand["true_error_mm"] < 20 and "palm" in hand["joints_mm"] for hand in hands)
+    document = json.loads(Path("my frames ö/hands.json").read_text())
+    assert not json_schema.faults(document)
+    assert [frame["image"] for frame in document["frames"]] == ["frame_0.png", "frame_1.png"]
+    assert all(hand["true_error_mm"] < 20 for frame in document["frames"] for hand in frame["hands"])
 
 
 def test_nowhere_to_write(tmp_path):

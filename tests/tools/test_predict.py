@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import netlib
+from handpose import read_track
 from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.estimate import locator, packaged, pipeline
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
@@ -20,12 +21,15 @@ from handpose.frames.crops import crop
 from handpose.frames.images import pack_depth, read_crop, read_frame
 from handpose.output.tracks import joint_values
 from handpose.synthetic.pose_prior import BodySampler
+from handpose.tracking.track import joints_of
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib import engine
+from netlib.errors import DataError
 from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
+from tests.support import json_schema
 from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
 
@@ -41,13 +45,54 @@ def snapshot(tmp_path, monkeypatch):
     return "net.caffemodel.h5"
 
 
+def hands_of(text):
+    """The hands of a valid document, each with the keys of its frame and crop, and its joints by name."""
+    document = json.loads(text)
+    assert not json_schema.faults(document)
+    names = document["skeleton"]["joints"]
+    return [
+        {**frame, **hand, **hand["crop"], "joints": dict(zip(names, hand["positions_mm"]))}
+        for frame in document["frames"]
+        for hand in frame["hands"]
+    ]
+
+
 def test_joints_and_picture(snapshot):
     """JSON has 31 joints in mm, scaled by the cube, and the picture is written to --out."""
-    found = json.loads(run_tool("predict", *OWN, "crop.png", "--out", "p", "--json").out)[0]
+    (found,) = predicted("crop.png")
     assert cv2.imread(found["picture"]) is not None and found["picture"] == "p/crop_hand.png"
-    assert len(found["joints_mm"]) == 31
-    smaller = json.loads(run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "--cube", "261").out)[0]
-    assert smaller["joints_mm"]["palm"] == pytest.approx(np.array(found["joints_mm"]["palm"]) * 0.87, abs=0.02)
+    assert len(found["joints"]) == 31 and found["image"] == "crop.png"
+    (smaller,) = predicted("crop.png", "--cube", "261")
+    assert smaller["joints"]["palm"] == pytest.approx(np.array(found["joints"]["palm"]) * 0.87, abs=0.02)
+
+
+def test_json_of_crops(snapshot):
+    """Without frames and a fit, JSON has neither a camera nor angles; each of the images is a frame."""
+    document = json.loads(run_tool("predict", *OWN, "crop.png", "crop.png", "--out", "p", "--json").out)
+    assert not json_schema.faults(document) and document["camera"] is None and document["source"] == "2 images"
+    assert [(frame["number"], frame["time_s"]) for frame in document["frames"]] == [(0, None), (1, None)]
+    (hand,) = document["frames"][0]["hands"]
+    assert [key for key, value in hand.items() if value is None] == [
+        "confidence", "error_mm", "angles_rad", "translations_mm", "bones_mm"
+    ]  # fmt: skip
+    assert hand["origin_mm"] == [0, 0, 0] and hand["crop"] == {"center_uvd": None, "cube_mm": 300}
+    Path("a.json").write_text(json.dumps(document))
+    with pytest.raises(DataError, match="predicted from crops without a camera"):
+        read_track("a.json")
+
+
+def test_json_of_frames_is_read_as_a_track(frame):
+    """Frames are read like those of a track, with NaN for what only a fit determines; their sizes may differ."""
+    cv2.imwrite("smaller.png", frame[:-8])
+    images = ["frame.png", "smaller.png", "--camera", "363.9,363.9,255.4,206.3", "--center", "255,206,700"]
+    text = run_tool("predict", *OWN, *images, "--out", "p", "--json").out
+    Path("a.json").write_text(text)
+    track = read_track("a.json")
+    assert (track.header.camera.width, track.header.camera.fx, track.header.smoothed) == (0, 363.9, False)
+    for found, hand in zip(track.frames, hands_of(text), strict=True):
+        assert np.isnan(found.time) and np.isnan(found.hands[0].inputs).any()
+        assert found.hands[0].xyz.tolist() == hand["positions_mm"]
+        np.testing.assert_allclose(found.hands[0].origin_mm, hand["origin_mm"])
 
 
 def test_engine(snapshot, monkeypatch):
@@ -62,7 +107,7 @@ def test_engine(snapshot, monkeypatch):
     monkeypatch.setenv("NETLIB_ENGINE", "plain")
     for chosen in ([], *(["--engine", name] for name in names)):
         done = run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", *chosen)
-        found.append(np.array(list(json.loads(done.out)[0]["joints_mm"].values())))
+        found.append(np.array(hands_of(done.out)[0]["positions_mm"]))
     assert [net.engine.name for net in nets] == ["plain", *names]  # crops need no locator
     assert all(np.allclose(joints, found[0], atol=0.02) for joints in found)  # mm
     assert "invalid choice: 'plane'" in run_tool("predict", *OWN, "crop.png", "--engine", "plane", status=2).err
@@ -135,8 +180,8 @@ def hand_before(camera):
 
 
 def predicted(*arguments):
-    """Return the tool's JSON output for each image."""
-    return json.loads(run_tool("predict", *OWN, "--out", "p", "--json", *arguments).out)
+    """Return the hand of each image in the tool's JSON output."""
+    return hands_of(run_tool("predict", *OWN, "--out", "p", "--json", *arguments).out)
 
 
 def mistake(*arguments):
@@ -151,11 +196,11 @@ def test_a_whole_frame(frame):
     (found,) = predicted("frame.png", "--camera", "kinect2", "--refine", "0")
     center = KINECT2.project(packaged.load_locator().hands(frame, KINECT2).center[0])
     assert found["center_uvd"] == pytest.approx(center, abs=0.01)
-    assert found["center_mm"] == pytest.approx(KINECT2.unproject(center), abs=0.01)
-    assert found["center_mm"] == pytest.approx((30, -20, 700), abs=60)
+    assert found["origin_mm"] == pytest.approx(KINECT2.unproject(center), abs=0.01)
+    assert found["origin_mm"] == pytest.approx((30, -20, 700), abs=60)
     net = netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", "net.caffemodel.h5", netlib.TEST)
     joints = net.forward(depth=crop(frame, center, CUBE_MM, KINECT2)[None, None])["pred"].reshape(31, 3) * CUBE_MM / 2
-    assert np.array(list(found["joints_mm"].values())) == pytest.approx(joints, abs=0.01)
+    assert np.array(found["positions_mm"]) == pytest.approx(joints + found["origin_mm"], abs=0.01)
     assert cv2.imread("p/frame_hand.png") is not None
 
 
@@ -164,10 +209,8 @@ def test_the_table_says_where_the_hand_is(frame):
     done = run_tool("predict", *OWN, "frame.png", "--camera", "kinect2", "--center", "255.4,206.3,700")
     first, *joints = done.out.splitlines()
     place = r"at -?\d+, -?\d+, \d{3} mm"
-    assert re.fullmatch(
-        f"frame.png: right hand; joints in mm from the crop's centre {place}, cube 300 mm; picture .*", first
-    )
-    assert len(joints) == 31
+    assert re.fullmatch(f"frame.png: right hand; {place}, joints in mm from the camera, cube 300 mm; picture .*", first)
+    assert len(joints) == 31 and all(abs(float(line.split()[-1]) - 700) < 300 for line in joints)
 
 
 @pytest.mark.parametrize("name", ["mediapipe", "openxr", "mano", "nyu"])
@@ -175,21 +218,20 @@ def test_joints_of_another_format(frame, name):
     """With --joints JSON has the other format in addition; the table shows its joints and angles instead."""
     count = {"mediapipe": 21, "openxr": 26, "mano": 21, "nyu": 14}[name]
     options = [*OWN, "frame.png", "--camera", "kinect2", "--out", "p", "--joints", name]
-    found = json.loads(run_tool("predict", *options, "--json").out)[0]
-    assert len(found["joints_mm"]) == 31 and len(found["anatomical_deg"]) == 20
+    (found,) = hands_of(run_tool("predict", *options, "--json").out)
+    assert len(found["positions_mm"]) == 31 and len(found["anatomical_deg"]) == 20
     assert {len(values) for key, values in found[name].items() if key != "center_m"} == {count}
     if name == "nyu":
-        palm = np.array(found["joints_mm"]["palm"]) + found["center_mm"]
-        assert found["nyu"]["positions_mm"][-1] == pytest.approx(palm, abs=0.02)
+        assert found["nyu"]["positions_mm"][-1] == pytest.approx(found["joints"]["palm"], abs=0.02)
     lines = run_tool("predict", *options).out.splitlines()
     assert len(lines) == 1 + 1 + count + 20 and lines[-1].split()[0] == "little_dip_flexion"
 
 
 def test_another_format_of_a_crop(snapshot):
     """Landmarks are relative to the crop's image, metric joints to its centre."""
-    found = json.loads(run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "--joints", "mediapipe").out)[0]
+    (found,) = predicted("crop.png", "--joints", "mediapipe")
     x, y, _ = found["mediapipe"]["landmarks"][4]
-    tip = found["joints_mm"]["thumb_tip"]
+    tip = found["joints"]["thumb_tip"]
     assert (x, y) == pytest.approx((0.5 + tip[0] / 300, 0.5 - tip[1] / 300), abs=1e-4)
 
 
@@ -201,15 +243,14 @@ def table(path):
 def test_a_table_of_frames(frame):
     """--csv writes a row per image with camera coordinates of the joints; without a fit there are no angles."""
     options = ["frame.png", "frame.png", "--camera", "kinect2", "--out", "p", "--json", "--csv", "hands.csv"]
-    found = json.loads(run_tool("predict", *OWN, *options).out)
+    found = hands_of(run_tool("predict", *OWN, *options).out)
     rows = table("hands.csv")
     assert [(row["image"], row["hand"], row["confidence"], row["error_mm"]) for row in rows] == [
         ("frame.png", "right", "", "")
     ] * 2
     for row, values in zip(rows, found):
-        joints = np.array([[float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in values["joints_mm"]])
-        expected = np.array(list(values["joints_mm"].values())) + values["center_mm"]
-        assert joints == pytest.approx(expected, abs=0.03)
+        joints = np.array([[float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in values["joints"]])
+        assert joints == pytest.approx(np.array(values["positions_mm"]), abs=0.011)
     assert len(rows[0]) == 4 + 93
 
 
@@ -217,7 +258,7 @@ def test_a_table_of_frames(frame):
 def test_a_table_of_another_format(snapshot, name):
     """For a crop the columns are those of a track, with joints relative to the crop's centre."""
     options = ["crop.png", "--out", "p", "--json", "--csv", "hands.csv", "--joints", name]
-    found = json.loads(run_tool("predict", *OWN, *options).out)[0]
+    (found,) = hands_of(run_tool("predict", *OWN, *options).out)
     [row] = table("hands.csv")
     assert list(row) == ["image", "hand", "confidence", "error_mm", *joint_values.columns(name)]
     numbers = [float(value) for value in list(row.values())[4:]]
@@ -292,7 +333,7 @@ def test_nyus_colour_packing(snapshot):
     cv2.imwrite("grey.png", depth)
     cv2.imwrite("packed.png", pack_depth(depth))
     grey, packed = predicted("grey.png", "packed.png", "--camera", "nyu")
-    assert grey["joints_mm"] == packed["joints_mm"] and grey["center_uvd"] == packed["center_uvd"]
+    assert grey["positions_mm"] == packed["positions_mm"] and grey["center_uvd"] == packed["center_uvd"]
 
 
 def test_the_other_hand(snapshot):
@@ -300,8 +341,8 @@ def test_the_other_hand(snapshot):
     cv2.imwrite("mirrored.png", cv2.imread("crop.png", cv2.IMREAD_UNCHANGED)[:, ::-1])
     (left,) = predicted("crop.png", "--hand", "left")
     (right,) = predicted("mirrored.png")
-    for name, (x, y, z) in right["joints_mm"].items():
-        assert left["joints_mm"][name] == [-x, y, z]
+    for name, (x, y, z) in right["joints"].items():
+        assert left["joints"][name] == [-x, y, z]
 
 
 def test_the_crop_of_the_other_hand_moves_the_other_way(frame, monkeypatch):
@@ -449,7 +490,7 @@ def test_a_page_of_crops(snapshot):
         assert [hand["name"] for hand in shown] == ["crop.png", "b.png"]
         for found, hand in zip(printed, shown):
             assert (hand["side"], hand["place"]["cube_mm"], hand["words"]) == (side, cube, f"{side} hand")
-            np.testing.assert_allclose(hand["joints"], list(found["joints_mm"].values()), atol=0.02)
+            np.testing.assert_allclose(hand["joints"], found["positions_mm"], atol=0.02)
 
 
 def test_a_page_of_a_frame(frame):
@@ -507,20 +548,25 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
         "hand.csv",
         "--json",
     ]
-    (found,) = json.loads(run_tool("predict", *arguments).out)
-    assert found["hand"] == "right" and found["expected_error_mm"] < 15 and found["confidence"] > 0.9
-    joints = np.array(list(found["joints_mm"].values())) + found["center_mm"]
+    (found,) = hands_of(text := run_tool("predict", *arguments).out)
+    assert found["hand"] == "right" and found["error_mm"] < 15 and found["confidence"] > 0.9
+    joints = np.array(found["positions_mm"])
     truth = hand.joints[0] * 150 + (30, -20, 700)
     assert np.linalg.norm(joints - truth, axis=1)[list(EVALUATION_JOINTS)].mean() < 20
     (row,) = table("hand.csv")
-    assert float(row["error_mm"]) == pytest.approx(found["expected_error_mm"], abs=0.051)
+    assert float(row["error_mm"]) == pytest.approx(found["error_mm"], abs=0.0051)
     assert len(row) == 4 + 93 + 23 and all(row.values())
     (shown,) = hands_in("page.html")
-    np.testing.assert_allclose(shown["joints"], list(found["joints_mm"].values()), atol=0.02)
-    np.testing.assert_allclose(shown["inputs"][:47], found["inputs"], atol=1e-6)
+    np.testing.assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
+    Path("track.json").write_text(text)
+    (header, ((_, _, (hand,), *_),), _) = read_track("track.json")
+    np.testing.assert_allclose(shown["inputs"][:47], hand.inputs, atol=1e-5)
+    again = joints_of(header.skeleton, header.unit_mm, hand.hand, hand.inputs, hand.bones, hand.origin_mm)
+    np.testing.assert_allclose(again, joints, atol=0.02)
     assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["thickness"] != 1
     picture = cv2.imread("p/frame_hand.png")
     assert picture.shape[1] > 3 * 512  # skeleton, surface, side view
-    assert json.loads(run_tool("predict", "mirrored.png", *mirrored, *arguments[2:]).out)[0]["hand"] == "left"
+    (other,) = hands_of(run_tool("predict", "mirrored.png", *mirrored, *arguments[2:]).out)
+    assert other["hand"] == "left" and other["angles_rad"].keys() == found["angles_rad"].keys()
     first = run_tool("predict", *arguments[:-1], "--fit", "fast", "--hand", "right").out.splitlines()[0]
-    assert re.match(r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; joints in mm from", first)
+    assert re.match(r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; at -?\d+, ", first)

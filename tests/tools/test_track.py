@@ -93,7 +93,7 @@ def test_lines_for_another_program() -> None:
     """With --json - only a header and a line for each frame go to stdout; messages go to stderr."""
     _, out, said = run_tool("track", "takes/take.npz", "--json", "-")
     header, *frames = (json.loads(line) for line in out.splitlines())
-    assert header["format"] == "handpose track" and header["source"] == "takes/take.npz"
+    assert header["format"] == "handpose" and header["source"] == "takes/take.npz"
     assert [frame["number"] for frame in frames] == list(range(COUNT)) and "hands" in frames[0]
     assert said.startswith("takes/take.npz: ") and "frames/s" in said and "0 right" in said
     assert files() == []

@@ -31,20 +31,13 @@ from tools.common import outputs
 from tools.common.console import DONE, say
 
 
-def values(found: Prediction, predictor: Predictor, joints: FormatName | None) -> dict[str, Any]:
-    """JSON values of a prediction, with ``joints`` also in another format (hands only). Raises DataError."""
-    rounded = {name: xyz.round(2).tolist() for name, xyz in _joints(found, predictor).items()}
-    return {"cube_mm": predictor.cube_mm, **facts(found, predictor), "joints_mm": rounded,
-            **(_in_format(found, predictor, joints) if joints else {})}  # fmt: skip
-
-
 def table(found: Prediction, predictor: Predictor, joints: FormatName | None) -> tuple[str, list[str]]:
     """A summary of a prediction, and lines of its joints, or of those in another format. Raises DataError."""
     words = f"{in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
     if joints:
         return words, _format_lines(found, joints, _in_format(found, predictor, joints))
-    own = _joints(found, predictor)
-    return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own.items()]
+    own = zip(predictor.skeleton.joint_names, _positions(found))
+    return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own]
 
 
 def write_csv(
@@ -59,18 +52,16 @@ def write_csv(
 def _columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
     """The columns of a table of predictions, for ``_row``."""
     own = joint_values.columns(joints) if joints else csv_file.model_columns(predictor.skeleton, _angles(predictor))
-    return ["hand" if predictor.is_hand else "body", "confidence", "error_mm", *own]
+    return ["hand", "confidence", "error_mm", *own]
 
 
 def _row(found: Prediction, predictor: Predictor, joints: FormatName | None) -> list[str]:
-    """The values of a prediction, one for each column; empty if unknown. Raises DataError.
-
-    Joints are in camera axes, or from the crop's centre if there is no frame.
-    """
+    """The values of a prediction, one for each column; empty if unknown. Raises DataError."""
     skeleton, fit = predictor.skeleton, found.fit
-    about = [found.hand if predictor.is_hand else skeleton.name]
+    about: list[str] = [found.hand if predictor.is_hand else ""]
     about += csv_file.quality(fit.confidence, fit.error_mm) if fit else ["", ""]
-    xyz, camera, cube = (found.xyz, found.camera, None) if found.in_frame else (found.joints_mm, None, found.cube_mm)
+    xyz, whole = _positions(found), found.in_frame
+    camera, cube = found.camera if whole else None, None if whole else found.cube_mm
     if joints:
         frames = hand_frames(skeleton, found.hand, xyz)
         return about + joint_values.numbers(joints, skeleton, found.hand, xyz, camera, frames, cube)
@@ -83,25 +74,9 @@ def _angles(predictor: Predictor) -> list[int]:
     return [int(d) for d in angles.free_dofs(predictor.skeleton).angles] if predictor.fitter else []
 
 
-def _joints(found: Prediction, predictor: Predictor) -> dict[str, Array]:
-    return dict(zip(predictor.skeleton.joint_names, found.joints_mm))
-
-
-def facts(found: Prediction, predictor: Predictor) -> dict[str, Any]:
-    """JSON values other than joints."""
-    result: dict[str, Any] = {"hand": found.hand} if predictor.is_hand else {"body": predictor.skeleton.name}
-    if found.in_frame:
-        result |= {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
-    if found.fit:
-        measured = not math.isnan(found.fit.error_mm)
-        result |= {
-            "inputs": (found.fit.inputs.round(6) + 0.0).tolist(),
-            "size": round(found.fit.size, 4),
-            "expected_error_mm": round(found.fit.error_mm, 1) if measured else None,
-            "confidence": round(found.fit.confidence, 3) if measured else None,
-            "misfit": round(found.fit.cost, 2),
-        }
-    return result
+def _positions(found: Prediction) -> Array:
+    """Joints (K, 3) in mm, camera axes; from the crop's centre if there is no frame."""
+    return found.xyz if found.in_frame else found.joints_mm
 
 
 def in_words(found: Prediction, predictor: Predictor) -> str:
@@ -109,10 +84,9 @@ def in_words(found: Prediction, predictor: Predictor) -> str:
     words = f"{found.hand} hand" if predictor.is_hand else predictor.skeleton.name
     if found.fit and not math.isnan(found.fit.error_mm):
         words += f", {percent(found.fit.confidence)} sure, {found.fit.error_mm:.0f} mm of error expected"
-    words += "; joints in mm from the crop's centre"
-    if found.in_frame:
-        words += " at {:.0f}, {:.0f}, {:.0f} mm".format(*found.center_mm)
-    return words
+    if not found.in_frame:
+        return f"{words}; joints in mm from the crop's centre"
+    return words + "; at {:.0f}, {:.0f}, {:.0f} mm, joints in mm from the camera".format(*found.center_mm)
 
 
 def _in_format(found: Prediction, predictor: Predictor, name: FormatName) -> dict[str, Any]:

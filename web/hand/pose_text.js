@@ -1,4 +1,5 @@
-/* A pose as text, and back: inputs as HandModel reads them, or the DoFs of a skeleton file that begins in this pose. */
+/* A pose as text, and back: inputs as HandModel reads them, or the DoFs of a skeleton file that begins in this pose.
+   Read are also the angles_rad of the first hand in JSON of predict or track. */
 
 import { parse, PrototxtError } from "./prototxt.js";
 import { read } from "./messages.js";
@@ -27,9 +28,10 @@ export function asDofs(body) {
   }).join("\n");
 }
 
-/* The inputs {index: value} that a text says, in either form. Throws an Error with one line. */
+/* The inputs {index: value} that a text says, in any form. Throws an Error with one line. */
 export function inputsOf(text, body) {
-  const inputs = /\bdof\s*[{<]/.test(text) ? fromDofs(text, body.skeleton) : fromList(text, body.skeleton);
+  const angles = /"angles_rad"\s*:\s*(\{[^{}]*\})/.exec(text)?.[1], isDofs = /\bdof\s*[{<]/.test(text);
+  const read = angles ? fromAngles : isDofs ? fromDofs : fromList, inputs = read(angles ?? text, body.skeleton);
   for (const [d, value] of Object.entries(inputs)) {
     if (Math.abs(value) <= MAX_INPUT) continue; // NaN is not
     throw new Error(`${body.skeleton.dofs[d]}: ${formatNumber(value)} is no pose; expected numbers up to ${MAX_INPUT}`);
@@ -51,14 +53,30 @@ function fromList(text, skeleton) {
 }
 
 function fromDofs(text, skeleton) {
+  const dofs = read(onlyDofs(parse(text, "pose")), "skeleton", "the pose").dof;
+  return byName(dofs.map(({ name, initial }) => [name, initial]), skeleton);
+}
+
+function fromAngles(text, skeleton) {
+  let angles = null;
+  try {
+    angles = JSON.parse(text);
+  } catch {
+    throw new Error("angles_rad is not whole JSON");
+  }
+  return byName(Object.entries(angles), skeleton);
+}
+
+/* The inputs for values of DoFs by name. */
+function byName(values, skeleton) {
   const found = {};
-  for (const dof of read(onlyDofs(parse(text, "pose")), "skeleton", "the pose").dof) {
-    const d = skeleton.dofs.indexOf(dof.name);
+  for (const [name, value] of values) {
+    const d = skeleton.dofs.indexOf(name);
     if (d < 0) {
       const some = skeleton.dofs.slice(0, 3).join(", ");
-      throw new Error(`unknown DoF '${dof.name}'; skeleton '${skeleton.name}' has ${some} ...`);
+      throw new Error(`unknown DoF '${name}'; skeleton '${skeleton.name}' has ${some} ...`);
     }
-    if (!skeleton.fixed[d]) found[d] = dof.initial - skeleton.initial[d];
+    if (!skeleton.fixed[d]) found[d] = value - skeleton.initial[d];
   }
   return found;
 }

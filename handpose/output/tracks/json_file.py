@@ -1,12 +1,16 @@
 """A track as JSON: a document with the frames in a list, or JSON lines, a header and then a line per frame.
 
+docs/hands.schema.json describes the same keys as a JSON Schema.
+
 The header, once:
 
-    format, version  "handpose track", 1
+    format, version  "handpose", 1; a change that old readers misread changes the version
     source           the recording's name
     smoothed         true if poses were smoothed over time
     units, axes      in words: lengths in mm, angles in rad, time in s; x right, y up, z away from the camera
-    camera           name, fx, fy, u0, v0 in px, width and height of the frames in px; without distortion
+    camera           name, fx, fy, u0, v0 in px, width and height of the frames in px (0 for images of several sizes);
+                     without distortion; null for hands in crops without frames: then positions are from the crop's
+                     centre
     unit_mm          the unit of lengths in ``prototxt``
     skeleton         name of the body, and
         joints         names; arrays of joints are in this order
@@ -21,19 +25,20 @@ The header, once:
 
 A frame:
 
-    number, time_s   in the recording, from 0
+    number, time_s   in the recording, from 0; time_s is null for single images
+    image, picture   for single images only: the file, and the file of its picture
     hands            the tracked hands, by id
         id, hand         the hand's constant number; "right" or "left", or null while its side is undecided: then also
                          assumed_hand, which angles and positions are of, and its probability assumed_confidence
         confidence       probability that the joints' mean error is below 30 mm; null if unknown
         error_mm         expected error; null likewise
         positions_mm     (x, y, z) of each joint, camera axes, to 0.01 mm
-        angles_rad       by name; of a left hand, those of its mirror image
+        angles_rad       by name; of a left hand, those of its mirror image; null without a fit
         origin_mm        the origin of the translations, camera axes
-        translations_mm  by name; of a left hand, those of its mirror image
+        translations_mm  by name; of a left hand, those of its mirror image; null without a fit
         bones_mm         signed length of each joint's bone, 0 without one: in the first frame of this id, and wherever
-                         they have changed since
-        crop             center_uvd (px, px, mm) and cube_mm of the hand's crop
+                         they have changed since; null without a fit
+        crop             center_uvd (px, px, mm; null without a camera) and cube_mm of the hand's crop
         gesture          with gestures only: its name, null for none; number of straight fingers, null of pinch and
                          thumb_up; confidence, 0 to 1 (``handpose.body.gestures``)
         mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)

@@ -1,4 +1,4 @@
-"""The header and the frames of a track as JSON values, and back; json_file.py describes the keys."""
+"""The header and the frames of a track as JSON values, and back; docs/hands.schema.json has the keys."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.proto import prototxt, schema
 
-FORMAT, VERSION = "handpose track", 1
+FORMAT, VERSION = "handpose", 1
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
 AXES = {"x": "right", "y": "up", "z": "away from the camera"}
 
@@ -37,6 +37,11 @@ def rounded(numbers: ArrayLike, decimals: int) -> Any:
     return values if np.isfinite(array).all() else _nulled(values)
 
 
+def _known(numbers: Array, decimals: int) -> Any:
+    """``rounded``, but one None if any number is unknown."""
+    return rounded(numbers, decimals) if np.isfinite(numbers).all() else None
+
+
 def _nulled(values: Any) -> Any:
     if isinstance(values, list):
         return [_nulled(value) for value in values]
@@ -46,12 +51,13 @@ def _nulled(values: Any) -> Any:
 # ---------------------------------------------------------------------------------------------- the header
 
 
-def header_values(header: TrackHeader, joints: FormatName | None = None) -> dict[str, Any]:
-    """The header as an object; ``joints`` is an additional format of hands."""
+def header_values(header: TrackHeader, joints: FormatName | None = None, *, in_frames: bool = True) -> dict[str, Any]:
+    """The header as an object; ``joints`` is an additional format of hands. ``in_frames`` as for ``FrameValues``."""
     camera = {name: value if name == "name" else rounded(value, 6) for name, value in vars(header.camera).items()}
     return {
         "format": FORMAT, "version": VERSION, "source": header.source, "smoothed": header.smoothed, "units": UNITS,
-        "axes": AXES, "camera": camera | {"width": header.camera.width, "height": header.camera.height},
+        "axes": AXES,
+        "camera": camera | {"width": header.camera.width, "height": header.camera.height} if in_frames else None,
         "unit_mm": float(header.unit_mm), "skeleton": _skeleton_values(header.skeleton),
         **({"joint_format": joint_values.format_values(joints)} if joints else {}),
     }  # fmt: skip
@@ -75,7 +81,9 @@ def header_of(fields: Fields) -> TrackHeader:
     if "format" not in fields or fields.text("format") != FORMAT:
         raise DataError(f"{fields.where}: not a track; expected a file that track --json has written")
     if fields.whole("version") != VERSION:
-        raise DataError(f"{fields.where}: a track of version {fields.whole('version')}; this program reads {VERSION}")
+        raise DataError(f"{fields.where}: format version {fields.whole('version')}; this program reads {VERSION}")
+    if not fields.has("camera"):
+        raise DataError(f"{fields.where}: predicted from crops without a camera, so positions are relative to crops")
     of, body = fields.part("camera"), fields.part("skeleton")
     camera = Camera(of.text("name"), of.positive("fx"), of.positive("fy"), of.number("u0"), of.number("v0"),
                     of.whole("width"), of.whole("height"))  # fmt: skip
@@ -91,18 +99,21 @@ class FrameValues:
     """Frames as objects, in order: a hand's bones are in its first one, and where they change.
 
     every_bone  write the bones in every frame, for receivers that miss some
+    in_frames   False for hands in crops without their frames: positions are from the crop's centre, without a camera
     """
 
     def __init__(
-        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False, every_bone: bool = False
-    ) -> None:
+        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False, every_bone: bool = False,
+        in_frames: bool = True,
+    ) -> None:  # fmt: skip
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
-        self._camera, self._joints, self._every_bone = header.camera, joints, every_bone
+        self._camera, self._joints = header.camera if in_frames else None, joints
+        self._every_bone = every_bone
         self._gestures = GestureReader(header.skeleton) if gestures else None
         self._dofs = angles.free_dofs(header.skeleton)
         names = header.skeleton.dof_names
         self._angles, self._slides = [names[d] for d in self._dofs.angles], [names[d] for d in self._dofs.slides]
-        self._bones: dict[int, list[float]] = {}
+        self._bones: dict[int, list[float] | None] = {}
 
     def values(self, frame: TrackedFrame) -> dict[str, Any]:
         """One frame as an object."""
@@ -115,8 +126,8 @@ class FrameValues:
 
     def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
-        bones = rounded(hand.bones * self._unit_mm, 3)
-        new = {} if self._bones.get(hand.id) == bones and not self._every_bone else {"bones_mm": bones}
+        bones = _known(hand.bones * self._unit_mm, 3)
+        same = not self._every_bone and hand.id in self._bones and self._bones[hand.id] == bones
         self._bones[hand.id] = bones
         return {
             "id": int(hand.id), "hand": hand.known_side,
@@ -124,11 +135,11 @@ class FrameValues:
                                            "assumed_confidence": rounded(hand.side_confidence, 3)}),
             "confidence": rounded(hand.confidence, 4), "error_mm": rounded(hand.error_mm, 2),
             "positions_mm": rounded(hand.xyz, 2),
-            "angles_rad": dict(zip(self._angles, rounded(theta[self._dofs.angles], 5))),
+            "angles_rad": _named(self._angles, theta[self._dofs.angles], 5),
             "origin_mm": rounded(hand.origin_mm, 3),
-            "translations_mm": dict(zip(self._slides, rounded(theta[self._dofs.slides] * self._unit_mm, 3))),
-            **new,
-            "crop": {"center_uvd": rounded(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
+            "translations_mm": _named(self._slides, theta[self._dofs.slides] * self._unit_mm, 3),
+            **({} if same else {"bones_mm": bones}),
+            "crop": {"center_uvd": _known(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
             **self._derived_values(hand, time),
         }  # fmt: skip
 
@@ -139,7 +150,13 @@ class FrameValues:
         frames, found = hand_frames(self._skeleton, hand.hand, hand.xyz), {}
         if self._joints is not None:
             found = joint_values.hand_values(
-                self._joints, self._skeleton, hand.hand, hand.xyz, self._camera, frames=frames
+                self._joints,
+                self._skeleton,
+                hand.hand,
+                hand.xyz,
+                self._camera,
+                None if self._camera else hand.cube_mm,
+                frames,
             )
         if self._gestures is None:
             return found
@@ -157,31 +174,43 @@ class FrameValues:
             for of in fields.parts("lost")
         )
         refused = tuple(_refused(of) for of in fields.parts("refused")) if "refused" in fields else ()
-        return TrackedFrame(fields.whole("number"), fields.number("time_s"), hands, lost, refused)
+        return TrackedFrame(fields.whole("number"), fields.known("time_s"), hands, lost, refused)
 
     def _hand(self, of: Fields) -> TrackedHand:
         assumed = not of.has("hand")
-        name = "assumed_hand" if assumed else "hand"
         crop, joints = of.part("crop"), len(self._skeleton.joint_names)
-        theta, slides = of.part("angles_rad"), of.part("translations_mm")
         inputs = angles.inputs_of(
-            self._skeleton, self._dofs,
-            np.array([theta.number(name) for name in self._angles]),
-            np.array([slides.number(name) for name in self._slides]) / self._unit_mm,
+            self._skeleton, self._dofs, _by_name(of, "angles_rad", self._angles),
+            _by_name(of, "translations_mm", self._slides) / self._unit_mm,
         )  # fmt: skip
         return TrackedHand(
-            of.whole("id"), _side(of, name), of.known("confidence"), of.known("error_mm"), inputs, self._bones_of(of),
-            of.numbers("origin_mm", 3), of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3),
-            crop.positive("cube_mm"), side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
+            of.whole("id"), _side(of, "assumed_hand" if assumed else "hand"), of.known("confidence"),
+            of.known("error_mm"), inputs, self._bones_of(of), of.numbers("origin_mm", 3),
+            of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3), crop.positive("cube_mm"),
+            side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
         )  # fmt: skip
 
     def _bones_of(self, of: Fields) -> Array:
-        hand = of.whole("id")
+        hand, joints = of.whole("id"), len(self._skeleton.joint_names)
         if "bones_mm" in of:
-            self._bones[hand] = of.numbers("bones_mm", len(self._skeleton.joint_names)).tolist()
+            known = of.has("bones_mm")
+            self._bones[hand] = of.numbers("bones_mm", joints).tolist() if known else [math.nan] * joints
         if hand not in self._bones:
             raise DataError(f"{of.where}: hand {hand} has no 'bones_mm', neither here nor before")
         return np.array(self._bones[hand]) / self._unit_mm
+
+
+def _named(names: list[str], numbers: Array, decimals: int) -> dict[str, float] | None:
+    """Numbers by name; None if they are unknown."""
+    return dict(zip(names, rounded(numbers, decimals))) if np.isfinite(numbers).all() else None
+
+
+def _by_name(of: Fields, key: str, names: list[str]) -> Array:
+    """The inverse of ``_named``, with NaN for unknown numbers. Raises DataError."""
+    if not of.has(key):
+        return np.full(len(names), np.nan)
+    part = of.part(key)
+    return np.array([part.number(name) for name in names])
 
 
 def _side(fields: Fields, name: str = "hand") -> Side:

@@ -197,7 +197,7 @@ def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subproc
         header, *frames = (json.loads(line) for line in client)
     out, error = process.communicate(timeout=300)
     assert process.returncode == 0 and error == "" and "wrote a.jsonl" in out
-    assert header["format"] == "handpose track" and header["joint_format"]["name"] == "mano"
+    assert header["format"] == "handpose" and header["joint_format"]["name"] == "mano"
     assert [frame["number"] for frame in frames] == list(range(COUNT))
     assert all(len(hand["mano"]["positions_m"]) == 21 for frame in frames for hand in frame["hands"])
 

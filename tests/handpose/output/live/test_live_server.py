@@ -38,7 +38,7 @@ class Clients:
 
         client = self._stack.enter_context(connect(server.lines_url.replace(LINES, path), **options))
         if path == LINES:
-            assert json.loads(client.recv(timeout=60))["format"] == "handpose track"
+            assert json.loads(client.recv(timeout=60))["format"] == "handpose"
         assert server.wait_for_client(60)
         return client
 

@@ -9,12 +9,14 @@ import struct
 import numpy as np
 import pytest
 
+from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.frames.cameras import CAMERAS
 from handpose.output.drawing.contrast import Contrast
 from handpose.output.live.messages import MAX_DATAGRAM, MAX_SAMPLES, Messages, depth_step
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import LostHand, TrackedFrame
 from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
+from tests.support import json_schema
 from tests.support.tracked_hands import HEADER
 
 
@@ -22,12 +24,22 @@ def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
     """Every record has the bones, because a receiver may have missed the first frame of a hand."""
     messages, values = Messages(HEADER), FrameValues(HEADER)
     assert json.loads(messages.header) == json.loads(json.dumps(header_values(HEADER)))
+    assert not json_schema.faults(json.loads(messages.header), "header")
     for frame in (BOTH, ONE, ONE._replace(number=2, time=0.2)):
+        assert not json_schema.faults(messages.record(frame), "frame")
         found, expected = json.loads(messages.line(messages.record(frame))), values.values(frame)
         assert all(len(hand.pop("bones_mm")) == 31 for hand in found["hands"])
         for hand in expected["hands"]:
             hand.pop("bones_mm", None)
         assert found == json.loads(json.dumps(expected))
+
+
+@pytest.mark.parametrize("joints", FORMATS)
+def test_records_of_all_formats_are_valid(joints: FormatName) -> None:
+    """Joint formats and gestures are in the schema."""
+    messages = Messages(HEADER, joints, gestures=True)
+    assert not json_schema.faults(json.loads(messages.header), "header")
+    assert not json_schema.faults(json.loads(messages.line(messages.record(BOTH))), "frame")
 
 
 def test_joints_and_gestures() -> None:
@@ -81,6 +93,7 @@ def test_a_datagram_is_bounded(hands: int) -> None:
     record = messages.record(TrackedFrame(7, 0.2, every, lost))
     datagram = messages.datagram(record)
     found = json.loads(datagram)
+    assert not json_schema.faults(found, "frame")
     assert len(datagram) <= MAX_DATAGRAM and found["number"] == 7
     kept = len(found["hands"])
     assert found["hands"] == json.loads(messages.line(record))["hands"][:kept] and kept >= min(hands, 2)

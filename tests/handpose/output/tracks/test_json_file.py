@@ -16,6 +16,7 @@ from handpose.output.tracks.json_values import rounded
 from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError
+from tests.support import json_schema
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
 
 HAND = header_of(load())
@@ -56,7 +57,14 @@ def test_what_is_written_can_be_read(tmp_path_factory: pytest.TempPathFactory, l
     """Pose, bones and joints of both hands, and lost hands, are restored for any body."""
     header = header_of(any_skeleton(seed), unit_mm=100.0)
     frames = any_track(header, seed)
-    check_same(written(tmp_path_factory.mktemp("track") / f"a.{layout}", header, frames), header, frames)
+    path = tmp_path_factory.mktemp("track") / f"a.{layout}"
+    check_same(written(path, header, frames), header, frames)
+    first, *lines = path.read_text().splitlines()
+    if layout == "json":
+        assert not json_schema.faults(json.loads(path.read_text()))
+    else:
+        assert not json_schema.faults(json.loads(first), "header")
+        assert not any(json_schema.faults(json.loads(line), "frame") for line in lines)
 
 
 @both
@@ -135,7 +143,7 @@ def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
     """Each line is flushed as soon as it is written."""
     frames = any_track(HAND, 1, 2)
     with JsonLinesWriter(None, HAND) as writer:
-        assert json.loads(capsys.readouterr().out)["format"] == "handpose track"
+        assert json.loads(capsys.readouterr().out)["format"] == "handpose"
         for frame in frames:
             writer.write(frame)
             assert json.loads(capsys.readouterr().out)["number"] == frame.number
@@ -175,8 +183,8 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"handpose track"', '"something"', "a.json: not a track; expected a file that track --json has written"),
-        ('"version":1', '"version":2', "a.json: a track of version 2; this program reads 1"),
+        ('"handpose"', '"something"', "a.json: not a track; expected a file that track --json has written"),
+        ('"version":1', '"version":2', "a.json: format version 2; this program reads 1"),
         ('"fx":588.03', '"fx":-3', "a.json: 'camera': 'fx' is -3, expected a number above 0"),
         ('"time_s":0.0', '"time_s":NaN', "a.json: 'frames' 0: 'time_s' is nan, expected a number"),
         ('"time_s":0.0', '"time_s":"0"', "a.json: 'frames' 0: 'time_s' is '0', expected a number"),
@@ -186,6 +194,7 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
         ('"positions_mm":[', '"positions_mm":[[1,2,3],', r"a.json: .*'positions_mm' is .*, expected 31 x 3 numbers"),
         ('"bones_mm"', '"bones"', "a.json: 'frames' 0: 'hands' 0: hand 0 has no 'bones_mm', neither here nor before"),
         ('dof { name: \\"palm_x', 'dog { name: \\"palm_x', r"a.json: 'skeleton' 'prototxt':3:1: error: unknown field"),
+        ('"camera":{', '"camera":null,"c":{', "a.json: predicted from crops without a camera"),
         ('"complete":true}', '"complete":true', r"a.json: not whole JSON: Expecting ',' delimiter: line "),
         ("{", "[" * 100_000, "a.json: JSON of too many levels"),
     ],
@@ -222,4 +231,6 @@ def test_an_undecided_side(tmp_path: Path, layout: str) -> None:
         found.hands[0].hand == "left" and found.hands[0].known_side is None and found.hands[0].side_confidence == 0.75
     )
     assert found.lost[0].hand is None and found.refused == frame.refused
+    if layout == "json":
+        assert not json_schema.faults(json.loads((tmp_path / "a.json").read_text()))
     assert '"hand": null' in (tmp_path / f"a.{layout}").read_text().replace('"hand":null', '"hand": null')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -93,6 +94,8 @@ def test_pasting_a_pose(visit: Visit, bare: Path) -> None:
     np.testing.assert_allclose(joints_in(tab)[:, 3:], expected, atol=6e-5)
     for wrong, line in [
         ("[1, 2, 3]", "3 numbers; skeleton 'nyu' has 47 inputs"),
+        ('{"angles_rad": {"nose": 1}}', "unknown DoF 'nose'; skeleton 'nyu' has palm_x, palm_y, palm_z ..."),
+        ('{"angles_rad": {1}}', "angles_rad is not whole JSON"),
         ("a pose", "'a' is not a number; expected 47 inputs or dof { ... }"),
         ('dof { name: "nose" }', "unknown DoF 'nose'; skeleton 'nyu' has palm_x, palm_y, palm_z ..."),
         ('dof { name: "palm_x" }\njoint { }', "pose:2:1: error: found 'joint'; expected dof { ... } alone"),
@@ -104,6 +107,10 @@ def test_pasting_a_pose(visit: Visit, bare: Path) -> None:
     expected += (0.5 - HAND.initial[0] - inputs[0], 0, 0)
     np.testing.assert_allclose(joints_in(tab)[:, 3:], expected, atol=6e-5)
     assert tab.locator("#pose-fault").inner_text() == ""
+    theta = HAND.theta(inputs)
+    angles = {name: round(value, 5) for name, value in zip(HAND.dof_names, theta) if "rot" in name}
+    tab.locator("#pose").fill(json.dumps({"hands": [{"angles_rad": angles, "crop": {}}]}, indent=2))
+    np.testing.assert_allclose(joints_in(tab)[:, 3:], expected, atol=6e-5)
 
 
 # ---------------------------------------------------------------------------------------------- the picture

@@ -1,0 +1,68 @@
+"""Predictions for single images in the format of tracks: each image is a frame with one hand and without a time."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from handpose.body.joint_formats.formats import FormatName
+from handpose.estimate.nets import is_hand
+from handpose.estimate.prediction import Prediction
+from handpose.output.tracks.json_values import FrameValues, header_values
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from layers.hand.skeleton import Skeleton
+
+
+def tracked(found: Prediction, skeleton: Skeleton) -> TrackedHand:
+    """A prediction as a hand of a track. Values that only a fit determines are NaN without one.
+
+    Without a frame, positions are from the crop's centre.
+    """
+    fit, nan = found.fit, math.nan
+    return TrackedHand(
+        id=0,
+        hand=found.hand,
+        confidence=fit.confidence if fit else nan,
+        error_mm=fit.error_mm if fit else nan,
+        inputs=fit.inputs if fit else np.full(len(skeleton.dof_names), nan),
+        bones=skeleton.bones * (fit.size if fit else nan),
+        origin_mm=found.center_mm if found.in_frame else np.zeros(3),
+        xyz=found.xyz if found.in_frame else found.joints_mm,
+        center_uvd=found.center_uvd if found.in_frame else np.full(3, nan),
+        cube_mm=found.cube_mm,
+        capsules=None,
+    )
+
+
+def frame_values(
+    number: int, found: Prediction, skeleton: Skeleton, joints: FormatName | None = None
+) -> dict[str, Any]:
+    """The frame of one prediction, with ``joints`` also in another format. Raises DataError."""
+    values = FrameValues(_header("", found, skeleton), joints, in_frames=found.in_frame)
+    frame = values.values(TrackedFrame(number, math.nan, (tracked(found, skeleton),)))
+    if not is_hand(skeleton):
+        frame["hands"][0]["hand"] = None
+    return frame
+
+
+def document(
+    source: str, found: Sequence[Prediction], frames: Sequence[dict[str, Any]], skeleton: Skeleton,
+    joints: FormatName | None = None,
+) -> str:  # fmt: skip
+    """The JSON text of predictions, at least one, and of their frames (``frame_values``)."""
+    first, cameras = found[0], {hand.camera for hand in found}
+    header = _header(source, first, skeleton)
+    if len(cameras) > 1:  # images of several sizes
+        header = dataclasses.replace(header, camera=dataclasses.replace(header.camera, width=0, height=0))
+    head = json.dumps(header_values(header, joints, in_frames=first.in_frame), allow_nan=False)
+    lines = ",\n".join(json.dumps(frame, allow_nan=False) for frame in frames)
+    return f'{head[:-1]}, "frames": [\n{lines}\n], "complete": true}}'
+
+
+def _header(source: str, found: Prediction, skeleton: Skeleton) -> TrackHeader:
+    return TrackHeader(source, found.camera, skeleton, found.cube_mm / 2, smoothed=False)
