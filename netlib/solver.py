@@ -180,11 +180,8 @@ class Solver:
             self._call("on_step")
             for _ in range(iterations):
                 self._call("on_iteration")
-                if self.test_is_due():
-                    self.test_all()
-                    if self._action() == "stop":
-                        self._call("on_cut")
-                        return self._stopped()
+                if self.test_is_due() and not self._finish_tests():
+                    return self._stop()
                 self.net.clear_param_diffs()
                 self._call("on_start")
                 self.smoothed.append(self._forward_backward())
@@ -194,13 +191,8 @@ class Solver:
                 self.apply_update()
                 self.iter += 1
                 self._call("on_update")
-                action = self._action()
-                if action == "stop":
-                    return self._stopped()
-                if action == self.requested:
-                    self.requested = None
-                if action == "snapshot" or self._snapshot_is_due():
-                    self.snapshot()
+                if not self._meet_requests():
+                    return self._stop()
         return True
 
     # ------------------------------------------------------------------------------------------ callbacks and requests
@@ -230,8 +222,27 @@ class Solver:
             request = callback.action(request)
         return request
 
-    def _stopped(self) -> bool:
-        """Take a snapshot at a requested stop; returns False."""
+    def _finish_tests(self) -> bool:
+        """Run all tests. False if a stop was requested, which ends this iteration."""
+        self.test_all()
+        if self._action() != "stop":
+            return True
+        self._call("on_cut")
+        return False
+
+    def _meet_requests(self) -> bool:
+        """Write a snapshot that is due or was requested. False if a stop was requested."""
+        action = self._action()
+        if action == "stop":
+            return False
+        if action == self.requested:
+            self.requested = None
+        if action == "snapshot" or self._snapshot_is_due():
+            self.snapshot()
+        return True
+
+    def _stop(self) -> bool:
+        """Take the snapshot of a requested stop; returns False."""
         self.requested = None
         self.snapshot()
         return False

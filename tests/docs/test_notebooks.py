@@ -75,7 +75,7 @@ def test_every_chapter_is_written(written: Path) -> None:
 
 
 def test_every_link_and_picture_of_a_notebook_leads_somewhere(written: Path) -> None:
-    """Relative links lead to files, those to headings to an anchor that every viewer has; chapters lead to notebooks."""
+    """Relative links lead to files, links to headings to anchors that every viewer has, chapters to notebooks."""
     texts = {path.name: "\n".join(markdown_of(path)) for path in written.glob("*.ipynb")}
     pictures = 0
     for name, text in texts.items():
