@@ -47,8 +47,9 @@ from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.files.paths import command
 from tools.common import outputs
-from tools.common.arguments import camera, count, half_cube, parser_of, positive, real, reject_given, seed
+from tools.common.arguments import count, parser_of, positive, real, reject_given, seed
 from tools.common.console import DONE, duration, guarded, say
+from tools.common.hand_arguments import camera, half_cube
 from tools.common.outputs import check_skeleton, write_skeleton
 from tools.common.progress import ProgressBar
 from tools.common.sources import unit_mm

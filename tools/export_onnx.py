@@ -29,8 +29,9 @@ from handpose.body.nyu import CUBE_MM
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
 from tools.common import outputs
-from tools.common.arguments import cube, parser_of
+from tools.common.arguments import parser_of
 from tools.common.console import DONE, FAILED, guarded, say
+from tools.common.hand_arguments import cube
 
 BATCHES = (1, 3)  # batch sizes of --check
 TOLERANCE = 1e-5

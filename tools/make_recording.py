@@ -43,8 +43,9 @@ from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import SCRIPTS
 from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
-from tools.common.arguments import camera, parser_of, seconds, seed
+from tools.common.arguments import parser_of, seconds, seed
 from tools.common.console import DONE, guarded, say
+from tools.common.hand_arguments import camera
 from tools.common.progress import ProgressBar
 from tools.common.sources import rate
 from tools.common.stopper import StoppedError, Stopper

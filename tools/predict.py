@@ -53,7 +53,7 @@ from handpose.frames.images import UnitError, read_crop, read_frame
 from handpose.output.tracks.predictions import document, frame_values
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
-from tools.common import arguments, findings, outputs
+from tools.common import arguments, findings, hand_arguments, outputs
 from tools.common.console import DONE, guarded, say
 from tools.common.sources import print_warnings, unit_mm
 
@@ -71,19 +71,19 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=SOUGHT_SIDES, help="default: either, with --fit no right")
     parser.add_argument("--out", metavar="DIR", default=".", help="output folder (default: the working folder)")
     parser.add_argument("--html", metavar="FILE", help="write a page on which the hands can be rotated")
-    parser.add_argument("--cube", type=arguments.cube, metavar="MM",
+    parser.add_argument("--cube", type=hand_arguments.cube, metavar="MM",
                         help=f"edge of the cube (default for hands: {CUBE_MM:g})")  # fmt: skip
-    parser.add_argument("--camera", type=arguments.camera, metavar="NAME|FX,FY,U0,V0",
+    parser.add_argument("--camera", type=hand_arguments.camera, metavar="NAME|FX,FY,U0,V0",
                         help="the images are full depth frames of this camera: "
                              f"{', '.join(CAMERAS)}, or FX,FY,U0,V0")  # fmt: skip
     parser.add_argument("--unit", type=unit_mm, metavar="MM",
                         help="depth unit: mm per stored value of 1 (default: 1, for sr305 0.125)")  # fmt: skip
-    parser.add_argument("--center", type=arguments.center, metavar="U,V[,D]", action="append",
+    parser.add_argument("--center", type=hand_arguments.center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: centre of the hand, once for all frames or once per frame")  # fmt: skip
     parser.add_argument("--refine", type=arguments.whole(0, MAX_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
     arguments.add_engine(parser)
-    arguments.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
+    hand_arguments.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
     parser.add_argument("--csv", metavar="FILE.csv", type=arguments.name_in(".csv"), help="write one row per image")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)

@@ -9,9 +9,6 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from handpose import CAMERAS, Camera
-from handpose.body.joint_formats.formats import FORMAT_NAMES
-from handpose.frames.crops import CUBES_MM
 from netlib import engine
 from netlib.files.paths import command, is_subcommand
 
@@ -25,7 +22,6 @@ MAX_SEED = (1 << 32) - 1  # as of synthetic data
 MAX_PORT = 65535
 MAX_DIGITS = 1000  # Python's int() takes quadratic time
 MAX_SHOWN = 100  # characters of a value in a message
-MAX_PX = 1e6  # of focal lengths and principal points, as in a camera.json
 
 
 def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
@@ -56,12 +52,6 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
         choices=engine.NAMES,
         help="engine that computes the net (default: NETLIB_ENGINE if set, else fast if the folder fast/ exists)",
     )
-
-
-def add_joints_option(parser: argparse.ArgumentParser, where: str) -> None:
-    """Add the option --joints, for tools that write hands; ``where`` says to which output it applies."""
-    parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, "
-                        f"{where} (docs/joint_formats.md)")  # fmt: skip
 
 
 def caffes_flags(argv: Sequence[str] | None, switches: Sequence[str] = ()) -> list[str]:
@@ -102,7 +92,7 @@ def real(least: float = -math.inf, most: float = math.inf, *, above: bool = Fals
     """Return a parser of finite numbers from ``least`` to ``most``; ``above`` excludes ``least``."""
 
     def parse(text: str) -> float:
-        number = _number(text)
+        number = finite(text)
         if not (least < number if above else least <= number) or not number <= most:
             lower = f" {'greater than' if above else 'of at least'} {least:g}" if least > -math.inf else ""
             upper = f"{' and' if lower else ' of'} at most {most:g}" if most < math.inf else ""
@@ -140,20 +130,6 @@ def address(least: int = 1) -> Callable[[str], tuple[str, int]]:
     return parse
 
 
-def cube(text: str, part: float = 1.0) -> float:
-    """Parse the edge of a cube around a body, or ``part`` of it, in mm."""
-    least, most = (part * edge for edge in CUBES_MM)
-    number = _number(text)
-    if not least <= number <= most:
-        raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g} mm, found {text!r}")
-    return number
-
-
-def half_cube(text: str) -> float:
-    """Parse half the edge of a cube around a body, in mm."""
-    return cube(text, 0.5)
-
-
 def named_file(text: str) -> tuple[str, str]:
     """Split NAME=FILE."""
     name, _, path = text.partition("=")
@@ -173,28 +149,9 @@ def name_in(*endings: str) -> Callable[[str], str]:
     return checked
 
 
-def camera(text: str) -> Camera:
-    """Parse a camera: its name, or the four numbers FX,FY,U0,V0; frames may then have any size."""
-    if text in CAMERAS:
-        return CAMERAS[text]
-    numbers = _numbers(text)
-    if len(numbers) != 4 or min(numbers[:2]) <= 0 or max(map(abs, numbers)) > MAX_PX:
-        raise argparse.ArgumentTypeError(f"expected {', '.join(CAMERAS)} or FX,FY,U0,V0 in px, the "
-                                         f"intrinsics from its SDK, found {text!r}")  # fmt: skip
-    return Camera("own", *numbers, width=0, height=0)
-
-
-def center(text: str) -> tuple[float, ...]:
-    """Parse the centre of a hand: U,V or U,V,D."""
-    numbers = _numbers(text)
-    if len(numbers) not in (2, 3):
-        raise argparse.ArgumentTypeError(f"expected U,V or U,V,D (px, px, mm), found {text!r}")
-    return numbers
-
-
 def numbers(text: str) -> tuple[float, ...]:
     """Parse finite numbers separated by commas: 104,117,123."""
-    if not (found := _numbers(text)):
+    if not (found := finite_values(text)):
         raise argparse.ArgumentTypeError(f"expected numbers separated by commas, found {_cut(text)}")
     return found
 
@@ -208,13 +165,13 @@ def pixels(text: str) -> tuple[int, int]:
     return side(width), side(height)
 
 
-def _number(text: str) -> float:
+def finite(text: str) -> float:
     """Parse a finite number; NaN, for which every comparison fails, if the text is not one."""
-    numbers = _numbers(text)
+    numbers = finite_values(text)
     return numbers[0] if len(numbers) == 1 else math.nan
 
 
-def _numbers(text: str) -> tuple[float, ...]:
+def finite_values(text: str) -> tuple[float, ...]:
     """Parse finite numbers separated by commas; empty if the text is anything else."""
     try:
         numbers = tuple(float(word) for word in text.split(","))

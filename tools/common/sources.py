@@ -18,7 +18,7 @@ from handpose.frames.inspection import Inspection, warnings_of
 from handpose.frames.lens import Lens
 from handpose.frames.opening import EXPECTED
 from netlib.errors import DataError
-from tools.common import arguments
+from tools.common import arguments, hand_arguments
 from tools.common.console import say
 
 # A fit with this confidence confirms the depth unit, because a wrong unit changes the size of the hand. On six frames
@@ -93,7 +93,7 @@ def total_of(recording: Recording, frames: int | None) -> int:
 
 
 def _camera(text: str) -> Camera | Path:
-    return Path(text) if text.lower().endswith(".json") else arguments.camera(text)
+    return Path(text) if text.lower().endswith(".json") else hand_arguments.camera(text)
 
 
 def _lens(text: str) -> Lens:

@@ -25,7 +25,8 @@ from handpose.output.tracks.writing import TrackWriter, open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError
 from tools.common import outputs
-from tools.common.arguments import add_joints_option, name_in
+from tools.common.arguments import name_in
+from tools.common.hand_arguments import add_joints_option
 from tools.common.live_output import LIVE, LiveOutput, add_live_options
 
 FILES = ("json", "csv", "bvh")

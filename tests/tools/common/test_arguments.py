@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from handpose.frames.cameras import KINECT2
-from tools.common import arguments
+from tools.common import arguments, hand_arguments
 
 
 @pytest.mark.parametrize(
@@ -17,14 +17,14 @@ from tools.common import arguments
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
         (arguments.whole(0, 100), "100", 100),
-        (arguments.cube, "2400", 2400.0),
-        (arguments.half_cube, "25", 25.0),
+        (hand_arguments.cube, "2400", 2400.0),
+        (hand_arguments.half_cube, "25", 25.0),
         (arguments.weight, "0", 0.0),
         (arguments.weight, "1e-3", 1e-3),
         (arguments.named_file, " a b =c=d", ("a b", "c=d")),
-        (arguments.camera, "kinect2", KINECT2),
-        (arguments.center, "1,2.5", (1.0, 2.5)),
-        (arguments.center, "1,2,-3", (1.0, 2.0, -3.0)),
+        (hand_arguments.camera, "kinect2", KINECT2),
+        (hand_arguments.center, "1,2.5", (1.0, 2.5)),
+        (hand_arguments.center, "1,2,-3", (1.0, 2.0, -3.0)),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -43,7 +43,7 @@ def test_the_largest_number(kind: Callable[[str], object]) -> None:
 
 def test_a_camera_by_its_numbers() -> None:
     """A camera given by numbers accepts images of any size."""
-    camera = arguments.camera("500,510,320,240")
+    camera = hand_arguments.camera("500,510,320,240")
     assert (camera.fx, camera.fy, camera.u0, camera.v0, camera.width, camera.height) == (500, 510, 320, 240, 0, 0)
 
 
@@ -56,22 +56,22 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.natural, "1.0", "an integer of at least 0"),
         (arguments.natural, "9" * 5000, "an integer of at least 0"),
         (arguments.whole(0, 100), "101", "an integer of at most 100"),
-        (arguments.cube, "0.3", "50 to 10000 mm"),
-        (arguments.cube, "nan", "50 to 10000 mm"),
-        (arguments.cube, "wide", "50 to 10000 mm"),
-        (arguments.half_cube, "1e-9", "25 to 5000 mm"),
-        (arguments.half_cube, "5001", "25 to 5000 mm"),
+        (hand_arguments.cube, "0.3", "50 to 10000 mm"),
+        (hand_arguments.cube, "nan", "50 to 10000 mm"),
+        (hand_arguments.cube, "wide", "50 to 10000 mm"),
+        (hand_arguments.half_cube, "1e-9", "25 to 5000 mm"),
+        (hand_arguments.half_cube, "5001", "25 to 5000 mm"),
         (arguments.weight, "-1", "a number of at least 0"),
         (arguments.weight, "inf", "a number of at least 0"),
         (arguments.weight, "x", "a number of at least 0"),
         (arguments.named_file, "=file", "NAME=FILE"),
         (
-            arguments.camera,
+            hand_arguments.camera,
             "1,2,3,nan",
             "nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, the intrinsics from its SDK",
         ),
         (arguments.name_in(".png", ".jpg"), "folder/.png", "a file name with suffix .png, .jpg"),
-        (arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
+        (hand_arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
