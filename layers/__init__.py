@@ -1,7 +1,7 @@
 """The layers, and the table of their types.
 
-Sub-packages follow Caffe's layer catalogue: data, vision, activation, normalization, recurrent, common, loss. ``hand``
-holds the layers of this project.
+Sub-packages follow Caffe's layer catalogue: data, vision, activation, normalization, recurrent, common, loss.
+``detection`` holds layers of the SSD branch, ``hand`` the layers of this project.
 """
 
 from layers.activation.absval import AbsVal
@@ -30,6 +30,7 @@ from layers.common.filter import Filter
 from layers.common.flatten import Flatten
 from layers.common.inner_product import InnerProduct
 from layers.common.parameter import Parameter
+from layers.common.permute import Permute
 from layers.common.reduction import Reduction
 from layers.common.reshape import Reshape
 from layers.common.silence import Silence
@@ -45,6 +46,8 @@ from layers.data.image_data import ImageData
 from layers.data.input import Input
 from layers.data.memory_data import MemoryData
 from layers.data.window_data import WindowData
+from layers.detection.detection_output import DetectionOutput
+from layers.detection.prior_box import PriorBox
 from layers.hand.augment import HandAugment
 from layers.hand.hand_model import HandModel
 from layers.hand.phys_limit import PhysLimit, ReleasedPhysLimit
@@ -61,6 +64,7 @@ from layers.loss.softmax_loss import SoftmaxWithLoss
 from layers.normalization.batch_norm import BatchNorm
 from layers.normalization.lrn import LRN
 from layers.normalization.mvn import MVN
+from layers.normalization.normalize import Normalize
 from layers.recurrent.lstm import LSTM
 from layers.recurrent.lstm_unit import LSTMUnit
 from layers.recurrent.rnn import RNN
@@ -91,6 +95,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Deconvolution": Deconvolution,
     "DeepHandModel": HandModel,  # name in the released system
     "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # name in the released system
+    "DetectionOutput": DetectionOutput,  # from SSD
     "Dropout": Dropout,
     "DummyData": DummyData,
     "ELU": ELU,
@@ -117,11 +122,14 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "MVN": MVN,
     "MemoryData": MemoryData,
     "MultinomialLogisticLoss": MultinomialLogisticLoss,
+    "Normalize": Normalize,  # from SSD
     "PReLU": PReLU,
     "Parameter": Parameter,
+    "Permute": Permute,  # from SSD
     "PhysLimit": PhysLimit,
     "Pooling": Pooling,
     "Power": Power,
+    "PriorBox": PriorBox,  # from SSD
     "RNN": RNN,
     "ROIPooling": ROIPooling,  # from Fast R-CNN
     "ReLU": ReLU,

@@ -78,6 +78,11 @@ def shaped_as_top(graph: Graph, at: Place) -> list[str]:
     return [graph.reshaped(at.values[0], at.top[0])]
 
 
+def permute(graph: Graph, at: Place) -> list[str]:
+    layer: Any = at.layer
+    return [graph.op("Transpose", at.values[0], perm=list(layer.axes))]
+
+
 def same(graph: Graph, at: Place) -> list[str]:
     return at.values * len(at.top)
 

@@ -41,7 +41,7 @@ class Place:
 
     layer        the layer, with its options and parameters
     values       the names of the values of its bottoms
-    bottom, top  the shapes of its bottoms and tops
+    bottom, top  the shapes of its bottoms and tops; a translation replaces that of a top whose size depends on values
     """
 
     layer: Layer

@@ -15,6 +15,7 @@ from handpose.estimate.nets import cube_of, hand_layer, trained
 from layers.hand.hand_model import HandModel
 from netlib.blob import Array
 from netlib.errors import LayerError, NetlibError, did_you_mean
+from netlib.layer import Layer
 from netlib.net import Net
 from netlib.proto.messages import LayerParameter, NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
@@ -52,6 +53,7 @@ def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None)
     graph = Graph(net.blobs)
     graph.values = {name: name for name in net.inputs}
     at_end: dict[str, Shape] = {}
+    uneven: set[str] = set()  # blobs whose shape depends on values
     hand, pose = hand_layer(net), ""
     for at, (bottom, top) in zip(net.connections, shapes):
         graph.layer = at.layer.name
@@ -59,8 +61,11 @@ def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None)
         if at.layer is hand:
             pose = values[0]
         if not at.layer.is_input:
-            made = _translation(at.layer.spec)(graph, Place(at.layer, values, bottom, top))
-            graph.values.update(zip(at.layer.spec.top, made))
+            place = Place(at.layer, values, bottom, list(top))
+            _check_rows(at.layer, uneven)
+            graph.values.update(zip(at.layer.spec.top, _translation(at.layer.spec)(graph, place)))
+            uneven.update(name for name, a, b in zip(at.layer.spec.top, top, place.top) if a != b)
+            top = place.top
         at_end.update(zip(at.layer.spec.top, top))
     outputs = _outputs(net, also)
     metadata = {"producer": PRODUCER, "net": net.name}
@@ -69,6 +74,14 @@ def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None)
     return graph.finish(
         net.name, {name: at_end[name] for name in net.inputs}, {name: at_end[name] for name in outputs}, metadata
     )
+
+
+def _check_rows(layer: Layer, uneven: set[str]) -> None:
+    """Raise LayerError if a layer reads a blob whose shape depends on values: its own shapes are not known then."""
+    for name in layer.spec.bottom:
+        if name in uneven and layer.type != "Silence":
+            raise layer.fail(f"reads {name!r}, whose number of rows depends on values, which cannot be exported to "
+                             "ONNX; expected no layer behind it")  # fmt: skip
 
 
 def _outputs(net: Net, also: Sequence[str]) -> list[str]:

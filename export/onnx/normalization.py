@@ -46,3 +46,11 @@ def mvn(graph: Graph, at: Place) -> list[str]:
         variance = graph.op("ReduceMean", graph.op("Mul", y, y), axes=axes)
         y = graph.op("Div", y, graph.affine(graph.op("Sqrt", variance), 1, p.eps))
     return [y]
+
+
+def normalize(graph: Graph, at: Place) -> list[str]:
+    layer: Any = at.layer
+    x = at.values[0]
+    squares = graph.op("ReduceSum", graph.op("Mul", x, x), graph.constant(layer.axes, "axes"))
+    u = graph.op("Div", x, graph.op("Sqrt", graph.affine(squares, 1, layer.param.eps)))
+    return [graph.op("Mul", u, graph.constant(layer.scale.data.reshape(layer.wide), "scale"))]

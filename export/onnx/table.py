@@ -7,7 +7,7 @@ where ONNX's operators differ from Caffe's.
 
 from __future__ import annotations
 
-from export.onnx import activation, common, hand, normalization, vision
+from export.onnx import activation, common, detection, hand, normalization, vision
 from export.onnx.graph import Translation
 
 LAYERS: dict[str, Translation] = {
@@ -24,6 +24,7 @@ LAYERS: dict[str, Translation] = {
     "Crop": vision.crop,
     "Deconvolution": vision.deconvolution,
     "DeepHandModel": hand.hand_model,  # name in the released system
+    "DetectionOutput": detection.detection_output,
     "Dropout": common.dropout,
     "ELU": activation.elu,
     "Eltwise": common.eltwise,
@@ -36,10 +37,13 @@ LAYERS: dict[str, Translation] = {
     "LRN": normalization.lrn,
     "Log": activation.log,
     "MVN": normalization.mvn,
+    "Normalize": normalization.normalize,
     "PReLU": activation.prelu,
     "Parameter": common.parameter,
+    "Permute": common.permute,
     "Pooling": vision.pooling,
     "Power": activation.power,
+    "PriorBox": detection.prior_box,
     "ReLU": activation.relu,
     "Reduction": common.reduction,
     "Reshape": common.shaped_as_top,

@@ -130,6 +130,7 @@ BLOCKS = {
     "python_param": 130, "recurrent_param": 146, "reduction_param": 136, "relu_param": 123, "reshape_param": 133,
     "scale_param": 142, "sigmoid_param": 124, "slice_param": 126, "softmax_param": 125, "spp_param": 132,
     "swish_param": 147, "tanh_param": 127, "threshold_param": 128, "tile_param": 138, "window_data_param": 129,
+    "permute_param": 202, "prior_box_param": 203, "detection_output_param": 204, "norm_param": 206,  # from SSD
     "roi_pooling_param": 8266711, "smooth_l1_loss_param": 8266712,  # from Fast R-CNN's fork of Caffe
     "hand_model_param": 10001, "phys_limit_param": 10002, "hand_augment_param": 10003,  # of this project
 }  # fmt: skip

@@ -123,8 +123,8 @@ def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array]
 
 
 def legacy_shape(array: Array, shape: tuple[int, ...]) -> Array:
-    """Reshape 4-d weights and histories with leading ones, which Caffe wrote before N-d blobs."""
-    if array.ndim == 4 and len(shape) < 4 and array.shape == (1,) * (4 - len(shape)) + shape:
+    """Reshape weights and histories with leading ones: Caffe wrote four axes before N-d blobs, other programs two."""
+    if array.shape == (1,) * (array.ndim - len(shape)) + shape:
         return array.reshape(shape)
     return array
 

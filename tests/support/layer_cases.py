@@ -53,6 +53,11 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     ),
     "DeepHandModel": ("", lambda N: [off_zero(N, 47)], {}),
     "DeepHandModelDofConstraintLoss": ("", lambda N: [3 * off_zero(N, 47)], {}),
+    "DetectionOutput": (
+        "detection_output_param { num_classes: 3 code_type: CENTER_SIZE nms_param { top_k: 3 } keep_top_k: 4 }",
+        lambda N: [off_zero(N, 5 * 4), off_zero(N, 5 * 3), np.tile([0.1, 0.2, 0.5, 0.9], (1, 2, 5))],
+        {"wanted": [False, False, False]},
+    ),
     "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
     "ELU": ("elu_param { alpha: 0.7 }", lambda N: [off_zero(N, 3)], {}),
     "Eltwise": ("eltwise_param { operation: PROD }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
@@ -102,9 +107,20 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         {"tops": 2, "wanted": [True, True, False]},
     ),
     "MVN": ("", lambda N: [off_zero(N, 2, 3, 4)], {}),
+    "Normalize": (
+        'norm_param { across_spatial: false channel_shared: false scale_filler { type: "uniform" min: 1 max: 3 } }',
+        lambda N: [off_zero(N, 3, 2, 4)],
+        {},
+    ),
+    "Permute": ("permute_param { order: 0 order: 2 order: 3 }", lambda N: [off_zero(N, 2, 3, 4)], {}),
     "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
     "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
+    "PriorBox": (
+        "prior_box_param { min_size: 3 max_size: 5 aspect_ratio: 2 }",
+        lambda N: [off_zero(N, 2, 2, 3), off_zero(N, 1, 9, 12)],
+        {},
+    ),
     "RNN": (
         'recurrent_param { num_output: 3 weight_filler { type: "gaussian" } }',
         lambda N: [off_zero(4, N, 2), RNG.integers(0, 2, (4, N)), off_zero(N, 2)],

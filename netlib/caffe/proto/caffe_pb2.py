@@ -41,7 +41,9 @@ _ENUMS = {
     "SolverParameter": {"snapshot_format": "SnapshotFormat", "solver_mode": "SolverMode", "solver_type": "SolverType"},
     "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
     "V0LayerParameter": {"pool": "PoolMethod"},
+    "ResizeParameter": {"resize_mode": "Resize_mode", "pad_mode": "Pad_mode", "interp_mode": "Interp_mode"},
 }  # fmt: skip
+_OWNERS = {("DetectionOutputParameter", "code_type"): "PriorBoxParameter"}  # enums that are inside another message
 # Defaults in caffe.proto that the dataclass does not have, because there None stands for an option that is not given
 _DEFAULTS = {
     ("ConcatParameter", "concat_dim"): 1, ("SliceParameter", "slice_dim"): 1, ("SolverParameter", "solver_mode"): "GPU",
@@ -62,11 +64,15 @@ def file_descriptor() -> Any:
     """The FileDescriptorProto of all messages, as protoc would compile it from caffe.proto."""
     file = descriptor_pb2.FileDescriptorProto(name="caffe.proto", package=_PACKAGE, syntax="proto2")
     _add_enum(file, "Phase", schema.enum_of(schema.Phase))
-    known: set[str] = set()
-    for cls in [*_MESSAGES, *option_blocks().values()]:
+    classes: list[type] = [*_MESSAGES, *option_blocks().values()]
+    known: dict[str, type] = {}
+    for cls in classes:  # grows by the messages inside messages
         if _name_of(cls) not in known:
-            known.add(_name_of(cls))
-            _add_message(file, cls)
+            known[_name_of(cls)] = cls
+            classes += [field.kind for field in wire.fields_of(cls) if schema.is_message(field.kind)]
+    described = {name: file.message_type.add(name=name) for name in known}
+    for name, cls in known.items():
+        _describe(described, name, cls)
     return file
 
 
@@ -74,9 +80,9 @@ def _name_of(cls: type) -> str:
     return _NAMES.get(cls, cls.__name__)
 
 
-def _add_message(file: Any, cls: type) -> None:
+def _describe(described: dict[str, Any], name: str, cls: type) -> None:
     """Describe the message that a dataclass reads; enums are defined inside it, as in caffe.proto, except Phase."""
-    message = file.message_type.add(name=_name_of(cls))
+    message = described[name]
     defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
     for known in wire.fields_of(cls):
         field = message.field.add(name=known.name, number=known.number)
@@ -87,7 +93,8 @@ def _add_message(file: Any, cls: type) -> None:
         if schema.is_message(known.kind):
             field.type, field.type_name = field.TYPE_MESSAGE, f".{_PACKAGE}.{_name_of(known.kind)}"
         elif values:
-            field.type, field.type_name = field.TYPE_ENUM, _enum_type(message, known.name, known.kind, values)
+            owner = described[_OWNERS.get((name, known.name), name)]
+            field.type, field.type_name = field.TYPE_ENUM, _enum_type(owner, known.name, known.kind, values)
         else:
             field.type = getattr(field, f"TYPE_{_TYPES[known.kind]}")
         default = _DEFAULTS.get((message.name, known.name), defaults.get(known.name))

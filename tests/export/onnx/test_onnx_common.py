@@ -36,6 +36,10 @@ CASES: Cases = {
         (IMAGE, "inner_product_param { num_output: 4 axis: -2 }", 1),
     ],
     "Parameter": [(IMAGE, "parameter_param { shape { dim: 2 dim: 3 } }", 1)],
+    "Permute": [
+        (IMAGE, "permute_param { order: 0 order: 2 order: 3 order: 1 }", 1),
+        (IMAGE, "permute_param { order: 3 }", 1),
+    ],
     "Reduction": [
         (IMAGE, f"reduction_param {{ operation: {operation} axis: {axis} coeff: 0.5 }}", 1)
         for operation in ("SUM", "ASUM", "SUMSQ", "MEAN") for axis in (0, 1, -1)

@@ -17,6 +17,11 @@ CASES: Cases = {
         (IMAGE, "mvn_param { across_channels: true eps: 0.1 }", 1),
         ([(1, 3, 5)], "mvn_param { normalize_variance: false across_channels: true }", 1),
     ],
+    "Normalize": [
+        (IMAGE, "", 1),
+        (IMAGE, "norm_param { across_spatial: false channel_shared: false eps: 0.1 }", 1),
+        ([(1, 5)], "norm_param { channel_shared: false }", 1),
+    ],
 }  # fmt: skip
 
 

@@ -99,3 +99,15 @@ def test_another_module_of_the_same_messages() -> None:
     pool.Add(other)
     assert pool.FindMessageTypeByName("caffe.BlobShape").fields[0].name == "dimension"
     assert caffe_pb2.BlobShape.DESCRIPTOR.fields[0].name == "dim"
+
+
+def test_messages_inside_the_options_of_a_fork() -> None:
+    """Messages that only options contain are defined, and the enum that two layer types use is where scripts look."""
+    made = caffe_pb2.LayerParameter(type="DetectionOutput")
+    made.detection_output_param.nms_param.top_k = 400
+    made.detection_output_param.save_output_param.resize_param.resize_mode = caffe_pb2.ResizeParameter.FIT_SMALL_SIZE
+    made.detection_output_param.code_type = caffe_pb2.PriorBoxParameter.CENTER_SIZE
+    assert made.detection_output_param.nms_param.nms_threshold == pytest.approx(0.3)
+    text = str(wire.decode(made.SerializeToString(), messages.LayerParameter))
+    assert text_format.Parse(text, caffe_pb2.LayerParameter()) == made
+    assert caffe_pb2.PriorBoxParameter.CodeType.items() == [("CORNER", 1), ("CENTER_SIZE", 2), ("CORNER_SIZE", 3)]

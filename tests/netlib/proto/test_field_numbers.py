@@ -68,6 +68,7 @@ def test_every_number_is_that_of_caffe() -> None:
 
 def test_every_options_block_is_the_message_that_its_name_says() -> None:
     """The class of each options block is named after it: ``lrn_param`` is an LRNParameter."""
+    called = {"transform_param": "transformation", "norm_param": "normalize"}
     for block, cls in option_blocks().items():
-        name = {"transform_param": "transformation"}.get(block, block.removesuffix("_param").replace("_", ""))
+        name = called.get(block, block.removesuffix("_param").replace("_", ""))
         assert cls.__name__.lower() == f"{name}parameter", block

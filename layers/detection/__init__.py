@@ -1,0 +1,1 @@
+"""Layers of single-shot detectors, from the SSD branch of Caffe."""

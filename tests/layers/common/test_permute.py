@@ -1,0 +1,48 @@
+"""Permute."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+pytestmark = pytest.mark.both_engines
+
+
+def text(*order):
+    """Return a layer with this order."""
+    return f'type: "Permute" permute_param {{ {" ".join(f"order: {axis}" for axis in order)} }}'
+
+
+def test_by_hand(run):
+    """The numbers of one position become neighbours: y[n, h, w, c] = x[n, c, h, w]."""
+    done = run(text(0, 2, 3, 1), [[[[1, 2, 3]], [[4, 5, 6]]]])
+    assert done.y.tolist() == [[[[1, 4], [2, 5], [3, 6]]]]
+    assert done.backward([[[[1, 2], [3, 4], [5, 6]]]])[0].tolist() == [[[[1, 3, 5]], [[2, 4, 6]]]]
+
+
+@pytest.mark.parametrize(
+    ("order", "axes"), [((), (0, 1, 2, 3)), ((2,), (2, 0, 1, 3)), ((3, 1), (3, 1, 0, 2)), ((3, 2, 1, 0),) * 2], ids=str
+)
+def test_axes_without_a_place_follow_in_sequence(run, rng, order, axes):
+    """Axes that the order does not name follow; without an order y = x."""
+    x = rng.normal(size=(2, 3, 4, 5))
+    done = run(text(*order), x)
+    assert np.array_equal(done.y, np.moveaxis(x, axes, range(4)))
+    dy = rng.normal(size=done.y.shape)
+    assert np.array_equal(done.backward(dy)[0], np.moveaxis(dy, range(4), axes))
+
+
+@pytest.mark.parametrize("order", [(1, 0), (2, 0, 1), (4, 2, 0, 1, 3)], ids=str)
+def test_gradient(check, rng, order):
+    """The gradient agrees with differences, for any number of axes."""
+    check(text(*order), rng.normal(size=(2, 3, 2, 1, 2)[: len(order)]))
+
+
+@pytest.mark.parametrize(
+    ("order", "message"),
+    [((0, 1, 0), r"order \[0, 1, 0\] must name axes"), ((0, 3), r"order \[0, 3\] .* \(2, 3, 4\), 0 to 2, each")],
+)
+def test_mistakes(run, order, message):
+    """An axis that is repeated or does not exist is an error with the shape."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(*order), np.zeros((2, 3, 4)))

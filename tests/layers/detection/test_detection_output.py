@@ -1,0 +1,351 @@
+"""DetectionOutput: decoding, non-maximum suppression, selection and order; compared with plain loops."""
+
+import itertools
+import logging
+import math
+
+import numpy as np
+import pytest
+
+import netlib
+
+pytestmark = pytest.mark.both_engines
+
+WIDE = [0, 0, 1, 1]  # a prior
+
+
+def text(classes=2, more=""):
+    """Return a layer with these options."""
+    return f'type: "DetectionOutput" detection_output_param {{ num_classes: {classes} {more} }}'
+
+
+def bottoms(boxes, scores):
+    """Return bottoms for one item whose boxes are the priors themselves; scores are per box, then per class."""
+    priors = np.array([boxes, np.full(np.shape(boxes), 0.1)]).reshape(1, 2, -1)
+    return np.zeros((1, np.size(boxes))), np.reshape(scores, (1, -1)), priors
+
+
+def rows(run, options, *arrays, **more):
+    """Return the rows of the top."""
+    y = run(options, *arrays, **more).y
+    assert y.shape[:2] == (1, 1) and y.shape[3] == 7
+    return y[0, 0]
+
+
+# ---------------------------------------------------------------------------------------------- decoding
+
+
+@pytest.mark.parametrize(
+    ("code", "location", "box"),
+    [
+        ("CORNER", [1, 2, -1, 3], [0.3, 0.8, 0.3, 2.0]),  # corner + variance x location
+        ("CORNER_SIZE", [1, 2, -1, 3], [0.24, 0.56, 0.48, 1.28]),  # corner + variance x location x 0.4
+        ("CENTER_SIZE", [1, 2, math.log(2) / 0.3, math.log(3) / 0.4], [0.04, 0.16, 0.84, 1.36]),  # at (0.44, 0.76)
+    ],
+)
+def test_decoding_by_hand(run, code, location, box):
+    """A prior of 0.4 x 0.4 at (0.2, 0.4) with variances 0.1 to 0.4, by hand for each code type."""
+    priors = np.array([[0.2, 0.4, 0.6, 0.8], [0.1, 0.2, 0.3, 0.4]]).reshape(1, 2, 4)
+    found = rows(run, text(more=f"code_type: {code}"), [location], [[0.1, 0.9]], priors)
+    assert np.allclose(found, [[0, 1, 0.9, *box]])
+    scaled = np.array(location) * [0.1, 0.2, 0.3, 0.4]
+    encoded = rows(run, text(more=f"code_type: {code} variance_encoded_in_target: true"), [scaled], [[0, 0.9]], priors)
+    assert np.allclose(encoded, found)
+    clipped = rows(run, text(more=f"code_type: {code} clip: true"), [location], [[0.1, 0.9]], priors)
+    assert np.allclose(clipped[0, 3:], np.clip(box, 0, 1))
+
+
+def test_a_location_for_each_class(run):
+    """Without share_location class c of a prior has its own four numbers."""
+    locations = np.array([[[9, 9, 9, 9], [1, 0, 0, 0], [0, 2, 0, 0]]]).reshape(1, -1)
+    found = rows(run, text(3, "share_location: false"), locations, [[0.2, 0.4, 0.6]], bottoms([WIDE], [0])[2])
+    assert np.allclose(found, [[0, 1, 0.4, 0.1, 0, 1, 1], [0, 2, 0.6, 0, 0.2, 1, 1]])
+
+
+# ---------------------------------------------------------------------------------------------- selection
+
+
+def strips(*starts):
+    """Return boxes of width 4 and height 1; two that are shifted by s overlap by (4 - s) / (4 + s)."""
+    return [[x, 0, x + 4, 1] for x in starts]
+
+
+@pytest.mark.parametrize(
+    ("options", "kept"),
+    [
+        ("nms_param { nms_threshold: 0.5 }", [0, 2]),  # overlap 3/5 with the first, then 1/3 and 3/5
+        ("nms_param { nms_threshold: 0.65 }", [0, 1, 2]),
+        ("nms_param { nms_threshold: 0.3 }", [0]),
+        ("", [0]),  # the default is 0.3
+        ("nms_param { nms_threshold: 0 }", [0]),
+    ],
+)
+def test_suppression(run, options, kept):
+    """A box is dropped if it overlaps a kept one by more than the threshold; dropped ones suppress none."""
+    boxes = strips(0, 1, 2)
+    found = rows(run, text(more=options), *bottoms(boxes, [[0, 0.9], [0, 0.8], [0, 0.7]]))
+    assert found[:, 3].tolist() == kept
+
+
+def test_an_overlap_equal_to_the_threshold_is_kept(run):
+    """Boxes with overlap 1/3 are both kept with the threshold 1/3 of the same rounding, and none touching ones."""
+    arrays = bottoms(strips(0, 2), [[0, 0.9], [0, 0.8]])
+    third = float(np.float32(1 / 3))
+    assert len(rows(run, text(more=f"nms_param {{ nms_threshold: {third!r} }}"), *arrays, dtype=np.float32)) == 2
+    assert len(rows(run, text(more="nms_param { nms_threshold: 0 }"), *bottoms(strips(0, 4), [[0, 1], [0, 1]]))) == 2
+
+
+def test_eta_lowers_the_threshold(run):
+    """0.8 is multiplied by 0.5 after the first kept box, but not again, as it is then below 0.5."""
+    boxes, scores = strips(0, 1, 20, 21.6, 40, 41.8), [[0, 1 - i / 10] for i in range(6)]
+    found = rows(run, text(more="nms_param { nms_threshold: 0.8 eta: 0.5 }"), *bottoms(boxes, scores))
+    assert found[:, 3].tolist() == [0, 20, 40, 41.8]  # overlaps 0.6, 0.43 and 0.38
+    found = rows(run, text(more="nms_param { nms_threshold: 0.8 }"), *bottoms(boxes, scores))
+    assert len(found) == 6
+
+
+def test_the_threshold_of_confidences(run):
+    """Only confidences above the threshold count; without one all do, also negative ones."""
+    arrays = bottoms(strips(0, 10, 20), [[0, 0.5], [0, 0.51], [0, -3]])
+    assert rows(run, text(more="confidence_threshold: 0.5"), *arrays)[:, 3].tolist() == [10]
+    assert rows(run, text(), *arrays)[:, 3].tolist() == [10, 0, 20]
+
+
+def test_top_k_limits_the_candidates(run):
+    """top_k counts candidates before the suppression, per class; keep_top_k detections, per item."""
+    arrays = bottoms(strips(0, 1, 20, 30), [[0, 0.9, 0.1], [0, 0.8, 0.2], [0, 0.7, 0.3], [0, 0.6, 0.95]])
+    found = rows(run, text(3, "nms_param { top_k: 2 }"), *arrays)
+    assert found[:, [1, 3]].tolist() == [[1, 0], [2, 30], [2, 20]]
+    found = rows(run, text(3, "keep_top_k: 3"), *arrays)
+    assert found[:, [1, 3]].tolist() == [[1, 0], [1, 20], [2, 30]]
+    assert len(rows(run, text(3, "keep_top_k: 6"), *arrays)) == 6
+    assert rows(run, text(3, "keep_top_k: 0"), *arrays)[:, 1].tolist() == [-1]
+    assert rows(run, text(3, "nms_param { top_k: 0 }"), *arrays)[:, 1].tolist() == [-1]
+
+
+def test_of_equal_confidences_the_first_comes_first(run):
+    """Equal confidences keep the sequence of the priors, also where top_k and keep_top_k cut."""
+    arrays = bottoms(strips(0, 10, 20, 30), [[0, 0.5], [0, 0.5], [0, 0.7], [0, 0.5]])
+    assert rows(run, text(), *arrays)[:, 3].tolist() == [20, 0, 10, 30]
+    for options in ("nms_param { top_k: 3 }", "keep_top_k: 3"):
+        assert rows(run, text(more=options), *arrays)[:, 3].tolist() == [20, 0, 10]
+
+
+def test_the_background(run):
+    """Class 0 is the background, unless another one or, with -1, none is."""
+    arrays = bottoms([WIDE], [[0.3, 0.4, 0.5]])
+    assert rows(run, text(3), *arrays)[:, 1].tolist() == [1, 2]
+    assert rows(run, text(3, "background_label_id: 1"), *arrays)[:, 1].tolist() == [0, 2]
+    assert rows(run, text(3, "background_label_id: -1"), *arrays)[:, 1].tolist() == [0, 1, 2]
+
+
+def test_nothing_found(run):
+    """A batch without detections has one row per item; an item without any in another batch has none."""
+    priors = bottoms([WIDE], [[0, 0]])[2]
+    options, locations = text(more="confidence_threshold: 0.5"), np.zeros((3, 4))
+    found = rows(run, options, locations, np.zeros((3, 2)), priors)
+    assert found.tolist() == [[item, -1, -1, -1, -1, -1, -1] for item in range(3)]
+    assert rows(run, options, locations, [[0, 0], [0, 1], [0, 0]], priors)[:, 0].tolist() == [1]
+    assert rows(run, options, np.zeros((0, 4)), np.zeros((0, 2)), priors).shape == (0, 7)
+
+
+def test_values_that_are_not_finite(run):
+    """A confidence that is no number is no detection; boxes that grow beyond all numbers do no harm."""
+    priors = bottoms([WIDE, WIDE], [[0, 0]])[2]
+    found = rows(
+        run, text(more="code_type: CENTER_SIZE"), [[0, 0, 1e5, 1e5, 0, 0, 0, 0]], [[0, 0.5, 0, np.nan]], priors
+    )
+    assert found.tolist() == [[0, 1, 0.5, -np.inf, -np.inf, np.inf, np.inf]]
+
+
+# ---------------------------------------------------------------------------------------------- plain loops
+
+
+def loops(options, locations, confidences, priors):
+    """The detections, as in the definition: one number after the other."""
+    o = {"code": "CORNER", "share": True, "background": 0, "nms": 0.3, "top_k": -1, "eta": 1, "keep": -1,
+         "encoded": False, "threshold": -math.inf, "clip": False} | options  # fmt: skip
+    C, P = o["classes"], priors.shape[2] // 4
+    result = []
+    for n in range(len(locations)):
+        found = []
+        for c in range(C):
+            if c == o["background"]:
+                continue
+            order = sorted((p for p in range(P) if confidences[n, p * C + c] > o["threshold"]),
+                           key=lambda p, c=c: -confidences[n, p * C + c])  # fmt: skip
+            order = order if o["top_k"] < 0 else order[: o["top_k"]]
+            kept, limit = [], o["nms"]
+            for p in order:
+                at = 4 * p if o["share"] else 4 * (p * C + c)
+                box = one_box(o, locations[n, at : at + 4], *priors[0, :, 4 * p : 4 * p + 4])
+                if all(jaccard(box, other) <= limit for *_, other in kept):
+                    kept.append((confidences[n, p * C + c], c, box))
+                    if o["eta"] < 1 and limit > 0.5:
+                        limit *= o["eta"]
+            found += kept
+        if 0 <= o["keep"] < len(found):
+            found = sorted(found, key=lambda one: -one[0])[: o["keep"]]
+            found.sort(key=lambda one: one[1])
+        result += [[n, c, score, *box] for score, c, box in found]
+    return result or [[n] + [-1] * 6 for n in range(len(locations))]
+
+
+def one_box(o, location, prior, variance):
+    """Decode one box."""
+    change = [float(number if o["encoded"] else number * v) for number, v in zip(location, variance)]
+    w, h = prior[2] - prior[0], prior[3] - prior[1]
+    if o["code"] == "CORNER":
+        box = [a + b for a, b in zip(prior, change)]
+    elif o["code"] == "CORNER_SIZE":
+        box = [a + b * s for a, b, s in zip(prior, change, (w, h, w, h))]
+    else:
+        x, y = prior[0] + w / 2 + change[0] * w, prior[1] + h / 2 + change[1] * h
+        w, h = w * math.exp(change[2]), h * math.exp(change[3])
+        box = [x - w / 2, y - h / 2, x + w / 2, y + h / 2]
+    return [min(max(value, 0), 1) for value in box] if o["clip"] else box
+
+
+def jaccard(a, b):
+    """Intersection / union of two boxes."""
+    w, h = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+    if w <= 0 or h <= 0:
+        return 0
+    return w * h / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - w * h)
+
+
+@pytest.mark.parametrize("code", ["CORNER", "CORNER_SIZE", "CENTER_SIZE"])
+@pytest.mark.parametrize("share", [True, False])
+def test_any_options_give_what_plain_loops_give(run, rng, code, share):
+    """Random boxes, also inverted and empty ones, with many options: the same rows in the same order."""
+    counts = []
+    for number, (encoded, clip) in enumerate(itertools.product([False, True], repeat=2)):
+        for C, P, N in ((2, 5, 1), (4, 90, 3), (3, 150, 2)):
+            o = {"code": code, "share": share, "encoded": encoded, "clip": clip, "classes": C,
+                 "background": int(rng.integers(-1, C)), "nms": float(np.float32(rng.choice([0, 0.3, 0.6, 0.9, 1.2]))),
+                 "eta": float(np.float32(rng.choice([1, 0.7]))), "top_k": int(rng.choice([-1, 3, 40])),
+                 "keep": int(rng.choice([-1, 7, 60]))}  # fmt: skip
+            if number % 2:
+                o["threshold"] = 0.25
+            corner = rng.uniform(0, 0.9, (P, 2))
+            priors = np.concatenate([corner, corner + rng.uniform(0.05, 0.5, (P, 2))], axis=1)
+            priors = np.array([priors, rng.uniform(0.05, 0.3, (P, 4))]).reshape(1, 2, -1)
+            locations = rng.normal(size=(N, P * (1 if share else C) * 4)) * (0.2 if encoded else 1)
+            confidences = rng.uniform(0, 1, (N, P * C)).round(2)  # with equal values
+            options = (f"code_type: {code} share_location: {share} variance_encoded_in_target: {encoded} clip: {clip} "
+                       f"background_label_id: {o['background']} keep_top_k: {o['keep']} nms_param {{ nms_threshold: "
+                       f"{o['nms']} top_k: {o['top_k']} eta: {o['eta']} }} ").replace("True", "true")  # fmt: skip
+            options = options.replace("False", "false") + ("confidence_threshold: 0.25" if "threshold" in o else "")
+            found, expected = rows(run, text(C, options), locations, confidences, priors), loops(
+                o, locations, confidences, priors)  # fmt: skip
+            assert found.shape == np.shape(expected), o
+            assert np.allclose(found, expected, rtol=1e-12, atol=1e-12), o
+            counts.append(len(found))
+    assert max(counts) > 150
+
+
+def test_many_candidates_are_suppressed_in_blocks(run, rng):
+    """Thousands of candidates without top_k agree with loops."""
+    corner = rng.uniform(0, 0.9, (700, 2))
+    boxes, scores = np.hstack([corner, corner + rng.uniform(0.05, 0.3, (700, 2))]), rng.uniform(size=(700, 2))
+    arrays = bottoms(boxes, scores)
+    found = rows(run, text(), *arrays)
+    assert np.allclose(found, loops({"classes": 2}, *arrays))
+    assert 64 < len(found) < 600
+
+
+# ---------------------------------------------------------------------------------------------- in nets, mistakes
+
+
+NET = """
+input: "x" input_shape { dim: 2 dim: 8 } input: "s" input_shape { dim: 2 dim: 4 }
+input: "p" input_shape { dim: 1 dim: 2 dim: 8 }
+layer { name: "d" type: "DetectionOutput" bottom: "x" bottom: "s" bottom: "p" top: "d"
+        detection_output_param { num_classes: 2 %s } }
+layer { name: "scaled" type: "Power" bottom: "d" top: "scaled" power_param { scale: 2 } }
+"""
+
+
+def test_the_number_of_rows_may_change_in_every_pass(net_of):
+    """Layers after it receive the rows that were found, and the caller a top of their number."""
+    net = net_of(NET % "confidence_threshold: 0.5", netlib.TEST, dtype=np.float64)
+    _, _, p = bottoms(strips(0, 10), [0])
+    assert net.blobs["d"].shape == (1, 1, 1, 7)
+    for scores in ([[0, 0.9, 0, 0.8], [0, 0.7, 0, 0]], np.zeros((2, 4)), [[0, 0, 0, 0], [0, 1, 0, 0]]):
+        y = net.forward(x=np.zeros((2, 8)), s=np.array(scores), p=p)["scaled"]
+        assert y.shape[2] == (np.array(scores) > 0).sum() or (y.shape[2] == 2 and np.max(scores) == 0)
+        assert np.array_equal(y, 2 * net.blobs["d"].data)
+
+
+def test_there_is_no_gradient(net_of, run):
+    """A gradient for any bottom is an error that says what to do; force_backward does not ask for one."""
+    done = run(text(), *bottoms([WIDE], [[0, 1]]))
+    with pytest.raises(netlib.LayerError, match="layer 'it': has no gradient; set propagate_down: false"):
+        done.backward(np.ones((1, 1, 1, 7)))
+    net = net_of("force_backward: true " + NET % "", netlib.TEST)
+    net.forward(p=bottoms(strips(0, 10), [0])[2])
+    net.backward()
+    assert not any(map(any, (at.propagate_down for at in net.connections if at.layer.type == "DetectionOutput")))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("num_classes: 0", "layer 'it': num_classes must be at least 1"),
+        ("num_classes: 2 nms_param { nms_threshold: -0.1 }", "nms_threshold -0.1 must not be negative"),
+        ("num_classes: 2 nms_param { eta: 0 }", "eta 0 must be above 0 and at most 1"),
+        ("num_classes: 2 nms_param { eta: 1.5 }", "eta 1.5 must be above 0 and at most 1"),
+        (
+            "num_classes: 3",
+            r"'bottom1' has shape \(1, 2\), expected 3 confidences per item: 3 for each of the 1 priors",
+        ),
+        ("num_classes: 2 share_location: false", r"'bottom0' has shape \(1, 4\), expected 8 locations per item"),
+    ],
+)
+def test_invalid_options(run, options, message):
+    """Invalid options, and shapes that they do not fit, raise an error."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(f'type: "DetectionOutput" detection_output_param {{ {options} }}', *bottoms([WIDE], [[0, 1]]))
+
+
+def test_num_classes_is_required(run):
+    """The number of classes has no default."""
+    with pytest.raises(netlib.PrototxtError, match="missing required field 'num_classes'"):
+        run('type: "DetectionOutput"', *bottoms([WIDE], [[0, 1]]))
+
+
+@pytest.mark.parametrize("shape", [(8,), (2, 2, 4), (1, 1, 8), (1, 2, 6), (1, 2, 4, 2)], ids=str)
+def test_invalid_priors(run, shape):
+    """Priors must be those of one item, with variances."""
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom2' has shape .*, expected \(1, 2, 4 per prior\)"):
+        run(text(), np.zeros((1, 4)), np.zeros((1, 2)), np.zeros(shape))
+
+
+def test_batches_of_different_sizes(run):
+    """Locations and confidences must have the same number of items."""
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom1' has shape \(3, 2\)"):
+        run(text(), np.zeros((2, 4)), np.zeros((3, 2)), bottoms([WIDE], [0])[2])
+
+
+@pytest.mark.parametrize("code", ["CENTER_SIZE", "CORNER_SIZE"])
+def test_a_prior_without_size(run, code):
+    """A prior that no location can scale is an error with its numbers; CORNER accepts it."""
+    arrays = bottoms([WIDE, [0.5, 0, 0.5, 1]], [[0, 1], [0, 1]])
+    with pytest.raises(
+        netlib.LayerError, match=rf"prior 1 of 'bottom2' is \(0.5, 0, 0.5, 1\); {code} needs xmin < xmax"
+    ):
+        run(text(more=f"code_type: {code}"), *arrays)
+    assert len(rows(run, text(), *arrays)) == 2
+
+
+def test_saving_is_ignored_with_a_note(run, caplog):
+    """Options that write files or show images are accepted; only those that would take effect are noted."""
+    caplog.set_level(logging.WARNING, "netlib")
+    arrays = bottoms([WIDE], [[0, 1]])
+    run(text(more='save_output_param { label_map_file: "voc.prototxt" resize_param { height: 3 } }'), *arrays)
+    assert not caplog.messages
+    run(text(more='save_output_param { output_directory: "out" }'), *arrays)
+    run(text(more="visualize: true visualize_threshold: 0.4"), *arrays)
+    assert [message.split("layer ")[1] for message in caplog.messages] == 2 * [
+        "'it': does not show or save detections: visualize and save_output_param are ignored"
+    ]

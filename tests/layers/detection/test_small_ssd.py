@@ -1,0 +1,116 @@
+"""A small detector gives what OpenCV 4.14 gives, survives binary files, and runs under both engines.
+
+small_ssd.npz was recorded with OpenCV's importer: the parameters (``LAYER/INDEX``), the input and, as ``opencv/BLOB``,
+the blobs that ``cv2.dnn.readNetFromCaffe("small_ssd.prototxt", weights).forward(...)`` returned, of the detections
+those rows that are not zeros. The importer sorts detections by their confidence, Caffe by label and confidence. The
+weights were chosen such that no decision depends on rounding. To record again, save a net with these parameters as
+.caffemodel, with norm2's scale of shape (1,), which OpenCV requires.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib.proto import messages, prototxt, wire
+
+pytestmark = pytest.mark.both_engines
+
+NET, RECORDED = (Path(__file__).with_name(f"small_ssd.{ending}") for ending in ("prototxt", "npz"))
+SHARED = Path(__file__).parents[3].parent / "shared" / "data" / "nets"  # public nets, on machines that have them
+DETECTIONS = ("shared", "own", "corners")
+
+
+@pytest.fixture
+def recorded():
+    """The recorded arrays."""
+    with np.load(RECORDED) as file:
+        return {name: file[name].astype(np.float32) for name in file.files}
+
+
+@pytest.fixture
+def net(recorded):
+    """The net with the recorded parameters."""
+    net = netlib.Net(NET, netlib.TEST)
+    for name, params in net.params.items():
+        for i, param in enumerate(params):
+            param.data[...] = recorded[f"{name}/{i}"]
+    return net
+
+
+def sorted_rows(rows):
+    """Sort rows by item, label, confidence and corners; rounding does not change the sequence."""
+    return rows[np.lexsort(rows.round(4).T[[5, 4, 3, 2, 1, 0]])]
+
+
+def test_the_net_agrees_with_opencv(net, recorded):
+    """Normalized maps, permuted locations, priors and all detections agree."""
+    found = net.forward(blobs=["norm1", "norm2", "loc1_perm", "priors"], data=recorded["data"])
+    for name, expected in recorded.items():
+        if name.startswith("opencv/"):
+            y = found[name.removeprefix("opencv/")]
+            if y.shape[3:] == (7,):
+                y, expected = sorted_rows(y[0, 0]), sorted_rows(expected)
+            assert y.shape == expected.shape, name
+            assert np.abs(y - expected).max() < 1e-4 * np.abs(expected).max(), name
+
+
+def test_rows_are_sorted_by_item_label_and_confidence(net, recorded):
+    """The order is Caffe's, whatever the options."""
+    for y in net.forward(data=recorded["data"]).values():
+        order = np.lexsort([-y[0, 0, :, 2], y[0, 0, :, 1], y[0, 0, :, 0]])
+        assert order.tolist() == list(range(len(order)))
+
+
+def test_other_batch_sizes(net, recorded):
+    """Each item alone gives its rows of the batch; a larger batch gives more."""
+    together = {name: y[0, 0] for name, y in net.forward(data=recorded["data"]).items()}
+    for item in (0, 1):
+        alone = net.forward(data=recorded["data"][item : item + 1])
+        for name in DETECTIONS:
+            expected = together[name][together[name][:, 0] == item][:, 1:]
+            assert np.allclose(alone[name][0, 0, :, 1:], expected, atol=1e-5)
+    twice = net.forward(data=np.concatenate([recorded["data"]] * 2))
+    assert all(len(twice[name][0, 0]) == 2 * len(together[name]) for name in DETECTIONS)
+
+
+@pytest.mark.parametrize("path", [NET, SHARED / "mobilenet_ssd.prototxt"], ids=lambda path: path.stem)
+def test_text_and_binary_are_equivalent(path):
+    """Encoded and decoded, the options of the fork are unchanged; protobuf's classes give the same bytes."""
+    if not path.exists():
+        pytest.skip("the public nets are not here")
+    google = pytest.importorskip("google.protobuf.text_format")
+    from netlib.caffe.proto import caffe_pb2
+
+    text = path.read_text(encoding="utf-8")
+    tree = prototxt.parse(text)
+    data = wire.encode(tree, messages.NetParameter)
+    assert wire.encode(wire.decode(data, messages.NetParameter), messages.NetParameter) == data
+    made = google.Parse(text, caffe_pb2.NetParameter())
+    assert made.SerializeToString(deterministic=True) == data
+    assert google.Parse(str(wire.decode(data, messages.NetParameter)), caffe_pb2.NetParameter()) == made
+    assert {layer.detection_output_param.code_type for layer in made.layer} >= {caffe_pb2.PriorBoxParameter.CENTER_SIZE}
+
+
+def test_a_net_with_weights_is_written_unchanged(net, tmp_path):
+    """A saved net contains the fork's options, and loads into another net and again into the same bytes."""
+    net.save(tmp_path / "a.caffemodel")
+    other = netlib.Net(NET, netlib.TEST, weights=tmp_path / "a.caffemodel")
+    other.save(tmp_path / "b.caffemodel")
+    assert (tmp_path / "a.caffemodel").read_bytes() == (tmp_path / "b.caffemodel").read_bytes()
+    tree = wire.decode((tmp_path / "a.caffemodel").read_bytes(), messages.NetParameter)
+    assert "confidence_threshold: 0.2" in str(tree)
+
+
+def test_mobilenet_ssd_runs():
+    """The public MobileNet-SSD finds the hundred best of its random boxes."""
+    path = SHARED / "mobilenet_ssd.prototxt"
+    if not path.exists():
+        pytest.skip("the public nets are not here")
+    net = netlib.Net(path, netlib.TEST, seed=1)
+    y = net.forward(data=np.random.default_rng(0).normal(size=(1, 3, 300, 300)))["detection_out"]
+    assert y.shape[:2] == (1, 1) and 1 <= y.shape[2] <= 100 and y.shape[3] == 7
+    assert net.blobs["mbox_priorbox"].shape == (1, 2, 1917 * 4)
