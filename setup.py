@@ -28,11 +28,12 @@ def long_description() -> str:
     return re.sub(r"\[([^\]]*)\]\((?!https?:)[^)]*\)", r"\1", text)
 
 
-shared = [name for top in SHARED if Path(top).is_dir() for name in folders_in(top)]
+# Of docs/ the pages are installed, which ``handpose docs`` shows, without pictures and without what makes them.
+shared = [*(name for top in SHARED if Path(top).is_dir() for name in folders_in(top)), "docs"]
 setup(
     long_description=long_description(),
     long_description_content_type="text/markdown",
     packages=[name for top in IMPORTED for name in folders_in(top)] + [f"netlib.share.{name}" for name in shared],
-    package_dir={f"netlib.share.{top}": top for top in SHARED},
-    package_data={"": ["*.prototxt", "*.md", "*.h5", "*.npz", "*.html", "*.css", "*.js", "py.typed"]},
+    package_dir={f"netlib.share.{top}": top for top in (*SHARED, "docs")},
+    package_data={"": ["*.schema.json", "*.prototxt", "*.md", "*.h5", "*.npz", "*.html", "*.css", "*.js", "py.typed"]},
 )

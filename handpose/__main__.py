@@ -3,8 +3,8 @@
 handpose train prototxt/nyu_solver.prototxt --max-iter 2000    # in a clone: python tools/train.py ...
 netlib run deploy.prototxt net.caffemodel cat.jpg              # in a clone: python tools/run_net.py ...
 
-``handpose`` lists every tool, ``netlib`` those for any Caffe net, under short names. Both are in this file because the
-package netlib, which is large, is imported by a tool when it has prepared its process (tools/__init__.py).
+``handpose`` lists every tool in groups, ``netlib`` those for any Caffe net, under short names. Both are in this file
+because the package netlib, which is large, is imported by a tool when it has prepared its process (tools/__init__.py).
 """
 
 from __future__ import annotations
@@ -21,6 +21,23 @@ PROGRAM = "handpose"
 BASE = Path(__file__).resolve().parents[1]
 INSTALLED = BASE / "netlib" / "share" / "tools"  # netlib/files/paths.py, which is not imported before a tool starts
 TOOLS = INSTALLED if INSTALLED.is_dir() else BASE / "tools"
+
+# The groups in which ``handpose`` lists its commands, and an example for those that a new user needs first.
+GROUPS = {
+    "Hands in depth images": ("demo", "predict", "track"),
+    "Recordings and data": ("record", "make-recording", "make-synthetic", "show-data", "prepare-nyu", "prepare-icvl"),
+    "Hand models and scores": ("fit-pose", "calibrate-hand", "evaluate"),
+    "Nets": ("train", "test", "run-net", "test-net", "plot-log", "time", "draw-net", "export-onnx"),
+    "Caffe's commands": ("caffe", "compute-image-mean", "convert-imageset", "extract-features", "upgrade-net"),
+    "Measurements": ("table1", "measure-fit", "measure-finding", "measure-tracking", "measure-gestures",
+                     "package-model"),
+    "Learning": ("docs", "exercise"),
+}  # fmt: skip
+EXAMPLES = {
+    "demo": "--out demo",
+    "predict": "demo/frame_0.png --camera nyu --out pictures",
+    "track": '"frames/*.png" --camera kinect2 --json hands.json --sheet hands.png',
+}
 
 # Commands for nets of any kind, in the order in which a user needs them: short name -> file in tools/.
 NET_TOOLS = {
@@ -41,19 +58,20 @@ NET_TOOLS = {
 
 def main() -> None:
     """Run the tool that the command line names, in this process, as if Python ran its file."""
-    _run_command(PROGRAM, commands(), commands())
+    known = commands()
+    _run_command(PROGRAM, {title: {name: known[name] for name in names} for title, names in GROUPS.items()}, known)
 
 
 def netlib() -> None:
     """Like ``main``, for the command ``netlib``. The names that ``handpose`` lists are accepted, too."""
     listed = {name: TOOLS / f"{stem}.py" for name, stem in NET_TOOLS.items()}
-    _run_command("netlib", listed, {**commands(), **listed})
+    _run_command("netlib", {"Commands": listed}, {**commands(), **listed})
 
 
-def _run_command(program: str, listed: dict[str, Path], known: dict[str, Path]) -> None:
+def _run_command(program: str, groups: dict[str, dict[str, Path]], known: dict[str, Path]) -> None:
     words = sys.argv[1:]
     if not words or words[0] in ("-h", "--help"):
-        print(usage(program, listed), end="")
+        print(usage(program, groups), end="")
         sys.exit(0 if words else 2)
     if words[0] == "--version":
         print(f"{program} {handpose.__version__}")
@@ -74,14 +92,19 @@ def commands() -> dict[str, Path]:
     return {path.stem.replace("_", "-"): path for path in sorted(TOOLS.glob("*.py")) if path.stem != "__init__"}
 
 
-def usage(program: str, listed: dict[str, Path]) -> str:
-    """The commands, each with the first sentence of its docstring."""
-    lines = [f"usage: {program} COMMAND ...", "", f"'{program} COMMAND --help' describes a command.", ""]
-    width = max(map(len, listed), default=0)
-    for name, path in listed.items():
-        doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-        first = " ".join(doc.partition("\n\n")[0].split())
-        lines.append(f"  {name:{width}}  {re.split(r'(?<=[.?]) (?=[A-Z])', first, maxsplit=1)[0]}")
+def usage(program: str, groups: dict[str, dict[str, Path]]) -> str:
+    """The commands by group, each with the first sentence of its docstring."""
+    lines = [f"usage: {program} COMMAND ...", "", f"'{program} COMMAND --help' describes a command, "
+             f"'{program} docs' lists the pages of the documentation."]  # fmt: skip
+    width = max(len(name) for listed in groups.values() for name in listed)
+    for title, listed in groups.items():
+        lines += ["", f"{title}:"]
+        for name, path in listed.items():
+            doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+            first = " ".join(doc.partition("\n\n")[0].split())
+            lines.append(f"  {name:{width}}  {re.split(r'(?<=[.?]) (?=[A-Z])', first, maxsplit=1)[0]}")
+            if program == PROGRAM and name in EXAMPLES:
+                lines.append(f"  {'':{width}}    {program} {name} {EXAMPLES[name]}")
     return "\n".join(lines) + "\n"
 
 

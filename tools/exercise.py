@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Exercises: implement a layer and check it step by step (docs/exercises).
+"""Exercises: implement a layer and check it step by step.
 
     python tools/exercise.py
     python tools/exercise.py relu --start

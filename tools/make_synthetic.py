@@ -24,7 +24,7 @@ writes training data of the locator (models/hand_locator): small crops of scenes
                       for training with your own camera
          people       as cameras, with adults and children, any viewpoint and any direction of the arm
          one_hand     one hand, with NYU's orientations, and in the test split a second, smaller one: the setting of the
-                      paper (docs/results/table1.md)
+                      paper
          many_hands   the same poses, with hands of many people
 
     python tools/make_synthetic.py --body prototxt/body/person_prior.prototxt --train 40000

@@ -18,7 +18,7 @@ from netlib.errors import NetlibError, reason_of
 from netlib.layer import Layer
 
 OPSET, IR_VERSION = 17, 8
-PRODUCER = "deepmodel-numpy"
+PRODUCER = "handpose"
 MAX_BYTES = 2**31 - 1  # of a protocol buffer
 
 Shape = tuple[int | str, ...]  # "N" is the batch size, "4*N" four times as much

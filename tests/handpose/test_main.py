@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import configparser
+import importlib
 import re
+import shlex
 from pathlib import Path
 
+import pytest
+
 from handpose import __version__
-from handpose.__main__ import NET_TOOLS, PROGRAM, commands, usage
+from handpose.__main__ import EXAMPLES, GROUPS, NET_TOOLS, commands
 from tests.support.running import Done, run_python
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,9 +29,32 @@ def test_every_tool_is_a_command() -> None:
     """Every tool is a command named with dashes, and the list has a sentence about each."""
     assert {path.name for path in (ROOT / "tools").glob("[!_]*.py")} == {path.name for path in commands().values()}
     assert {"demo", "predict", "track", "record", "train", "test", "caffe", "export-onnx"} <= set(commands())
-    lines = usage(PROGRAM, commands()).splitlines()
-    assert len(lines) == 4 + len(commands())
-    assert all(re.fullmatch(r"  [a-z0-9-]+ +[A-Z].*[.?]", line) for line in lines[4:])
+    listed = [name for names in GROUPS.values() for name in names]
+    assert sorted(listed) == sorted(commands())
+    lines = handpose("--help").out.splitlines()
+    found = [match for line in lines if (match := re.fullmatch(r"  ([a-z0-9-]+) +[A-Z].*[.?]", line))]
+    assert [match[1] for match in found] == listed
+    assert [line[:-1] for line in lines if line.endswith(":")] == list(GROUPS)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_examples_parse(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The examples of the list are command lines that the tools accept."""
+    tool = importlib.import_module(f"tools.{name}")
+    monkeypatch.setattr(tool, "guarded", lambda run, args: 0)
+    assert tool.main(shlex.split(EXAMPLES[name])) == 0
+    assert f"handpose {name} {EXAMPLES[name]}\n" in handpose("--help").out
+
+
+def test_help_of_an_installed_command_names_commands() -> None:
+    """Help for ``handpose NAME`` names neither tools nor pages by their files, which are not installed."""
+    for name, path in commands().items():
+        text = path.read_text(encoding="utf-8")
+        if "tools/" in text or "docs/" in text:
+            shown = handpose(name, "--help").out
+            assert not re.search(r"tools/\w+\.py|docs/\w+\.md|python -m mpi4py", shown), name
+    assert "'handpose docs live'" in handpose("track", "--help").out
+    assert "mpiexec -n 4 handpose train" in handpose("train", "--help").out
 
 
 def test_messages_name_the_command_that_was_typed() -> None:
@@ -42,9 +69,8 @@ def test_messages_name_the_command_that_was_typed() -> None:
 
 def test_without_a_command() -> None:
     """Without a command the list is printed and the status is 2; --help and --version succeed."""
-    expected = usage(PROGRAM, commands())
+    expected = handpose("--help").out
     assert handpose(status=2).out == expected
-    assert handpose("--help").out == expected
     assert handpose("--version").out == f"handpose {__version__}\n"
 
 
@@ -60,7 +86,7 @@ def test_netlib_lists_the_tools_for_any_net() -> None:
     """``netlib`` lists its tools under short names, in order; it accepts the other names, too."""
     lines = netlib("--help").out.splitlines()
     assert lines[0] == "usage: netlib COMMAND ..."
-    assert [line.split()[0] for line in lines[4:]] == list(NET_TOOLS)
+    assert [line.split()[0] for line in lines[5:]] == list(NET_TOOLS)
     assert set(NET_TOOLS.values()) <= {path.stem for path in commands().values()}
     assert netlib("--version").out == f"netlib {__version__}\n"
     assert netlib("plot_log", "--help").out.startswith("usage: netlib plot-log [-h]")

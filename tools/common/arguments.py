@@ -24,14 +24,23 @@ MAX_DIGITS = 1000  # Python's int() takes quadratic time
 MAX_SHOWN = 100  # characters of a value in a message
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose help, for a user of the command handpose or netlib, names commands instead of files of a clone."""
+
+    def format_help(self) -> str:
+        text = super().format_help()
+        if not is_subcommand():
+            return text
+        text = re.sub(r"(?:python (?:-m mpi4py )?)?tools/(\w+)\.py", lambda match: command(match[1]), text)
+        return re.sub(r"\bdocs/(\w+)\.md\b", lambda match: f"'{command('docs')} {match[1]}'", text)
+
+
 def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
     """Create a parser whose help is the docstring of the tool. ``nets`` adds --no-python-layers.
 
     That option applies to the whole run inside console.guarded, wherever a net is built.
     """
-    if doc is not None and is_subcommand():  # show examples with the command that the user typed
-        doc = re.sub(r"python tools/(\w+)\.py", lambda match: command(match[1]), doc)
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = _Parser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if nets:
         parser.add_argument("--no-python-layers", action="store_true",
                             help="reject nets with layers of type Python, which execute code")  # fmt: skip

@@ -52,10 +52,10 @@ def test_metadata(packaged, onnx):
     assert json.loads(about.pop("joint_names")) == load().joint_names
     assert json.loads(about.pop("dof_names")) == load().dof_names
     assert about == {
-        "producer": "deepmodel-numpy", "net": "SyntheticHand", "unit": "half-cubes", "cube_mm": "300",
+        "producer": "handpose", "net": "SyntheticHand", "unit": "half-cubes", "cube_mm": "300",
         "axes": "x right, y up, z away", "input_range": "[-1, 1]",
     }  # fmt: skip
-    assert (model.producer_name, model.graph.name, model.ir_version) == ("deepmodel-numpy", "SyntheticHand", 8)
+    assert (model.producer_name, model.graph.name, model.ir_version) == ("handpose", "SyntheticHand", 8)
     assert [(opset.domain, opset.version) for opset in model.opset_import] == [("", 17)]
 
 

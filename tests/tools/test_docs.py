@@ -1,0 +1,56 @@
+"""tools/docs.py: the pages of the documentation as text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.running import run_tool
+from tests.tools.conftest import ROOT
+from tools import docs
+
+
+def test_the_pages_are_listed() -> None:
+    """Every page has a line with its title."""
+    lines = run_tool("docs").out.splitlines()
+    assert {line.split()[0] for line in lines} == {
+        *(path.stem for path in (ROOT / "docs").glob("*.md")), "hands.schema.json"
+    }  # fmt: skip
+    assert all(len(line.split()) > 1 for line in lines)
+    assert "camera             Tracking: from a depth camera to hand poses" in lines
+
+
+@pytest.mark.parametrize("name", ["camera", "camera.md", "docs/camera.md"])
+def test_a_page(name: str) -> None:
+    """A page is printed as it is."""
+    assert run_tool("docs", name).out == (ROOT / "docs" / "camera.md").read_text(encoding="utf-8")
+
+
+def test_finding_words() -> None:
+    """Lines with the words are printed after the name of their page, whatever their case."""
+    found = run_tool("docs", "--find", "JSON schema").out.splitlines()
+    assert any(line.startswith("camera: ") for line in found)
+    assert all("json schema" in line.lower() for line in found)
+
+
+@pytest.mark.parametrize(
+    ("argv", "status", "message"),
+    [
+        (["camra"], 1, "camra: no such page (did you mean 'camera'?)"),
+        (["--find", "xyzzy!"], 1, "no page contains 'xyzzy!'"),
+        (["camera", "--find", "x"], 2, "expected either a page or --find"),
+    ],
+)
+def test_mistakes(argv: list[str], status: int, message: str) -> None:
+    """Unknown pages and words give one line."""
+    assert message in run_tool("docs", *argv, status=status).err
+
+
+def test_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a terminal a page is shown with the pager."""
+    shown: list[str] = []
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setattr(docs.pydoc, "pager", shown.append)
+    assert docs.main(["fit"]) == 0
+    assert shown == [Path(ROOT / "docs" / "fit.md").read_text(encoding="utf-8")]
