@@ -49,12 +49,12 @@ from netlib.files.paths import command
 from tools.common import outputs
 from tools.common.arguments import count, parser_of, positive, real, reject_given, seed
 from tools.common.console import DONE, duration, guarded, say
-from tools.common.hand_arguments import camera, half_cube
+from tools.common.hand_arguments import half_cube
 from tools.common.outputs import check_skeleton, write_skeleton
 from tools.common.progress import ProgressBar
-from tools.common.sources import unit_mm
+from tools.common.sources import ABOUT_FRAMES, add_camera_options, frames_camera
 
-OF_ANNOTATIONS, OF_DEPTH = ("template", "frames", "joints", "half_cube", "percentile", "seed"), ("unit", "hand")
+OF_ANNOTATIONS, OF_DEPTH = ("template", "frames", "joints", "half_cube", "percentile", "seed"), (*ABOUT_FRAMES, "hand")
 UNSURE = 0.03  # standard deviation of a size
 LARGE_MM = 4.0  # mean distance; careful annotation of one person leaves 3 mm (NYU's two test subjects)
 
@@ -66,8 +66,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="an HDF5 file, or a list of them (.txt); depth frames with --from-depth")  # fmt: skip
     parser.add_argument("--from-depth", action="store_true",
                         help="estimate only size and thickness, from depth frames without annotation")  # fmt: skip
-    parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0", help="camera of the depth frames")
-    parser.add_argument("--unit", type=unit_mm, metavar="MM", help="depth unit (default: 1, for sr305 0.125)")
+    add_camera_options(parser, "camera of the depth frames")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
                         help="hand in the depth frames (default: %(default)s, the one in most of them)")  # fmt: skip
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the skeleton file to write")
@@ -132,8 +131,9 @@ def run_on_depth(args: argparse.Namespace) -> int:
     """Estimate size and thickness from depth frames. Raises NetlibError."""
     check_skeleton(args.out, args.force, args.annotations)
     begun = time.perf_counter()
-    predictor = load_predictor(args.camera, hand=args.hand)
-    frames = [(image, read_frame(image, args.camera, args.unit)) for image in args.annotations]
+    given, camera = frames_camera(args)
+    predictor = load_predictor(camera, hand=args.hand)
+    frames = [(image, read_frame(image, given)) for image in args.annotations]
     with ProgressBar((1 + len(GRID)) * len(frames)) as progress:
         hand, size = hand_of(predictor, frames, progress)
     words = (f"A {hand} hand of {size.size:.3f} +- {size.deviation:.3f} times the size of {predictor.skeleton.name}, "

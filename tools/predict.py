@@ -9,13 +9,12 @@ The network of models/synthetic_hand predicts a pose, and a fit refines it to ma
 of the time, --fit no uses the network alone). --weights selects your own network.
 
 With --camera, the images are full depth frames: 16-bit grey PNG, 0 where there is no measurement; with --camera nyu,
-also NYU's colour encoding. --center gives the position of the hand; by default it is detected. The crop is then moved
-to the palm that the network predicts, --refine times; use 0 for networks whose training crops are not centred like
-NYU's, such as ICVL's.
+also NYU's colour encoding. A camera.json (docs/camera.md) may also give their unit and distortion. --center gives the
+position of the hand; by default it is detected. The crop is then moved to the palm that the network predicts, --refine
+times; use 0 for networks whose training crops are not centred like NYU's, such as ICVL's.
 
-Without --camera, the images are crops: square 8-bit images of normalised depth, in which value v means the depth of the
-centre + (v / 127.5 - 1) * cube / 2, so the hand's centre is mid-grey and the background white. They are resized to
-128 x 128.
+Without --camera, the images are crops: square 8-bit images of normalised depth, resized to 128 x 128. A value v means
+the depth of the centre + (v / 127.5 - 1) * cube / 2: the hand's centre is mid-grey, the background white.
 
 Networks are trained on right hands, in images that are not mirrored. --hand either, the default with a fit, tries both
 and selects the one that matches the depth better; use --hand left or right if it is known. Another body
@@ -39,10 +38,9 @@ import tools
 
 tools.begin(__name__)
 
-import numpy as np
 from numpy.typing import NDArray
 
-from handpose import CAMERAS, NYU, load_predictor
+from handpose import NYU, Camera, CameraInfo, load_predictor
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.estimate.packaged import predictor_of
@@ -50,12 +48,13 @@ from handpose.estimate.prediction import Prediction
 from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.search import PLANS
 from handpose.frames.images import UnitError, read_crop, read_frame
+from handpose.frames.inspection import doubt_of
 from handpose.output.tracks.predictions import document, frame_values
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, hand_arguments, outputs
 from tools.common.console import DONE, guarded, say
-from tools.common.sources import print_warnings, unit_mm
+from tools.common.sources import ABOUT_FRAMES, add_camera_options, frames_camera, print_warnings
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -73,11 +72,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--html", metavar="FILE", help="write a page on which the hands can be rotated")
     parser.add_argument("--cube", type=hand_arguments.cube, metavar="MM",
                         help=f"edge of the cube (default for hands: {CUBE_MM:g})")  # fmt: skip
-    parser.add_argument("--camera", type=hand_arguments.camera, metavar="NAME|FX,FY,U0,V0",
-                        help="the images are full depth frames of this camera: "
-                             f"{', '.join(CAMERAS)}, or FX,FY,U0,V0")  # fmt: skip
-    parser.add_argument("--unit", type=unit_mm, metavar="MM",
-                        help="depth unit: mm per stored value of 1 (default: 1, for sr305 0.125)")  # fmt: skip
+    add_camera_options(parser, "the images are full depth frames of this camera")
     parser.add_argument("--center", type=hand_arguments.center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: centre of the hand, once for all frames or once per frame")  # fmt: skip
     parser.add_argument("--refine", type=arguments.whole(0, MAX_REFINE), default=3, metavar="N",
@@ -92,7 +87,9 @@ def main(argv: list[str] | None = None) -> int:
     if args.fit == "no" and args.hand == "either":
         parser.error("--hand either needs a fit; use --hand right or left")
     if args.camera is None:
-        arguments.reject_given(parser, args, ["center", "unit", "refine"], "applies only to full frames, with --camera")
+        arguments.reject_given(
+            parser, args, ["center", *ABOUT_FRAMES, "refine"], "applies only to full frames, with --camera"
+        )
     if args.center and len(args.center) not in (1, len(args.images)):
         parser.error(f"--center is given {len(args.center)} times for {len(args.images)} images; "
                      "expected once, or once per image")  # fmt: skip
@@ -101,21 +98,23 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Predict the images."""
-    predictor = _predictor(args)
+    given, camera = (CameraInfo(), NYU) if args.camera is None else frames_camera(args)
+    predictor = _predictor(args, camera)
     out = Path(args.out)
     outputs.make_folder(out)
+    own = args.camera if isinstance(args.camera, Path) else None
     for file in filter(None, (args.html, args.csv)):
-        outputs.check_place(Path(file), [*args.images, args.weights, args.model])
+        outputs.check_place(Path(file), [*args.images, own, args.weights, args.model])
     whole = args.camera is not None
-    depths = [read_frame(i, args.camera, args.unit) if whole else read_crop(i) for i in args.images]
-    given = args.center or [None]
-    centers = given if len(given) > 1 else given * len(args.images)
+    depths = [read_frame(image, given) if whole else read_crop(image) for image in args.images]
+    middles = args.center or [None]
+    centers = middles if len(middles) > 1 else middles * len(args.images)
     places = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
     frames, hands = list[dict[str, Any]](), list[tuple[str, Prediction]]()
     for image, depth, middle, place in zip(args.images, depths, centers, places):
-        found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
+        found = _in_frame(predictor, depth, middle, image, given) if whole else predictor.in_crop(depth)
         if found.in_frame and predictor.is_hand:
-            print_warnings(image, depth, found.camera, args.unit, found.fit.confidence if found.fit else 0.0)
+            print_warnings(image, depth, found.camera, given.unit_mm, found.fit.confidence if found.fit else 0.0)
         hands.append((image, found))
         findings.draw(place, found, predictor)
         if args.json:
@@ -135,9 +134,9 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _predictor(args: argparse.Namespace) -> Predictor:
+def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
     """Create the predictor that the arguments select."""
-    camera, options = args.camera or NYU, {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
+    options = {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
     if not args.weights:
         options["hand"] = args.hand or ("right" if args.fit == "no" else "either")
         return load_predictor(camera, fit=args.fit or "accurate", **options)
@@ -145,14 +144,15 @@ def _predictor(args: argparse.Namespace) -> Predictor:
     return predictor_of(model, args.weights, camera, fit=args.fit, hand=args.hand, **options)
 
 
-def _in_frame(predictor: Predictor, depth: NDArray[np.float32], middle: Any, image: str) -> Prediction:
+def _in_frame(predictor: Predictor, depth: NDArray[Any], middle: Any, image: str, given: CameraInfo) -> Prediction:
     """Predict the hand in a frame. Raises DataError with the image's name and advice."""
     try:
         return predictor.in_frame(depth, middle)
     except DataError as error:
         known = isinstance(error, UnitError) or (middle and len(middle) == 3)
+        doubt = "" if middle else doubt_of(depth, predictor.camera, given.unit_mm)
         body = "hand" if predictor.is_hand else "body"
-        advice = "" if known else f"; give the position of the {body} with --center U,V,D"
+        advice = "" if known else f"{doubt and f'; {doubt}'}; give the position of the {body} with --center U,V,D"
         raise DataError(f"{image}: {error}{advice}") from None
 
 

@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
             status = 128 + stopper.signum
         print_new_remarks(recording, seen)
         if summary.frames:
-            _say_summary(summary, time.perf_counter() - begun, outputs, talk)
+            _say_summary(summary, time.perf_counter() - begun, outputs, talk, seen.doubt)
         elif status == DONE:
             raise DataError(f"{recording.name}: no frames were tracked")
     return status
@@ -128,11 +128,11 @@ def _track(
             write(held.finish())
 
 
-def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextIO) -> None:
-    """Print a summary, one line per hand, and the names of the outputs."""
+def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextIO, doubt: str) -> None:
+    """Print a summary, one line per hand, and the names of the outputs; ``doubt`` may explain why no hand was found."""
     say(f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s", file=talk)
     if not summary.hands:
-        say(summary.nothing_found, file=talk)
+        say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=talk)
     else:
         rows = [["hand", "frames", "confidence", "size", "lost", "longest"]]
         for id, hand in sorted(summary.hands.items()):

@@ -11,6 +11,8 @@ min_range_mm    nearer readings are errors and count as missing; default 200
 distortion      of the lens: as above, or the coefficients alone. RealSense's model and coeffs and Azure's k1 ... p2 may
                 also be keys next to fx
 name            of the camera
+time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
+swap_bytes      true if the two bytes of every stored value are exchanged
 """
 
 from __future__ import annotations
@@ -39,11 +41,12 @@ RANGES = {  # exclusive lower and inclusive upper bounds
     "width": (0, 1 << 14), "height": (0, 1 << 14), "min_range_mm": (0, 1e4),
 }  # fmt: skip
 MIN_RANGE = "min_range_mm"
+TIME_UNITS = ("s", "ms", "us", "ns", "frames")
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
 BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
 IGNORED = ("codx", "cody", "metric_radius")  # Azure's: 0, 0, and the valid radius of its inverse
-KNOWN = (*RANGES, "name", *LENS, *IGNORED)
+KNOWN = (*RANGES, "name", *LENS, *IGNORED, "time_unit", "swap_bytes")
 KEYS = (*KNOWN, *SAME)  # all valid keys
 
 
@@ -82,6 +85,7 @@ def to_text(given: CameraInfo) -> str:
     said |= {key: float(getattr(given, key)) for key in ("unit_mm", "rate") if getattr(given, key) is not None}
     if given.lens is not None and not given.lens.is_straight:
         said["distortion"] = {"model": given.lens.model, "coefficients": list(map(float, given.lens.coefficients))}
+    said |= {key: getattr(given, key) for key in ("time_unit", "swap_bytes") if getattr(given, key) is not None}
     return json.dumps(said, indent=1)
 
 
@@ -104,7 +108,7 @@ def of(values: dict[str, Any], where: str) -> CameraInfo:
     elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in said.values]:
         said.refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
     unit, rate = (said.number(key) if key in said.values else None for key in ("unit_mm", "rate"))
-    return CameraInfo(camera, _lens(said), unit, rate, where)
+    return CameraInfo(camera, _lens(said), unit, rate, where, said.time_unit(), said.swap_bytes())
 
 
 def _lens(said: _Said) -> Lens | None:
@@ -184,6 +188,18 @@ class _Said:
         value = self.values.get(key, default)
         if not isinstance(value, str):
             self.refuse(f"{key} is {_shown(value)}; expected a text")
+        return value
+
+    def time_unit(self) -> str | None:
+        value = self.values.get("time_unit")
+        if value not in (None, *TIME_UNITS):
+            self.refuse(f"time_unit is {_shown(value)}; expected {', '.join(TIME_UNITS)}")
+        return value
+
+    def swap_bytes(self) -> bool | None:
+        value = self.values.get("swap_bytes")
+        if not isinstance(value, bool | None):
+            self.refuse(f"swap_bytes is {_shown(value)}; expected true or false")
         return value
 
 

@@ -9,6 +9,7 @@ depth_image   an array, in mm if ``check_unit`` accepts it
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.frames.cameras import UNIT_MM, Camera
+from handpose.frames.cameras import UNIT_MM
 from handpose.frames.crops import SIZE, numbers
+from handpose.frames.raw import calibration_of
+from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, system_error_of
@@ -62,25 +65,20 @@ def read_picture(path: str | Path) -> Array:
     return pictures.decode(files.read_bytes(path, "the picture"), cv2.IMREAD_UNCHANGED, str(path))
 
 
-def read_frame(path: str | Path, camera: Camera, unit_mm: float | None = None) -> NDArray[np.float32]:
-    """A whole depth frame (height, width) in mm; 0 where there is no reading. Raises DataError.
+def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
+    """A whole depth frame (height, width) in mm without distortion; 0 where there is no reading. Raises DataError.
 
-    path     a 16-bit grey image; for the camera "nyu" also NYU's colour packing
-    camera   of the frame; one without a size accepts frames of any size
-    unit_mm  depth of a pixel value of 1; by default the camera's own unit
+    path   a 16-bit grey image; for the camera "nyu" also NYU's colour packing
+    given  its camera, which is necessary; the default unit is the camera's own
     """
     image = read_picture(path)
-    unit = np.float32(unit_mm or UNIT_MM.get(camera.name, 1.0))
-    if image.ndim == 3 and image.dtype == np.uint8 and camera.name == "nyu":
-        depth = unpack_depth(image) * unit
-    elif image.ndim == 2 and image.dtype == np.uint16:
-        depth = image.astype(np.float32) * unit
-    else:
+    if image.ndim == 3 and image.dtype == np.uint8 and given.camera is not None and given.camera.name == "nyu":
+        image = unpack_depth(image).astype(np.uint16)
+    if image.ndim != 2 or image.dtype != np.uint16:
         raise DataError(f"{path}: found {image.dtype} {image.shape}; expected a 16-bit grey PNG of depth")
-    if camera.width and depth.shape != (camera.height, camera.width):
-        raise DataError(f"{path}: {depth.shape[1]} x {depth.shape[0]} pixels; "
-                        f"camera {camera.name} has {camera.width} x {camera.height}")  # fmt: skip
-    return depth
+    if given.unit_mm is None and given.camera is not None:
+        given = replace(given, unit_mm=UNIT_MM.get(given.camera.name, 1.0))
+    return calibration_of(given, UNKNOWN, UNKNOWN, image.shape, image.dtype, str(path)).decoder(str(path))(image)
 
 
 def read_crop(path: str | Path) -> NDArray[np.float32]:

@@ -11,7 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import MIN_RANGE_MM, UNIT_MM, Camera
+from handpose.frames.places import FAR_MM
+from handpose.frames.raw import MAX_UINT16
 from handpose.frames.recording import DepthFrame, Recording
 from netlib.errors import DataError
 
@@ -19,12 +21,20 @@ FRAMES = 10  # number of inspected frames
 NEAREST_SHARE = 0.5  # percentile of the depths that counts as nearest; fewer pixels are noise
 BEHIND = 1.25  # depth range of the nearest object, relative to its distance, which is independent of the unit
 MIN_NEAR_SHARE = 1e-3  # share of the readings that may be nearer than the camera measures
-NEAR_MM, FAR_MM = 120.0, 2500.0  # range of a hand's distance in all depth cameras
+NEAR_MM = 120.0  # a hand is farther away in all depth cameras; one beyond FAR_MM is not detected
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # range of widths: a hand, or a hand with arm and shoulder
 USUAL_MM = (300.0, 1200.0)  # range of distances of a hand
-UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 1000.0, 10.0)  # mm, of existing cameras and files, the most likely first
+BODY_MM = (1000.0, 500.0)  # distance and width beyond which the nearest object is a person, or a hand of another unit
+SMALL_MM = 250.0  # width of a hand at most; a wider object may be a hand of another unit
+HAND_MM = (40.0, 600.0)  # range of widths of a hand with its forearm
+MAX_MEDIAN_MM = 15_000.0  # depth cameras measure a whole image nearer
+SATURATED = 0.05  # share of one value, the largest, which then means no reading
+UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)  # mm, of existing cameras and files, the most likely first
+SAME_BYTE, OTHER_BYTE = 0.5, 0.2  # shares of pixel pairs that show exchanged bytes
+MIN_PAIRS = 100  # pixel pairs that suffice for a share
 RATES = (1.0, 1000.0)  # frames per second of depth cameras
 OFF_RATE = 0.2  # tolerance of a rate
+EXCHANGED = "neighbouring pixels mostly agree in the low byte of their values, so the bytes may be exchanged"
 VIEW_DEGREES = (20.0, 130.0)
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
@@ -40,6 +50,7 @@ class Inspection:
     view      (2,) angle of view in degrees, horizontal and vertical
     nearest   distance and width in mm of the nearest object, None without one
     warnings  likely errors and what to do about them, one line each
+    doubt     why the unit or the byte order may be wrong if no hand is found, else empty
     """
 
     name: str
@@ -55,6 +66,7 @@ class Inspection:
     view: tuple[float, float]
     nearest: tuple[float, float] | None
     warnings: tuple[str, ...]
+    doubt: str
 
 
 def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
@@ -66,11 +78,12 @@ def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
     values = np.concatenate([frame.depth[frame.depth > 0] for frame in seen])
     low, middle, high = np.percentile(values, (1, 50, 99)).tolist() if len(values) else (0.0, 0.0, 0.0)
     near = next((found for frame in seen if (found := nearest_thing(frame.depth, camera)) is not None), None)
+    exchanged = any(_bytes_are_exchanged(frame.depth, recording.unit_mm) for frame in seen)
     warnings = [
         *_of_camera(camera),
         *_of_values(seen, bool(len(values))),
         *_of_times(seen, recording.rate),
-        *(_of_depths(near, recording.unit_mm, values, camera) if near else ()),
+        *(_of_depths(near, recording.unit_mm, values, camera, exchanged) if near else ()),
     ]
     return Inspection(
         name=recording.name,
@@ -86,6 +99,7 @@ def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
         view=_view_of(camera),
         nearest=near,
         warnings=tuple(warnings),
+        doubt=_doubt(near, recording.unit_mm, exchanged) if near else "",
     )
 
 
@@ -96,7 +110,17 @@ def warnings_of(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit
     """
     near = None if unit_is_known else nearest_thing(depth, camera)
     values = depth[depth > 0]
-    return [*_of_camera(camera), *(_of_depths(near, unit_mm, values, camera) if near else ())]
+    exchanged = near is not None and _bytes_are_exchanged(depth, unit_mm)
+    return [*_of_camera(camera), *(_of_depths(near, unit_mm, values, camera, exchanged) if near else ())]
+
+
+def doubt_of(depth: NDArray[np.float32], camera: Camera, unit_mm: float | None = None) -> str:
+    """Why the unit or the byte order of a frame (height, width) in mm without a hand may be wrong; else empty.
+
+    The default unit is that of the camera.
+    """
+    near, unit = nearest_thing(depth, camera), unit_mm or UNIT_MM.get(camera.name, 1.0)
+    return _doubt(near, unit, _bytes_are_exchanged(depth, unit)) if near else ""
 
 
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
@@ -153,11 +177,11 @@ def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
 
 
 def _of_depths(
-    nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating], camera: Camera
+    nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating], camera: Camera, exchanged: bool
 ) -> Iterator[str]:
-    wrong_unit = list(_of_unit(nearest, unit_mm))
-    yield from wrong_unit
-    share = 0.0 if wrong_unit else float(np.mean(values < camera.min_range_mm))
+    wrong = list(_of_unit(nearest, unit_mm, values)) if not exchanged else [f"{EXCHANGED}; check --swap-bytes"]
+    yield from wrong
+    share = 0.0 if wrong else float(np.mean(values < camera.min_range_mm))
     if share > MIN_NEAR_SHARE:
         yield (
             f"{share:.1%} of the readings are nearer than {camera.min_range_mm:g} mm, the minimum range of the camera, "
@@ -175,16 +199,68 @@ def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]
         yield f"{rate:g} frames per second given, but {1 / step:.3g} by their times; the times are used"
 
 
-def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:
+def _of_unit(nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating]) -> Iterator[str]:
     distance, width = nearest
-    if NEAR_MM <= distance <= FAR_MM and NARROW_MM <= width <= WIDE_MM:
-        return
-    usual = [unit for unit in UNITS if USUAL_MM[0] <= distance * unit / unit_mm <= USUAL_MM[1] and unit != unit_mm]
-    advice = (
-        f"with --unit {usual[0]:g} it would be {distance * usual[0] / unit_mm / 1000:.2f} m away; " if usual else ""
-    )
-    yield (f"the nearest object is {_length(distance)} away and {_length(width)} wide, which is not plausible "
-           f"for a hand: {advice}check the unit, here {unit_mm:g} mm")  # fmt: skip
+    near = distance < NEAR_MM or not NARROW_MM <= width <= WIDE_MM
+    far = distance > FAR_MM or (distance > BODY_MM[0] and width > BODY_MM[1])
+    others = _other_units(nearest, unit_mm)
+    if near or far:
+        advice = f"{others}; " if others else ""
+        yield (f"the nearest object is {_length(distance)} away and {_length(width)} wide, which is not plausible "
+               f"for a hand: {advice}check the unit, here {unit_mm:g} mm")  # fmt: skip
+    elif (median := _median(values)) > MAX_MEDIAN_MM:
+        yield (f"the median depth is {_length(median)}, which is beyond the range of depth cameras: check the unit, "
+               f"here {unit_mm:g} mm, and the byte order (--swap-bytes)")  # fmt: skip
+
+
+def _other_units(nearest: tuple[float, float], unit_mm: float) -> str:
+    """With which units the nearest object may be a hand, and where it would be; empty if with none."""
+    distance, width = nearest
+    parts: list[str] = []
+    for unit in UNITS:
+        factor = unit / unit_mm
+        plausible = USUAL_MM[0] <= distance * factor <= USUAL_MM[1] and HAND_MM[0] <= width * factor <= HAND_MM[1]
+        if plausible and unit != unit_mm:
+            start = f"--unit {unit:g}" if parts else f"with --unit {unit:g} it would be"
+            parts.append(f"{start} {distance * factor / 1000:.2f} m away and {_length(width * factor)} wide")
+    return ", with ".join(parts)
+
+
+def _doubt(nearest: tuple[float, float], unit_mm: float, exchanged: bool) -> str:
+    if exchanged:
+        return f"{EXCHANGED}: try --swap-bytes"
+    distance, width = nearest
+    others = _other_units(nearest, unit_mm)
+    is_usual = MIN_RANGE_MM <= distance <= BODY_MM[0] and width <= SMALL_MM
+    if is_usual or not others:
+        return ""
+    return (f"the unit, {unit_mm:g} mm, may be wrong: the nearest object is {_length(distance)} away and "
+            f"{_length(width)} wide, {others}")  # fmt: skip
+
+
+def _median(values: NDArray[np.floating]) -> float:
+    """The median depth in mm, without a largest value that is so frequent that it means no reading; 0 without one."""
+    is_last = values == values.max(initial=0)
+    rest = values[~is_last] if is_last.mean() > SATURATED else values
+    return float(np.median(rest)) if len(rest) else 0.0
+
+
+def _bytes_are_exchanged(depth: NDArray[np.float32], unit_mm: float) -> bool:
+    """True if the two bytes of the stored values seem to be exchanged.
+
+    Neighbours on a surface differ by a few units: in the low byte, rarely in the high one. In values of exchanged bytes
+    it is the other way round. Values whose low byte is always 0 are coarse, not exchanged.
+    """
+    values = np.rint(depth / np.float32(unit_mm))
+    if values.max(initial=0) > MAX_UINT16:
+        return False
+    stored = values.astype(np.uint16)
+    left, right = stored[:, :-1], stored[:, 1:]
+    pairs = (left > 0) & (right > 0) & (left != right)
+    changed = (left ^ right)[pairs]
+    if len(changed) < MIN_PAIRS or not (left[pairs] & 255).any():
+        return False
+    return bool(np.mean(changed & 255 == 0) > SAME_BYTE and np.mean(changed < 256) < OTHER_BYTE)
 
 
 def _length(mm: float) -> str:

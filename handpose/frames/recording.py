@@ -79,11 +79,13 @@ class Recording(ABC):
 class CameraInfo:
     """Camera parameters; None is unknown. A camera whose width and height are 0 accepts frames of any size.
 
-    camera   of the frames
-    lens     its distortion
-    unit_mm  depth of a stored value of 1
-    rate     frames per second
-    origin   of these values, for messages: "--camera", "camera.json"
+    camera      of the frames
+    lens        its distortion
+    unit_mm     depth of a stored value of 1
+    rate        frames per second
+    origin      of these values, for messages: "--camera", "camera.json"
+    time_unit   of the times in file names and arrays: "s", "ms", "us" or "ns"; "frames" if they count frames
+    swap_bytes  True if the two bytes of every stored value are exchanged
     """
 
     camera: Camera | None = None
@@ -91,6 +93,8 @@ class CameraInfo:
     unit_mm: float | None = None
     rate: float | None = None
     origin: str = ""
+    time_unit: str | None = None
+    swap_bytes: bool | None = None
 
     def or_else(self, other: CameraInfo) -> CameraInfo:
         """These parameters; those of ``other`` where these are unknown."""

@@ -640,11 +640,12 @@ def read_depth(path: Path) -> Any:
     """Read a frame as tools/predict.py and the data sets do."""
     from handpose.frames.cameras import Camera
     from handpose.frames.images import read_crop, read_frame, read_png
+    from handpose.frames.recording import CameraInfo
 
     if path.name == "crop.png":
         return read_crop(path)
     read_png(path)
-    return read_frame(path, Camera("nyu" if path.name == "nyu.png" else "own", 60, 60, 32, 24, 0, 0))
+    return read_frame(path, CameraInfo(Camera("nyu" if path.name == "nyu.png" else "own", 60, 60, 32, 24, 0, 0)))
 
 
 def make_nyu() -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from handpose.frames.cameras import NYU
 from handpose.frames.images import read_frame
+from handpose.frames.recording import CameraInfo
 from tests.support import json_schema
 from tests.support.running import run_tool
 
@@ -22,7 +23,7 @@ def test_demo(tmp_path, monkeypatch):
     assert shlex.split(command)[2:] == ["my frames ö/frame_0.png", "--camera", "nyu", "--out", "my frames ö"]
     done = run_tool("predict", *shlex.split(command)[2:])
     assert done.err == "" and done.out.startswith("my frames ö/frame_0.png: ")
-    depth = read_frame("my frames ö/frame_1.png", NYU)
+    depth = read_frame("my frames ö/frame_1.png", CameraInfo(NYU))
     assert depth.shape == (480, 640) and 300 < np.median(depth[depth > 0]) < 3000
     assert cv2.imread("my frames ö/hands.png").shape[1] > 6 * 256
     document = json.loads(Path("my frames ö/hands.json").read_text())

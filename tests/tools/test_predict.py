@@ -19,6 +19,7 @@ from handpose.estimate import locator, packaged, pipeline
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.crops import crop
 from handpose.frames.images import pack_depth, read_crop, read_frame
+from handpose.frames.recording import CameraInfo
 from handpose.output.tracks import joint_values
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import joints_of
@@ -280,8 +281,51 @@ def test_the_unit_of_a_pixel(frame):
     cv2.imwrite("frame.png", frame)
     assert [quarters] == predicted("frame.png", "--camera", "kinect2")
     cv2.imwrite("eighths.png", np.full((480, 640), 8000, np.uint16))
-    assert (read_frame("eighths.png", SR305, None) == 1000).all()
-    assert (read_frame("eighths.png", SR305, 0.1) == 800).all()
+    assert (read_frame("eighths.png", CameraInfo(SR305)) == 1000).all()
+    assert (read_frame("eighths.png", CameraInfo(SR305, unit_mm=0.1)) == 800).all()
+
+
+def test_a_camera_by_its_file(frame):
+    """A camera.json gives camera, unit, distortion and byte order; options on the command line take precedence."""
+    four = '"fx": 363.9, "fy": 363.9, "u0": 255.4, "v0": 206.3'
+    Path("own.json").write_text(f'{{{four}, "unit_mm": 0.25}}')
+    cv2.imwrite("quarters.png", frame * 4)
+    expected = predicted("frame.png", "--camera", "kinect2")[0]["positions_mm"]
+    assert predicted("quarters.png", "--camera", "own.json")[0]["positions_mm"] == expected
+    assert predicted("frame.png", "--camera", "own.json", "--unit", "1")[0]["positions_mm"] == expected
+    Path("all.json").write_text(f'{{{four}, "distortion": [-0.1, 0.05, 0, 0], "swap_bytes": true}}')
+    cv2.imwrite("swapped.png", frame.byteswap())
+    bent = predicted("swapped.png", "--camera", "all.json")[0]["positions_mm"]
+    assert bent != expected
+    options = ["--camera", "kinect2", "--distortion=-0.1,0.05,0,0"]
+    assert predicted("frame.png", *options)[0]["positions_mm"] == bent
+    assert predicted("swapped.png", *options, "--swap-bytes")[0]["positions_mm"] == bent
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"unit_mm": 1}', "own.json: has no camera; expected fx, fy, u0 and v0"),
+        ('{"fx": 1', r"own.json:1:9: not JSON"),
+        (None, "own.json: cannot read the camera: No such file or directory"),
+        ('{"fx": 300, "fy": 300, "u0": 160, "v0": 120, "width": 320, "height": 240}',
+         "frame.png: 512 x 424 pixels; camera own has 320 x 240"),
+    ],
+)  # fmt: skip
+def test_a_camera_file_with_something_wrong(frame, text, message):
+    """An invalid camera.json gives one line."""
+    if text is not None:
+        Path("own.json").write_text(text)
+    assert re.match(message, mistake("frame.png", "--camera", "own.json"))
+
+
+def test_a_frame_in_another_unit(frame):
+    """If no hand is found, the error names the unit or the byte order that may be wrong."""
+    cv2.imwrite("fifths.png", frame * 5)
+    assert re.search("the unit, 1 mm, may be wrong: .*--unit 0.2 ", mistake("fifths.png", "--camera", "kinect2"))
+    noise = np.random.default_rng(0).integers(0, 4, frame.shape).astype(np.uint16)
+    cv2.imwrite("swapped.png", np.where(frame > 0, 8 * frame + noise, 0).astype(np.uint16).byteswap())
+    assert "try --swap-bytes" in mistake("swapped.png", "--camera", "kinect2")
 
 
 def test_centers(frame):
@@ -436,6 +480,8 @@ def test_a_frame_without_its_camera(frame):
         (["--camera", "0,1,2,3"], "or FX,FY,U0,V0 in px, the intrinsics from its SDK, found '0,1,2,3'"),
         (["--center", "1,2"], "--center applies only to full frames, with --camera"),
         (["--unit", "1"], "--unit applies only to full frames, with --camera"),
+        (["--distortion", "0,0,0,0"], "--distortion applies only to full frames, with --camera"),
+        (["--swap-bytes"], "--swap-bytes applies only to full frames, with --camera"),
         (["--refine", "2"], "--refine applies only to full frames, with --camera"),
         (["--camera", "nyu", "--center", "1"], "expected U,V or U,V,D (px, px, mm), found '1'"),
         (["--camera", "nyu", "--center", "1,nan"], "expected U,V or U,V,D (px, px, mm), found '1,nan'"),

@@ -100,6 +100,20 @@ def test_wrong_usage(argv: list[str], said: str) -> None:
     assert said in run_tool("track", "frames", *argv, status=2).err
 
 
+def test_a_hand_in_another_unit() -> None:
+    """If no hand is found, the summary and --look repeat what may be wrong: here the unit."""
+    image = np.full((48, 64), 9000, np.uint16)
+    image[18:28, 26:38] = 2250  # 450 mm in units of 0.2 mm
+    np.save("fifths.npy", np.stack([image + i for i in range(2)]))
+    options = ["fifths.npy", "--camera", "60,60,31.5,23.5", "--hands", "1"]
+    done = run_tool("track", *options, "--json", "a.json")
+    assert "--unit 0.2 0.45 m away and 90 mm wide" in done.err and "not plausible for a hand" in done.err
+    (line,) = [line for line in done.out.splitlines() if line.startswith("no hand was found")]
+    assert "the unit, 1 mm, may be wrong" in line and "--unit 0.2 0.45 m away" in line
+    (*_, last) = run_tool("track", *options, "--look", "a.png", status=1).err.splitlines()
+    assert "no hand in the first 2 frames; a.png shows the first one; the unit, 1 mm, may be wrong" in last
+
+
 def test_of_two_failures_the_first_is_told(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first error is reported, even if a full disk also prevents the contact sheet."""
 

@@ -154,4 +154,7 @@ def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
         return DONE
     first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
     outputs.write_image(picture, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ())))
-    raise DataError(f"{seen.name}: no hand in the first {len(seen.frames)} frames; {picture} shows the first one")
+    doubt = seen.doubt and f"; {seen.doubt}"
+    raise DataError(
+        f"{seen.name}: no hand in the first {len(seen.frames)} frames; {picture} shows the first one{doubt}"
+    )

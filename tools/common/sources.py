@@ -24,6 +24,7 @@ from tools.common.console import say
 # A fit with this confidence confirms the depth unit, because a wrong unit changes the size of the hand. On six frames
 # of tools/demo.py the confidence is above 0.99 with the right unit, and at most 0.82 with units 10 times off.
 CONFIRMS_UNIT = 0.95
+ABOUT_FRAMES = ("unit", "distortion", "swap_bytes")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
 unit_mm, rate = (arguments.real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
 
@@ -31,21 +32,46 @@ unit_mm, rate = (arguments.real(*RANGES[key], above=True) for key in ("unit_mm",
 def add_source_options(parser: argparse.ArgumentParser) -> None:
     """Add the argument SOURCE and the options about its camera."""
     parser.add_argument("source", metavar="SOURCE", help=EXPECTED)
-    parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
-                        help=f"camera of the frames: {', '.join(CAMERAS)}, four numbers in px, or a camera.json "
-                             "(default: given by the source, or by a camera.json next to it)")  # fmt: skip
-    parser.add_argument("--unit", type=unit_mm, metavar="MM", help="depth unit: mm per stored value of 1")
+    add_camera_options(parser, "camera of the frames", "given by the source, or by a camera.json next to it")
     parser.add_argument("--rate", type=rate, metavar="HZ", help="frame rate, if the frames have no times")
+    parser.add_argument("--time-unit", choices=camera_file.TIME_UNITS,
+                        help="unit of the times in file names or arrays; frames if they are numbers of frames "
+                             "(default: inferred from the steps)")  # fmt: skip
+
+
+def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = "") -> None:
+    """Add the options about a camera; ``of`` begins the help, and ``default`` is where its parameters come from."""
+    parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
+                        help=f"{of}: {', '.join(CAMERAS)}, four numbers in px, or a camera.json"
+                             f"{default and f' (default: {default})'}")  # fmt: skip
+    parser.add_argument("--unit", type=unit_mm, metavar="MM", help="depth unit: mm per stored value of 1 (default: 1, "
+                        "for sr305 0.125)")  # fmt: skip
     parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
                         help="lens distortion in OpenCV's order; write --distortion= before a minus sign")  # fmt: skip
+    parser.add_argument("--swap-bytes", action="store_true", default=None,
+                        help="exchange the bytes of every stored value")  # fmt: skip
+
+
+def given_of(args: argparse.Namespace) -> CameraInfo:
+    """The camera parameters in the parsed arguments, and in the camera.json that they name. Raises NetlibError."""
+    said = CameraInfo(None, args.distortion, args.unit, getattr(args, "rate", None),
+                      time_unit=getattr(args, "time_unit", None), swap_bytes=args.swap_bytes)  # fmt: skip
+    if isinstance(args.camera, Path):
+        return said.or_else(camera_file.read(args.camera))
+    return said.or_else(CameraInfo(args.camera, origin="--camera"))
+
+
+def frames_camera(args: argparse.Namespace) -> tuple[CameraInfo, Camera]:
+    """The camera parameters for single frames, which must have a camera, and this camera. Raises NetlibError."""
+    given = given_of(args)
+    if given.camera is None:
+        raise DataError(f"{args.camera}: has no camera; expected fx, fy, u0 and v0")
+    return given, given.camera
 
 
 def opened(args: argparse.Namespace) -> Recording:
     """Open the recording that the parsed arguments name. Raises NetlibError."""
-    said = CameraInfo(None, args.distortion, args.unit, args.rate)
-    if isinstance(args.camera, Path):
-        return open_recording(args.source, said.or_else(camera_file.read(args.camera)))
-    return open_recording(args.source, said.or_else(CameraInfo(args.camera, origin="--camera")))
+    return open_recording(args.source, given_of(args))
 
 
 def print_inspection(found: Inspection, file: TextIO | None = None) -> None:

@@ -82,6 +82,8 @@ def test_what_is_understood(text: str, expected: CameraInfo) -> None:
         ('{"distortion": [0, 0, 0, 0], "k1": 0}', "x: says the distortion twice: distortion and k1"),
         ('{"model": "none", "distortion": {"model": "none"}}', "says the model of the distortion, and"),
         ('{"codx": 0.1}', "x: has codx 0.1; expected 0"),
+        ('{"time_unit": "msec"}', 'x: time_unit is "msec"; expected s, ms, us, ns, frames'),
+        ('{"swap_bytes": 1}', "x: swap_bytes is 1; expected true or false"),
     ],
 )
 def test_what_is_refused(text: str, what: str) -> None:
@@ -106,6 +108,13 @@ def test_every_number_returns(
     if said.lens is not None and said.lens.is_straight:
         said = CameraInfo(said.camera, None, unit, unit, "x")
     assert parse(to_text(said), "x") == said
+
+
+def test_times_and_bytes() -> None:
+    """The unit of times and the byte order are restored."""
+    said = CameraInfo(unit_mm=1.0, origin="x", time_unit="ms", swap_bytes=True)
+    assert parse(to_text(said), "x") == said
+    assert json.loads(to_text(said)) == {"unit_mm": 1.0, "time_unit": "ms", "swap_bytes": True}
 
 
 def test_a_file(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ import pytest
 from handpose.frames import images
 from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.frames.images import BadFrameError, UnitError, check_unit, depth_image
+from handpose.frames.lens import Lens, Undistorter
+from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 
 
@@ -55,7 +57,7 @@ def test_a_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     cv2.imwrite(str(tmp_path / "frame.png"), images.pack_depth(depth))
     decode, calls = cv2.imdecode, []
     monkeypatch.setattr(cv2, "imdecode", lambda *args: calls.append(1) or decode(*args))
-    np.testing.assert_array_equal(images.read_frame(tmp_path / "frame.png", NYU), depth)
+    np.testing.assert_array_equal(images.read_frame(tmp_path / "frame.png", CameraInfo(NYU)), depth)
     assert len(calls) == 1
 
 
@@ -63,9 +65,20 @@ def test_frames_of_cameras_without_a_size(tmp_path: Path) -> None:
     """A camera without a size accepts frames of any size; otherwise the size must match the camera's."""
     cv2.imwrite(str(tmp_path / "frame.png"), np.full((30, 40), 500, np.uint16))
     own = Camera("own", 300.0, 300.0, 20.0, 15.0, 0, 0)
-    assert (images.read_frame(tmp_path / "frame.png", own, 0.5) == 250).all()
+    assert (images.read_frame(tmp_path / "frame.png", CameraInfo(own, unit_mm=0.5)) == 250).all()
     with pytest.raises(DataError, match="40 x 30 pixels; camera kinect2 has 512 x 424"):
-        images.read_frame(tmp_path / "frame.png", KINECT2)
+        images.read_frame(tmp_path / "frame.png", CameraInfo(KINECT2))
+
+
+def test_a_frame_with_distortion_and_exchanged_bytes(tmp_path: Path) -> None:
+    """A frame is read like one of a recording: the lens and the byte order are corrected."""
+    depth = np.random.default_rng(0).integers(300, 900, (30, 40)).astype(np.uint16)
+    camera, lens = Camera("own", 30.0, 30.0, 19.5, 14.5, 40, 30), Lens((-0.1, 0.02, 0, 0))
+    cv2.imwrite(str(tmp_path / "frame.png"), depth.byteswap())
+    found = images.read_frame(tmp_path / "frame.png", CameraInfo(camera, lens, 0.5, swap_bytes=True))
+    np.testing.assert_array_equal(found, Undistorter(camera, lens)(depth.astype(np.float32) / 2))
+    with pytest.raises(DataError, match=r"frame\.png: the camera of these frames is unknown"):
+        images.read_frame(tmp_path / "frame.png", CameraInfo())
 
 
 def test_depth_packed_in_colours() -> None:

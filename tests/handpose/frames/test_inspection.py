@@ -12,7 +12,7 @@ import pytest
 
 from handpose.frames.cameras import Camera
 from handpose.frames.formats.folder import open_folder
-from handpose.frames.inspection import inspect, nearest_thing, warnings_of
+from handpose.frames.inspection import doubt_of, inspect, nearest_thing, warnings_of
 from handpose.frames.recording import CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, hand_sized, put
@@ -100,15 +100,89 @@ def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
 
 @pytest.mark.parametrize(
     ("factor", "unit_mm", "advice"),
-    [(8, 1.0, "4 m away and 800 mm wide.*with --unit 0.125 it would be 0.50 m away; check the unit, here 1 mm"),
-     (0.1, 0.1, "50 mm away and 10 mm wide.*with --unit 1 it would be 0.50 m away; check the unit, here 0.1 mm"),
-     (0.001, 1.0, "0.5 mm away and 0.1 mm wide.*with --unit 1000 it would be 0.50 m"),
+    [(8, 1.0, "4 m away and 800 mm wide.*with --unit 0.125 0.50 m away and 100 mm wide"),
+     (4, 1.0, "2 m away and 400 mm wide.*with --unit 0.25 0.50 m away and 100 mm wide.*check the unit, here 1 mm"),
+     (5, 1.0, "2.5 m away and 500 mm wide.*with --unit 0.2 0.50 m away and 100 mm wide"),
+     (10, 1.0, "5 m away and 1 m wide.*with --unit 0.1 0.50 m away and 100 mm wide"),
+     (1, 0.25, "^$"),
+     (0.1, 0.1, "50 mm away and 10 mm wide.*with --unit 1 0.50 m away"),
+     (0.001, 1.0, "0.5 mm away and 0.1 mm wide.*with --unit 1000 0.50 m"),
      (80, 1.0, "40 m away and 8 m wide, which is not plausible for a hand: check the unit")],
 )  # fmt: skip
 def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str) -> None:
-    """An implausible distance or width gives a warning, with a unit of known cameras that would be plausible."""
-    (warning,) = inspect(Taken(moving(factor), unit_mm=unit_mm)).warnings
-    assert re.search(advice, warning)
+    """An implausible distance or width gives a warning, with the units of known cameras that would be plausible."""
+    warnings = inspect(Taken(moving(factor), unit_mm=unit_mm)).warnings
+    assert len(warnings) == (advice != "^$")
+    assert re.search(advice, "".join(warnings).replace("it would be ", ""))
+
+
+@pytest.mark.parametrize("true_mm", [0.25, 0.2])
+@pytest.mark.parametrize("distance", [300, 450, 600, 900])
+def test_a_unit_for_any_distance(true_mm: float, distance: int) -> None:
+    """Depth in units of 0.25 and 0.2 mm is doubted for a hand at any usual distance; the right unit is suggested.
+
+    For a hand so near that it may be another one farther away, the doubt appears if no hand is found.
+    """
+    images = [hand_sized(distance=distance + i) / true_mm for i in range(3)]
+    found = inspect(Taken(images))
+    assert f"--unit {true_mm:g}" in found.doubt
+    if distance / true_mm > 1600:
+        (warning,) = found.warnings
+        assert f"--unit {true_mm:g}" in warning
+    right = inspect(Taken([image * true_mm for image in images], unit_mm=true_mm))
+    assert (right.warnings, right.doubt) == ((), "")
+
+
+def test_a_person_is_no_hand() -> None:
+    """A wide object beyond 1 m is a person, or a hand of another unit; the hand of a near person is not doubted."""
+    image = np.full((48, 64), 2800)
+    image[:, 16:48] = 1300
+    (warning,) = inspect(Taken([image + i for i in range(3)])).warnings
+    assert "1.3 m away" in warning and "--unit 0.25 it would be 0.33 m away and 173 mm wide" in warning
+    image[18:28, 26:38] = 600
+    found = inspect(Taken([image + i for i in range(3)]))
+    assert (found.warnings, found.doubt) == ((), "")
+
+
+def noisy(distance: float, unit_mm: float = 1.0, seed: int = 0) -> np.ndarray:
+    """Stored values of a sloping object before a wall, with noise of 2 mm."""
+    rng = np.random.default_rng(seed)
+    image = np.full((48, 64), 2.5 * distance) + np.arange(64) * 3
+    image[16:30, 24:40] = distance + np.arange(16)
+    image[:3] = 0
+    return np.where(image > 0, np.rint((image + rng.normal(0, 2, image.shape)) / unit_mm), 0).astype(np.uint16)
+
+
+@pytest.mark.parametrize("unit_mm", [1.0, 0.25, 0.125])
+@pytest.mark.parametrize("distance", [350, 450, 700])
+def test_exchanged_bytes(distance: float, unit_mm: float) -> None:
+    """Exchanged bytes give a warning with the option that helps, in recordings and single frames."""
+    images = [noisy(distance, unit_mm, seed) for seed in range(3)]
+    right = inspect(Taken([image * unit_mm for image in images], unit_mm=unit_mm))
+    assert not any("bytes" in line for line in (*right.warnings, right.doubt))
+    found = inspect(Taken([image.byteswap() * unit_mm for image in images], unit_mm=unit_mm))
+    (warning,) = found.warnings
+    assert "the bytes may be exchanged; check --swap-bytes" in warning and "try --swap-bytes" in found.doubt
+    single = (images[0].byteswap() * unit_mm).astype(np.float32)
+    assert warnings_of(single, CAMERA, unit_mm) == [warning]
+    assert doubt_of(single, CAMERA, unit_mm) == found.doubt
+
+
+def test_coarse_values_are_not_exchanged() -> None:
+    """8-bit depth that was stored in the high bytes has steps of 256, and is no case of exchanged bytes."""
+    coarse = np.rint(noisy(450) / 256).astype(np.uint16) * 256
+    assert not any("bytes" in line for line in warnings_of(coarse.astype(np.float32), CAMERA, 1.0))
+
+
+def test_a_median_beyond_all_cameras() -> None:
+    """A plausible object before a scene of 20 m gives a warning, but not if these values mean no reading."""
+    image = noisy(450)
+    image[32:] = 20000 + np.arange(64)
+    image[:16] = 21000 + np.arange(64)
+    (warning,) = warnings_of(image.astype(np.float32), CAMERA, 1.0)
+    assert "the median depth is 20" in warning and "--swap-bytes" in warning
+    image[image > 15000] = 65535
+    assert warnings_of(image.astype(np.float32), CAMERA, 1.0) == []
 
 
 @pytest.mark.parametrize(
