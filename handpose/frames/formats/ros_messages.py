@@ -41,7 +41,7 @@ def image_topic(topic: str) -> str:
 
 
 def encoding_of(message: Any) -> str:
-    """The encoding of an image. Some programs only write "png" as the format; its header tells whether it is depth."""
+    """The encoding of an image. Some programs only write "png" as the format; its header shows whether it is depth."""
     if hasattr(message, "encoding"):
         return str(message.encoding)
     encoding = str(message.format).partition(";")[0].strip()
