@@ -25,6 +25,7 @@ from fast.window_tiles import WindowTiles
 from fast.winograd import Winograd
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
+from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseConvolution
 from netlib.blob import Array, Blob, Blobs
 
 
@@ -190,6 +191,14 @@ class FastConvolution(FastLayer, Convolution):
                     self.algorithm.transpose.transpose(self.geometry, dy, w, None, self.images(x.diff))
         else:
             super().backward(top, propagate_down, bottom)
+
+
+class FastDepthwiseConvolution(FastConvolution, DepthwiseConvolution):
+    """Convolution of each channel on its own."""
+
+
+class FastConvolutionDepthwise(FastConvolution, ConvolutionDepthwise):
+    """Convolution of each channel on its own, with as many outputs as channels."""
 
 
 class FastDeconvolution(FastLayer, Deconvolution):

@@ -15,7 +15,12 @@ from numpy.typing import DTypeLike
 
 from fast import parallel
 from fast.augment import FastHandAugment
-from fast.convolution import FastConvolution, FastDeconvolution
+from fast.convolution import (
+    FastConvolution,
+    FastConvolutionDepthwise,
+    FastDeconvolution,
+    FastDepthwiseConvolution,
+)
 from fast.eltwise import FastEltwise
 from fast.executor import SlicedExecutor
 from fast.hdf5_data import FastHDF5Data
@@ -24,11 +29,12 @@ from fast.kinematics import FastHandModel, FastKinematics, FastSizedHandModel
 from fast.lrn import FastLRN
 from fast.per_channel import FastBatchNorm, FastBias, FastPReLU, FastScale
 from fast.pooling import FastPooling
-from fast.relu import FastReLU
+from fast.relu import FastReLU, FastReLU6
 from fast.tiles import FastBlob
 from layers.activation.bias import Bias
 from layers.activation.prelu import PReLU
 from layers.activation.relu import ReLU
+from layers.activation.relu6 import ReLU6
 from layers.activation.scale import Scale
 from layers.common.eltwise import Eltwise
 from layers.common.inner_product import InnerProduct
@@ -41,6 +47,7 @@ from layers.normalization.batch_norm import BatchNorm
 from layers.normalization.lrn import LRN
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
+from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseConvolution
 from layers.vision.pooling import Pooling
 from netlib.blob import Array, Blob
 from netlib.engine.plain import Connection, Engine, Executor
@@ -54,7 +61,9 @@ FAST_CLASSES: dict[type, type] = {
     BatchNorm: FastBatchNorm,
     Bias: FastBias,
     Convolution: FastConvolution,
+    ConvolutionDepthwise: FastConvolutionDepthwise,
     Deconvolution: FastDeconvolution,
+    DepthwiseConvolution: FastDepthwiseConvolution,
     Eltwise: FastEltwise,
     HandAugment: FastHandAugment,
     HandModel: FastHandModel,
@@ -65,6 +74,7 @@ FAST_CLASSES: dict[type, type] = {
     PReLU: FastPReLU,
     Pooling: FastPooling,
     ReLU: FastReLU,
+    ReLU6: FastReLU6,
     Scale: FastScale,
     SizedHandModel: FastSizedHandModel,
 }

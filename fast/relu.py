@@ -1,4 +1,4 @@
-"""FastReLU: ReLU by NumPy's maximum with a row of zeros, which is four times as fast as with a scalar.
+"""FastReLU and FastReLU6: by NumPy's maximum with a row of zeros, which is four times as fast as with a scalar.
 
 Backward multiplies by the mask, which takes a twentieth of the time of a masked copy.
 """
@@ -9,6 +9,7 @@ import numpy as np
 
 from fast.fast_layer import FastLayer
 from layers.activation.relu import ReLU
+from layers.activation.relu6 import ReLU6
 from netlib.blob import Blobs
 
 ROW = 1 << 14
@@ -41,3 +42,31 @@ class FastReLU(FastLayer, ReLU):
             np.multiply(dy, np.where(x > 0, self.dtype.type(1), self.slope), out=dx)
         else:
             np.multiply(dy, x > 0, out=dx)
+
+
+class FastReLU6(FastLayer, ReLU6):
+    """ReLU6 for large blobs."""
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        """Set up the layer and create the rows of zeros and sixes."""
+        super().setup(bottom, top)
+        self.zeros, self.sixes = np.zeros(ROW, self.dtype), np.full(ROW, 6, self.dtype)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        """Compute y = min(max(x, 0), 6), row by row."""
+        if self.slope:
+            super().forward(bottom, top)
+            return
+        x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
+        for start in range(0, x.size, ROW):  # both operations while a row is in the cache
+            part = slice(start, min(start + ROW, x.size))
+            n = part.stop - start
+            np.minimum(np.maximum(x[part], self.zeros[:n], out=y[part]), self.sixes[:n], out=y[part])
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        """Compute dx = dy where 0 < x < 6."""
+        if self.slope:
+            super().backward(top, propagate_down, bottom)
+        elif propagate_down[0]:
+            x = bottom[0].data
+            np.multiply(top[0].diff, (x > 0) & (x < 6), out=bottom[0].diff)

@@ -14,12 +14,14 @@ from layers.activation.bias import Bias
 from layers.activation.power import Power
 from layers.activation.prelu import PReLU
 from layers.activation.relu import ReLU
+from layers.activation.relu6 import ReLU6
 from layers.activation.scale import Scale
 from layers.activation.sigmoid import Sigmoid
 from layers.activation.tanh import TanH
 from layers.common.concat import Concat
 from layers.common.dropout import Dropout
 from layers.common.eltwise import Eltwise
+from layers.common.shuffle_channel import ShuffleChannel
 from layers.common.softmax import Softmax
 from layers.common.split import Split
 from layers.normalization.batch_norm import BatchNorm
@@ -27,7 +29,10 @@ from layers.normalization.lrn import LRN
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
 from layers.vision.im2col import Im2col
+from layers.vision.interp import Interp
+from layers.vision.nearest_upsample import NearestUpsample
 from layers.vision.pooling import Pooling
+from layers.vision.upsample import Upsample
 from netlib.layer import Layer
 
 
@@ -52,7 +57,7 @@ class LayerTraits:
     reads_top: bool = True
 
 
-def _relu(layer: ReLU) -> LayerTraits:
+def _relu(layer: ReLU | ReLU6) -> LayerTraits:
     return LayerTraits(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False)
 
 
@@ -62,6 +67,11 @@ def _convolution(layer: Convolution) -> LayerTraits:
 
 def _im2col(layer: Im2col) -> LayerTraits:
     return LayerTraits(batchwise=layer.axis > 0, reads_bottom=False, reads_top=False)
+
+
+def _interp(layer: Interp) -> LayerTraits:
+    alone = len(layer.spec.bottom) == 1  # a second bottom may have another number of items
+    return LayerTraits(batchwise=alone, reads_bottom=False, reads_top=False)
 
 
 def _pooling(layer: Pooling) -> LayerTraits:
@@ -118,16 +128,21 @@ TABLE: dict[type[Layer], LayerTraits | Callable[..., LayerTraits]] = {
     Dropout: _dropout,
     Eltwise: _eltwise,
     Im2col: _im2col,
+    Interp: _interp,
     LRN: LayerTraits(batchwise=True, reads_top=False),
+    NearestUpsample: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
     PReLU: LayerTraits(batchwise=True, reads_top=False),
     Pooling: _pooling,
     Power: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
     ReLU: _relu,
+    ReLU6: _relu,
     Scale: _scale,
+    ShuffleChannel: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
     Sigmoid: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
     Softmax: _softmax,
     Split: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False, reads_top=False),
     TanH: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
+    Upsample: LayerTraits(batchwise=True, reads_top=False),
 }
 
 

@@ -14,6 +14,7 @@ from layers.activation.log import Log
 from layers.activation.power import Power
 from layers.activation.prelu import PReLU
 from layers.activation.relu import ReLU
+from layers.activation.relu6 import ReLU6
 from layers.activation.scale import Scale
 from layers.activation.sigmoid import Sigmoid
 from layers.activation.swish import Swish
@@ -33,6 +34,7 @@ from layers.common.parameter import Parameter
 from layers.common.permute import Permute
 from layers.common.reduction import Reduction
 from layers.common.reshape import Reshape
+from layers.common.shuffle_channel import ShuffleChannel
 from layers.common.silence import Silence
 from layers.common.slice import Slice
 from layers.common.softmax import Softmax
@@ -71,10 +73,14 @@ from layers.recurrent.rnn import RNN
 from layers.vision.convolution import Convolution
 from layers.vision.crop import Crop
 from layers.vision.deconvolution import Deconvolution
+from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseConvolution
 from layers.vision.im2col import Im2col
+from layers.vision.interp import Interp
+from layers.vision.nearest_upsample import NearestUpsample
 from layers.vision.pooling import Pooling
 from layers.vision.roi_pooling import ROIPooling
 from layers.vision.spp import SPP
+from layers.vision.upsample import Upsample
 from netlib.layer import Layer
 
 LAYER_TYPES: dict[str, type[Layer]] = {
@@ -90,12 +96,14 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Concat": Concat,
     "ContrastiveLoss": ContrastiveLoss,
     "Convolution": Convolution,
+    "ConvolutionDepthwise": ConvolutionDepthwise,  # from MobileNet's forks
     "Crop": Crop,
     "Data": Data,
     "Deconvolution": Deconvolution,
     "DeepHandModel": HandModel,  # name in the released system
     "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # name in the released system
     "DetectionOutput": DetectionOutput,  # from SSD
+    "DepthwiseConvolution": DepthwiseConvolution,  # from MobileNet's forks
     "Dropout": Dropout,
     "DummyData": DummyData,
     "ELU": ELU,
@@ -115,6 +123,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "InfogainLoss": InfogainLoss,
     "InnerProduct": InnerProduct,
     "Input": Input,
+    "Interp": Interp,  # from DeepLab and PSPNet
     "LRN": LRN,
     "LSTM": LSTM,
     "LSTMUnit": LSTMUnit,
@@ -133,10 +142,12 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "RNN": RNN,
     "ROIPooling": ROIPooling,  # from Fast R-CNN
     "ReLU": ReLU,
+    "ReLU6": ReLU6,  # from MobileNet's forks
     "Reduction": Reduction,
     "Reshape": Reshape,
     "SPP": SPP,
     "Scale": Scale,
+    "ShuffleChannel": ShuffleChannel,  # from ShuffleNet
     "Sigmoid": Sigmoid,
     "SigmoidCrossEntropyLoss": SigmoidCrossEntropyLoss,
     "Silence": Silence,
@@ -149,6 +160,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "TanH": TanH,
     "Threshold": Threshold,
     "Tile": Tile,
+    "Upsample": Upsample,  # from SegNet
     "WindowData": WindowData,
 }
 
@@ -156,4 +168,5 @@ LAYER_TYPES: dict[str, type[Layer]] = {
 BY_BOTTOMS: dict[tuple[str, int], type[Layer]] = {
     ("DeepHandModel", 2): SizedHandModel,
     ("HandModel", 2): SizedHandModel,
+    ("Upsample", 1): NearestUpsample,  # from YOLO's forks
 }

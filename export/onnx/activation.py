@@ -17,6 +17,10 @@ def relu(graph: Graph, at: Place) -> list[str]:
     return [graph.op("LeakyRelu", x, alpha=slope) if slope else graph.op("Relu", x)]
 
 
+def relu6(graph: Graph, at: Place) -> list[str]:
+    return [graph.op("Min", *relu(graph, at), graph.constant(6.0, "six"))]
+
+
 def prelu(graph: Graph, at: Place) -> list[str]:
     slope = at.layer.blobs[0].data
     wide = slope.reshape(slope.shape + (1,) * (len(at.bottom[0]) - 2)) if slope.shape else slope.reshape(1)

@@ -68,6 +68,14 @@ def slice(graph: Graph, at: Place) -> list[str]:
     return graph.ops("Split", len(parts), at.values[0], graph.constant(parts, "parts"), axis=layer.axis)
 
 
+def shuffle_channel(graph: Graph, at: Place) -> list[str]:
+    layer: Any = at.layer
+    batch = at.bottom[0][0]
+    grouped = graph.reshaped(at.values[0], (batch, *layer.by_group[1:]))
+    order = [0, 2, 1, *range(3, len(layer.by_group))]
+    return [graph.reshaped(graph.op("Transpose", grouped, perm=order), at.top[0])]
+
+
 def tile(graph: Graph, at: Place) -> list[str]:
     layer: Any = at.layer
     repeats = [layer.param.tiles if i == layer.axis else 1 for i in range(len(at.bottom[0]))]

@@ -107,3 +107,36 @@ def crop(graph: Graph, at: Place) -> list[str]:
         return at.values[:1]
     bounds = (graph.constant(numbers, what) for what, numbers in (("starts", starts), ("ends", ends), ("axes", axes)))
     return [graph.op("Slice", at.values[0], *bounds)]
+
+
+def interp(graph: Graph, at: Place) -> list[str]:
+    layer: Any = at.layer
+    x, y = at.bottom[0], at.top[0]
+    value, cut = at.values[0], layer.inside[1:]
+    if (layer.param.pad_beg, layer.param.pad_end) != (0, 0):
+        bounds = [[part.start for part in cut], [part.stop for part in cut], [2, 3]]
+        names = ("starts", "ends", "axes")
+        value = graph.op("Slice", value, *(graph.constant(numbers, name) for numbers, name in zip(bounds, names)))
+    if [part.stop - part.start for part in cut] == at.sizes(y[2:]):
+        return [value]
+    size = graph.constant([*at.sizes(x[1:2]), *at.sizes(y[2:])], "size")
+    sizes = graph.op("Concat", graph.op("Shape", value, start=0, end=1), size, axis=0)
+    options = {"mode": "linear", "coordinate_transformation_mode": "align_corners"}
+    return [graph.op("Resize", value, "", "", sizes, **options)]
+
+
+def upsample(graph: Graph, at: Place) -> list[str]:
+    """Translate Upsample; with a mask, scatter the values in each map, because MaxUnpool's indices count through the
+    batch.
+    """
+    layer: Any = at.layer
+    if len(at.values) == 1:
+        scales = graph.constant([1.0] * (len(at.bottom[0]) - 2) + [float(layer.scale)] * 2, "scales")
+        options = {"mode": "nearest", "coordinate_transformation_mode": "asymmetric", "nearest_mode": "floor"}
+        return [graph.op("Resize", at.values[0], "", scales, **options)]
+    (C, H, W), (Ho, Wo) = at.sizes(at.bottom[0][1:]), at.sizes(at.top[0][2:])
+    x, mask = (graph.reshaped(value, ("N", C, H * W)) for value in at.values)
+    shape = graph.op("Concat", graph.op("Shape", x, start=0, end=2), graph.constant([Ho * Wo], "size"), axis=0)
+    zeros = graph.op("Expand", graph.constant(0.0, "zero"), shape)
+    y = graph.op("ScatterElements", zeros, graph.whole(mask), x, axis=2)
+    return [graph.reshaped(y, at.top[0])]

@@ -16,6 +16,7 @@ import numpy as np
 from netlib.blob import Array, Blob
 from netlib.fillers import Filler
 from netlib.layer import Layer, warn_of_ignored
+from netlib.proto import schema
 from netlib.proto.schema import Engine, UInt, numbered
 
 
@@ -59,6 +60,7 @@ class PoolingParameter:
     stride_w: UInt | None = numbered(8, None)
     global_pooling: bool = numbered(12, False)  # one window that covers the map
     round_mode: Literal["CEIL", "FLOOR"] = numbered(13, "CEIL")
+    ceil_mode: bool | None = numbered(14, None)  # of PyTorch's converters and some forks: true is CEIL, false is FLOOR
     engine: Engine = numbered(11, "DEFAULT")  # accepted, ignored
 
 
@@ -153,6 +155,12 @@ class SlidingWindow(Layer):
                 raise self.fail(f"give either {both}, or {each}_h and {each}_w", both)
             elif two != three:
                 raise self.fail(f"needs {both}, or {each}_h and {each}_w", both)
+        if p.ceil_mode is not None:
+            rounded = "CEIL" if p.ceil_mode else "FLOOR"
+            if schema.is_given(p, "round_mode") and p.round_mode != rounded:
+                raise self.fail(f"ceil_mode: {str(p.ceil_mode).lower()} is round_mode: {rounded}, but "
+                                f"round_mode: {p.round_mode} is given; expected one of them", "ceil_mode")  # fmt: skip
+            self.param = schema.changed(p, round_mode=rounded)
         if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
             raise self.fail("global_pooling does not allow a kernel size", "global_pooling")
         self.pad = (_or(p.pad_h, p.pad), _or(p.pad_w, p.pad))

@@ -7,7 +7,7 @@ import pytest
 
 from fast.engine import FAST_CLASSES
 from fast.traits import TABLE, LayerTraits, traits_of
-from layers import LAYER_TYPES
+from layers import BY_BOTTOMS, LAYER_TYPES
 from layers.activation.relu import ReLU
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
@@ -16,7 +16,7 @@ from tests.support.layer_cases import CASES, forward, made
 
 def test_every_entry_is_a_layer_type() -> None:
     """Every entry of the table is the class of a layer type; others would never be used."""
-    assert set(TABLE) <= set(LAYER_TYPES.values())
+    assert set(TABLE) <= {*LAYER_TYPES.values(), *BY_BOTTOMS.values()}
 
 
 def test_a_fast_class_is_its_plain_class_with_another_computation() -> None:

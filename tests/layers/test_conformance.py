@@ -32,9 +32,11 @@ READER = {"batch_of", "reads"}  # from layers/data/reader.py
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
 EXTRAS = {
     "Convolution": WINDOWS,
+    "ConvolutionDepthwise": WINDOWS,
     "Data": READER,
     "Deconvolution": WINDOWS,
     "HDF5Data": READER | {"order", "read", "rewind", "row", "use_batch_size"},
+    "DepthwiseConvolution": WINDOWS,
     "DeepHandModel": {"kinematics_type"},
     "HandModel": {"kinematics_type"},
     "HandAugment": {"move_crops", "move_joints"},

@@ -45,6 +45,11 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 2, 3, 4)],
         {},
     ),
+    "ConvolutionDepthwise": (
+        'convolution_param { kernel_size: 2 pad: 1 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(N, 3, 3, 4)],
+        {},
+    ),
     "Crop": ("crop_param { offset: 1 }", lambda N: [off_zero(N, 2, 4, 5), off_zero(N, 2, 2, 3)], {}),
     "Deconvolution": (
         'convolution_param { num_output: 2 kernel_size: 3 stride: 2 pad: 1 weight_filler { type: "gaussian" } }',
@@ -57,6 +62,11 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         "detection_output_param { num_classes: 3 code_type: CENTER_SIZE nms_param { top_k: 3 } keep_top_k: 4 }",
         lambda N: [off_zero(N, 5 * 4), off_zero(N, 5 * 3), np.tile([0.1, 0.2, 0.5, 0.9], (1, 2, 5))],
         {"wanted": [False, False, False]},
+    ),
+    "DepthwiseConvolution": (
+        'convolution_param { num_output: 4 group: 2 kernel_size: 2 stride: 2 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(N, 2, 3, 4)],
+        {},
     ),
     "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
     "ELU": ("elu_param { alpha: 0.7 }", lambda N: [off_zero(N, 3)], {}),
@@ -92,6 +102,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 2, 3)],
         {},
     ),
+    "Interp": ("interp_param { zoom_factor: 2 shrink_factor: 3 pad_beg: -1 }", lambda N: [off_zero(N, 2, 6, 5)], {}),
     "Log": ("log_param { base: 2 scale: 3 shift: 4 }", lambda N: [off_zero(N, 3)], {}),
     "MultinomialLogisticLoss": ("", lambda N: [abs(off_zero(N, 3)), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
     "PReLU": ("", lambda N: [off_zero(N, 2, 3)], {}),
@@ -132,10 +143,12 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         {"wanted": [True, False]},
     ),
     "ReLU": ("", lambda N: [off_zero(N, 3)], {}),
+    "ReLU6": ("relu6_param { negative_slope: 0.2 }", lambda N: [off_zero(N, 3) * 10], {}),
     "Reduction": ("reduction_param { operation: SUMSQ axis: 1 coeff: 2 }", lambda N: [off_zero(N, 2, 3)], {}),
     "Reshape": ("reshape_param { shape { dim: 0 dim: -1 } }", lambda N: [off_zero(N, 2, 3)], {}),
     "SPP": ("spp_param { pyramid_height: 2 }", lambda N: [different(N, 2, 5, 4)], {}),
     "Scale": ("scale_param { bias_term: true }", lambda N: [off_zero(N, 2, 3)], {}),
+    "ShuffleChannel": ("shuffle_channel_param { group: 2 }", lambda N: [off_zero(N, 6, 2, 3)], {}),
     "Sigmoid": ("", lambda N: [off_zero(N, 3)], {}),
     "SigmoidCrossEntropyLoss": ("", lambda N: [off_zero(N, 3), abs(off_zero(N, 3))], {"wanted": [True, False]}),
     "Silence": ("", lambda N: [off_zero(N, 3)], {"tops": 0}),
@@ -148,6 +161,14 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "TanH": ("", lambda N: [off_zero(N, 3)], {}),
     "Threshold": ("", lambda N: [off_zero(N, 3)], {"wanted": [False]}),
     "Tile": ("tile_param { tiles: 3 }", lambda N: [off_zero(N, 2, 2)], {}),
+    "Upsample": (
+        "upsample_param { pad_out_h: true }",
+        lambda N: [
+            off_zero(N, 2, 2, 3),
+            np.stack([RNG.permutation(18)[:6].reshape(2, 3) for _ in range(2 * N)]).reshape(N, 2, 2, 3),
+        ],
+        {"wanted": [True, False]},
+    ),
 }
 # Types without bottoms, or with a file that is written once, are covered by their own tests.
 SOURCES = {"Data", "DummyData", "HDF5Data", "HDF5Output", "ImageData", "Input", "MemoryData", "Parameter", "WindowData"}

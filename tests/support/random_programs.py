@@ -44,12 +44,12 @@ OPERATIONS = {  # weights of the choice
 }  # fmt: skip
 
 # Kinds of layers, and weights of their choice.
-ELEMENTWISE = {"relu": "ReLU", "leaky": "ReLU", "tanh": "TanH", "sigmoid": "Sigmoid", "power": "Power",
-               "scale": "Scale", "bnll": "BNLL", "dropout": "Dropout", "lrn": "LRN", "norm": "BatchNorm",
-               "prelu": "PReLU", "bias": "Bias", "softmax": "Softmax"}  # fmt: skip
+ELEMENTWISE = {"relu": "ReLU", "leaky": "ReLU", "relu6": "ReLU6", "tanh": "TanH", "sigmoid": "Sigmoid",
+               "power": "Power", "scale": "Scale", "bnll": "BNLL", "dropout": "Dropout", "lrn": "LRN",
+               "norm": "BatchNorm", "prelu": "PReLU", "bias": "Bias", "softmax": "Softmax"}  # fmt: skip
 KINDS = dict.fromkeys(ELEMENTWISE, 1) | {
     "relu": 5, "power": 2, "conv": 5, "two bottoms": 1, "shared": 1, "strided": 1, "max": 4, "ave": 1, "eltwise": 1,
-    "concat": 1, "product": 1,
+    "concat": 1, "product": 1, "shuffle": 1, "depthwise": 1, "interp": 1, "nearest": 1, "unpool": 1,
 }  # fmt: skip
 LOSS = """layer { name: "l%s" type: "Reduction" bottom: "%s" top: "l%s" loss_weight: %d
     reduction_param { operation: SUMSQ } }"""
@@ -90,7 +90,7 @@ class NetText:
         self._windows(0, "conv", "x0", kernel=T + 1)
         number = 1
         if self.rng.random() < 0.7:
-            self._elementwise(number, "relu", "b0")
+            self._elementwise(number, self.rng.choice(["relu", "relu", "relu6"]), "b0")
         pooled = next(reversed(self.shapes))
         self._windows(2, "max", pooled, kernel=T)
         for number in range(3, 3 + self.rng.randint(0, 3)):
@@ -130,6 +130,8 @@ class NetText:
             self._join(number, kind, bottom, rng.choice(others))
         elif kind == "shared":
             self._windows(number, "conv", bottom, shared=True)
+        elif kind in ("shuffle", "depthwise", "interp", "nearest", "unpool"):
+            getattr(self, f"_{kind}")(number, bottom)
         elif kind == "product":
             self.fixed_size = True
             self._layer(number, "InnerProduct", [bottom], [f"b{number}"], "inner_product_param { num_output: 3 "
@@ -145,6 +147,7 @@ class NetText:
     def _elementwise(self, number: int, kind: str, bottom: str) -> None:
         rng = self.rng
         options = {
+            "relu6": f"relu6_param {{ negative_slope: {rng.choice([0, 0, 0.1, -0.5])} }}",
             "leaky": f"relu_param {{ negative_slope: {rng.choice([0.1, -0.5])} }}",
             "power": f"power_param {{ scale: {rng.choice([-1, 0.5, 1])} shift: {rng.choice([0, 0.5])} "
                      f"power: {rng.choice([1, 1, 2])} }}",
@@ -196,6 +199,51 @@ class NetText:
         else:
             self._layer(number, "Concat", [one, other], [f"b{number}"])
         self.shapes[f"b{number}"] = (C, H, W) if kind == "eltwise" else (2 * C, H, W)
+
+    # Layers of Caffe's forks.
+
+    def _shuffle(self, number: int, bottom: str) -> None:
+        C, H, W = self.shapes[bottom]
+        group = self.rng.choice([n for n in range(1, C + 1) if C % n == 0])
+        options = f"shuffle_channel_param {{ group: {group} }}"
+        self._layer(number, "ShuffleChannel", [bottom], [f"b{number}"], options)
+        self.shapes[f"b{number}"] = C, H, W
+
+    def _depthwise(self, number: int, bottom: str) -> None:
+        rng, (C, H, W) = self.rng, self.shapes[bottom]
+        kind = rng.choice(["DepthwiseConvolution", "ConvolutionDepthwise"])
+        k, stride = rng.randint(1, 3), rng.randint(1, 2)
+        pad, times = rng.randint(0, k // 2), rng.randint(1, 2) if kind == "DepthwiseConvolution" else 1
+        options = (f"convolution_param {{ num_output: {C * times} group: {C} kernel_size: {k} stride: {stride} "
+                   f'pad: {pad} weight_filler {{ type: "gaussian" }} '
+                   'bias_filler { type: "uniform" min: -1 max: 1 } }')  # fmt: skip
+        self._layer(number, kind, [bottom], [f"b{number}"], options)
+        height, width = (_windows_along(n, k, stride, pad, up=False) for n in (H, W))
+        self.shapes[f"b{number}"] = C * times, height, width
+
+    def _interp(self, number: int, bottom: str) -> None:
+        C, H, W = self.shapes[bottom]
+        zoom = 2 if max(H, W) < 20 and self.rng.random() < 0.5 else 1
+        shrink = self.rng.choice([1, 2, 2, 3])
+        options = f"interp_param {{ zoom_factor: {zoom} shrink_factor: {shrink} }}"
+        self._layer(number, "Interp", [bottom], [f"b{number}"], options)
+        self.shapes[f"b{number}"] = C, ((H - 1) // shrink) * zoom + 1, ((W - 1) // shrink) * zoom + 1
+
+    def _nearest(self, number: int, bottom: str) -> None:
+        C, H, W = self.shapes[bottom]
+        scale = 2 if max(H, W) < 10 else 1
+        self._layer(number, "Upsample", [bottom], [f"b{number}"], f"upsample_param {{ scale: {scale} }}")
+        self.shapes[f"b{number}"] = C, scale * H, scale * W
+
+    def _unpool(self, number: int, bottom: str) -> None:
+        C, H, W = self.shapes[bottom]
+        if min(H, W) < 2:
+            return
+        options = "pooling_param { kernel_size: 2 stride: 2 }"
+        self._layer(100 + number, "Pooling", [bottom], [f"b{number}p", f"b{number}m"], options)
+        self._layer(number, "Upsample", [f"b{number}p", f"b{number}m"], [f"b{number}"])
+        self.shapes[f"b{number}p"] = C, (H + 1) // 2, (W + 1) // 2
+        self.shapes[f"b{number}"] = C, 2 * ((H + 1) // 2), 2 * ((W + 1) // 2)
 
     @property
     def text(self) -> str:

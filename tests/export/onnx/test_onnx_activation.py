@@ -26,6 +26,7 @@ CASES: Cases = {
         (IMAGE, "power_param { power: 0.5 scale: 0.5 shift: 2 }", 1),
     ],
     "ReLU": [(IMAGE, "", 1), (IMAGE, "relu_param { negative_slope: 0.1 }", 1)],
+    "ReLU6": [(IMAGE, "", 1), (IMAGE, "relu6_param { negative_slope: 0.1 }", 1), ([(4, 300)], "", 1)],
     "Scale": [
         (IMAGE, "", 1),
         (IMAGE, "scale_param { axis: 2 num_axes: 2 bias_term: true }", 1),

@@ -49,6 +49,11 @@ CASES: Cases = {
         (IMAGE, "reshape_param { shape { dim: -1 dim: 6 } }", 1),
         (IMAGE, "reshape_param { axis: 2 shape { dim: 6 dim: 7 } }", 1),
     ],
+    "ShuffleChannel": [
+        ([(1, 6, 2, 3)], "shuffle_channel_param { group: 3 }", 1),
+        ([(1, 6)], "shuffle_channel_param { group: 2 }", 1),
+        (IMAGE, "", 1),
+    ],
     "Slice": [
         ([(1, 6, 2, 2)], "", 3),
         ([(1, 6, 5)], "slice_param { axis: -1 slice_point: 1 slice_point: 3 }", 3),

@@ -245,3 +245,32 @@ def test_a_map_without_values(run):
     """A map without values raises an error."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(1, 1, 0, 2\), expected \(N, C, H, W\)"):
         run(text(global_pooling="true"), np.zeros((1, 1, 0, 2)))
+
+
+@pytest.mark.parametrize(("given", "size"), [("true", 4), ("false", 3)])
+@pytest.mark.parametrize("pool", ["MAX", "AVE"])
+def test_ceil_mode_is_a_rounding(run, rng, given, size, pool):
+    """``ceil_mode``, which converters from PyTorch write, is the same as a ``round_mode``."""
+    x = rng.normal(size=(2, 3, 8, 8))
+    options = {"pool": pool, "kernel_size": 3, "stride": 2}
+    done = run(text(**options, ceil_mode=given), x)
+    assert done.y.shape == (2, 3, size, size)
+    same = run(text(**options, round_mode="CEIL" if given == "true" else "FLOOR"), x)
+    assert np.array_equal(done.y, same.y)
+    assert np.array_equal(done.backward(done.y)[0], same.backward(same.y)[0])
+
+
+def test_ceil_mode_of_adjacent_windows(run, rng):
+    """Adjacent windows, which the fast engine may compute on tiles, are rounded down too."""
+    x = rng.normal(size=(1, 2, 7, 7))
+    y = run(text(kernel_size=2, stride=2, ceil_mode="false"), x).y
+    assert np.array_equal(y, x[..., :6, :6].reshape(1, 2, 3, 2, 3, 2).max(axis=(3, 5)))
+
+
+def test_contradictory_roundings(run):
+    """``ceil_mode`` and ``round_mode`` may be given together only if they agree."""
+    x = np.zeros((1, 1, 4, 4))
+    assert run(text(kernel_size=3, stride=2, ceil_mode="false", round_mode="FLOOR"), x).y.shape == (1, 1, 1, 1)
+    message = "ceil_mode: false is round_mode: FLOOR, but round_mode: CEIL is given; expected one of them"
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(kernel_size=3, stride=2, ceil_mode="false", round_mode="CEIL"), x)

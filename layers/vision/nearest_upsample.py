@@ -1,0 +1,55 @@
+"""Upsample without a mask: repeat rows and columns (YOLO).
+
+bottom[0]  x  (..., H, W)
+top[0]     y  (..., H s, W s)      s = ``scale``, 1 by default
+
+y[..., h, w]  = x[..., floor(h / s), floor(w / s)]
+dx[..., i, j] = sum of dy over the s x s copies
+
+With a mask as second bottom, Upsample is another layer (upsample.py), with more options.
+"""
+
+from __future__ import annotations
+
+from layers.vision.upsample import UpsampleParameter
+from netlib.blob import Array, Blobs
+from netlib.layer import Layer
+from netlib.proto import schema
+
+WITH_MASK = ("scale_h", "scale_w", "pad_out_h", "pad_out_w", "upsample_h", "upsample_w")
+
+
+class NearestUpsample(Layer):
+    """Repeats rows and columns."""
+
+    param_type = UpsampleParameter
+    param_name = "upsample_param"
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        for name in WITH_MASK:
+            if schema.is_set(self.param, name):
+                raise self.fail(f"{name} needs the mask of a Pooling, its second top, as second bottom; "
+                                "with one bottom, Upsample reads only scale", name)  # fmt: skip
+        self.scale = 1 if self.param.scale is None else self.param.scale
+        if self.scale < 1:
+            raise self.fail("scale must be at least 1", "scale")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        shape = bottom[0].shape
+        if len(shape) < 2:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, expected (..., H, W)")
+        top[0].reshape(*shape[:-2], shape[-2] * self.scale, shape[-1] * self.scale)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        self._copies(top[0].data)[...] = bottom[0].data[..., :, None, :, None]
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            self._copies(top[0].diff).sum(axis=(-3, -1), out=bottom[0].diff)
+
+    def _copies(self, y: Array) -> Array:
+        """View of (..., H s, W s) as (..., H, s, W, s)."""
+        *others, H, W = y.shape
+        return y.reshape(*others, H // self.scale, self.scale, W // self.scale, self.scale)

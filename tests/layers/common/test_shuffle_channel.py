@@ -1,0 +1,55 @@
+"""ShuffleChannel."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+pytestmark = pytest.mark.both_engines
+
+
+def text(group):
+    """Return a layer with this number of groups."""
+    return f'type: "ShuffleChannel" shuffle_channel_param {{ group: {group} }}'
+
+
+def test_by_hand(run):
+    """The first channels of all groups come first, then the second ones."""
+    x = np.arange(6.0).reshape(1, 6, 1, 1)
+    done = run(text(2), x)
+    assert done.y.ravel().tolist() == [0, 3, 1, 4, 2, 5]
+    assert done.backward(10 * done.y)[0].ravel().tolist() == [0, 10, 20, 30, 40, 50]
+    assert run(text(3), x).y.ravel().tolist() == [0, 2, 4, 1, 3, 5]
+
+
+def test_one_group_and_one_channel_per_group_change_nothing(run, rng):
+    """The default is one group."""
+    x = rng.normal(size=(2, 4, 3))
+    for layer in ('type: "ShuffleChannel"', text(1), text(4)):
+        assert np.array_equal(run(layer, x).y, x)
+
+
+@pytest.mark.parametrize("shape", [(2, 6), (2, 6, 3), (2, 6, 2, 3), (1, 6, 2, 1, 2), (0, 6, 2, 2)], ids=str)
+def test_any_number_of_axes(run, rng, shape):
+    """Shuffling with G and then with C / G groups is the identity, for items, rows and columns of any number."""
+    x = rng.normal(size=shape)
+    assert np.array_equal(run(text(3), run(text(2), x).y).y, x)
+
+
+def test_gradient(check, rng):
+    """The gradient agrees with differences."""
+    check(text(3), rng.normal(size=(2, 6, 2, 3)))
+
+
+@pytest.mark.parametrize(
+    ("group", "shape", "message"),
+    [
+        (4, (1, 6, 2, 2), "group is 4; expected a divisor of the 6 channels"),
+        (0, (1, 6, 2, 2), "group is 0; expected a divisor of the 6 channels"),
+        (1, (6,), r"bottom 'bottom0' has shape \(6,\), expected \(N, C, ...\)"),
+    ],
+)
+def test_mistakes(run, group, shape, message):
+    """Groups of unequal sizes and a blob without channels raise an error."""
+    with pytest.raises(netlib.LayerError, match=f"layer 'it': {message}"):
+        run(text(group), np.zeros(shape))

@@ -1,0 +1,120 @@
+"""DepthwiseConvolution and ConvolutionDepthwise."""
+
+import logging
+
+import numpy as np
+import pytest
+
+import netlib
+from tests.support.nets import inputs
+
+pytestmark = pytest.mark.both_engines
+
+FILLERS = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
+
+
+def text(kind, **options):
+    """Return a layer with these options and random weights and biases."""
+    return f'type: "{kind}" convolution_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} {FILLERS} }}'
+
+
+def test_by_hand(run):
+    """Each channel is filtered by its own kernel: sums of two pixels, and differences of them."""
+    x = [[[[1.0, 2, 4]], [[5, 5, 9]]]]
+    for kind, more in (("DepthwiseConvolution", {"num_output": 2, "group": 2}), ("ConvolutionDepthwise", {})):
+        done = run(text(kind, kernel_h=1, kernel_w=2, **more), x, params=[[[[[1, 1]]], [[[-1, 1]]]], [10, 20]])
+        assert done.y[0, :, 0].tolist() == [[13, 16], [20, 24]]
+        [dx] = done.backward([[[[1, 10]], [[1, 10]]]])
+        assert dx[0, :, 0].tolist() == [[1, 11, 10], [-1, -9, 10]]
+        assert done.layer.blobs[0].diff[:, 0, 0].tolist() == [[21, 42], [55, 95]]
+        assert done.layer.blobs[1].diff.tolist() == [11, 11]
+
+
+OPTIONS = [
+    {"kernel_size": 3, "pad": 1}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"kernel_size": 2, "dilation": 2},
+    {"kernel_h": 1, "kernel_w": 3, "stride_h": 1, "stride_w": 2, "pad_h": 0, "pad_w": 1},
+    {"kernel_size": "[3, 2]", "bias_term": "false"},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("size", [(5, 6), (40, 33)], ids=str)
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_it_is_a_convolution_with_a_group_per_channel(run, rng, options, size):
+    """Values and gradients, also of the parameters, are those of Convolution with the same weights."""
+    x = rng.normal(size=(2, 3, *size))
+    same = run(text("Convolution", num_output=3, group=3, **options), x)
+    dy = rng.normal(size=same.y.shape)
+    want = same.backward(dy)[0]
+    for kind, more in (("DepthwiseConvolution", {"num_output": 3, "group": 3}), ("ConvolutionDepthwise", {})):
+        done = run(text(kind, **more, **options), x, params=[blob.data for blob in same.layer.blobs])
+        assert np.allclose(done.y, same.y, rtol=0, atol=1e-12)
+        assert np.allclose(done.backward(dy)[0], want, rtol=0, atol=1e-12)
+        for ours, theirs in zip(done.layer.blobs, same.layer.blobs):
+            assert np.allclose(ours.diff, theirs.diff, rtol=0, atol=1e-10)
+
+
+def test_several_outputs_per_channel(run, rng):
+    """DepthwiseConvolution may have a multiple of the channels as outputs: first all those of the first channel."""
+    x = rng.normal(size=(1, 2, 4, 4))
+    done = run(text("DepthwiseConvolution", num_output=4, group=2, kernel_size=1, bias_term="false"), x)
+    assert np.allclose(done.y, x[:, [0, 0, 1, 1]] * done.layer.blobs[0].data[:, 0])
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+@pytest.mark.parametrize("kind", ["DepthwiseConvolution", "ConvolutionDepthwise"])
+def test_gradient(check, rng, kind, options):
+    """The gradients of x, w and b agree with differences."""
+    more = {"num_output": 4, "group": 2} if kind == "DepthwiseConvolution" else {}
+    check(text(kind, **more, **options), rng.normal(size=(2, 2, 4, 5)))
+
+
+def test_several_bottoms(run, rng):
+    """DepthwiseConvolution applies the same kernels to every bottom, as Convolution does."""
+    x = rng.normal(size=(2, 3, 4, 4))
+    done = run(text("DepthwiseConvolution", num_output=3, group=3, kernel_size=3), x, x[:1], tops=2)
+    assert np.allclose(done.ys[1], done.ys[0][:1])
+
+
+def test_the_weights_of_a_grouped_convolution_fit(net_of, rng):
+    """A net with Convolution and group gives its weights to one with either type."""
+    nets = [
+        net_of(
+            inputs(x=(1, 3, 5, 5))
+            + f'layer {{ name: "dw" bottom: "x" top: "y" {text(kind, num_output=3, group=3, kernel_size=3)} }}'
+        )
+        for kind in ("Convolution", "DepthwiseConvolution", "ConvolutionDepthwise")
+    ]
+    x = rng.normal(size=(1, 3, 5, 5))
+    for net in nets[1:]:
+        net.share_params(nets[0])
+    want, *others = (net.forward(x=x)["y"].copy() for net in nets)
+    assert all(np.allclose(other, want, atol=1e-6) for other in others)
+
+
+@pytest.mark.parametrize("given", [1, 2])
+def test_another_group_than_the_channels_is_an_error(run, given):
+    """Forks compute DepthwiseConvolution with another group differently on a CPU and on a GPU."""
+    message = f"group is {given}, but bottom 'bottom0' has 4 channels; expected group: 4, or the type Convolution"
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text("DepthwiseConvolution", num_output=4, group=given, kernel_size=1), np.zeros((1, 4, 3, 3)))
+
+
+def test_convolution_depthwise_ignores_outputs_and_group_with_a_warning(run, caplog):
+    """Like the forks, ConvolutionDepthwise has as many outputs as channels whatever its options say."""
+    with caplog.at_level(logging.WARNING, "netlib"):
+        done = run(text("ConvolutionDepthwise", num_output=8, group=2, kernel_size=1), np.zeros((1, 4, 3, 3)))
+    assert done.y.shape == (1, 4, 3, 3)
+    assert done.layer.blobs[0].shape == (4, 1, 1, 1)
+    assert [("num_output 8" in r.getMessage(), "group 2" in r.getMessage()) for r in caplog.records] == [
+        (True, False),
+        (False, True),
+    ]
+    caplog.clear()
+    run(text("ConvolutionDepthwise", num_output=4, group=4, kernel_size=1), np.zeros((1, 4, 3, 3)))
+    assert not caplog.records
+
+
+def test_convolution_depthwise_reads_images(run):
+    """ConvolutionDepthwise requires two spatial axes."""
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(1, 4, 3\), expected \(N, C, H, W\)"):
+        run(text("ConvolutionDepthwise", kernel_size=1), np.zeros((1, 4, 3)))

@@ -1,0 +1,59 @@
+"""Upsample without a mask."""
+
+import numpy as np
+import pytest
+
+import netlib
+from fast.traits import traits_of
+
+pytestmark = pytest.mark.both_engines
+
+
+def text(options):
+    """Return a layer with these options."""
+    return f'type: "Upsample" upsample_param {{ {options} }}'
+
+
+def test_by_hand(run):
+    """Each pixel becomes a square, whose gradients are added."""
+    done = run(text("scale: 2"), [[[[1.0, 2], [3, 4]]]])
+    assert done.y.tolist() == [[[[1, 1, 2, 2], [1, 1, 2, 2], [3, 3, 4, 4], [3, 3, 4, 4]]]]
+    assert done.backward(np.arange(16.0).reshape(1, 1, 4, 4))[0].tolist() == [[[[10, 18], [42, 50]]]]
+
+
+def test_the_default_scale_is_1(run, rng):
+    """Without options the top equals the bottom."""
+    x = rng.normal(size=(2, 3, 4, 5))
+    assert np.array_equal(run('type: "Upsample"', x).y, x)
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (2, 2, 3), (2, 1, 2, 3), (0, 3, 2, 2)], ids=str)
+def test_any_number_of_axes(run, rng, shape):
+    """The last two axes are repeated."""
+    x = rng.normal(size=shape)
+    assert np.array_equal(run(text("scale: 3"), x).y, x.repeat(3, axis=-1).repeat(3, axis=-2))
+
+
+def test_gradient(check, rng):
+    """The gradient agrees with differences."""
+    check(text("scale: 3"), rng.normal(size=(2, 3, 2, 4)))
+
+
+def test_it_runs_in_slices(run):
+    """The fast engine runs it in slices of the batch with its neighbours."""
+    assert traits_of(run(text("scale: 3"), np.zeros((1, 1, 2, 2))).layer).batchwise
+
+
+@pytest.mark.parametrize(
+    ("options", "shape", "message"),
+    [
+        ("scale: 0", (1, 1, 2, 2), "scale must be at least 1"),
+        ("upsample_h: 4 upsample_w: 4", (1, 1, 2, 2), "upsample_h needs the mask of a Pooling, its second top"),
+        ("scale: 2 pad_out_w: true", (1, 1, 2, 2), "pad_out_w needs the mask of a Pooling"),
+        ("scale: 2", (4,), r"bottom 'bottom0' has shape \(4,\), expected \(..., H, W\)"),
+    ],
+)
+def test_mistakes(run, options, shape, message):
+    """Options of the layer with a mask, and a blob without rows, raise an error."""
+    with pytest.raises(netlib.LayerError, match=f"layer 'it': {message}"):
+        run(text(options), np.zeros(shape))
