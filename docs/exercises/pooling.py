@@ -8,10 +8,10 @@ top[1]     mask  (N, C, Ho, Wo)   optional, for MAX: index h W + w of the maximu
 MAX   y = max of x over the window             dx[winner] += dy
 AVE   y = sum of x over the window / area      dx[all of the window] += dy / area
 
-Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so the last window, even if it is the
-only one, may extend beyond the edge; with pad > 0 in any direction, a last window that starts beyond the image is
-dropped. MAX selects the first of equal values and never padding. The area of AVE includes padding but nothing beyond
-it. A window without values (stride > kernel) gives -FLT_MAX or NaN. The mask has no gradient.
+Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``, in some forks ``ceil_mode: false``), so
+the last window, even if it is the only one, may extend beyond the edge; with pad > 0 in any direction, a last window
+that starts beyond the image is dropped. MAX selects the first of equal values and never padding. The area of AVE
+includes padding but nothing beyond it. An empty window (stride > kernel) gives -FLT_MAX or NaN. No gradient of masks.
 
 Kept for backward: ``winners``, index of each output of MAX in its window, row-major; empty: all at (0, 0) of the map.
 """

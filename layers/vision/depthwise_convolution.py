@@ -1,4 +1,4 @@
-"""DepthwiseConvolution and ConvolutionDepthwise: convolution of each channel by kernels of its own (MobileNet).
+"""DepthwiseConvolution and ConvolutionDepthwise: convolution of each channel with separate kernels (MobileNet).
 
 bottom[i]  x  (N, C, H, W)
 params[0]  w  (O, 1, kh, kw)   O is a multiple of C, mostly C

@@ -214,6 +214,8 @@ class NetText:
         kind = rng.choice(["DepthwiseConvolution", "ConvolutionDepthwise"])
         k, stride = rng.randint(1, 3), rng.randint(1, 2)
         pad, times = rng.randint(0, k // 2), rng.randint(1, 2) if kind == "DepthwiseConvolution" else 1
+        if min(H, W) + 2 * pad < k:
+            return
         options = (f"convolution_param {{ num_output: {C * times} group: {C} kernel_size: {k} stride: {stride} "
                    f'pad: {pad} weight_filler {{ type: "gaussian" }} '
                    'bias_filler { type: "uniform" min: -1 max: 1 } }')  # fmt: skip
