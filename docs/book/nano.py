@@ -1,6 +1,6 @@
 """Model-based Deep Hand Pose Estimation (Zhou, Wan, Zhang, Xue, Wei; IJCAI 2016): the whole paper, on NumPy alone.
 
-python docs/book/nano.py            train on 64 rendered frames and print the losses
+python docs/book/nano.py            train on 32 rendered frames, print losses and errors, draw a hand before and after
 python docs/book/nano.py --check    compare the losses of 20 updates with netlib's: float64, no dropout
 
 A layer is a function that reads x and writes y. It returns y and a second function, ``backward``, which turns dy into
@@ -174,7 +174,7 @@ def loss_and_gradients(network, hand, depth, joints):
     return loss, gradients
 
 
-def train(network, hand, depth, joints, updates, batch=16, rate=0.003, momentum=0.9):
+def train(network, hand, depth, joints, updates, batch=8, rate=0.003, momentum=0.9):
     """Stochastic gradient descent with momentum. Yields the loss before each update."""
     history = [[0, 0] for _ in network]
     for t in range(updates):
@@ -187,6 +187,34 @@ def train(network, hand, depth, joints, updates, batch=16, rate=0.003, momentum=
                 w -= h[i]
 
 
+# ------------------------------------------------------------------------------------------------ what it has learned
+
+
+def predict(network, hand, depth):
+    """The joints (N, 31, 3), without dropout."""
+    x = depth
+    for layer, *arguments in network:
+        if layer is not dropout:
+            x, _ = layer(x, *arguments)
+    return hand_model(x, hand)[0]
+
+
+def error_mm(X, joints):
+    """The mean distance of the joints from the true ones; 1 is half of the crop's edge, 150 mm."""
+    return 150 * np.linalg.norm(X - joints, axis=2).mean()
+
+
+def drawing(X, true, hand, rows=26):
+    """Lines of text: the bones of a hand (31, 3), seen from the front, as o over the true ones as dots."""
+    canvas = np.full((rows, 2 * rows), " ")
+    parents = [p if p >= 0 else j for j, p in enumerate(hand.parent)]
+    for joints, mark in ((true, "."), (X, "o")):
+        points = np.concatenate([joints + s * (joints[parents] - joints) for s in np.linspace(0, 1, 20)])
+        row, column = np.rint((1 - points[:, 1]) / 2 * rows), np.rint((1 + points[:, 0]) * rows)
+        canvas[row.clip(0, rows - 1).astype(int), column.clip(0, 2 * rows - 1).astype(int)] = mark
+    return ["".join(line) for line in canvas]
+
+
 if __name__ == "__main__":
     frames, hand = np.load(FRAMES), Skeleton(HAND)
     if "--check" in sys.argv:
@@ -194,6 +222,13 @@ if __name__ == "__main__":
 
         check_nano.report(frames, hand)
     else:
-        network = new_network(np.random.default_rng(1), p=0.3)
-        for t, loss in enumerate(train(network, hand, frames["depth"] / 127, frames["joints"], updates=60)):
-            print(f"update {t:2}   loss {loss:.3f}")
+        network, depth, joints = new_network(np.random.default_rng(1), p=0.3), frames["depth"] / 127, frames["joints"]
+        before = drawing(predict(network, hand, depth[:1])[0], joints[0], hand)
+        for t, loss in enumerate(train(network, hand, depth[:32], joints[:32], updates=201)):
+            if t % 20 == 0:  # the loss is that before the update; the errors are those after it
+                X = predict(network, hand, depth)
+                seen, others = error_mm(X[:32], joints[:32]), error_mm(X[32:], joints[32:])
+                print(f"update {t:3}   loss {loss:5.2f}   error {seen:5.1f} mm, in 32 other frames {others:5.1f} mm")
+        print("the first frame before and after: the true hand as dots, the predicted one as o")
+        for line in zip(before, drawing(X[0], joints[0], hand)):
+            print(*line, sep="|")
