@@ -120,7 +120,8 @@ def weights_of(signs: Array, error_mm: Array) -> Array:
     """
     from scipy.optimize import minimize  # imported here: it takes a third of a second
 
-    X, failed = np.log1p(signs), error_mm > GOOD_MM
+    shown = np.isfinite(signs).all(axis=1)  # crops that show nothing have infinite signs
+    X, failed = np.log1p(signs[shown]), error_mm[shown] > GOOD_MM
     if not failed.any() or failed.all():
         return np.full(len(SIGNS), 1 / len(SIGNS))
     side = np.where(failed, 1.0, -1.0)

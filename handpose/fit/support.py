@@ -7,8 +7,11 @@ no other part of the body covers, each counts in proportion to its area as
     hidden   the reading is nearer: another object covers the hand there
     empty    the reading is farther: the pose is in empty space
     missing  there is no reading
+    outside  it is outside the image
 
 A fit to the visible part of a covered hand has small residuals, so its cost does not show that the rest is a guess.
+Joints are compared with the readings, too: those far behind the surface are hidden by the hand itself, and those in
+front of it are in empty space.
 """
 
 from __future__ import annotations
@@ -23,18 +26,36 @@ from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
 APART_MM = 20.0  # a reading this far from the surface of a fit is of something else
+FAR_MM = 80.0  # maximum contribution of a joint to ``JointDepths``
 SELF_MM = 5.0  # a sphere this far in front of another covers it
 ALONG = np.array([1, 3]) / 4  # positions of the spheres on a capsule's axis
 ACROSS = np.array([[1, 1, 1]]) / 3  # of those on a flat part, between its corners
 
 
 class Support(NamedTuple):
-    """Shares of the surface of N hands that is in the image and faces the camera, (N,) each; their sum is 1, or 0."""
+    """Shares of the surface of N hands that faces the camera, (N,) each; their sum is 1."""
 
     seen: Array
     hidden: Array
     empty: Array
     missing: Array
+    outside: Array
+
+    @property
+    def covered(self) -> Array:
+        """The share (N,) that is in the image but was not read, because of a nearer object or without a reading."""
+        return self.hidden + self.missing
+
+
+class JointDepths(NamedTuple):
+    """Mean distances (N,) in mm of the joints of N hands from the readings at their pixels, at most FAR_MM each.
+
+    behind  by which the joints are behind the readings: more than a finger's radius where the hand hides itself
+    before  by which they are in front of them
+    """
+
+    behind: Array
+    before: Array
 
 
 class Samples(NamedTuple):
@@ -86,15 +107,31 @@ def support(capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floa
     """
     own = Samples.of(capsules.chosen(~limbs))
     front = own.front
-    column, row, _ = np.moveaxis(
-        np.rint(camera.project(np.concatenate([own.center[..., :2], front[..., None]], axis=2))), 2, 0
-    )
-    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height) & (front > 0)
-    at = [np.where(inside, index, 0).astype(np.int64) for index in (row, column)]
-    reading = depth[at[0], at[1]]
-    behind, missing = reading - front, ~(reading > 0)  # NaN, which some drivers write, is missing
-    weight = own.area * (inside & ~Samples.of(capsules).covers(own.center, front))
+    reading, inside = _readings(np.concatenate([own.center[..., :2], front[..., None]], axis=2), depth, camera)
+    behind, missing = reading - front, inside & ~(reading > 0)  # NaN, which some drivers write, is missing
+    weight = own.area * ~Samples.of(capsules).covers(own.center, front)
     whole = np.maximum(weight.sum(axis=1), 1e-9)
-    hidden, empty = ~missing & (behind < -APART_MM), ~missing & (behind > APART_MM)
-    parts = (~(hidden | empty | missing), hidden, empty, missing)
+    read = inside & ~missing
+    hidden, empty = read & (behind < -APART_MM), read & (behind > APART_MM)
+    parts = (read & ~(hidden | empty), hidden, empty, missing, ~inside)
     return Support(*((weight * part).sum(axis=1) / whole for part in parts))
+
+
+def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> JointDepths:
+    """The distances of joints (N, K, 3) in mm, camera axes, from the readings of one image; 0 without any reading."""
+    reading, inside = _readings(joints, depth, camera)
+    read = inside & (reading > 0)
+    behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
+    count = np.maximum(read.sum(axis=1), 1)
+    return JointDepths(*(np.clip(way * behind, 0, FAR_MM).sum(axis=1) / count for way in (1, -1)))
+
+
+def _readings(
+    points: Array, depth: NDArray[np.floating], camera: Camera
+) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
+    """The readings (N, P) at the pixels of points (N, P, 3) in mm, and True where these are in the image."""
+    before = points[..., 2] > 0
+    column, row, _ = np.moveaxis(np.rint(camera.project(np.where(before[..., None], points, 1.0))), -1, 0)
+    inside = before & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    at = [np.where(inside, index, 0).astype(np.int64) for index in (row, column)]
+    return depth[at[0], at[1]], inside

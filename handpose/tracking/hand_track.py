@@ -21,6 +21,7 @@ HABIT = 0.1  # weight of the last frame in the average selection cost
 BETTER = 0.9  # ratio of selection costs that counts as an improvement
 ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
 COAST = 0.4  # s without a pose after which a hand is lost
+MAX_COVERED_S = 2.0  # s after which a covered one is lost
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
 COMPARE = 0.1  # s between comparisons of the sides, until the side is decided
@@ -47,7 +48,7 @@ class SideState:
         """The expected body at a time."""
         if self.motion is None:
             return self.estimate.body
-        return moved(self.estimate.body, self.motion, KEPT * (time - self.time))
+        return moved(self.estimate.body, self.motion, KEPT * min(time - self.time, COAST))
 
     def take(self, estimate: Estimate, time: float) -> None:
         """Add a pose. A jump to another pose does not change the motion."""
@@ -65,6 +66,7 @@ class HandTrack:
     id          of the hand
     sides       state for each side; both until the side is decided
     time        s, of its last pose
+    covered     True if another object covered it in the last frame, or nothing was read of it
     rejections  number of consecutive checks that rejected it
     checked     s, time of the last check
     size        relative to the skeleton, once it is known
@@ -83,7 +85,7 @@ class HandTrack:
         """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
         self.id, self.time, self.size = id, time, size
         self.likely: float | None = None
-        self.rejections, self.checked = 0, time
+        self.covered, self.rejections, self.checked = False, 0, time
         self._estimator = estimator
         self.sides = {estimate.region.side: SideState(estimate, time) for estimate in estimates}
         self._asked = self._looked = time
@@ -108,6 +110,11 @@ class HandTrack:
     def is_decided(self) -> bool:
         """True if the side is decided."""
         return len(self.sides) == 1
+
+    @property
+    def usual_cost(self) -> float:
+        """The average selection cost of its poses."""
+        return self._usual
 
     @property
     def side_confidence(self) -> float:
@@ -183,7 +190,7 @@ class HandTrack:
 
     def given_up(self, time: float) -> bool:
         """True if it was lost for too long."""
-        return time - self.time > COAST
+        return time - self.time > (MAX_COVERED_S if self.covered else COAST)
 
     def _region(self, side: Side, body: WorldPose) -> SearchRegion:
         return SearchRegion(self._estimator.center_of(body, side), side, body, self._size)

@@ -20,7 +20,7 @@ from handpose.fit.depth_fit import DepthFit
 from handpose.fit.observation import HandCrops
 from handpose.fit.rejection import rejection_score
 from handpose.fit.search import Plan
-from handpose.fit.support import support
+from handpose.fit.support import Support, support
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import clear_crop
 from handpose.tracking.body_pose import PoseConverter, WorldPose
@@ -141,6 +141,12 @@ class PoseEstimator:
             self.center_of(body, side),
             support(capsules, model.surface.limbs, depth, self.camera),
         )
+
+    def support(self, depth: NDArray[np.float32], estimate: Estimate) -> Support:
+        """The support of a pose by an image with all readings, mm."""
+        model = self.fitter.model
+        capsules = model.capsules(estimate.fit.x, estimate.center_mm[None]).mirrored(mirror_of(estimate.region.side))
+        return support(capsules, model.surface.limbs, depth, self.camera)
 
     def hand_near(self, depth: NDArray[np.float32], estimate: Estimate) -> Array:
         """The crop centre (3,) by the locator, px, px, mm; otherwise by the network, if it was run."""

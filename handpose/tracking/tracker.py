@@ -31,7 +31,7 @@ from handpose.tracking.detector import NOWHERE, Detector
 from handpose.tracking.hand_track import COAST, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
-from handpose.tracking.reasons import reason
+from handpose.tracking.reasons import Expected, reason
 from handpose.tracking.sizing import SizeKeeper, checked
 from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader
 from netlib.blob import Array
@@ -42,6 +42,9 @@ SAME_MM = 70.0  # palms closer together are the same hand
 CHECK, SUSPECT = 0.2, 0.08  # s between checks of certain and of uncertain hands
 RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a new hand is a lost one
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
+MAX_COVERED = 0.4  # share of a hand's expected surface that is covered: only a pose that explains this is accepted
+COVERING_MM = 120.0  # of that object from the line of sight to the hand's middle, at most
+MAX_COVERED_MOVED, MAX_DEARER = 0.15, 2.0  # of that pose: maximum covered share; its cost relative to the average
 MAX_REJECTIONS = 2  # number of consecutive rejections that end a track
 
 
@@ -119,10 +122,10 @@ class Tracker:
         after_gap, self._time = time - self._time > COAST, time
         self._drop_doubles()
         self._drop_other_objects(depth, readings, time)
-        while (count := len(self.tracks)) < self.limit:
+        while (count := self._count(time)) < self.limit:
             refused += self._detect(depth, time)
             self._drop_doubles()
-            if not after_gap or len(self.tracks) == count:
+            if not after_gap or self._count(time) == count:
                 break
             self.detector.restart()  # after a gap in time, search for all hands at once
         hands = []
@@ -140,13 +143,17 @@ class Tracker:
         )
         return TrackedFrame(frame.number, time, tuple(hands), lost, tuple(refused))
 
+    def _count(self, time: float) -> int:
+        """The number of hands that are tracked and not covered."""
+        return sum(track.time == time or not track.covered for track in self.tracks)
+
     def _follow(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
         """Find every hand where it is expected; after a gap in time it is dropped.
 
         readings  the image with those readings that are nearer than the camera measures
         """
         for track in list(self.tracks):
-            if track.given_up(time):
+            if track.given_up(time) or time - self._time > COAST:
                 self.tracks.remove(track)
                 if time - self._time > COAST:
                     self.known[track.id].reason = f"no frame for {time - self._time:.1f} s, and not found again"
@@ -157,12 +164,16 @@ class Tracker:
         others = {track.id: track.other_regions(depth, estimates[track.id], time) for track in self.tracks}
         again = self._estimates(depth, others, AGAIN)
         for track in list(self.tracks):
-            known, seen = self.known[track.id], [*estimates[track.id], *again[track.id]]
-            if track.take(estimates[track.id], again[track.id], time):
+            known, expected = self.known[track.id], self._expected(readings, track, time)
+            seen, more = estimates[track.id], again[track.id]
+            track.covered = bool(expected.support.covered[0] > MAX_COVERED)
+            if track.covered:
+                seen, more = ([one for one in found if self._goes_on(readings, track, one)] for found in (seen, more))
+            if track.take(seen, more, time):
                 known.hand = track.hand if track.is_decided else known.hand
                 continue
-            confidence = max((s.confidence for s in seen if s is not None), default=0.0)
-            known.reason = self._reason(readings, track, time, confidence=confidence)
+            confidence = max((s.confidence for s in [*seen, *more] if s is not None), default=0.0)
+            known.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
 
     def _estimates(
         self, depth: NDArray[np.float32], regions: dict[int, list[SearchRegion]], plan: Plan | None = None
@@ -181,12 +192,18 @@ class Tracker:
                     self.tracks.remove(other)
                     self.known[other.id].reason = "another hand is tracked at its position"
 
-    def _reason(
-        self, readings: NDArray[np.float32], track: HandTrack, time: float, doubt: str = "", confidence: float = 0.0
-    ) -> str:
-        """The reason why a hand is not found where it is expected."""
-        expected = self.estimator.expected(readings, track.best.expected(time), track.hand)
-        return reason(readings, self.camera, self.estimator.cube_mm, expected, doubt, confidence)
+    def _expected(self, readings: NDArray[np.float32], track: HandTrack, time: float) -> Expected:
+        """A hand where it is expected."""
+        return self.estimator.expected(readings, track.best.expected(time), track.hand)
+
+    def _goes_on(self, readings: NDArray[np.float32], track: HandTrack, found: Estimate | None) -> bool:
+        """True if a pose explains readings in front of the expected one: the hand itself has moved towards the camera.
+
+        Otherwise the pose is a guess from the rest of a covered hand, or the object that covers it.
+        """
+        if found is None or found.selection_cost > MAX_DEARER * track.usual_cost:
+            return False
+        return bool(self.estimator.support(readings, found).covered[0] < MAX_COVERED_MOVED)
 
     def _drop_other_objects(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
         """Drop tracks of objects that are not hands, which network and fit may resemble."""
@@ -199,7 +216,8 @@ class Tracker:
             track.rejections = track.rejections + 1 if doubt else 0
             if track.rejections >= MAX_REJECTIONS:
                 self.tracks.remove(track)
-                self.known[track.id].reason = self._reason(readings, track, time, doubt)
+                expected = self._expected(readings, track, time)
+                self.known[track.id].reason = reason(readings, self.camera, self.estimator.cube_mm, expected, doubt)
 
     def _detect(self, depth: NDArray[np.float32], time: float) -> list[RefusedPlace]:
         """Search for a hand that is not tracked. Returns the place that was refused, if any."""
@@ -209,6 +227,8 @@ class Tracker:
         if place is None:
             return []
         seen, why = self.acceptance.hands_at(depth, place)
+        if any(self._covers(place, track, time) for track in self.tracks):
+            seen, why = [], "it covers a tracked hand"
         if not seen:
             self.detector.reject(place, time)
             x, y, z = place.tolist()
@@ -222,6 +242,15 @@ class Tracker:
         known.hand = track.hand if track.is_decided else known.hand
         self.tracks = [other for other in self.tracks if other.id != track.id] + [track]
         return []
+
+    def _covers(self, place: Array, track: HandTrack, time: float) -> bool:
+        """True if a place (3,) in mm is in front of a covered hand."""
+        if track.time == time or not track.covered:
+            return False
+        body = track.best.expected(time)
+        u, v, d = (self.camera.project(place) - self.estimator.center_of(body, track.hand)).tolist()
+        reach = COVERING_MM * self.camera.fx / place[2]
+        return d < 0 and max(abs(u), abs(v)) < reach
 
     def _missing(self, time: float) -> list[int]:
         """The ids of known hands that are not found in this frame."""

@@ -9,7 +9,7 @@ import pytest
 
 from handpose.body.render import render
 from handpose.fit.body import CapsuleModel
-from handpose.fit.support import Support, support
+from handpose.fit.support import FAR_MM, Support, joint_depths, support
 from handpose.frames.cameras import KINECT2
 
 CAMERA = replace(KINECT2, width=512, height=424)
@@ -49,6 +49,22 @@ def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str
 
 
 def test_elsewhere(model: CapsuleModel, image: np.ndarray) -> None:
-    """A pose next to the hand is in empty space; outside the image there is no support of any kind."""
+    """A pose next to the hand is in empty space; a part of it may be outside the image, or behind the camera."""
     assert of(model, image, (250, 0, 0)).empty[0] > 0.9
-    assert sum(share[0] for share in of(model, image, (2000, 0, 0))) == 0
+    half = (-(CAMERA.u0 / CAMERA.fx) * CENTER[0, 2], 0, 0)
+    assert 0.2 < of(model, image, half).outside[0] < 0.8
+    for away in ((2000, 0, 0), (0, 0, -2000)):
+        assert of(model, image, away).outside[0] == pytest.approx(1)
+
+
+def test_joints_in_the_image(image: np.ndarray) -> None:
+    """Joints are behind or in front of the readings at their pixels; those without a reading do not count."""
+    v, u = np.argwhere(image < 700)[200]
+    surface, d = CAMERA.unproject([u, v, image[v, u]]), float(image[v, u])
+    joints = np.stack([surface * (1 + dz / d) for dz in (12, -30, 500)])[None]
+    found = joint_depths(joints, image, CAMERA)
+    np.testing.assert_allclose([found.behind[0], found.before[0]], [(12 + FAR_MM) / 3, 10], rtol=1e-4)
+    missing = image.copy()
+    missing[v, u] = np.nan
+    for nothing in (missing, np.zeros_like(image)):
+        assert [*np.ravel(joint_depths(joints, nothing, CAMERA))] == [0, 0]

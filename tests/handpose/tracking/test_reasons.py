@@ -19,7 +19,7 @@ def why(
     doubt: str = "",
 ) -> str:  # fmt: skip
     """The reason for a hand 120 mm wide that was expected at this place."""
-    shares = Support(*(np.array([one]) for one in (1 - hidden - missing, hidden, 0.0, missing)))
+    shares = Support(*(np.array([one]) for one in (1 - hidden - missing, hidden, 0.0, missing, 0.0)))
     hand = Expected(CAMERA.unproject(np.array([u, v, d])) + OFFSETS, np.array([u, v, d]), shares)
     return reason(depth.astype(np.float32), CAMERA, 300.0, hand, doubt, 0.2)
 

@@ -1,0 +1,140 @@
+"""A tracked hand that something nearer covers, or of which nothing is read: no confident pose, and the right reason"""
+
+from __future__ import annotations
+
+import copy
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from handpose.estimate.packaged import load_predictor
+from handpose.frames.cameras import ICVL
+from handpose.frames.recording import DepthFrame
+from handpose.output.live.messages import Messages
+from handpose.output.tracks.writing import open_writer
+from handpose.sequences.acts import Act
+from handpose.sequences.scripts import Role, Script
+from handpose.tracking.track import HIDDEN, TrackedFrame
+from handpose.tracking.tracker import Tracker
+from tests.handpose.tracking.conftest import RATE, Take, played
+
+BEGUN = 6  # frames before the covering
+DOUBTFUL = 0.3  # maximum confidence of a pose of a covered hand
+NEAR = (30.0, 100.0, 200.0, 0.6, 0.8)  # depths of what covers the hand: mm, or parts of the hand's
+REASON = f"{HIDDEN} by a nearer object"
+
+
+@pytest.fixture(scope="module")
+def resting() -> Take:
+    """A right hand at rest."""
+    return played(Script(0.8, (Role("right", (Act("rest", 1),)),)), 5)
+
+
+@pytest.fixture(scope="module", params=["fast", "accurate"])
+def begun(resting: Take, request: pytest.FixtureRequest) -> Tracker:
+    """A tracker of that hand, which every test copies."""
+    tracker = Tracker(load_predictor(ICVL, fit=request.param))
+    for frame in resting.frames[:BEGUN]:
+        reported = tracker.step(frame)
+    assert reported.hands[0].confidence > 0.5
+    return tracker
+
+
+def copied(tracker: Tracker) -> Tracker:
+    """A tracker in the same state."""
+    shared = (tracker.predictor, tracker.estimator, tracker.detector.locator)
+    return copy.deepcopy(tracker, {id(one): one for one in shared})
+
+
+def own_pixels(take: Take, number: int) -> NDArray[np.bool_]:
+    """The pixels of the hand and of a part of its arm."""
+    depth, hand = take.frames[number].depth, take.truth[number].hands[0]
+    columns, rows = np.arange(ICVL.width), np.arange(ICVL.height)[:, None]
+    u, v, d = hand.center_uvd
+    reach = 110 * ICVL.fx / d
+    return np.asarray((abs(columns - u) < reach) & (abs(rows - v) < reach) & (abs(depth - d) < 130))
+
+
+def covered(take: Take, number: int, share: float, value: float) -> DepthFrame:
+    """A frame in which this share of the hand's pixels, from the left, has another reading; with 2 the whole view."""
+    own, frame = own_pixels(take, number), take.frames[number]
+    columns = np.argwhere(own)[:, 1]
+    last = np.quantile(columns, min(share, 1))
+    where = own & (np.arange(ICVL.width) <= last) if share <= 1 else np.ones_like(own)
+    near = value if value >= 1 or value == 0 else value * take.truth[number].hands[0].center_uvd[2]
+    return frame._replace(depth=np.where(where, np.float32(near), frame.depth))
+
+
+def after(tracker: Tracker, take: Take, share: float, value: float, frames: int = 2) -> Iterator[TrackedFrame]:
+    """Frames that are covered like this: the last one is reported without smoothing."""
+    own = copied(tracker)
+    for number in range(BEGUN, BEGUN + frames):
+        own.smooth = number < BEGUN + frames - 1
+        yield own.step(covered(take, number, share, value))
+
+
+@pytest.mark.parametrize("value", NEAR)
+def test_something_nearer(begun: Tracker, resting: Take, value: float) -> None:
+    """From half of the hand to the whole view: no confident pose, and the reason; then the hand is tracked again."""
+    for share in (0.5, 0.7, 0.9, 1.0, 2.0):
+        for reported in after(begun, resting, share, value):
+            assert all(hand.confidence <= DOUBTFUL for hand in reported.hands)
+            assert [lost.reason for lost in reported.lost if lost.id == 0] == [REASON] * (not reported.hands)
+    again = copied(begun)
+    again.step(covered(resting, BEGUN, 1.0, value))
+    assert again.step(resting.frames[BEGUN + 1]).hands[0].id == 0
+
+
+@pytest.mark.parametrize("value", NEAR)
+def test_a_part(begun: Tracker, resting: Take, value: float) -> None:
+    """A hand that is covered a little is tracked, or lost for this reason; the more is covered, the less confident."""
+    confidences = []
+    for share in (0.0, 0.1, 0.3):
+        for reported in after(begun, resting, share, value):
+            confidences.append(max((hand.confidence for hand in reported.hands), default=0.0))
+            assert all(lost.reason == REASON for lost in reported.lost)
+    assert min(confidences[:4]) > DOUBTFUL and confidences[4] < confidences[0] + 0.01
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0])
+def test_no_readings(begun: Tracker, resting: Take, share: float) -> None:
+    """Without readings of the hand no confident pose is reported, and a reason that says so."""
+    for value in (0.0, np.nan):
+        for reported in after(begun, resting, share, value):
+            assert all(hand.confidence <= DOUBTFUL for hand in reported.hands)
+            assert reported.hands or reported.lost[0].reason.startswith(("no depth", "only background"))
+
+
+@pytest.mark.parametrize("value", [250.0, 400.0, 600.0])
+def test_frames_of_one_value(begun: Tracker, resting: Take, value: float) -> None:
+    """A lens that is covered for a second shows no hand, whether or not one was tracked before."""
+    for tracker in (copied(begun), Tracker(begun.predictor)):
+        for n in range(int(RATE)):
+            plain = np.full((ICVL.height, ICVL.width), value, np.float32)
+            reported = tracker.step(DepthFrame(BEGUN + n, (BEGUN + n) / RATE, plain))
+            assert not reported.hands
+
+
+def test_all_outputs(begun: Tracker, resting: Take, tmp_path: Path) -> None:
+    """Files, and the messages sent by WebSocket and UDP, have no pose of a covered hand, and the reason."""
+    header = begun.header("a recording")
+    frames = [*after(begun, resting, 1.0, 0.6, 3)]
+    for name in ("t.json", "t.csv"):
+        with open_writer(tmp_path / name, header) as writer:
+            for frame in frames:
+                writer.write(frame)
+    document = json.loads((tmp_path / "t.json").read_text())
+    messages = Messages(header)
+    records = [messages.record(frame) for frame in frames]
+    sent = [json.loads(messages.line(record)) for record in records]
+    datagrams = [json.loads(messages.datagram(record)) for record in records]
+    for written in (document["frames"], sent, datagrams):
+        assert [frame["hands"] for frame in written] == [[]] * 3
+        assert [lost["reason"] for frame in written for lost in frame["lost"]] == [REASON] * 3
+    rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
+    assert [(row["lost"], row["confidence"]) for row in rows] == [(REASON, "")] * 3
