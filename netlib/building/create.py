@@ -62,7 +62,7 @@ def _check_blocks(spec: LayerParameter, own: str = "") -> None:
     """Reject option blocks that no layer type defines. As in Caffe, those of other types than ``own`` are ignored."""
     if set(spec.blocks) <= {own}:
         return
-    known = {block_name(cls, name) for name, cls in layer_types().items()} | set(option_blocks())
+    known = {own, *option_blocks()}
     tree = schema.tree_of(spec)
     for item in tree.fields if tree else []:
         if item.name in spec.blocks and item.name not in known:

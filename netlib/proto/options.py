@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
 from netlib.files.own_modules import own_module
-from netlib.proto.messages import LossParameter, PythonParameter
+from netlib.proto.messages import BLOCKS, LossParameter, PythonParameter
 
 
 @dataclass(frozen=True)
@@ -15,32 +16,65 @@ class NoParameter:
     """A layer type without options."""
 
 
-def layer_types() -> dict[str, Any]:
-    """Return every known layer type: name -> class."""
-    types: dict[str, Any] = own_module("layers").LAYER_TYPES
+def layer_types() -> MutableMapping[str, Any]:
+    """Return every known layer type: name -> class, whose file is imported when it is looked up."""
+    types: MutableMapping[str, Any] = own_module("layers").LAYER_TYPES
     return types
 
 
 def class_of(type_name: str, bottoms: int) -> Any:
     """The class of a known layer type for this number of bottoms."""
-    cls = layer_types()[type_name]
-    return own_module("layers").BY_BOTTOMS.get((type_name, bottoms), cls)
+    special = own_module("layers").BY_BOTTOMS
+    return special[type_name, bottoms] if (type_name, bottoms) in special else layer_types()[type_name]
 
 
-def option_blocks() -> dict[str, type]:
+class _OptionBlocks(Mapping[str, type]):
+    """Every options block: name -> dataclass, whose layer is imported when the block is looked up."""
+
+    _shared: Mapping[str, type] = {"python_param": PythonParameter, "loss_param": LossParameter}
+
+    def __getitem__(self, block: str) -> type:
+        """The dataclass of a block."""
+        if block in self._shared:
+            return self._shared[block]
+        if block not in BLOCKS:
+            raise KeyError(block)
+        cls = layer_types()[self._owner(block)]
+        found: type = cls.other_blocks.get(block, cls.param_type)
+        return found
+
+    def _owner(self, block: str) -> str:
+        """A layer type that reads a block."""
+        owners: Mapping[str, str] = own_module("layers").BLOCK_OWNERS
+        return owners[block] if block in owners else next(name for name in layer_types() if _block_of(name) == block)
+
+    def __contains__(self, block: object) -> bool:
+        return block in BLOCKS
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(BLOCKS)
+
+    def __len__(self) -> int:
+        return len(BLOCKS)
+
+
+_BLOCKS = _OptionBlocks()
+
+
+def option_blocks() -> Mapping[str, type]:
     """Return every options block: name -> dataclass."""
-    blocks: dict[str, type] = {"python_param": PythonParameter, "loss_param": LossParameter}
-    for name, cls in layer_types().items():
-        blocks.update(cls.other_blocks)
-        if cls.param_type is not NoParameter:
-            blocks[block_name(cls, name)] = cls.param_type
-    return blocks
+    return _BLOCKS
 
 
 def block_name(cls: Any, type_name: str) -> str:
     """Name of the options block of a layer type with class ``cls``."""
     if type_name == "Python":  # even if the class derives from a layer of this project
         return "python_param"
-    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type_name)
-    name: str = cls.param_name or words.lower() + "_param"
+    name: str = cls.param_name or _block_of(type_name)
     return name
+
+
+def _block_of(type_name: str) -> str:
+    """Name of an options block that is called after a layer type, as ``inner_product_param``."""
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type_name)
+    return words.lower() + "_param"

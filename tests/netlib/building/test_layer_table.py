@@ -1,0 +1,43 @@
+"""The table of layer types: files of layers are imported when a net has such a layer, and classes can be replaced."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from netlib.building.layer_table import LayerTable
+from tests.support.running import run_python
+
+RELU = "activation.relu.ReLU"
+
+
+def test_a_net_imports_the_layers_that_it_has(tmp_path: Path) -> None:
+    """Building a net and reading its options imports the files of its own layers and of no others."""
+    code = (
+        "import sys, netlib\n"
+        'text = \'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } }\'\n'
+        'open(\'net.prototxt\', \'w\').write(text + \'layer { name: "y" type: "ReLU" bottom: "x" top: "y" }\')\n'
+        "netlib.Net('net.prototxt', netlib.TEST, engine='plain')\n"
+        "print(*sorted(name for name in sys.modules if name.startswith('layers.') and name.count('.') == 2))"
+    )
+    loaded = run_python("-c", code, cwd=tmp_path, NETLIB_ENGINE="plain").out.split()
+    assert loaded == ["layers.activation.relu", "layers.data.input"]
+
+
+def test_a_table_is_a_mapping() -> None:
+    """Keys keep their order; a class is the same object at every look-up; unknown keys are KeyErrors."""
+    table = LayerTable({"B": RELU, "A": "data.input.Input"})
+    assert (list(table), len(table), "B" in table, "C" in table) == (["B", "A"], 2, True, False)
+    assert table["B"] is table["B"] and table["B"].__name__ == "ReLU"
+    with pytest.raises(KeyError):
+        table["C"]
+
+
+def test_a_class_can_be_replaced_and_added() -> None:
+    """An assignment replaces a class, as exercises do, or adds a type; del removes it."""
+    table = LayerTable({"A": RELU})
+    table["A"] = table["B"] = int
+    assert dict(table) == {"A": int, "B": int}
+    del table["A"]
+    assert list(table) == ["B"]
