@@ -110,20 +110,24 @@ def test_momentum_in_use(visit: Visit) -> None:
 # ---------------------------------------------------------------------------------------------- windows
 
 
-@pytest.mark.parametrize("layer", windows.data()["layers"], ids=lambda layer: layer["title"])
-def test_shares_are_the_whole_layer(layer: dict[str, Any]) -> None:
-    """Shares sum to y over x (except a maximum) and to dx over dy; each window of a maximum has one winner."""
-    x, y, dy = (np.array(layer[name], dtype=float) for name in ("x", "y", "dy"))
-    shares = np.zeros((y.size, x.size))
-    for i, row in enumerate(layer["shares"]):
-        for j, share, _ in row:
-            shares[i, j] = share
-    assert (shares @ x.ravel()).tolist() == y.ravel().tolist()
-    pad = layer["pad"]
-    inner = tuple(slice(pad, n - pad) for n in x.shape)
-    np.testing.assert_array_equal((dy.ravel() @ shares).reshape(x.shape)[inner], layer["dx"])
-    if layer["maximum"]:
-        assert (shares.sum(axis=1) == 1).all() and max(map(len, layer["shares"])) in (4, 9)
+@pytest.mark.parametrize("number", range(len(windows.LAYERS)), ids=list(windows.LAYERS))
+def test_the_page_computes_what_the_layer_does(visit: Visit, number: int) -> None:
+    """For random numbers, some of them equal, the page and the layer compute the same y, dx, dw and db."""
+    tab, rng = visit(page_of("windows")), np.random.default_rng(number)
+    entry, (kind, options) = windows.data()["layers"][number], list(windows.LAYERS.values())[number]
+    picture, kernel, bias = rng.integers(-3, 4, (6, 6)), rng.integers(-3, 4, (3, 3)), int(rng.integers(-3, 4))
+    layer, pad = windows.Layer(kind, options, picture, kernel, bias), entry["pad"]
+    dy = rng.integers(-3, 4, layer.y.shape)
+    dx = layer.backward(dy)
+    changed = {**entry, "x": np.pad(picture, pad).ravel().tolist(), "dy": dy.ravel().tolist()}
+    if kind == "Convolution":
+        changed |= {"w": kernel.ravel().tolist(), "b": [bias]}
+    found = tab.evaluate("(layer) => page.slide(layer)", changed)
+    np.testing.assert_allclose(found["y"], layer.y.ravel())
+    side = 6 + 2 * pad
+    np.testing.assert_allclose(np.reshape(found["dx"], (side, side))[pad : side - pad, pad : side - pad], dx)
+    for name, blob in zip(("dw", "db"), layer.net.params.get("y", ())):
+        np.testing.assert_allclose(found[name], blob.diff.ravel())
 
 
 def test_windows_in_use(visit: Visit) -> None:
@@ -146,6 +150,31 @@ def test_windows_in_use(visit: Visit) -> None:
     tab.locator("#x button").nth(9).focus()
     tab.keyboard.press("ArrowUp")
     assert tab.locator("#formula").inner_text().startswith("dx[0, 0] = ")
+
+
+def test_numbers_are_changed_and_played(visit: Visit) -> None:
+    """An edited number changes all that depends on it, a weight shows dw as a sum, and Play stamps one dy at a time."""
+    tab = visit(page_of("windows"))
+    tab.locator("#b button").click()
+    tab.locator("#value").fill("10")
+    assert tab.locator("#y button").first.inner_text() == "−11"  # -21 without the bias
+    assert tab.locator("#formula b").inner_text().startswith("db = ")
+    tab.locator("#dw button").nth(4).click()
+    assert tab.locator("#edited").inner_text() == "w[1, 1] =" and tab.locator("#y .marked").count() == 16
+    assert tab.locator("#formula b").inner_text().endswith(" = 37")
+    tab.get_by_role("button", name="One more").click()
+    assert tab.locator("#w button").nth(4).inner_text() == "1" and tab.locator("#value").input_value() == "1"
+    tab.evaluate("page.step(3)")
+    assert tab.locator("#y .chosen").count() == 1 and set(tab.locator("#dx button").all_inner_texts()) == {"0"}
+    tab.evaluate("page.step(16)")  # the first dy, which is 1: the kernel is stamped once
+    stamped = [tab.locator("#dx button").nth(i).inner_text() for i in (0, 1, 2, 6, 7, 8)]
+    assert stamped == ["1", "0", "−1", "2", "1", "−2"] and tab.locator("#db button").inner_text() == "1"
+    tab.get_by_role("button", name="Play").click()
+    assert tab.locator("#play").inner_text() == "■ Stop"
+    tab.locator("#play").click()
+    assert tab.locator("#db button").inner_text() == "3"
+    tab.get_by_role("button", name="Reset").click()
+    assert tab.locator("#y button").first.inner_text() == "−21"
 
 
 # ---------------------------------------------------------------------------------------------- the small net

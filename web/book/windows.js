@@ -1,55 +1,68 @@
 /* A picture, what a layer makes of it, and which input has which share in which output. */
 
 import { byId, element } from "./elements.js";
+import { factors, slide } from "./sliding.js";
 import { short } from "./common.js";
 
 const data = JSON.parse(byId("data").textContent);
-const GRIDS = ["x", "w", "y", "dx", "dy"], cells = {};
+const GRIDS = ["x", "w", "b", "y", "dx", "dw", "db", "dy"], cells = {};
+const EDITABLE = ["x", "w", "b", "dy"], LIMIT = 1e4, PAUSE_MS = 700;
 const choice = byId("layer");
-let layer;
+let layer, made, chosen = ["y", 0], playing = 0, count; // outputs whose dy has been handed back; all if not playing
 
-const flat = (rows) => rows.flat();
-const width = () => layer.x[0].length;
-
-/* dx with the padding around it, where there is none. */
-function padded(rows) {
-  const { pad } = layer, empty = Array(pad).fill(null), blank = () => Array(width()).fill(null);
-  return [...Array.from({ length: pad }, blank), ...rows.map((row) => [...empty, ...row, ...empty]),
-    ...Array.from({ length: pad }, blank)];
-}
+const width = () => layer.columns.x;
+const factor = (number) => (number < 0 ? `(${short(number)})` : short(number));
+const copy = (value) => JSON.parse(JSON.stringify(value));
 
 const isPadding = (j) => {
-  const { pad, x } = layer, row = Math.floor(j / width()), column = j % width();
-  return row < pad || column < pad || row >= x.length - pad || column >= width() - pad;
+  const { pad, x } = layer, rows = x.length / width(), row = Math.floor(j / width()), column = j % width();
+  return row < pad || column < pad || row >= rows - pad || column >= width() - pad;
 };
 
+/* "row, column" of an element, counted without the padding. */
+function where(name, i) {
+  const columns = layer.columns[name.replace("d", "")], pad = name.endsWith("x") ? layer.pad : 0;
+  return `${Math.floor(i / columns) - pad}, ${(i % columns) - pad}`;
+}
+const place = (name, i) => (name.endsWith("b") ? name : `${name}[${where(name, i)}]`);
+const valueOf = (name, i) => (name in layer ? layer : made)[name][i];
+
+/* ------------------------------------------------------------------------------------------------ the grids */
+
 function build() {
-  layer = data.layers[choice.value];
-  byId("kernel").hidden = !layer.w;
-  const grids = { x: layer.x, w: layer.w ?? [], y: layer.y, dx: padded(layer.dx), dy: layer.dy };
+  layer = copy(data.layers[choice.value]);
+  stop();
+  made = slide(layer);
+  for (const figure of document.querySelectorAll(".kernel")) figure.hidden = !layer.w;
   for (const name of GRIDS) {
-    const rows = grids[name], columns = rows[0]?.length ?? 0, ofPicture = name === "x" || name === "dx";
-    cells[name] = flat(rows).map((value, i) => {
-      const away = ofPicture && isPadding(i), place = `${name}[${where(i, columns, ofPicture)}]`;
-      return element("button", {
-        type: "button", tabindex: -1, disabled: name === "w" || away, class: away ? "padding" : "",
-        "aria-label": away ? "padding, 0" : `${place} is ${short(value)}`,
-        onmouseenter: () => choose(name, i), onfocus: () => choose(name, i), onclick: () => choose(name, i),
-        onkeydown: (event) => walk(event, name, i, columns),
-      }, away ? (name === "x" ? "0" : "") : short(value, 2));
-    });
+    const values = layer[name] ?? made[name] ?? [], columns = layer.columns[name.replace("d", "")] ?? 1;
+    cells[name] = values.map((_, i) => element("button", {
+      type: "button", tabindex: -1, onmouseenter: () => playing || choose(name, i), onfocus: () => choose(name, i),
+      onclick: () => choose(name, i), onkeydown: (event) => walk(event, name, i, columns),
+    }));
     byId(name).style.gridTemplateColumns = `repeat(${columns}, max-content)`;
     byId(name).replaceChildren(...cells[name]);
+  }
+  show();
+  for (const name of GRIDS) {
     const first = cells[name].find((cell) => !cell.disabled);
     if (first) first.tabIndex = 0; // one stop for Tab, arrow keys within
   }
-  choose("y", flat(layer.dy).indexOf(2)); // one that has something to hand back
+  choose("y", layer.dy.indexOf(2)); // one that has something to hand back
 }
 
-/* "row, column" of an element, counted without the padding. */
-function where(i, columns, ofPicture) {
-  const pad = ofPicture ? layer.pad : 0;
-  return `${Math.floor(i / columns) - pad}, ${(i % columns) - pad}`;
+/* The numbers of all grids. */
+function show() {
+  made = slide(layer, count);
+  for (const name of GRIDS) {
+    cells[name].forEach((cell, i) => {
+      const away = name.endsWith("x") && isPadding(i), value = valueOf(name, i);
+      cell.disabled = away;
+      cell.classList.toggle("padding", away);
+      cell.ariaLabel = away ? "padding, 0" : `${place(name, i)} is ${short(value)}`;
+      cell.textContent = away ? (name === "x" ? "0" : "") : short(value, 2);
+    });
+  }
 }
 
 function walk(event, name, i, columns) {
@@ -64,60 +77,137 @@ function walk(event, name, i, columns) {
 /* ------------------------------------------------------------------------------------------------ the choice */
 
 function choose(name, i) {
-  if (name === "w" || cells[name][i]?.disabled) return;
+  if (cells[name][i]?.disabled) return;
+  chosen = [name, i];
   for (const cell of Object.values(cells).flat()) cell.classList.remove("marked", "chosen", "winner");
   for (const cell of cells[name]) cell.tabIndex = -1;
   cells[name][i].tabIndex = 0;
-  if (name === "y" || name === "dy") showOutput(i);
-  else showInput(i);
+  if (name.endsWith("y")) showOutput(i);
+  else if (name.endsWith("x")) showInput(i);
+  else if (name.endsWith("w")) showWeight(i);
+  else showBias();
+  const target = EDITABLE.includes(name) ? name : name === "y" ? "dy" : name.slice(1); // what the editor changes
+  byId("edited").textContent = `${place(target, i)} =`;
+  byId("value").value = layer[target][i];
+  byId("value").dataset.grid = target;
 }
 
-function mark(kind, ...list) {
-  for (const cell of list) cell?.classList.add(kind);
-}
+const mark = (kind, ...list) => list.forEach((cell) => cell?.classList.add(kind));
 
 function showOutput(i) {
-  const shares = layer.shares[i], { x, y, dy, w } = layer, values = flat(x);
+  const window = layer.windows[i], given = factors(layer, layer.x, i), { x, w, dy } = layer;
   mark("chosen", cells.y[i], cells.dy[i]);
-  for (const [j, share, element] of shares) {
-    mark("marked", cells.x[j], cells.dx[j], cells.w[element]);
-    if (layer.maximum && share) mark("winner", cells.x[j], cells.dx[j]);
-  }
-  const place = where(i, y[0].length, false), value = short(flat(y)[i]);
-  const list = shares.map(([j]) => short(values[j])).join(", ");
-  const sum = shares.map(([j, share]) => `${factor(share)} · ${short(values[j])}`).join(" + ");
-  const made = w ? sum : layer.maximum ? `max(${list})` : `(${list.replaceAll(", ", " + ")}) / ${shares.length}`;
-  const given = short(flat(dy)[i]);
-  const back = w ? `each x of the window gets its w · ${given}` : layer.maximum ? `the winner alone gets ${given}`
-    : `each of the ${shares.length} gets ${given} / ${shares.length}`;
-  say(`y[${place}] = ${made} = ${value}`, `Backward, dy[${place}] = ${given}: ${back}.`);
+  window.forEach(([j, weight], n) => {
+    mark("marked", cells.x[j], cells.dx[j], cells.w[weight], cells.dw[weight]);
+    if (layer.maximum && given[n]) mark("winner", cells.x[j], cells.dx[j]);
+  });
+  const list = window.map(([j]) => short(x[j])).join(", ");
+  const sum = window.map(([j], n) => `${factor(given[n])} · ${factor(x[j])}`).join(" + ");
+  const formula = w ? sum + (layer.b[0] ? ` + ${factor(layer.b[0])}` : "") : layer.maximum ? `max(${list})`
+    : `(${list.replaceAll(", ", " + ")}) / ${window.length}`;
+  const d = short(dy[i]);
+  const back = w ? `each x of the window gets its w · ${d}, each w its x · ${d}, and b gets ${d}`
+    : layer.maximum ? `the winner alone gets ${d}` : `each of the ${window.length} gets ${d} / ${window.length}`;
+  say(`${place("y", i)} = ${formula} = ${short(made.y[i])}`, `Backward, ${place("dy", i)} = ${d}: ${back}.`);
+}
+
+/* For each output that reads what `reads([input, element])` accepts: [output, its factor, the input]. */
+function readersOf(reads) {
+  return layer.windows.flatMap((window, i) => window.flatMap((entry, n) => (
+    reads(entry) ? [[i, factors(layer, layer.x, i)[n], entry]] : []
+  )));
 }
 
 function showInput(j) {
-  const values = flat(layer.dy), out = layer.y[0].length, terms = [], readers = [];
+  const readers = readersOf(([input]) => input === j), won = readers.filter(([, given]) => given);
   mark("chosen", cells.x[j], cells.dx[j]);
-  layer.shares.forEach((shares, i) => {
-    const found = shares.find(([input]) => input === j);
-    if (!found) return;
-    readers.push(i);
-    mark("marked", cells.y[i], cells.dy[i], cells.w[found[2]]);
-    if (layer.maximum && found[1]) mark("winner", cells.y[i], cells.dy[i]);
-    if (found[1] || layer.w) terms.push(`${factor(found[1])} · ${factor(values[i])}`);
-  });
-  const place = where(j, width(), true), dx = short(flat(padded(layer.dx))[j]);
-  const read = `x[${place}] is read by ${readers.length} output${readers.length === 1 ? "" : "s"}`;
-  const places = readers.map((i) => `y[${where(i, out, false)}]`).join(", ");
-  const won = layer.maximum && readers.length ? `; it is the largest in ${terms.length} of them` : "";
-  const sum = terms.length ? `${terms.join(" + ")} = ${dx}` : dx;
-  say(`dx[${place}] = ${sum}`, `${read}${places && `: ${places}`}${won}.`);
+  for (const [i, given, [, weight]] of readers) {
+    mark("marked", cells.y[i], cells.dy[i], cells.w[weight]);
+    if (layer.maximum && given) mark("winner", cells.y[i], cells.dy[i]);
+  }
+  const terms = (layer.w ? readers : won).map(([i, given]) => `${factor(given)} · ${factor(layer.dy[i])}`);
+  const read = `${place("x", j)} is read by ${readers.length} output${readers.length === 1 ? "" : "s"}`;
+  const places = readers.map(([i]) => place("y", i)).join(", ");
+  const largest = layer.maximum && readers.length ? `; it is the winner in ${won.length} of them` : "";
+  sayGradient("dx", j, terms, `${read}${places && `: ${places}`}${largest}.`);
 }
 
-const factor = (number) => (number < 0 ? `(${short(number)})` : short(number));
+function showWeight(e) {
+  const readers = readersOf(([, weight]) => weight === e);
+  mark("chosen", cells.w[e], cells.dw[e]);
+  for (const [i, , [j]] of readers) mark("marked", cells.x[j], cells.y[i], cells.dy[i]);
+  const terms = readers.filter(([i]) => layer.dy[i])
+    .map(([i, , [j]]) => `${factor(layer.x[j])} · ${factor(layer.dy[i])}`);
+  sayGradient("dw", e, terms, "Every output uses this weight, each with another x: dw is the sum of x · dy.");
+}
+
+function showBias() {
+  mark("chosen", cells.b[0], cells.db[0]);
+  mark("marked", ...cells.y, ...cells.dy);
+  sayGradient("db", 0, layer.dy.filter((d) => d).map(factor), "Every output has the bias once: db is the sum of dy.");
+}
+
+function sayGradient(name, i, terms, words) {
+  const value = short(slide(layer)[name][i]);
+  say(`${place(name, i)} = ${terms.length ? `${terms.join(" + ")} = ${value}` : value}`, words);
+}
 
 function say(formula, words) {
   byId("formula").replaceChildren(element("b", {}, formula), element("br"), words);
 }
 
+/* ------------------------------------------------------------------------------------------------ editing, playing */
+
+function edit(value) {
+  if (!(Math.abs(value) <= LIMIT)) return;
+  layer[byId("value").dataset.grid][chosen[1]] = value;
+  stop();
+  show();
+  const text = byId("value").value;
+  choose(...chosen);
+  if (Number(text) === value) byId("value").value = text; // "1." while it is typed
+}
+
+byId("value").addEventListener("input", () => byId("value").value !== "" && edit(Number(byId("value").value)));
+for (const [id, step] of [["less", -1], ["more", 1]]) {
+  byId(id).addEventListener("click", () => {
+    const { grid } = byId("value").dataset;
+    edit(layer[grid][chosen[1]] + step);
+    byId("value").value = layer[grid][chosen[1]];
+  });
+}
+
+function stop() {
+  clearInterval(playing);
+  playing = 0;
+  count = undefined;
+  byId("play").textContent = "▶ Play";
+}
+
+/* One step: an output forwards, or the next dy backwards. */
+function step(n) {
+  const total = layer.windows.length;
+  count = Math.max(0, n + 1 - total);
+  if (n >= 2 * total) stop();
+  show();
+  if (n < 2 * total) choose(n < total ? "y" : "dy", n % total);
+}
+
+byId("play").addEventListener("click", () => {
+  if (playing) {
+    stop();
+    show();
+    return;
+  }
+  let n = 0;
+  step(n);
+  byId("play").textContent = "■ Stop";
+  playing = setInterval(() => step(++n), PAUSE_MS);
+});
+byId("reset").addEventListener("click", build);
 choice.append(...data.layers.map(({ title }, i) => element("option", { value: i }, title)));
 choice.addEventListener("change", build);
 build();
+
+// For the console, and for tests.
+globalThis.page = { slide, step, layer: () => layer };

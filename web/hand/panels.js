@@ -41,6 +41,7 @@ export function showDepth(body, cameras) {
     byId("seen-figure").hidden = !body.seen;
     if (body.seen) draw(byId("seen"), body.seen);
     byId("no-surface").hidden = Boolean(body.surface);
+    byId("depth-figure").hidden = !body.surface;
     const names = [...new Set([...cameras, camera].map((one) => one.name))];
     choice.replaceChildren(...names.map((name) => element("option", { selected: name === camera.name }, name)));
     if (document.activeElement !== far) far.value = shown(uvd[2], 0);

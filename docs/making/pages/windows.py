@@ -1,8 +1,8 @@
-"""Data of docs/windows.html: layers that slide a window over a picture, with each input's share in each output.
+"""Data of docs/windows.html: layers that slide a window over a picture, and what each output reads.
 
-The shares are gradients: the diff of one output is 1, that of all others 0, and ``backward`` says which inputs count,
-and how much. With a kernel of different numbers the share names the element of the kernel; in mean pooling every
-input of a window has a share, in maximum pooling the winner alone.
+The windows are gradients: the diff of one output is 1, that of all others 0, and ``backward`` says which inputs count,
+and how much. With a kernel of different numbers the gradient names the element of the kernel. The page computes y, dx,
+dw and db from them, for any numbers.
 """
 
 from __future__ import annotations
@@ -43,36 +43,36 @@ def data() -> dict[str, Any]:
 
 
 def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
-    """Of a layer its picture with the padding around it, y, dy, dx, and ``shares``: per output [input, share, element].
+    """Of a layer its padded picture, kernel and bias, dy, and ``windows``: per output [input, element, share].
 
-    Inputs are counted in the padded picture, row by row; ``element`` is that of the kernel, -1 in pooling.
+    All arrays are lists, row by row. Inputs are counted in the padded picture; ``element`` is that of the kernel, -1 in
+    pooling; ``share`` is that of an input in a mean, else 0.
     """
     pad = int(options.partition("pad: ")[2][:1] or 0)
     padded = np.pad(PICTURE, pad)
     layer = Layer(kind, options, PICTURE)
-    dy = np.random.default_rng(SEED).integers(-2, 3, layer.y.shape)
     without = Layer(kind, options.replace(f" pad: {pad}", ""), padded)  # the same outputs, the padding as inputs
     assert np.array_equal(layer.y, without.y)
     if kind == "Convolution":
         elements = Layer(kind, without.options, padded, np.arange(1, 10).reshape(3, 3)).shares()
-        seen = [[[j, KERNEL.flat[int(n) - 1], int(n) - 1] for j, n in enumerate(row) if n] for row in elements]
+        windows = [[[j, int(n) - 1, 0] for j, n in enumerate(row) if n] for row in elements]
     else:
-        whole = Layer(kind, options.replace("MAX", "AVE"), PICTURE).shares()
-        seen = [[[j, row[j], -1] for j, n in enumerate(mean) if n] for mean, row in zip(whole, layer.shares())]
+        means = Layer(kind, options.replace("MAX", "AVE"), PICTURE).shares()
+        windows = [[[j, -1, 0 if "MAX" in options else float(n)] for j, n in enumerate(row) if n] for row in means]
     return {
-        "title": title, "kind": kind, "maximum": "MAX" in options, "pad": pad,
-        "x": padded.tolist(), "y": layer.y.tolist(), "dy": dy.tolist(), "dx": layer.backward(dy).tolist(),
-        "w": KERNEL.tolist() if kind == "Convolution" else None,
-        "shares": [[[j, float(share), element] for j, share, element in row] for row in seen],
+        "title": title, "maximum": "MAX" in options, "pad": pad, "windows": windows, "x": padded.ravel().tolist(),
+        "w": KERNEL.ravel().tolist() if kind == "Convolution" else None, "b": [0] if kind == "Convolution" else None,
+        "dy": np.random.default_rng(SEED).integers(-2, 3, layer.y.size).tolist(),
+        "columns": {"x": padded.shape[1], "w": 3, "b": 1, "y": layer.y.shape[1]},
     }  # fmt: skip
 
 
 class Layer:
-    """A net of one layer, with one picture in and one out, without a bias."""
+    """A net of one layer, with one picture in and one out."""
 
-    def __init__(self, kind: str, options: str, picture: Array, kernel: Array = KERNEL) -> None:
+    def __init__(self, kind: str, options: str, picture: Array, kernel: Array = KERNEL, bias: float = 0) -> None:
         self.options = options
-        name, more = kind.lower(), " num_output: 1 bias_term: false" if kind == "Convolution" else ""
+        name, more = kind.lower(), " num_output: 1" if kind == "Convolution" else ""
         text = f"""
             force_backward: true
             layer {{ name: "data" type: "Input" top: "x"
@@ -81,13 +81,15 @@ class Layer:
         param = schema.read(prototxt.parse(text, "windows"), NetParameter)
         self.net = netlib.Net(param, netlib.TRAIN, dtype=np.float64, engine="plain")
         if kind == "Convolution":
-            self.net.params["y"][0].data[0, 0] = kernel
+            w, b = self.net.params["y"]
+            w.data[0, 0], b.data[0] = kernel, bias
         self.net.blobs["x"].data[0, 0] = picture
         self.net.run_forward()
         self.y: Array = self.net.blobs["y"].data[0, 0].copy()
 
     def backward(self, dy: Array) -> Array:
-        """dx."""
+        """dx. The diffs of the parameters are those of this pass."""
+        self.net.clear_param_diffs()
         self.net.blobs["y"].diff[0, 0] = dy
         self.net.run_backward()
         return self.net.blobs["x"].diff[0, 0].copy()

@@ -31,9 +31,11 @@ def test_a_skeleton_file_is_chosen(visit: Visit, bare: Path, tmp_path: Path) -> 
     slider(tab, "elbow").fill("90")
     expected = Kinematics(body_of(ARM)).joints(np.array([[0, 0, np.pi / 2]]))[0]
     np.testing.assert_allclose(joints_in(tab)[:, 3:], expected, atol=6e-5)
-    assert tab.locator("#no-surface").is_visible() and not tab.get_by_role("button", name="a pose").count()
+    assert tab.locator("#no-surface").is_visible() and not tab.locator("#depth").is_visible()
+    assert not tab.get_by_role("button", name="a pose").count()
     tab.get_by_role("button", name="This page's skeleton").click()
-    assert len(joints_in(tab)) == 31 and not tab.locator("#no-surface").is_visible()
+    assert len(joints_in(tab)) == 31 and tab.locator("#depth").is_visible()
+    assert not tab.locator("#no-surface").is_visible()
 
 
 def test_skeleton_files_are_dropped(visit: Visit, bare: Path) -> None:
