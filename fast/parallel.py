@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from fast import aligned
 from netlib.engine import available_cpus
 from netlib.system.one_thread import call_after_fork
 
@@ -119,7 +120,7 @@ def scratch(key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     found = kept.get(key)
     if found is None or found.size < size:
         kept.pop(key, None)  # release the old memory before the new one is allocated
-        found = kept[key] = np.empty(size, np.uint8)
+        found = kept[key] = aligned.empty((size,), np.uint8)
     return found[:size].view(dtype).reshape(shape)
 
 
@@ -128,5 +129,5 @@ def buffer_of(buffers: threading.local, key: str, shape: tuple[int, ...], dtype:
     kept: dict[str, NDArray[Any]] = buffers.__dict__
     found = kept.get(key)
     if found is None or found.shape != shape:
-        found = kept[key] = np.zeros(shape, dtype)
+        found = kept[key] = aligned.zeros(shape, dtype)
     return found

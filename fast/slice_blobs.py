@@ -5,8 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-import numpy as np
-
+from fast import aligned
 from fast.parallel import buffer_of
 from fast.tiles import FastBlob
 from netlib.blob import Array, Blob
@@ -42,7 +41,7 @@ class Hidden(FastBlob):
         """The values: memory of the slice if backward reads them again, else working memory of the thread."""
         if self._keep:
             if self._data is None:
-                self._data = np.zeros(self.storage_shape, self.dtype)
+                self._data = aligned.zeros(self.storage_shape, self.dtype)
             return self._data
         return self._buffer("data")
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from fast import aligned
 from netlib.blob import Array, Blob
 
 
@@ -73,6 +74,8 @@ class FastBlob(Blob):
             self.on_look()
         if self.on_look_data is not None:
             self.on_look_data()
+        if self._data is None and self._owner is None:
+            self._data = aligned.zeros_for(self, self._shape, self.dtype)
         return super().data if self._data is None else self._data  # saves a call: a pass of one image has 60 accesses
 
     @property
@@ -80,6 +83,8 @@ class FastBlob(Blob):
         """Gradient of the loss with respect to the values."""
         while self.on_look is not None:
             self.on_look()
+        if self._diff is None and self._diff_owner is None:
+            self._diff = aligned.zeros_for(self, self._shape, self.dtype)
         return super().diff if self._diff is None else self._diff
 
     def copies(self, of_diff: bool) -> tuple[Array | None, Array | None]:
