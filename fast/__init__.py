@@ -12,8 +12,9 @@
     map_pooling   pooling over any windows by running maxima and sums
     row_tiles, window_tiles, max_tiles
                   algorithms for convolution and pooling on tiles
-    parallel, blas
-                  threads, and configuration of OpenBLAS before NumPy is loaded
+    fusing        layers in place behind a convolution or a sum of blobs, computed with it
+    parallel, aligned, blas
+                  threads; memory at cache lines; configuration of OpenBLAS before NumPy is loaded
 
 netlib imports this folder by name in one place (netlib/engine/choice.py); nothing else imports it.
 """

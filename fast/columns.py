@@ -16,6 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fast.fusing import After
 from fast.geometry import Geometry, at, image_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
@@ -30,25 +31,25 @@ COPY = 16  # multiplications that take as long as copying a value
 class Columns:
     """The algorithm for all shapes: any number of spatial axes, stride, padding, dilation and groups."""
 
-    def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
+    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
         for images, rows in _blocks(g, x, y.shape):
             columns = lower(g, x[images], rows, y.shape[2:])
-            _correlate(g, w, bias, columns, y[images, :, rows])
+            _correlate(g, w, after, columns, y[images, :, rows])
 
-    def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
+    def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx."""
         O, windows = dy.shape[1], len(dy) * math.prod(dy.shape[2:])
         if dx.shape[1] >= O and windows >= MIN_WINDOWS * O and g.is_turnable(dx.shape, dy.shape) and max(g.kernel) > 1:
-            self.correlate(g.turned, dy, g.flipped(w), bias, dx)
+            self.correlate(g.turned, dy, g.flipped(w), after, dx)
             return
         for images, rows in _blocks(g, dx, dy.shape):
             gradient = _by_channel(dy[images, :, rows])
             if _in_place(g, images):
                 part = dx[images, :, rows]
-                _transpose_in_place(g, w, bias, gradient, part.reshape(part.shape[1], -1))
+                _transpose_in_place(g, w, after, gradient, part.reshape(part.shape[1], -1))
             else:
-                _transpose(g, w, bias, gradient, dx[images], rows, dy.shape[2:])
+                _transpose(g, w, after, gradient, dx[images], rows, dy.shape[2:])
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
@@ -57,7 +58,7 @@ class Columns:
             _gradient(g, columns, _by_channel(dy[images, :, rows]), dw)
 
 
-def _correlate(g: Geometry, w: Array, bias: Array | None, columns: Array, y: Array) -> None:
+def _correlate(g: Geometry, w: Array, after: After, columns: Array, y: Array) -> None:
     """Write y (n, O, ...) of one block."""
     n, O = y.shape[:2]
     target = y.reshape(n, O, -1)
@@ -66,16 +67,13 @@ def _correlate(g: Geometry, w: Array, bias: Array | None, columns: Array, y: Arr
 
     def job(o: slice) -> None:
         multiply(g, w, columns, result, o)
-        if bias is not None:
-            np.add(by_image[:, o], bias[o, None], out=target[:, o])
-        elif n > 1:
-            target[:, o] = by_image[:, o]
+        after.write(by_image[:, o], target[:, o], o, axis=1)
 
     run_parts(job, O, g.group, w.size * columns.shape[1])
 
 
 def _transpose(
-    g: Geometry, w: Array, bias: Array | None, dy: Array, dx: Array, rows: slice, outputs: tuple[int, ...]
+    g: Geometry, w: Array, after: After, dy: Array, dx: Array, rows: slice, outputs: tuple[int, ...]
 ) -> None:
     """Add the products of one block to the padded dx (n, C, ...), and write dx with its last rows."""
     (n, C, *sizes), elements = dx.shape, math.prod(g.kernel)
@@ -91,20 +89,17 @@ def _transpose(
         for element, part in g.windows(rows, outputs):
             padded[at(c, part)] += windows[(c,) + element]
         if rows.stop == outputs[0]:
-            target[c] = padded[at(c, g.inside(sizes))]
-            if bias is not None:
-                target[c] += bias[c].reshape(-1, *(1,) * (len(sizes) + 1))
+            after.write(padded[at(c, g.inside(sizes))], target[c], c)
 
     run_parts(job, C, g.group, w.size * dy.shape[1] + columns.size * COPY)
 
 
-def _transpose_in_place(g: Geometry, w: Array, bias: Array | None, dy: Array, dx: Array) -> None:
+def _transpose_in_place(g: Geometry, w: Array, after: After, dy: Array, dx: Array) -> None:
     """Write dx (C, L) of one block of a 1 x 1 convolution."""
 
     def job(c: slice) -> None:
         multiply_transposed(g, w, dy, dx, c)
-        if bias is not None:
-            dx[c] += bias[c, None]
+        after.write(dx[c], dx[c], c)
 
     run_parts(job, len(dx), g.group, w.size * dy.shape[1])
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from fast.columns import Columns
 from fast.depthwise import Depthwise
 from fast.fast_layer import FastLayer
+from fast.fusing import After, after_of
 from fast.geometry import Algorithm, ByGroup, Geometry
 from fast.row_tiles import RowTiles
 from fast.rows import Rows
@@ -148,6 +149,14 @@ class FastConvolution(FastLayer, Convolution):
         """Whether the top can be sparse: True if the gradient of the bottom is not needed."""
         return self.tiles is not None and not self.needs_bottom_diff
 
+    def fuses_relu(self) -> bool:
+        """Whether the algorithm computes what is behind the layer: not on tiles, nor in the plain layer."""
+        return self.tiles is None and self.algorithm is not None
+
+    def fuses_channels(self) -> bool:
+        """The same, if the outputs are the channels of the top."""
+        return self.fuses_relu() and self.axis == 1
+
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Reshape the tops and choose the algorithm."""
         super().reshape(bottom, top)
@@ -168,8 +177,9 @@ class FastConvolution(FastLayer, Convolution):
             for x, y in zip(bottom, top):
                 self.tiles.forward(self, x, y, self.weight.data, bias)
         elif self.algorithm:
+            after = after_of(bias, self.after)
             for x, y in zip(bottom, top):
-                arrays = self.images(x.data), self.weight.data, bias, self.images(y.data)
+                arrays = self.images(x.data), self.weight.data, after, self.images(y.data)
                 self.algorithm.correlate.correlate(self.geometry, *arrays)
         else:
             super().forward(bottom, top)
@@ -188,7 +198,7 @@ class FastConvolution(FastLayer, Convolution):
                 if db is not None:
                     db += sum_by_channel(dy)
                 if down:
-                    self.algorithm.transpose.transpose(self.geometry, dy, w, None, self.images(x.diff))
+                    self.algorithm.transpose.transpose(self.geometry, dy, w, After(), self.images(x.diff))
         else:
             super().backward(top, propagate_down, bottom)
 
@@ -211,6 +221,14 @@ class FastDeconvolution(FastLayer, Deconvolution):
         super().setup(bottom, top)
         self.geometry = Geometry(self.kernel, self.stride, self.pad, self.dilation, self.param.group)
 
+    def fuses_relu(self) -> bool:
+        """Whether the algorithm computes what is behind the layer: not on tiles, nor in the plain layer."""
+        return self.algorithm is not None
+
+    def fuses_channels(self) -> bool:
+        """The same, if the outputs are the channels of the top."""
+        return self.fuses_relu() and self.axis == 1
+
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Reshape the tops and choose the algorithm."""
         super().reshape(bottom, top)
@@ -221,9 +239,9 @@ class FastDeconvolution(FastLayer, Deconvolution):
         if not self.algorithm:
             super().forward(bottom, top)
             return
-        bias = self.bias.data if self.param.bias_term else None
+        after = after_of(self.bias.data if self.param.bias_term else None, self.after)
         for x, y in zip(bottom, top):
-            arrays = self.images(x.data), self.weight.data, bias, self.images(y.data)
+            arrays = self.images(x.data), self.weight.data, after, self.images(y.data)
             self.algorithm.transpose.transpose(self.geometry, *arrays)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -237,7 +255,7 @@ class FastDeconvolution(FastLayer, Deconvolution):
             if self.param.bias_term:
                 self.bias.diff[...] += sum_by_channel(dy)
             if down:
-                self.algorithm.correlate.correlate(self.geometry, dy, self.weight.data, None, self.images(x.diff))
+                self.algorithm.correlate.correlate(self.geometry, dy, self.weight.data, After(), self.images(x.diff))
 
 
 def by_image(axis: int, *blobs: Blob) -> list[tuple[int, ...]]:

@@ -18,6 +18,10 @@ from netlib.system.memory import blocks
 class FastEltwise(FastLayer, Eltwise):
     """Weighted sum of blobs."""
 
+    def fuses_relu(self) -> bool:
+        """Whether forward can compute a ReLU behind the layer: for sums."""
+        return bool(self.param.operation == "SUM")
+
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = sum of coeff_i x_i."""
         if self.param.operation != "SUM":
@@ -29,6 +33,8 @@ class FastEltwise(FastLayer, Eltwise):
             total = _times(xs[0][own], self.coeff[0], "sum")
             for x, c in zip(xs[1:], self.coeff[1:]):
                 total = np.add(total, _times(x[own], c, "product"), out=y[own])
+            if self.after:
+                np.maximum(total, 0, out=y[own])
 
         parallel.run([partial(job, own) for own in blocks(y.size, BLOCK)])
 

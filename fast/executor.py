@@ -20,6 +20,7 @@ from typing import cast
 import numpy as np
 
 from fast.fast_layer import FastLayer, plain_copy
+from fast.fusing import fuse, release
 from fast.plan import Run, plan, whole
 from fast.slices import SlicedStep
 from fast.tiles import FastBlob
@@ -61,6 +62,7 @@ class SlicedExecutor(Executor):
             for blob in at.top:
                 if isinstance(blob, FastBlob):
                     blob.on_look = None
+        release(self.connections) if self._by_layer else fuse(self.connections)
         if self._by_layer:
             runs = [whole(at) for at in self.connections]
         elif old:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import copy
 import threading
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import DTypeLike
 
+from fast import aligned
 from fast.parallel import buffer_of
 from netlib.blob import Array
 from netlib.layer import Layer
@@ -19,10 +20,14 @@ class FastLayer(Layer):
 
     needs_backward     whether backward will be called; set by the executor before the first pass
     needs_bottom_diff  whether the diff of any bottom will be needed
+    after              layers in place on the top that forward computes, too (fusing.py)
+    is_fused           whether an earlier layer computes forward, which then does nothing
     """
 
     needs_backward: bool = True
     needs_bottom_diff: bool = True
+    after: Sequence[Layer] = ()
+    is_fused: bool = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -37,12 +42,22 @@ class FastLayer(Layer):
         """Memory of this layer for values that backward reads, with the shape and type of ``like``."""
         found = self._kept.get(key)
         if found is None or found.shape != like.shape:
-            found = self._kept[key] = np.empty_like(like)
+            found = self._kept[key] = aligned.empty(like.shape, like.dtype)
         return found
 
     def forget(self) -> None:
         """Release the memory of ``kept``; a copy of a layer must not share that of the original."""
         self._kept = {}
+
+    # Layers that compute others behind them (fusing.py) override these methods.
+
+    def fuses_relu(self) -> bool:
+        """Whether forward can compute a ReLU behind the layer."""
+        return False
+
+    def fuses_channels(self) -> bool:
+        """Whether forward can compute a multiplication and an addition per channel behind the layer."""
+        return False
 
     # Layers that support tiles (tiles.py) override these methods.
 

@@ -18,6 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from fast import parallel
+from fast.fusing import After
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
@@ -94,11 +95,11 @@ def at(channels: slice, part: tuple[slice, ...]) -> tuple[slice, ...]:
 class Algorithm(Protocol):
     """Computes the three sums of a convolution."""
 
-    def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
+    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
 
-    def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
-        """Write dx; ``bias`` (C,) is added to it."""
+    def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
+        """Write dx; ``after`` is for C outputs."""
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
@@ -110,15 +111,15 @@ class ByGroup:
     def __init__(self, algorithm: Algorithm) -> None:
         self.algorithm = algorithm
 
-    def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
+    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
         for i, o in _channels(g, x, y):
-            self.algorithm.correlate(g.one_group, x[:, i], w[o], None if bias is None else bias[o], y[:, o])
+            self.algorithm.correlate(g.one_group, x[:, i], w[o], after.part(o), y[:, o])
 
-    def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
+    def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx."""
         for i, o in _channels(g, dx, dy):
-            self.algorithm.transpose(g.one_group, dy[:, o], w[o], None if bias is None else bias[i], dx[:, i])
+            self.algorithm.transpose(g.one_group, dy[:, o], w[o], after.part(i), dx[:, i])
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""

@@ -80,6 +80,8 @@ class FastScale(FastLayer, Scale):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = gain x + bias; in place, x is copied if backward will read it."""
+        if self.is_fused:
+            return
         if not self.learned:
             super().forward(bottom, top)
             return
@@ -177,13 +179,13 @@ class FastBatchNorm(FastLayer, BatchNorm):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y by the sums, or by the statistics of the batch, which are added to the sums."""
+        if self.is_fused:
+            return
         C = self.mean.count
         x, y = view(bottom[0].data, 1, C), view(top[0].data, 1, C)
         if self.uses_sums:
-            weight = self.weight.data[0]
-            scale = 0 if weight == 0 else 1 / weight
-            deviation = np.sqrt(scale * self.variance.data + self.param.eps)
-            self._normalize(x, (scale * self.mean.data).astype(x.dtype), deviation, y)
+            mean, deviation = self.statistics()
+            self._normalize(x, mean.astype(x.dtype), deviation, y)
             self.s = self._per_channel(deviation)
             return
         count = x.size // C
@@ -199,6 +201,12 @@ class FastBatchNorm(FastLayer, BatchNorm):
         deviation = np.sqrt(v + self.param.eps)
         self._normalize(part, rest.astype(x.dtype), deviation, y, part)
         self.s = self._per_channel(deviation)
+
+    def statistics(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of each channel by the sums, (C,)."""
+        weight = self.weight.data[0]
+        scale = 0 if weight == 0 else 1 / weight
+        return scale * self.mean.data, np.sqrt(scale * self.variance.data + self.param.eps)
 
     def _normalize(self, x: Array, m: Array, deviation: Array, y: Array, copy: Array | None = None) -> None:
         """Compute y = (x - m) / deviation, and write it to ``copy``, too."""

@@ -25,6 +25,8 @@ class FastReLU(FastLayer, ReLU):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = max(x, 0), row by row."""
+        if self.is_fused:
+            return
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         if self.slope:
             np.multiply(x, np.where(x > 0, self.dtype.type(1), self.slope), out=y)

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fast.fusing import After
 from fast.geometry import Geometry, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
@@ -29,16 +30,16 @@ COPY = 16  # multiplications that take as long as copying a value
 class Rows:
     """The algorithm for images without dilation and groups, and few outputs."""
 
-    def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
+    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
         weights = w.transpose(0, 2, 3, 1).reshape(len(w), -1)
         for images, rows in _blocks(g, x, y.shape):
             X = stacked(g, x[images], rows, y.shape[3])
-            _correlate(weights, X, bias, y[images, :, rows])
+            _correlate(weights, X, after, y[images, :, rows])
 
-    def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
+    def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx."""
-        self.correlate(g.turned, dy, g.flipped(w), bias, dx)
+        self.correlate(g.turned, dy, g.flipped(w), after, dx)
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
@@ -50,7 +51,7 @@ class Rows:
         dw += total.transpose(0, 3, 1, 2)
 
 
-def _correlate(weights: Array, X: Array, bias: Array | None, y: Array) -> None:
+def _correlate(weights: Array, X: Array, after: After, y: Array) -> None:
     """Write the rows y (n, O, rows, Wo) of one block."""
     n, O, R, Wo = y.shape
     out = scratch("result", (R, O, n * Wo), y.dtype)
@@ -58,10 +59,7 @@ def _correlate(weights: Array, X: Array, bias: Array | None, y: Array) -> None:
 
     def job(o: slice) -> None:
         np.matmul(weights[o], X, out=out[:, o])
-        if bias is None:
-            y[:, o] = by_row[:, o]
-        else:
-            np.add(by_row[:, o], bias[o, None, None], out=y[:, o])
+        after.write(by_row[:, o], y[:, o], o, axis=1)
 
     run_parts(job, O, 1, weights.size * n * R * Wo)
 

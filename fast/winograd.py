@@ -22,6 +22,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fast.fusing import After
 from fast.geometry import Geometry, image_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
@@ -37,17 +38,17 @@ GG = np.kron(G, G)  # (16, 9): G w Gᵀ as one product
 class Winograd:
     """The algorithm for 3 x 3 kernels, stride 1, without dilation and groups, and many channels."""
 
-    def correlate(self, g: Geometry, x: Array, w: Array, bias: Array | None, y: Array) -> None:
+    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
         O, C = w.shape[:2]
         weights = (GG.astype(w.dtype) @ w.reshape(O * C, 9).T).reshape(16, O, C)
         for images, rows in _blocks(x, y):
             V = _inputs(g, x[images], rows, y.shape[2:])
-            _correlate(weights, V, bias, y[images, :, 2 * rows.start : 2 * rows.stop])
+            _correlate(weights, V, after, y[images, :, 2 * rows.start : 2 * rows.stop])
 
-    def transpose(self, g: Geometry, dy: Array, w: Array, bias: Array | None, dx: Array) -> None:
+    def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx."""
-        self.correlate(g.turned, dy, g.flipped(w), bias, dx)
+        self.correlate(g.turned, dy, g.flipped(w), after, dx)
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
@@ -107,7 +108,7 @@ def _range(first: int, size: int, count: int) -> slice:
     return slice(start, max(start, min((size - first + 1) // 2, count)))
 
 
-def _correlate(weights: Array, V: Array, bias: Array | None, y: Array) -> None:
+def _correlate(weights: Array, V: Array, after: After, y: Array) -> None:
     """Write the rows y (n, O, rows, Wo) of one block."""
     n, O, rows, Wo = y.shape
     R, T = -(-rows // 2), -(-Wo // 2) + 1
@@ -125,10 +126,7 @@ def _correlate(weights: Array, V: Array, bias: Array | None, y: Array) -> None:
             for column in range(2):
                 target = by_channel[o, :, row::2, column::2]
                 values = pair[column].reshape(-1, n, R, T)[:, :, : target.shape[2], : target.shape[3]]
-                if bias is None:
-                    target[...] = values
-                else:
-                    np.add(values, bias[o, None, None, None], out=target)
+                after.write(values, target, o)
 
     run_parts(job, O, 1, weights.size * n * R * T)
 

@@ -9,6 +9,7 @@ import netlib
 from fast.columns import Columns
 from fast.convolution import FastConvolution, FastDeconvolution, choose
 from fast.depthwise import Depthwise
+from fast.fusing import After
 from fast.geometry import Algorithm, Geometry
 from fast.rows import Rows
 from fast.winograd import Winograd
@@ -16,9 +17,10 @@ from netlib import gradcheck
 from netlib.blob import Array, Blob, Blobs
 
 CASES = range(60)
-SMALL_BLOCKS = {"depthwise.FILTERED": 0, "depthwise.MAX_VALUES": 700, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8,
-                "rows.MIN_ROWS": 2, "winograd.BLOCK_BYTES": 3000, "winograd.MIN_TILES": 6,
-                "columns.COLUMN_BYTES": 3000, "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1}  # fmt: skip
+SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50, "depthwise.FILTERED": 200,
+                "depthwise.MIN_CHANNELS": 2, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8, "rows.MIN_ROWS": 2,
+                "winograd.BLOCK_BYTES": 3000, "winograd.MIN_TILES": 6, "columns.COLUMN_BYTES": 3000,
+                "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1, "fusing.BLOCK": 100}  # fmt: skip
 USUAL = [
     "num_output: 128 kernel_size: 3 pad: 1",
     "num_output: 64 kernel_size: 5 pad: 2 group: 2",
@@ -131,12 +133,14 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         rng.normal(size=(N, O, *windows)),
     )
     bias, bias_x = rng.normal(size=O), rng.normal(size=C)
+    after = After(rng.normal(size=O) if case % 4 else None, bias if case % 3 else None, case % 5 < 2)
+    after_x = After(rng.normal(size=C) if case % 5 else None, bias_x if case % 4 == 1 else None, case % 7 < 3)
     found = []
     for one in (algorithm, Columns()):
         y, dx, dw = np.full(dy.shape, np.nan), np.full(x.shape, np.nan), np.ones(w.shape)
-        one.correlate(g, x, w, bias if case % 3 else None, y)
+        one.correlate(g, x, w, after, y)
         turns = set(g.stride) == {1} or isinstance(algorithm, Depthwise)
-        (one if turns else Columns()).transpose(g, dy, w, bias_x if case % 4 == 1 else None, dx)
+        (one if turns else Columns()).transpose(g, dy, w, after_x, dx)
         one.gradient(g, x, dy, dw)
         found.append((y, dx, dw))
     for got, want in zip(*found):

@@ -153,6 +153,7 @@ class NetText:
                      f"power: {rng.choice([1, 1, 2])} }}",
             "scale": 'scale_param { bias_term: true filler { type: "uniform" min: -1 max: 2 } }',
             "dropout": "dropout_param { dropout_ratio: 0.3 }",
+            "norm": rng.choice(["", "batch_norm_param { use_global_stats: true }"]),
         }.get(kind, "")  # fmt: skip
         may_overwrite = bottom not in self.read and bottom not in self.inputs
         in_place = may_overwrite and kind != "lrn" and "-0.5" not in options and rng.random() < 0.7
@@ -277,9 +278,11 @@ class Program:
         show(net.text)
         param = load_parameter(prototxt.parse(net.text))
 
+        phase = self.rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST])
+
         def build(seed: int) -> list[netlib.Net]:
             engines = ("plain", "fast", "fast")
-            return [netlib.Net(param, netlib.TRAIN, dtype=np.float64, seed=seed, engine=name) for name in engines]
+            return [netlib.Net(param, phase, dtype=np.float64, seed=seed, engine=name) for name in engines]
 
         self.nets = build(1)
         self.others = functools.cache(lambda: build(2))  # built by the first program that shares parameters

@@ -1,0 +1,133 @@
+"""Fusing: a convolution computes the layers in place behind it, while its outputs are in the cache.
+
+Batch normalization by its sums, a Scale with learned parameters and a ReLU are a multiplication, an addition and a
+maximum per channel: y = max(gain y + bias, 0). A sum of blobs computes the ReLU behind it, too. The values between the
+layers are overwritten in any case, so no caller can see the difference, unless a part of the net is run: then each
+layer is computed on its own. A layer with a backward pass is fused only if it is a ReLU, which stores nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fast.fast_layer import FastLayer
+from fast.per_channel import FastBatchNorm
+from layers.activation.relu import ReLU
+from layers.activation.scale import Scale
+from netlib.blob import Array
+from netlib.engine.plain import Connection
+from netlib.layer import Layer
+from netlib.system.memory import blocks
+
+BLOCK = 1 << 16  # values
+
+
+@dataclass(frozen=True)
+class After:
+    """What is computed from the sums of a convolution: y = gain sum + bias, and its maximum with 0 if ``rectify``.
+
+    gain, bias  (O,) or None
+    """
+
+    gain: Array | None = None
+    bias: Array | None = None
+    rectify: bool = False
+
+    def write(self, values: Array, target: Array, o: slice, axis: int = 0) -> None:
+        """Write the outputs ``o`` for sums ``values`` to ``target``, which may be the same array.
+
+        Both have the outputs on ``axis``. They are divided into blocks of outputs that stay in the cache.
+        """
+        count = target.shape[axis]
+        operations = (self.gain is not None) + (self.bias is not None) + self.rectify
+        if operations == 0:
+            if values is not target:
+                target[...] = values
+            return
+        each = count if operations == 1 else max(1, BLOCK * count // max(target.size, 1))
+        gain, bias = self._wide(self.gain, o, target.ndim - axis), self._wide(self.bias, o, target.ndim - axis)
+        for part in blocks(count, each):
+            at = (slice(None),) * axis + (part,)
+            own, out = values[at], target[at]
+            if gain is not None:
+                own = np.multiply(own, gain[part], out=out)
+            if bias is not None:
+                own = np.add(own, bias[part], out=out)
+            if self.rectify:
+                np.maximum(own, 0, out=out)
+
+    def part(self, o: slice) -> After:
+        """The same for some of the outputs."""
+        gain, bias = (None if values is None else values[o] for values in (self.gain, self.bias))
+        return After(gain, bias, self.rectify)
+
+    @staticmethod
+    def _wide(values: Array | None, o: slice, axes: int) -> Array | None:
+        """The values of the outputs ``o``, to be broadcast over the other axes."""
+        return None if values is None else values[o].reshape(-1, *(1,) * (axes - 1))
+
+
+def after_of(bias: Array | None, layers: Sequence[Layer]) -> After:
+    """What a convolution with this bias and the layers behind it compute together."""
+    gain: Array | None = None
+    rectify = False
+    for layer in layers:
+        if isinstance(layer, FastBatchNorm):
+            mean, deviation = layer.statistics()
+            bias = (0 if bias is None else bias) - mean
+            gain, bias = (1 if gain is None else gain) / deviation, bias / deviation
+        elif isinstance(layer, Scale):
+            values = layer.gain.data.astype(np.float64)
+            gain = values if gain is None else values * gain
+            bias = None if bias is None else bias * values
+            if layer.param.bias_term:
+                bias = layer.bias.data if bias is None else bias + layer.bias.data
+        else:
+            rectify = True
+    dtype = layers[0].dtype if layers else None
+    gain, bias = (None if values is None else np.asarray(values, dtype) for values in (gain, bias))
+    return After(gain, bias, rectify)
+
+
+def fuse(connections: Sequence[Connection]) -> None:
+    """Let layers compute those in place behind them, where they can."""
+    release(connections)
+    for i, at in enumerate(connections):
+        layer = at.layer
+        if isinstance(layer, FastLayer) and layer.fuses_relu() and len(at.top) == 1:
+            chain: list[FastLayer] = []
+            for follower in connections[i + 1 :]:
+                if not _continues(at, chain, follower):
+                    break
+                assert isinstance(follower.layer, FastLayer)
+                chain.append(follower.layer)
+            layer.after = chain
+            for one in chain:
+                one.is_fused = True
+
+
+def release(connections: Sequence[Connection]) -> None:
+    """Let all layers be computed on their own."""
+    for at in connections:
+        if isinstance(at.layer, FastLayer):
+            at.layer.after, at.layer.is_fused = (), False
+
+
+def _continues(at: Connection, chain: Sequence[Layer], follower: Connection) -> bool:
+    """Whether a layer is in place on the top of ``at`` and can be computed with it and the chain between them."""
+    first, layer, blob = at.layer, follower.layer, at.top[0]
+    assert isinstance(first, FastLayer)
+    if not isinstance(layer, FastLayer) or not all(one is blob for one in [*follower.bottom, *follower.top]):
+        return False
+    if len(follower.bottom) != 1 or (chain and isinstance(chain[-1], ReLU)):
+        return False
+    if isinstance(layer, ReLU):
+        return layer.slope == 0
+    if follower.needs_backward or not first.fuses_channels():
+        return False
+    if isinstance(layer, Scale):
+        return layer.learned and layer.axis == 1 and layer.gain.shape == blob.shape[1:2]
+    return isinstance(layer, FastBatchNorm) and layer.uses_sums

@@ -1,0 +1,105 @@
+"""A convolution or a sum of blobs, computed together with the layers in place behind it, gives the plain values."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import netlib
+from fast import depthwise
+from fast.fast_layer import FastLayer
+from netlib.proto import prototxt
+from tests.support.nets import inputs
+
+FILLERS = 'weight_filler { type: "gaussian" std: 0.3 } bias_filler { type: "gaussian" std: 1 }'
+NORM = 'type: "BatchNorm" batch_norm_param { use_global_stats: true }'
+SCALE = 'type: "Scale" scale_param { bias_term: true }'
+GAIN = 'type: "Scale"'
+RELU = 'type: "ReLU"'
+FIRST = {
+    "columns": 'type: "Convolution" convolution_param { num_output: 6 kernel_size: 2 stride: 2 %s }',
+    "1 x 1": 'type: "Convolution" convolution_param { num_output: 6 kernel_size: 1 %s }',
+    "rows": 'type: "Convolution" convolution_param { num_output: 16 kernel_size: 5 pad: 2 %s }',
+    "winograd": 'type: "Convolution" convolution_param { num_output: 96 kernel_size: 3 pad: 1 %s }',
+    "groups": 'type: "Convolution" convolution_param { num_output: 8 kernel_size: 3 group: 2 bias_term: false %s }',
+    "depthwise": 'type: "Convolution" convolution_param { num_output: 96 kernel_size: 3 group: 96 stride: 2 %s }',
+    "filtered": 'type: "Convolution" convolution_param { num_output: 96 kernel_size: 3 group: 96 %s }',
+    "transposed": 'type: "Deconvolution" convolution_param { num_output: 6 kernel_size: 3 stride: 2 %s }',
+    "sum": 'bottom: "x2" type: "Eltwise"',
+}
+CHAINS = {
+    "norm, scale, relu": ([NORM, SCALE, RELU], 3),
+    "norm, gain": ([NORM, GAIN], 2),
+    "scale, norm": ([SCALE, NORM], 2),
+    "gain, relu, scale": ([GAIN, RELU, SCALE], 2),
+    "relu": ([RELU], 1),
+    "leaky relu": (['type: "ReLU" relu_param { negative_slope: 0.1 }'], 0),
+    "norm of the batch": (['type: "BatchNorm" batch_norm_param { use_global_stats: false }', RELU], 0),
+    "gain of every place": (['type: "Scale" scale_param { num_axes: 2 }'], 0),
+}
+
+
+def make(first: str, chain: str, shape: tuple[int, ...], engine: str, end: str = "", phase: int = 1) -> netlib.Net:
+    """A net with one convolution or sum and layers in place behind it; its parameters are random."""
+    text = FIRST[first] % FILLERS if "%" in FIRST[first] else FIRST[first]
+    lines = [inputs(x=shape, x2=shape), f'layer {{ name: "first" bottom: "x" top: "y" {text} }}']
+    lines += [f'layer {{ name: "l{i}" bottom: "y" top: "y" {kind} }}' for i, kind in enumerate(CHAINS[chain][0])]
+    net = netlib.Net(prototxt.parse("\n".join(lines) + end), phase, dtype=np.float32, engine=engine, seed=3)
+    rng = np.random.default_rng(5)
+    for layer in net.layers[2:] if first == "sum" else net.layers:
+        for param in layer.blobs:
+            param.data[...] = (
+                rng.uniform(0.5, 1.5, param.shape) if layer.type == "BatchNorm" else rng.normal(size=param.shape)
+            )
+    return net
+
+
+def fused(net: netlib.Net) -> int:
+    """The number of layers that are computed by earlier ones."""
+    return sum(isinstance(layer, FastLayer) and layer.is_fused for layer in net.layers)
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+@pytest.mark.parametrize("first", FIRST)
+@pytest.mark.parametrize("shape", [(1, 96, 14, 17), (3, 96, 9, 8)], ids=str)
+def test_the_plain_layers_values(
+    first: str, chain: str, shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One image and a batch in slices; the weights may change between passes, and parts of the net may be run."""
+    monkeypatch.setattr(depthwise, "FILTERED", 100)
+    plain, fast = (make(first, chain, shape, engine) for engine in ("plain", "fast"))
+    wanted = CHAINS[chain][1] if first != "sum" else int(chain == "relu")
+    assert fused(fast) == wanted
+    rng = np.random.default_rng(7)
+    for turn in range(2):
+        x = {name: rng.normal(size=shape).astype(np.float32) for name in ("x", "x2")}
+        for net in (plain, fast):
+            net.forward(**x)
+            for params in net.params.values():
+                params[0].data[...] *= 1 + turn
+        y = plain.blobs["y"].data
+        np.testing.assert_allclose(fast.blobs["y"].data, y, rtol=0, atol=1e-5 * np.abs(y).max())
+    for net in (plain, fast):
+        net.forward(end="first")
+    y = plain.blobs["y"].data
+    np.testing.assert_allclose(fast.blobs["y"].data, y, rtol=0, atol=1e-5 * np.abs(y).max())
+    assert fused(fast) == 0
+
+
+def test_a_backward_pass(rng: np.random.Generator) -> None:
+    """Only a ReLU is fused if gradients are computed, which are those of the plain engine."""
+    end = (
+        'layer { name: "l" type: "Reduction" bottom: "y" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }'
+    )
+    nets = [make("rows", "norm, scale, relu", (2, 4, 9, 9), engine, end, netlib.TRAIN) for engine in ("plain", "fast")]
+    assert fused(nets[1]) == 0
+    nets += [make("rows", "relu", (2, 4, 9, 9), engine, end, netlib.TRAIN) for engine in ("plain", "fast")]
+    assert fused(nets[3]) == 1
+    x = rng.normal(size=(2, 4, 9, 9)).astype(np.float32)
+    for net in nets:
+        net.forward(x=x)
+        net.backward()
+    for plain, fast in (nets[:2], nets[2:]):
+        for name, params in plain.params.items():
+            for one, other in zip(params, fast.params[name]):
+                np.testing.assert_allclose(other.diff, one.diff, rtol=0, atol=1e-4 * max(np.abs(one.diff).max(), 1e-3))
