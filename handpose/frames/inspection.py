@@ -33,6 +33,7 @@ UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)  # mm, of existing camer
 SAME_BYTE, OTHER_BYTE = 0.5, 0.2  # shares of pixel pairs that show exchanged bytes
 MIN_PAIRS = 100  # pixel pairs that suffice for a share
 RATES = (1.0, 1000.0)  # frames per second of depth cameras
+MIN_RATE, MAX_RATE = 4.0, 250.0  # usual ones
 OFF_RATE = 0.2  # tolerance of a rate
 EXCHANGED = "neighbouring pixels mostly agree in the low byte of their values, so the bytes may be exchanged"
 VIEW_DEGREES = (20.0, 130.0)
@@ -194,9 +195,18 @@ def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]
         return
     step = float(np.median(np.diff([frame.time for frame in seen])))
     if not 1 / RATES[1] <= step <= 1 / RATES[0]:
-        yield f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
+        yield f"a frame comes every {step:g} s{_other_time_unit(step, rate)}; check --time-unit or --rate"
     elif rate and abs(step * rate - 1) > OFF_RATE:
         yield f"{rate:g} frames per second given, but {1 / step:.3g} by their times; the times are used"
+
+
+def _other_time_unit(step: float, rate: float | None) -> str:
+    """With which unit of the times a step in s is that of a camera; the times may be numbers of frames at a rate."""
+    for ticks in (1.0, rate or 1.0):
+        for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+            if 1 / MAX_RATE <= step * ticks / factor <= 1 / MIN_RATE:
+                return f", with --time-unit {unit} every {1000 * step * ticks / factor:.3g} ms"
+    return ""
 
 
 def _of_unit(nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating]) -> Iterator[str]:

@@ -28,6 +28,7 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
     """
     name, path = str(source), Path(source)
     if name.split(":")[0] == LIVE and not exists(path):
+        _refuse_time_unit(name, given)
         from handpose.frames.formats.realsense import open_live
 
         return open_live(name.partition(":")[2] or None, given)
@@ -41,6 +42,8 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
         from handpose.frames.formats.stack import open_stack
 
         return open_stack(path, given)
+    if suffix in (*VIDEOS, *BAGS):
+        _refuse_time_unit(name, given)
     if suffix in VIDEOS:
         from handpose.frames.formats.video import open_video
 
@@ -54,3 +57,8 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
 
         return open_folder(path, given)
     raise DataError(f"{source}: not a recording; expected {EXPECTED}")
+
+
+def _refuse_time_unit(source: str, given: CameraInfo) -> None:
+    if given.time_unit is not None:
+        raise DataError(f"{source}: its times have a unit; --time-unit is for the names of images and for arrays")

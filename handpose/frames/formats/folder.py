@@ -41,7 +41,7 @@ def open_folder(source: Path, given: CameraInfo = UNKNOWN) -> FolderRecording:
     camera_json = camera_file.next_to(folder)
     known = given.or_else(own).or_else(camera_json)
     packed = known.camera == NYU or own.camera == NYU
-    frames = in_order(names, str(folder))
+    frames = in_order(names, str(folder), known.time_unit)
     path, image = _first_whole(folder, frames)
     raw = _grey(image, packed, path)
     if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:

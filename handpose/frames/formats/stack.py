@@ -3,7 +3,7 @@
 An .npy file is an array (frames, height, width) of integers of 16 bits or more, or of floating-point numbers. In an
 .npz or .h5 file it is called depth; the file may also have
 
-    time             (frames,) s, by any clock
+    time             (frames,) s, by any clock; ms, us or ns if time_unit or the steps show that
     fx, fy, u0, v0   px, unit_mm, rate, distortion and all other keys of a camera.json; or its whole text as ``camera``
 
 (all but time are attributes in an .h5). Frames are read one by one, so a stack may exceed the memory.
@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.formats.numpy_files import HEADER, Header, NpzFile, header_of
-from handpose.frames.raw import calibration_of
+from handpose.frames.formats.time_units import in_seconds
+from handpose.frames.raw import RATE, calibration_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError
 from netlib.files import Source, hdf5
@@ -39,18 +40,22 @@ class StackRecording(Recording):
     """The frames of an array."""
 
     def __init__(self, path: Path, frames: _Frames, given: CameraInfo) -> None:
-        calibration = calibration_of(
-            given, frames.own, camera_file.next_to(path), frames.shape[1:], frames.dtype, str(path)
-        )
+        camera_json = camera_file.next_to(path)
+        calibration = calibration_of(given, frames.own, camera_json, frames.shape[1:], frames.dtype, str(path))
         self.name, self.camera, self.unit_mm = str(path), calibration.camera, calibration.unit_mm
         self.count, self.rate, self.remarks = frames.shape[0], calibration.rate, calibration.remarks
-        if frames.times is None and self.count > 1:
+        self._times = frames.times
+        if frames.times is not None:
+            given_unit = given.or_else(frames.own).or_else(camera_json).time_unit
+            self._times, how = in_seconds(frames.times, given_unit, calibration.rate or RATE)
+            self.remarks += (how,) if how else ()
+        elif self.count > 1:
             self.rate, remarks = calibration.paced()
             self.remarks += remarks
         self._frames, self._decode = frames, calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        times = self._frames.times
+        times = self._times
         for number, raw in enumerate(self._frames):
             time = number / (self.rate or 1.0) if times is None else float(times[number] - times[0])
             yield DepthFrame(number, time, self._decode(raw, f"{self.name}: frame {number}"))

@@ -38,11 +38,23 @@ def moving(factor: float = 1.0) -> list[np.ndarray]:
     return [hand_sized(distance=500 + i) * float(factor) for i in range(3)]
 
 
-@pytest.mark.parametrize("step", [33.3, 1e-9])
-def test_times_that_are_no_seconds(step: float) -> None:
-    """Steps in milliseconds or of hours give a warning."""
-    (warning,) = inspect(Taken(moving(), step=step)).warnings
-    assert warning == f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
+@pytest.mark.parametrize(
+    ("step", "rate", "advice"),
+    [
+        (33.3, None, ", with --time-unit ms every 33.3 ms"),
+        (16667.0, None, ", with --time-unit us every 16.7 ms"),
+        (1e8, None, ", with --time-unit ns every 100 ms"),
+        (1.2, 30.0, ", with --time-unit ms every 36 ms"),
+        (1e-9, None, ""),
+        (2.5, None, ""),
+    ],
+)
+def test_times_that_are_no_seconds(step: float, rate: float | None, advice: str) -> None:
+    """Steps of other units, and ms that count as frames, give a warning with the option that helps."""
+    taken = Taken(moving(), step=step)
+    taken.rate = rate
+    (warning,) = inspect(taken).warnings
+    assert warning == f"a frame comes every {step:g} s{advice}; check --time-unit or --rate"
 
 
 def test_times_by_their_steps(tmp_path: Path) -> None:

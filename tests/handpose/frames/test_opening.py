@@ -69,6 +69,19 @@ def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:
     assert asked == [("open_live", None, UNKNOWN), ("open_live", "0123", GIVEN)]
 
 
+@pytest.mark.parametrize("name", ["a.mkv", "a.bag", "realsense"])
+def test_a_unit_of_times_where_there_is_none(
+    tmp_path: Path, asked: list[tuple[str, object, CameraInfo]], monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Sources with a clock of their own reject a given unit of times."""
+    monkeypatch.chdir(tmp_path)
+    if name != "realsense":
+        Path(name).touch()
+    with pytest.raises(DataError, match=f"^{name}: its times have a unit; --time-unit is for the names of images"):
+        open_recording(name, CameraInfo(time_unit="ms"))
+    assert not asked
+
+
 @pytest.mark.parametrize("name", ["none.npz", "none.mkv", "none.bag", "none", "none/of/these.png"])
 def test_what_is_not_there(tmp_path: Path, name: str) -> None:
     """A missing file raises an error before any reader is imported."""

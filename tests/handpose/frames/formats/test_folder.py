@@ -47,6 +47,28 @@ def test_times_in_names(tmp_path: Path) -> None:
     assert recording.rate is None and "in ms since 1970" in recording.remarks[0]
 
 
+def test_a_given_unit_of_the_times(tmp_path: Path) -> None:
+    """Times that show no unit are numbers of frames, unless their unit is given, here or in camera.json."""
+    for stamp in (5000, 5100, 5200):
+        put(tmp_path / f"{stamp}.png", hand_sized())
+    given = replace(GIVEN, rate=None)
+    assert [frame.time for frame in open_folder(tmp_path, given)] == pytest.approx([0, 100 / 30, 200 / 30])
+    timed = open_folder(tmp_path, replace(given, time_unit="ms"))
+    assert [frame.time for frame in timed] == [0, 0.1, 0.2]
+    assert timed.remarks[0] == "times from the file names, in ms as given: a frame every 100 ms"
+    (tmp_path / "camera.json").write_text('{"time_unit": "ms"}')
+    assert [frame.time for frame in open_folder(tmp_path, given)] == [0, 0.1, 0.2]
+    counted = open_folder(tmp_path, replace(GIVEN, rate=100.0, time_unit="frames"))
+    assert [frame.time for frame in counted] == [0, 1, 2]
+
+
+def test_ms_of_a_camera_in_names(tmp_path: Path) -> None:
+    """Fractional ms of a camera's clock are times."""
+    for i in range(4):
+        put(tmp_path / f"{51234.5 + 33.3333 * i:.4f}.png", hand_sized())
+    assert [frame.time for frame in open_folder(tmp_path, GIVEN)] == pytest.approx([i / 30 for i in range(4)], abs=1e-6)
+
+
 def test_a_pattern_and_a_name(tmp_path: Path) -> None:
     """A pattern or a file name selects one of several sequences."""
     for name in ("a_1", "a_2", "b_1"):

@@ -50,6 +50,12 @@ NANO = 10**9
         (["1000.png", "2000.png", "3000.png"], (0, 1000, 2000), 0, "numbers missing between 1000 and 3000"),
         ([f"{n}.png" for n in (7, 12207, 31007, 36507, 44307)], (0, 12200, 31000, 36500, 44300), 0, "numbers"),
         (["790154000.png", "790187333.png"], (0, 33333), 0, "numbers"),
+        (["z_34512.png", "z_34545.png", "z_34579.png", "z_34612.png", "z_34645.png"], (0, 33, 67, 100, 133), 1000,
+         "in ms by their steps: a frame every 33 ms"),
+        (["51234.5000.png", "51267.8333.png"], (0, 33333300), NANO, "in ms by their steps: a frame every 33.3 ms"),
+        (["00012_1750000000033.png", "00013_1750000000066.png"], (0, 33), 1000, "in ms since 1970"),
+        (["1750000000_933.png", "1750000000_966.png", "1750000001_000.png"], (0, 33 * 10**6, 67 * 10**6), NANO,
+         "in seconds since 1970"),
     ],
 )  # fmt: skip
 def test_what_names_tell(names: list[str], times: tuple[int, ...], ticks: int, interpretation: str) -> None:
@@ -77,6 +83,10 @@ def test_natural_order() -> None:
         (["1.png", "background.png"], r"holds 2 sequences: \*\.png \(1\), background\.png \(1\)"),
         ([f"{kind}_1.png" for kind in "abcdefgh"], r"holds 8 sequences: a_.* and 2 more; name one"),
         (["1" * 40 + ".png"], "a number of 40 digits"),
+        ([f"cam{camera}_{i:03}_{1750000000000 + 33 * i}.png" for camera in (1, 2) for i in range(3)],
+         r"holds 2 sequences: cam1_\*_\*\.png \(3\), cam2_\*_\*\.png \(3\); name one, as 'here/cam1_\*_\*\.png'"),
+        ([f"{side}_{i:03}_{1750000000000 + 33 * i}.png" for side in ("left", "right") for i in range(3)],
+         r"holds 2 sequences: left_\*_\*\.png \(3\), right_\*_\*\.png \(3\)"),
     ],
 )  # fmt: skip
 def test_names_that_tell_nothing(names: list[str], what: str) -> None:

@@ -62,6 +62,20 @@ def test_what_stands_beside_the_frames(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
+@pytest.mark.parametrize("ticks", [10**3, 10**6, 10**9])
+def test_times_of_another_unit(tmp_path: Path, suffix: str, ticks: int) -> None:
+    """Times in ms, us and ns are recognised by their steps, and a remark reports it; a given unit takes precedence."""
+    times = np.rint(ticks * np.array([7.0, 7.04, 7.08])).astype(np.int64)
+    recording = open_stack(save(tmp_path / f"a{suffix}", time=times, **BESIDE))
+    assert [frame.time for frame in recording] == pytest.approx([0, 0.04, 0.08])
+    assert recording.remarks[0].endswith("by their size or steps; --time-unit if wrong")
+    recording = open_stack(tmp_path / f"a{suffix}", CameraInfo(time_unit="ms"))
+    assert [frame.time for frame in recording] == pytest.approx([0, 0.04e-3 * ticks, 0.08e-3 * ticks])
+    save(tmp_path / f"b{suffix}", time=np.array([3, 4, 6]), rate=20.0, time_unit="frames", **BESIDE)
+    assert [frame.time for frame in open_stack(tmp_path / f"b{suffix}", CameraInfo())] == pytest.approx([0, 0.05, 0.15])
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
 def test_every_word_of_a_camera_json(tmp_path: Path, suffix: str) -> None:
     """Numbers, lists and texts in addition to the frames have the same keys as a camera.json."""
     said: dict[str, Any] = {
