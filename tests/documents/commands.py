@@ -20,6 +20,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 
+from handpose import __main__ as subcommands
+from netlib.files.paths import PROGRAMS
+
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 300  # for the commands of one block; reached by a hang only
 _PYTHON = re.compile(r"(.*/)?python3?")
@@ -83,6 +86,8 @@ def _mistake(words: list[str], folder: Path) -> str:
         return _unknown_extras(rest)
     if _PYTHON.fullmatch(name):
         return _python_mistake(rest, folder)
+    if name in PROGRAMS:
+        return _subcommand_mistake(name, rest)
     if "/" in name and name[0] not in "/~$" and not name.startswith(".venv/") and not (ROOT / name).exists():
         return f"there is no {name}"
     return ""
@@ -101,6 +106,15 @@ def _python_mistake(words: list[str], folder: Path) -> str:
     if re.fullmatch(r"(tools|benchmarks)/\w+\.py", script):
         return _module_mistake(script[:-3].replace("/", "."), words[words.index(script) + 1 :])
     return "" if (folder / script).exists() else f"there is no {script}"
+
+
+def _subcommand_mistake(name: str, words: list[str]) -> str:
+    """Return the error of ``handpose COMMAND ...`` or ``netlib COMMAND ...``."""
+    known = {word: path.stem for word, path in subcommands.commands().items()}
+    known |= subcommands.NET_TOOLS if name == "netlib" else {}
+    if not words or words[0].startswith("-"):
+        return "" if words in (["--help"], ["--version"]) else f"{name} needs a command"
+    return _module_mistake(f"tools.{known[words[0]]}", words[1:]) if words[0] in known else f"no command {words[0]}"
 
 
 def _module_mistake(name: str, argv: list[str]) -> str:

@@ -158,7 +158,9 @@ def test_the_environments_are_extras(project: tuple[Path, Path]) -> None:
         assert list(commands.mistakes(lines, folder)) == []
 
 
-_SPAN = re.compile(r"(`+)((?:make|python|mpiexec|pip|tools/\w+\.py|benchmarks/\w+\.py) [^`]*)\1")
+_SPAN = re.compile(
+    r"(`+)((?:(?:make|python|mpiexec|pip|tools/\w+\.py|benchmarks/\w+\.py) |(?:netlib|handpose) (?=[a-z]))[^`]*)\1"
+)
 _PROGRAM = re.compile(
     r"((?:mpiexec [^`#'\"]*? )?\bpython (?:tools/|benchmarks/|-m \w)[^`]*?)(?='?$|`|\s{2,}|\s+#|', |' or |, or )"
 )
@@ -219,6 +221,9 @@ def test_commands_in_help_texts_and_messages_parse() -> None:
         ("python benchmarks/bench.py --gone", "unrecognized arguments: --gone"),
         ("mpiexec -n 4 python -m mpi4py tools/train.py SOLVER --gone", "unrecognized arguments: --gone"),
         ("tools/gone.py", "there is no tools.gone"),
+        ("netlib gone", "no command gone"),
+        ("netlib test train_val.prototxt net.caffemodel --iterations 3", ""),
+        ("handpose predict frame.png --gone", "unrecognized arguments: --gone"),
         ("python -m tests.faults.campaign --cases many", "--cases"),
         ("tools/test.py --model NET --joints", ""),
         ("mpiexec -n 4 -ppn 1 python -m mpi4py ...", ""),

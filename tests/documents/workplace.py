@@ -35,7 +35,10 @@ LARGE = 100_000  # bytes; larger files are linked even there, and replaced when 
 
 
 def furnish(folder: Path) -> Path:
-    """Fill a new folder with the project's files, as links where nothing is written; return ``python``'s folder."""
+    """Fill a new folder with the project's files, as links where nothing is written.
+
+    Returns a folder with the programs ``python``, ``handpose`` and ``netlib``, as if the package were installed.
+    """
     folder.mkdir()
     for name in LINKED:
         if (ROOT / name).exists():  # fast/ may be deleted
@@ -45,8 +48,11 @@ def furnish(folder: Path) -> Path:
                         ignore=shutil.ignore_patterns("__pycache__"))  # fmt: skip
     python = folder.with_name(f"{folder.name}_python")
     python.mkdir()
-    for name in ("python", "python3"):
-        (python / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    programs = {"python": "", "python3": ""}
+    for name, function in (("handpose", "main"), ("netlib", "netlib")):  # as setup.cfg's console_scripts
+        programs[name] = f'-c "from handpose.__main__ import {function}; {function}()"'
+    for name, start in programs.items():
+        (python / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {start} "$@"\n')
         (python / name).chmod(0o755)
     return python
 
