@@ -5,8 +5,9 @@
     python tools/export_onnx.py models/synthetic_hand/deploy.prototxt \
         models/synthetic_hand/synthetic_hand.caffemodel.h5 hand.onnx --blob DoF --check
 
-The file uses only standard operators, including for the hand model, and accepts batches of any size. Inputs and outputs
-have the names of the prototxt; their meaning is in the file's metadata (docs/onnx.md).
+The file uses only standard operators, including for the hand model, and accepts batches of any size, but images of one
+size: that of the prototxt, or --size. Inputs and outputs have the names of the prototxt; their meaning is in the file's
+metadata (docs/onnx.md).
 
 --check runs it in onnxruntime on random inputs and compares with netlib. It fails if an output differs by more than
 1e-5 of its largest value. Requires pip install onnx onnxruntime.
@@ -28,8 +29,9 @@ from export.onnx.net import differences, load, onnx_image
 from handpose.body.nyu import CUBE_MM
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
+from netlib.net import Net
 from tools.common import outputs
-from tools.common.arguments import parser_of
+from tools.common.arguments import parser_of, pixels
 from tools.common.console import DONE, FAILED, guarded, say
 from tools.common.hand_arguments import cube
 
@@ -48,6 +50,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--cube", type=cube, metavar="MM",
                         help="edge of the cube around a body in its crops, for the metadata "
                              f"(default for hands: {CUBE_MM:g})")  # fmt: skip
+    parser.add_argument("--size", type=pixels, metavar="WxH", help="size of images; the net is reshaped to it")
     parser.add_argument("--check", action="store_true", help="compare with onnxruntime")
     args = parser.parse_args(argv)
     return guarded(run, args)
@@ -57,6 +60,8 @@ def run(args: argparse.Namespace) -> int:
     """Write and optionally check the file. Raises NetlibError."""
     outputs.refuse_inputs(args.out, [args.net, args.weights])
     net = load(args.net, args.weights)
+    if args.size:
+        _reshape(net, *args.size)
     image = onnx_image(net, args.blob, args.cube)
     try:
         atomic.replace(args.out, lambda temporary: temporary.write_bytes(image))
@@ -73,6 +78,16 @@ def run(args: argparse.Namespace) -> int:
         say(f"{args.out}: onnxruntime's result differs by more than {TOLERANCE:g}", file=sys.stderr)
         return FAILED
     return DONE
+
+
+def _reshape(net: Net, width: int, height: int) -> None:
+    """Reshape the inputs for images. Raises NetlibError."""
+    blobs = [net.blobs[name] for name in net.inputs if len(net.blobs[name].shape) == 4]
+    if not blobs:
+        raise NetlibError(f"{net.source}: --size needs an input (N, C, H, W)")
+    for blob in blobs:
+        blob.reshape((*blob.shape[:2], height, width))
+    net.reshape()
 
 
 if __name__ == "__main__":

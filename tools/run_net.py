@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Run a net on images: print its best classes, or write blobs as NumPy arrays.
+"""Run a net on images: print its best classes or its detections, or write blobs as NumPy arrays.
 
     python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean 104,117,123 --labels synset_words.txt
     python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean-file mean.binaryproto
@@ -7,7 +7,8 @@
 
 Each image is read in 8 bits, blue first, and resized to the net's input; then the mean is subtracted, and the result
 multiplied by the scale. These are the steps and the numbers of OpenCV's blobFromImage; with a mean image, those of
-Caffe's data layers: the image is resized to the mean's size, and the input is cut from its centre.
+Caffe's data layers: the image is resized to the mean's size, and the input is cut from its centre. Boxes of detections
+are xmin ymin xmax ymax in px of the image.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from tools.common import outputs
 from tools.common.arguments import add_engine, count, name_in, numbers, parser_of, pixels, positive_number
 from tools.common.console import DONE, guarded, say
 from tools.common.net_images import Preprocessing, image_input, mean_of, read_images, read_labels
+from tools.common.net_results import Results
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -57,7 +59,9 @@ def main(argv: list[str] | None = None) -> int:
     given.add_argument("--crop", action="store_true",
                        help="keep the aspect ratio: cut off what does not fit (default: stretch)")  # fmt: skip
     parser.add_argument("--labels", metavar="FILE", help="names of the classes, one per line")
-    parser.add_argument("--top", type=count, default=5, metavar="N", help="classes to print (default: %(default)s)")
+    parser.add_argument(
+        "--top", type=count, default=5, metavar="N", help="classes or detections to print (default: %(default)s)"
+    )
     parser.add_argument("--blob", metavar="NAME", action="append", default=[],
                         help="blob to print or write instead of the outputs; can be repeated")  # fmt: skip
     parser.add_argument("--out", metavar="FILE", type=name_in(".npz", ".npy"), help="write the blobs of all images: "
@@ -86,43 +90,24 @@ def run(args: argparse.Namespace) -> int:
         raise NetlibError(f"{args.net}: the net has no blob {wrong[0]!r}{did_you_mean(wrong[0], net.blobs)}")
     if args.out and args.out.endswith(".npy") and len(blobs) > 1:
         raise NetlibError(f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob")
-    found: dict[str, list[Array]] = {blob: [] for blob in blobs}
+    results = [Results(net, blob, labels, args.labels) for blob in blobs]
     for paths in _batches(args.images, args.batch or batch):
-        inputs: dict[str, Any] = {name: preprocessing.blob(read_images(paths, channels))}
+        images = read_images(paths, channels)
+        inputs: dict[str, Any] = {name: preprocessing.blob(images)}
         arrays = net.forward(blobs, **inputs)
-        for blob in blobs:
-            if arrays[blob].shape[:1] != (len(paths),):
-                raise NetlibError(f"blob {blob!r} has shape {arrays[blob].shape} for {len(paths)} images; expected the "
-                                  "image as first axis")  # fmt: skip
-            if args.out:
-                found[blob].append(arrays[blob].copy())
-        if not args.out or labels:
-            for number, path in enumerate(paths):
-                for blob in blobs:
-                    _print(path, blob, arrays[blob][number], net, labels, args)
+        found = [result.add(arrays[result.blob], len(paths)) for result in results]
+        for number, (path, image) in enumerate(zip(paths, images)):
+            for result, items in zip(results, found) if labels or not args.out else ():
+                first, *others = result.lines(items[number], args.top, preprocessing, image.shape)
+                say(f"{path}: {first}", *others, sep="\n")
     if args.out:
-        _write(Path(args.out), {blob: np.concatenate(parts) for blob, parts in found.items()})
+        _write(Path(args.out), {result.blob: result.array() for result in results})
     return DONE
 
 
 def _batches(paths: Sequence[str], size: int) -> Iterator[Sequence[str]]:
     for begin in range(0, len(paths), size):
         yield paths[begin : begin + size]
-
-
-def _print(path: str, blob: str, values: Array, net: Net, labels: list[str] | None, args: argparse.Namespace) -> None:
-    """Print the best classes if the values are probabilities or there are labels, else their range."""
-    of_softmax = any(blob in layer.spec.top and layer.spec.type == "Softmax" for layer in net.layers)
-    if max(values.shape, default=1) != values.size or not (labels or of_softmax):
-        say(f"{path}: {blob} {values.shape}, values from {values.min():.6g} to {values.max():.6g}, mean "
-            f"{values.mean():.6g}")  # fmt: skip
-        return
-    scores = values.ravel()
-    if labels is not None and len(labels) != len(scores):
-        raise NetlibError(f"{args.labels}: {len(labels)} labels, but blob {blob!r} has {len(scores)} classes")
-    say(f"{path}: {blob}")
-    for number in np.argsort(-scores, kind="stable")[: args.top]:
-        say(f"  {scores[number]:.4f}  {labels[number] if labels else f'class {number}'}")
 
 
 def _write(out: Path, arrays: Mapping[str, Array]) -> None:

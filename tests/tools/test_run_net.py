@@ -137,6 +137,60 @@ def test_grey_net() -> None:
     assert np.array_equal(np.load("y.npy")[0, 0], cv2.imread("0.png", cv2.IMREAD_GRAYSCALE))
 
 
+DETECTOR = (
+    inputs(data=(1, 3, 8, 10))
+    + ip("loc", "data", "loc", outputs=4)
+    + ip("conf", "data", "conf", outputs=3)
+    + """
+layer { name: "map" type: "Pooling" bottom: "data" top: "map" pooling_param { pool: AVE global_pooling: true } }
+layer { name: "prior" type: "PriorBox" bottom: "map" bottom: "data" top: "prior" prior_box_param { min_size: 4 } }
+layer { name: "found" type: "DetectionOutput" bottom: "loc" bottom: "conf" bottom: "prior" top: "found"
+        detection_output_param { num_classes: 3 code_type: CENTER_SIZE confidence_threshold: 0.2 } }
+"""
+)
+
+
+@pytest.fixture
+def detector() -> None:
+    """A net that finds one box of 4 x 4 px of its input of 10 x 8 in the centre of every image, as classes 1 and 2."""
+    Path("net.prototxt").write_text(DETECTOR)
+    net = netlib.Net("net.prototxt", netlib.TEST)
+    for name, bias in (("loc", [0, 0, 0, 0]), ("conf", [0.9, 0.3, 0.8])):
+        net.params[name][0].data.fill(0)
+        net.params[name][1].data[...] = bias
+    net.save("net.caffemodel")
+
+
+@pytest.mark.usefixtures("detector")
+def test_detections() -> None:
+    """The best detections are printed with their boxes in px of the image, in each way to resize it."""
+    Path("labels.txt").write_text("background\ncat\ndog\n")
+    stretched = "  0.8000  dog  4 5 8 15", "  0.3000  cat  4 5 8 15"
+    assert run("1.png", "--labels", "labels.txt").out.splitlines() == ["1.png: found: 2 detections", *stretched]
+    assert run("1.png", "--top", "1").out.splitlines()[1:] == ["  0.8000  class 2  4 5 8 15"]
+    assert run("2.png", "--top", "1", "--crop").out.splitlines()[1:] == ["  0.8000  class 2  13 2 17 7"]
+    # of 30 x 9 px resized to 20 x 16: the input is (5, 4) to (15, 12) of it, the box (8, 6) to (12, 10)
+    assert run("2.png", "--top", "1", "--resize", "20x16").out.splitlines()[1:] == ["  0.8000  class 2  12 3 18 6"]
+
+
+@pytest.mark.usefixtures("detector")
+def test_detections_in_files() -> None:
+    """The detections of all images are one array, with the number of the image as item."""
+    run("0.png", "1.png", "2.png", "--batch", "2", "--out", "found.npy")
+    found = np.load("found.npy")
+    assert found.shape == (1, 1, 6, 7)
+    assert found[0, 0, :, 0].tolist() == [0, 0, 1, 1, 2, 2]
+    assert np.allclose(found[0, 0, :, 3:], [0.3, 0.25, 0.7, 0.75])
+
+
+@pytest.mark.usefixtures("detector")
+def test_labels_of_detections() -> None:
+    """The labels include the background."""
+    Path("labels.txt").write_text("cat\ndog\n")
+    message = "labels.txt: 2 labels, but blob 'found' has 3 classes, the background included\n"
+    assert run("0.png", "--labels", "labels.txt", status=1).err == message
+
+
 TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shape { dim: 1 dim: 3 } } }'
 
 

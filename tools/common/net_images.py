@@ -58,6 +58,15 @@ class Preprocessing:
         y, x = (height - h) // 2, (width - w) // 2
         return blob[:, :, y : y + h, x : x + w] * np.float32(self.scale)
 
+    def to_image(self, box: Array, shape: Sequence[int]) -> Array:
+        """Convert xmin, ymin, xmax, ymax in units of the input's width and height to px of an image of (H, W, C)."""
+        image, resized, size = np.array(shape[1::-1]), np.array(self.resize), np.array(self.size)
+        scale = resized / image
+        if self.crop:
+            scale = np.full(2, scale.max())
+        cut = (image * scale - resized) / 2 + (resized - size) // 2
+        return ((box.reshape(2, 2) * size + cut) / scale).ravel()
+
 
 def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
     """Name and shape (N, C, H, W) of the input for images. Raises NetlibError."""

@@ -111,3 +111,18 @@ def test_the_document_in_a_process_of_its_own(packaged, tmp_path, rng):
     count, first, second, *xyz = done.out.split()
     assert (count, first, second) == ("31", "index_base", "index_dip")
     np.testing.assert_allclose([float(number) for number in xyz], palm, atol=0.06)
+
+
+def test_size(files, onnx):
+    """--size exports a net without fully connected layers for images of another size than the prototxt's."""
+    net, weights = files('layer { name: "p" type: "Pooling" bottom: "x0" top: "y" pooling_param { kernel_size: 2 '
+                         'stride: 2 } }', (1, 3, 1, 1))  # fmt: skip
+    assert (
+        "y: largest difference 0.0e+00"
+        in run_tool("export_onnx", net, weights, "a.onnx", "--size", "8x5", "--check").out
+    )
+    (value,) = onnx.load("a.onnx").graph.input
+    assert [dim.dim_value for dim in value.type.tensor_type.shape.dim[1:]] == [3, 5, 8]
+    files('layer { name: "p" type: "Power" bottom: "x0" top: "y" }', (1, 3))
+    done = run_tool("export_onnx", net, weights, "b.onnx", "--size", "8x5", status=1)
+    assert done.err == "net.prototxt: --size needs an input (N, C, H, W)\n"
