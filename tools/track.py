@@ -49,7 +49,6 @@ from handpose.tracking.summary import Summary
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
 from netlib.errors import DataError
-from tools.common import findings
 from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
 from tools.common.console import DONE, aligned, errors_of, guarded, say
 from tools.common.progress import ProgressBar
@@ -86,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
         print_inspection(seen, talk)
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine)
         if args.look is not None:
+            from tools.common import findings
+
             return findings.draw_first(seen, predictor, args.look)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args))
         summary, begun = Summary(predictor.skeleton), time.perf_counter()

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,6 @@ from numpy.typing import NDArray
 from handpose import Recording
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import PICTURES, FolderRecording
-from handpose.output.drawing.rerun_view import RerunView
-from handpose.output.drawing.sheets import ContactSheet
-from handpose.output.drawing.tracks import Painter
-from handpose.output.drawing.video_file import VideoFile
 from handpose.output.tracks.writing import TrackWriter, open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError
@@ -28,6 +25,12 @@ from tools.common import outputs
 from tools.common.arguments import name_in
 from tools.common.hand_arguments import add_joints_option
 from tools.common.live_output import LIVE, LiveOutput, add_live_options
+
+if TYPE_CHECKING:  # imported when an output is drawn
+    from handpose.output.drawing.rerun_view import RerunView
+    from handpose.output.drawing.sheets import ContactSheet
+    from handpose.output.drawing.tracks import Painter
+    from handpose.output.drawing.video_file import VideoFile
 
 FILES = ("json", "csv", "bvh")
 DRAWN = ("video", "sheet", "rerun")
@@ -105,13 +108,12 @@ class Outputs:
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
         self._args = args
-        self._painter = Painter(header) if args.video or args.sheet else None
-        self._sheet = ContactSheet() if args.sheet else None
-        # Missing packages for video and Rerun are reported here, before any file is started.
-        self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
+        self._painter: Painter | None = None
+        self._sheet: ContactSheet | None = None
+        self._video: VideoFile | None = None
         self._view: RerunView | None = None
-        if args.rerun is not None:
-            self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
+        if is_drawn(args):
+            self._begin_drawing(args, header, rate)
         self._live = LiveOutput(args, header) if any(getattr(args, name) is not None for name in LIVE) else None
         paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
         self._writers: list[TrackWriter] = [
@@ -119,6 +121,22 @@ class Outputs:
         ]
         self._open: list[TrackWriter | VideoFile | RerunView | LiveOutput] = []
         self.written: list[str] = []
+
+    def _begin_drawing(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
+        """Prepare pictures. Missing packages for video and Rerun are reported here, before any file is started."""
+        from handpose.output.drawing.rerun_view import RerunView
+        from handpose.output.drawing.sheets import ContactSheet
+        from handpose.output.drawing.tracks import Painter
+        from handpose.output.drawing.video_file import VideoFile
+
+        if args.video or args.sheet:
+            self._painter = Painter(header)
+        if args.sheet:
+            self._sheet = ContactSheet()
+        if args.video:
+            self._video = VideoFile(Path(args.video), rate or 30.0)
+        if args.rerun is not None:
+            self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
 
     def __enter__(self) -> Outputs:
         for name in filter(None, (self._args.video, self._args.sheet)):  # created later, but checked now
