@@ -87,7 +87,8 @@ class LiveOutput:
             self._begun = time.perf_counter()
 
     def write(self, depth: NDArray[np.floating], frame: TrackedFrame) -> None:
-        """Send a frame; frames of a recording are sent in real time."""
+        """Send a frame; frames of a recording are sent in real time, and wait while a page holds it."""
+        self._hold()
         self._wait_until(frame.time)
         server, sender = self._server, self._sender
         has_lines, has_views = (server is not None and server.has_clients(path) for path in (LINES, VIEWS))
@@ -119,6 +120,14 @@ class LiveOutput:
         host, port = address
         token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None
         return LiveServer(host, port, self._messages.header, page(header), token)
+
+    def _hold(self) -> None:
+        if self._begun is None or self._server is None:
+            return
+        held = time.perf_counter()
+        while not self._server.pace.wait(_CHECK_S):
+            self._check()
+        self._begun += time.perf_counter() - held
 
     def _wait_until(self, seconds: float) -> None:
         if self._begun is None:

@@ -172,7 +172,7 @@ class Outputs:
             image = painter.picture(depth, frame)
             self._video.write(image, frame.time)
             if self._sheet:
-                self._sheet.add(frame.time, lambda: image)
+                self._sheet.add(frame.time, lambda: image[painter.depth_part])
         elif painter and self._sheet:
             self._sheet.add(frame.time, lambda: painter.seen(depth, frame))
         if self._view:

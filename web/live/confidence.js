@@ -17,8 +17,8 @@ export class Confidence {
   }
 
   show(record) {
-    this.past.push(record);
-    while (this.past[0].time_s < record.time_s - SECONDS) this.past.shift();
+    const { time_s: now } = record; // earlier than the last one after a step back
+    this.past = [...this.past.filter(({ time_s: time }) => time < now && time >= now - SECONDS), record];
     this.draw(record.time_s);
     const marked = (id) => {
       const mark = element("b");
@@ -29,7 +29,7 @@ export class Confidence {
       ...record.hands.map((hand) => element("li", {}, marked(hand.id), words(hand))),
       ...record.lost.map(({ id, hand, since_s: since, reason }) => element(
         "li", { class: "lost" }, marked(id),
-        `${hand ?? "unknown"} hand lost ${shown(record.time_s - since, 1)} s: ${reason}`,
+        `${hand ? `${hand} ` : ""}hand lost ${shown(record.time_s - since, 1)} s: ${reason}`,
       )),
     );
   }

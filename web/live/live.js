@@ -1,8 +1,9 @@
-/* The live page: every frame as it comes, the newest one only. */
+/* The live page: every frame as it comes, the newest one only; and frame by frame while it is paused. */
 
 import { Confidence } from "./confidence.js";
 import { DepthView } from "./depth_view.js";
 import { byId, shown } from "./elements.js";
+import { History } from "./history.js";
 import { frameOf } from "./message.js";
 import { Scene } from "./scene.js";
 import { Stage } from "./stage.js";
@@ -23,7 +24,7 @@ const stage = new Stage(byId("stage"), scene, shows, (joint) => {
 const depth = new DepthView(byId("depth"), data, (words) => (byId("under").textContent = words));
 const confidence = new Confidence(byId("curves"), byId("hands"), data.colours);
 const live = { data, depth, drawn: 0, frame: null, scene, stage };
-let waiting = null, seen = null, arrivals = [], ended = false;
+let waiting = null, seen = null, arrivals = [], ended = null;
 
 byId("reset").addEventListener("click", () => stage.reset());
 
@@ -31,7 +32,7 @@ byId("reset").addEventListener("click", () => stage.reset());
 function follow(time) {
   if (seen === null) stage.reset();
   const { viewer } = stage, { middle, reach } = scene.bounds, off = minus(middle, viewer.middle);
-  const part = 1 - Math.exp(-Math.max(time - (seen ?? time), 0) / FOLLOW_S);
+  const part = 1 - Math.exp(-Math.abs(time - (seen ?? time)) / FOLLOW_S);
   const out = Math.max(length(off) + reach - 1.4 * viewer.reach, 0); // that is out of sight
   if (out) viewer.middle = add(viewer.middle, times(off, part * Math.min(out / Math.max(length(off), 1), 1)));
   if (reach > viewer.reach) viewer.reach += part * (reach - viewer.reach);
@@ -45,28 +46,40 @@ function draw() {
   depth.draw(frame, scene);
   confidence.show(record);
   live.drawn++;
-  if (ended) return;
+  const place = `frame ${record.number}, ${shown(record.time_s, 2)} s`;
+  if (ended !== null) {
+    state.textContent = kept.paused ? `${place}; ${ended}` : `${ended}; the last frame is ${record.number}`;
+  } else if (kept.paused) {
+    state.textContent = `${place}; paused`;
+  }
+  if (ended !== null || kept.paused) return;
   const now = performance.now() / 1000;
   arrivals = [...arrivals.filter((time) => time > now - RATE_S), now];
   const rate = arrivals.length > 1 ? (arrivals.length - 1) / (now - arrivals[0]) : 0;
-  state.textContent = `frame ${record.number}, ${shown(record.time_s, 2)} s; ${shown(rate, 0)} frames/s shown here`;
+  state.textContent = `${place}; ${shown(rate, 0)} frames/s shown here`;
+}
+
+/* Draw the frame of the history that is to be shown, before the next picture of the screen. */
+function show() {
+  live.frame = kept.shown;
+  if (live.frame) waiting ??= requestAnimationFrame(() => ((waiting = null), draw()));
 }
 
 const address = new URL(data.stream + takeQuery(), location.href);
 address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 const socket = new WebSocket(address);
 socket.binaryType = "arraybuffer";
+const kept = new History((word) => socket.readyState === WebSocket.OPEN && socket.send(word), show);
+live.kept = kept;
 socket.addEventListener("open", () => (state.textContent = "connected; no frame yet"));
 socket.addEventListener("message", (event) => {
-  live.frame = frameOf(event.data, depth.columns, depth.rows);
+  kept.add(frameOf(event.data));
   socket.send("next"); // the newest one then, whatever has come in between
-  waiting ??= requestAnimationFrame(() => ((waiting = null), draw()));
 });
 socket.addEventListener("close", ({ code, reason }) => {
-  const last = live.frame ? `; the last frame is ${live.frame.record.number}` : "";
-  ended = true;
+  ended = reason || (code === 1006 ? "no connection to the tracker" : `closed (${code})`);
   state.classList.add("over");
-  state.textContent = `${reason || (code === 1006 ? "no connection to the tracker" : `closed (${code})`)}${last}`;
+  state.textContent = live.frame ? `${ended}; the last frame is ${live.frame.record.number}` : ended;
 });
 
 // For the console, and for tests.

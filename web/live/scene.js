@@ -8,18 +8,18 @@ const DISTANCE = 600; // mm, of that middle without a hand
 const PER_AXIS = 100; // points of a hand's crop along each axis, at most
 
 export class Scene {
-  /* camera, step   of the frames, and which rows and columns are sent
+  /* camera         of the frames
      capsuleJoints  [from, to] of each capsule, indices of whole.joints */
-  constructor({ camera, step, skeleton, whole, capsules }) {
+  constructor({ camera, skeleton, whole, capsules }) {
     const { joints, parents } = skeleton, children = new Set(parents);
-    Object.assign(this, { camera, step, parents, listeners: [], forces: [], origin: [0, 0, 0], unit: 1e3 });
+    Object.assign(this, { camera, parents, listeners: [], forces: [], origin: [0, 0, 0], unit: 1e3 });
     Object.assign(this, { names: joints, whole: { joints: whole }, capsuleJoints: capsules });
     this.ownTips = [...joints.keys()].filter((j) => !children.has(j));
     this.show({ record: { hands: [] }, surfaces: [] });
   }
 
   /* Take the hands of a frame; whether there are any. */
-  show({ record, surfaces, depth }) {
+  show({ record, surfaces, depth, grid }) {
     const { hands } = record;
     this.hands = hands;
     this.joints = hands.flatMap((hand) => hand.positions_mm);
@@ -29,7 +29,7 @@ export class Scene {
       const [from, to] = this.capsuleJoints[i];
       return { ...capsule, from, to };
     }));
-    this.points = hands.flatMap((hand) => this.pointsOf(hand, depth));
+    this.points = hands.flatMap((hand) => this.pointsOf(hand, depth, grid));
     for (const listener of this.listeners) listener("pose");
     return hands.length > 0;
   }
@@ -50,15 +50,16 @@ export class Scene {
   }
 
   /* The depth of a hand's cube as points: x, y, z in mm one after the other. */
-  pointsOf({ crop: { center_uvd: [u, v, d], cube_mm: cube } }, depth) {
-    const { camera, step } = this, columns = Math.ceil(camera.width / step), rows = Math.ceil(camera.height / step);
-    const [left, right] = range(u, (camera.fx * cube) / 2 / d, step, columns);
-    const [top, bottom] = range(v, (camera.fy * cube) / 2 / d, step, rows), found = [];
+  pointsOf({ crop: { center_uvd: [u, v, d], cube_mm: cube } }, depth, grid) {
+    const { camera } = this, { step, columns, rows } = grid;
+    const [left, right] = range(u - grid.left, (camera.fx * cube) / 2 / d, step, columns);
+    const [top, bottom] = range(v - grid.top, (camera.fy * cube) / 2 / d, step, rows), found = [];
     const skip = Math.max(1, Math.ceil(Math.max(right - left, bottom - top) / PER_AXIS));
     for (let row = top; row < bottom; row += skip) {
       for (let column = left; column < right; column += skip) {
         const mm = depth[row * columns + column];
-        if (mm && Math.abs(mm - d) < cube / 2) found.push(...unproject(camera, [column * step, row * step, mm]));
+        if (!mm || Math.abs(mm - d) >= cube / 2) continue;
+        found.push(...unproject(camera, [grid.left + column * step, grid.top + row * step, mm]));
       }
     }
     return found;

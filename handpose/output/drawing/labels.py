@@ -13,7 +13,7 @@ import numpy as np
 from handpose.estimate.prediction import percent
 from handpose.output.drawing import strokes
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.tracking.track import LostHand
+from handpose.tracking.track import LostHand, TrackedHand
 
 # Blue, green, red: dark enough for white letters on them, and for curves on white.
 _COLOURS: tuple[Colour, ...] = (
@@ -35,14 +35,15 @@ def colour_of(id: int) -> Colour:
     return _COLOURS[id % len(_COLOURS)]
 
 
-def spoken(hand: str, confidence: float) -> str:
-    """``right 93%``; without the number if the confidence was not measured."""
-    return f"{hand} {percent(confidence)}" if math.isfinite(confidence) else hand
+def spoken(hand: TrackedHand) -> str:
+    """``right 93%``, ``right? 49%`` while the side is assumed; without the number if it was not measured."""
+    side = hand.known_side or f"{hand.hand}?"
+    return f"{side} {percent(hand.confidence)}" if math.isfinite(hand.confidence) else side
 
 
 def spoken_loss(hand: LostHand, time: float) -> str:
     """``left hand lost 0.4 s: it left the image``."""
-    return f"{hand.side_name} hand lost {max(time - hand.since, 0):.1f} s: {hand.reason}"
+    return f"{f'{hand.hand} ' if hand.hand else ''}hand lost {max(time - hand.since, 0):.1f} s: {hand.reason}"
 
 
 class Tags:
@@ -52,8 +53,11 @@ class Tags:
         self._canvas = canvas
         self._taken: list[tuple[int, int, int]] = []  # left, right, top
 
-    def add(self, words: str, left: float, bottom: float, colour: Colour) -> None:
-        """Add a tag with its lower left corner as close to the point as possible, above rather than below."""
+    def add(self, words: str, left: float, bottom: float, colour: Colour, *, sure: bool = True) -> None:
+        """Add a tag with its lower left corner as close to the point as possible, above rather than below.
+
+        Unless it is ``sure``, the text is coloured on white.
+        """
         height, width = self._canvas.shape[:2]
         room = width - 2 * _BESIDE
         scale = _WORDS * min(1.0, room / max(strokes.text_width(words, _WORDS), 1))
@@ -63,8 +67,11 @@ class Tags:
         places = sorted(range(wanted % HEIGHT, height - HEIGHT + 1, HEIGHT), key=lambda y: (abs(y - wanted), y))
         y = next((y for y in places if not self._hits(x, x + wide, y)), wanted)
         self._taken.append((x, x + wide, y))
+        white = (255, 255, 255)
         cv2.rectangle(self._canvas, (x, y), (x + wide - 1, y + HEIGHT - 1), colour, -1)
-        strokes.text(self._canvas, words, np.array([x + _BESIDE, y + HEIGHT - 6]), (255, 255, 255), scale)
+        if not sure:
+            cv2.rectangle(self._canvas, (x + 2, y + 2), (x + wide - 3, y + HEIGHT - 3), white, -1)
+        strokes.text(self._canvas, words, np.array([x + _BESIDE, y + HEIGHT - 6]), white if sure else colour, scale)
 
     def _hits(self, left: int, right: int, top: int) -> bool:
         return any(left < end and right > start and abs(top - other) < HEIGHT for start, end, other in self._taken)

@@ -27,7 +27,7 @@ class ContactSheet:
     width  of each image in pixels; larger ones are reduced
     """
 
-    def __init__(self, columns: int = 4, rows: int = 4, width: int = 400) -> None:
+    def __init__(self, columns: int = 4, rows: int = 4, width: int = 480) -> None:
         if columns < 1 or rows < 1 or width < 1:
             raise DataError(f"{columns} columns, {rows} rows, {width} pixels wide; expected at least 1 of each")
         self.columns, self.places, self.width = columns, columns * rows, width

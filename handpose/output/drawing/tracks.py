@@ -21,6 +21,7 @@ from handpose.output.drawing.contrast import Contrast
 from handpose.output.drawing.labels import Tags, colour_of, spoken, spoken_loss
 from handpose.output.drawing.space import Space
 from handpose.output.drawing.strokes import Colour, Image
+from handpose.output.drawing.window import View, Window, box_of
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable
@@ -29,6 +30,8 @@ WIDTH = 1280
 HEAD, STRIP = 32, 88  # pixels of height: the line on top, the curves below
 MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # width of the depth image, as a fraction of the whole image
 MAX_LOST = 3  # number of lost hands that are listed
+OVERVIEW = 0.2  # width of the whole frame in the corner of a part of it, as a fraction of the depth image
+_PART = 0.75  # of the frame's width; smaller parts get such an overview
 _INK: Colour = (40, 40, 40)
 _FAINT: Colour = (110, 110, 110)
 _MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far outside the image
@@ -41,7 +44,8 @@ _WORDS = 0.42  # scale of text
 
 
 class Painter:
-    """Draws the frames of one track in the order of time; contrast, space and curves continue from frame to frame.
+    """Draws the frames of one track in the order of time; contrast, part of the frame, space and curves continue from
+    frame to frame.
 
     header  of the track; its camera has the frames' size
     width   of the pictures in pixels; their height follows from the camera
@@ -50,14 +54,11 @@ class Painter:
     def __init__(self, header: TrackHeader, width: int = WIDTH) -> None:
         camera = header.camera
         self.header = header
-        self._zoom = min(MAX_HEIGHT * width / camera.height, MAX_WIDTH * width / camera.width)
-        size = max(round(camera.width * self._zoom), 1), max(round(camera.height * self._zoom) // 2 * 2, 2)
-        self._seen_by = Camera(
-            camera.name, camera.fx * self._zoom, camera.fy * self._zoom, self._along(camera.u0),
-            self._along(camera.v0), *size,
-        )  # fmt: skip
-        self.width, self.height = width // 2 * 2, HEAD + size[1] + STRIP
-        self._contrast, self._space, self._curves = Contrast(), Space(header.skeleton), ConfidenceCurves()
+        zoom = min(MAX_HEIGHT * width / camera.height, MAX_WIDTH * width / camera.width)
+        self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom) // 2 * 2, 2)
+        self.width, self.height = width // 2 * 2, HEAD + self._size[1] + STRIP
+        self._contrast, self._window = Contrast(), Window(camera)
+        self._space, self._curves = Space(header.skeleton), ConfidenceCurves()
 
     def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
         """The whole image, (height, width, 3). ``depth`` in mm, 0 without a reading. Raises DataError."""
@@ -74,52 +75,87 @@ class Painter:
         _line_on_top(canvas, f"{frame.time:.2f} s, frame {frame.number}", middle + 10, self.width - 10)
         return canvas
 
+    @property
+    def depth_part(self) -> tuple[slice, slice]:
+        """Rows and columns of ``picture`` with the depth image."""
+        return slice(HEAD, HEAD + self._size[1]), slice(0, self._size[0])
+
     def seen(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
-        """The depth image alone with the hands on it. Raises DataError."""
+        """The depth image alone, the part around the hands, with the hands on it. Raises DataError."""
         check_size(depth, self.header.camera)
         self._contrast.see(frame.time, depth, _points(frame)[:, 2])
-        camera, how = self._seen_by, cv2.INTER_AREA if self._zoom < 1 else cv2.INTER_LINEAR
-        grey = cv2.resize(self._contrast.grey(depth), (camera.width, camera.height), interpolation=how)
-        canvas = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+        view = self._window.see(frame.time, frame.hands)
+        camera, grey = _camera_of(self.header.camera, view, self._size), self._contrast.grey(depth)
+        canvas = np.asarray(cv2.cvtColor(_part(grey, view, self._size), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
         for hand in sorted(frame.hands, key=lambda one: -float(one.xyz[:, 2].mean())):
-            self._hand(canvas, hand)
-        self._tags(canvas, frame)
+            low, high = _corners(hand, self.header.camera, view, self._size)
+            cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
+            self._hand(canvas, hand, camera)
+        if view.width < _PART * self.header.camera.width:
+            _overview(canvas, grey, view)
+        self._tags(canvas, frame, view)
         return canvas
 
-    def _along(self, pixel: float) -> float:
-        """The position in the whole image of a row or column of the depth image."""
-        return (pixel + 0.5) * self._zoom - 0.5
-
-    def _hand(self, canvas: Image, hand: TrackedHand) -> None:
-        """Draw crop, surface and skeleton."""
-        low, high = self._crop(hand)
-        cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
+    def _hand(self, canvas: Image, hand: TrackedHand, camera: Camera) -> None:
+        """Draw surface and skeleton."""
         if hand.capsules is not None:
-            surface.paint(canvas, hand.capsules, self._seen_by, opacity=0.5)
-        uvd = self._seen_by.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _MIN_DEPTH_MM)))
+            surface.paint(canvas, hand.capsules, camera, opacity=0.5)
+        uvd = camera.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _MIN_DEPTH_MM)))
         hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2)
 
-    def _crop(self, hand: TrackedHand) -> tuple[Array, Array]:
-        """Upper left and lower right corner (2,) of the crop's middle plane, in the whole image."""
-        u, v, d = hand.center_uvd
-        half = np.array([self._seen_by.fx, self._seen_by.fy]) * hand.cube_mm / 2 / d
-        middle = np.array([self._along(u), self._along(v)])
-        return middle - half, middle + half
-
-    def _tags(self, canvas: Image, frame: TrackedFrame) -> None:
+    def _tags(self, canvas: Image, frame: TrackedFrame, view: View) -> None:
         """Label the hands and their confidence above their crops; list lost hands and reasons at the bottom."""
         tags = Tags(canvas)
         lately = sorted(frame.lost, key=lambda lost: -lost.since)
         for lost in lately[:MAX_LOST]:
             tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
         for hand in frame.hands:
-            left, top = self._crop(hand)[0]
-            tags.add(spoken(hand.side_name, hand.confidence), left, top, colour_of(hand.id))
+            left, top = _corners(hand, self.header.camera, view, self._size)[0]
+            tags.add(spoken(hand), left, top, colour_of(hand.id), sure=hand.known_side is not None)
 
 
 def annotated(depth: NDArray[np.floating], frame: TrackedFrame, header: TrackHeader, width: int = WIDTH) -> Image:
     """The image of a single frame, (height, width, 3), as ``Painter.picture`` draws it. Raises DataError."""
     return Painter(header, width).picture(depth, frame)
+
+
+def _camera_of(camera: Camera, view: View, size: tuple[int, int]) -> Camera:
+    """The camera that sees a part of a frame in an image of this width and height."""
+    across, down = size[0] / view.width, size[1] / view.height
+    return Camera(camera.name, camera.fx * across, camera.fy * down, (camera.u0 + 0.5 - view.left) * across - 0.5,
+                  (camera.v0 + 0.5 - view.top) * down - 0.5, *size)  # fmt: skip
+
+
+def _corners(hand: TrackedHand, camera: Camera, view: View, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Upper left and lower right corner (2,) of a hand's crop in an image of a part of the frame."""
+    low, high = np.reshape(box_of(hand, camera), (2, 2))
+    zoom, corner = np.array(size) / (view.width, view.height), np.array([view.left, view.top])
+    return (low - corner) * zoom - 0.5, (high - corner) * zoom - 0.5
+
+
+def _part(grey: NDArray[np.uint8], view: View, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """A part of a grey image, scaled to this width and height."""
+    across, down = size[0] / view.width, size[1] / view.height
+    if view.width == grey.shape[1] and across < 1:
+        return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    move = np.array([[across, 0, (0.5 - view.left) * across - 0.5], [0, down, (0.5 - view.top) * down - 0.5]])
+    moved = cv2.warpAffine(grey, move, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, dtype=np.uint8)
+
+
+def _overview(canvas: Image, grey: NDArray[np.uint8], view: View) -> None:
+    """Draw the whole frame in the lower right corner, with the part that the canvas shows."""
+    height, width = (max(round(size * OVERVIEW), 2) for size in canvas.shape[:2])
+    small = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
+    corner = canvas[-height:, -width:]
+    corner[...] = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
+    zoom = width / grey.shape[1]
+    low = _pixel(np.array([view.left, view.top]) * zoom)
+    high = _pixel(np.array([view.left + view.width, view.top + view.height]) * zoom - 1)
+    strip = np.ascontiguousarray(corner)
+    cv2.rectangle(strip, low, high, (255, 255, 255), 1)
+    cv2.rectangle(strip, (0, 0), (width - 1, height - 1), _FAINT, 1)
+    corner[...] = strip
 
 
 def _points(frame: TrackedFrame) -> Array:
@@ -171,8 +207,8 @@ class ConfidenceCurves:
             strokes.text(canvas, words, start + (-strokes.text_width(words, _WORDS) // 2, 16), _FAINT, _WORDS)
         for id, run in self._runs():
             strokes.lines(canvas, np.array([place(*point) for point in run]), colour_of(id), 2)
-        now = [(hand.id, spoken(hand.side_name, hand.confidence)) for hand in frame.hands]
-        now += [(lost.id, f"{lost.side_name} lost") for lost in frame.lost]
+        now = [(hand.id, spoken(hand)) for hand in frame.hands]
+        now += [(lost.id, f"{lost.hand or 'hand'} lost") for lost in frame.lost]
         for row, (id, words) in enumerate(sorted(now)):
             strokes.text(canvas, words, np.array([right + 14, 20 + _ROW * row]), colour_of(id), 0.5)
         return canvas

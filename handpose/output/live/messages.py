@@ -3,10 +3,11 @@
 The message of a frame for the page is binary; numbers are little-endian:
 
     uint32              size in bytes of the JSON that follows
-    JSON                record (the frame as JSON lines have it), middle and spread (mm, of the contrast), capsules (how
-                        many of each hand); spaces fill it up to a multiple of 4
-    uint16              depth in mm, 0 where nothing was read: every ``step``-th row and column of the frame; a last 0
-                        fills it up to a multiple of 4 bytes
+    JSON                record (the frame as JSON lines have it), middle and spread (mm, of the contrast), window (left,
+                        top, width and height of the part to show, px), grid (left, top, step, columns, rows of the
+                        depth), capsules (how many of each hand); spaces fill it up to a multiple of 4
+    uint16              depth in mm, 0 where nothing was read: every ``step``-th row and column of a part of the frame
+                        that contains the window and the crops; a last 0 fills it up to a multiple of 4 bytes
     float32             8 of each capsule, the hands one after the other: a (x, y, z), b (x, y, z) in mm, camera axes,
                         and the radii at both in mm
 """
@@ -16,15 +17,18 @@ from __future__ import annotations
 import json
 import math
 import struct
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.joint_formats.formats import FormatName
+from handpose.frames.cameras import Camera
 from handpose.output.drawing.contrast import Contrast
+from handpose.output.drawing.window import View, Window, box_of
 from handpose.output.tracks.json_values import FrameValues, header_values
-from handpose.tracking.track import TrackedFrame, TrackHeader
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 
 LINES, VIEWS = "/frames", "/view"  # paths of the server: frames as JSON lines, and those of the page
 MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
@@ -33,9 +37,31 @@ _MAX_DEPTH = np.iinfo(np.uint16).max
 _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
-def depth_step(width: int, height: int) -> int:
-    """The step between the rows and columns of a frame that are sent to the page."""
-    return max(1, math.ceil(max(width, height) / MAX_SAMPLES))
+class Grid(NamedTuple):
+    """Rows and columns of a frame that are sent to the page: from ``left`` and ``top``, every ``step``-th."""
+
+    left: int
+    top: int
+    step: int
+    columns: int
+    rows: int
+
+    def of(self, depth: NDArray[np.floating]) -> NDArray[np.floating]:
+        """The samples (rows, columns) of a frame."""
+        rows = slice(self.top, self.top + self.rows * self.step, self.step)
+        return depth[rows, self.left : self.left + self.columns * self.step : self.step]
+
+
+def grid_of(camera: Camera, window: View, hands: Sequence[TrackedHand]) -> Grid:
+    """The grid that contains the window and the crops of the hands, with at most MAX_SAMPLES columns and rows."""
+    boxes = [(window.left, window.top, window.left + window.width, window.top + window.height)]
+    edges = np.array(boxes + [box_of(hand, camera) for hand in hands])
+    size = np.array([camera.width, camera.height])
+    low = np.floor(np.clip(edges[:, :2].min(axis=0), 0, size)).astype(int)
+    high = np.ceil(np.clip(edges[:, 2:].max(axis=0), low, size)).astype(int)
+    step = max(1, math.ceil(int((high - low).max()) / MAX_SAMPLES))
+    columns, rows = -(-(high - low) // step)
+    return Grid(int(low[0]), int(low[1]), step, int(columns), int(rows))
 
 
 class Messages:
@@ -49,8 +75,8 @@ class Messages:
     def __init__(self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False) -> None:
         self.header = _text(header_values(header, joints))
         self._values = FrameValues(header, joints, gestures, every_bone=True)
-        self._step = depth_step(header.camera.width, header.camera.height)
-        self._contrast = Contrast()
+        self._camera = header.camera
+        self._contrast, self._window = Contrast(), Window(header.camera)
 
     def record(self, frame: TrackedFrame) -> dict[str, Any]:
         """The frame as an object; call it once per frame."""
@@ -83,16 +109,20 @@ class Messages:
         """The message for the page."""
         points = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
         self._contrast.see(frame.time, depth, points[:, 2])
+        window = self._window.see(frame.time, frame.hands)
+        grid = grid_of(self._camera, window, frame.hands)
         surfaces = [hand.capsules for hand in frame.hands]
         counts = [0 if surface is None else surface.a.shape[1] for surface in surfaces]
         values = {
             "record": record,
             "middle": self._contrast.middle,
             "spread": self._contrast.spread,
+            "window": [round(edge, 2) for edge in window],
+            "grid": list(grid),
             "capsules": counts,
         }
         text = _text(values).encode()
-        samples = np.clip(depth[:: self._step, :: self._step], 0, _MAX_DEPTH).astype("<u2")
+        samples = np.clip(grid.of(depth), 0, _MAX_DEPTH).astype("<u2")
         parts = [struct.pack("<I", _padded(len(text))), text.ljust(_padded(len(text))),
                  samples.tobytes(), bytes(2 * (samples.size % 2))]  # fmt: skip
         for surface in surfaces:

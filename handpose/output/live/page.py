@@ -7,7 +7,7 @@ import functools
 from handpose.body.model import Surface
 from handpose.output.drawing import labels
 from handpose.output.drawing.page.assembly import assembled, script_of, source
-from handpose.output.live.messages import VIEWS, depth_step
+from handpose.output.live.messages import VIEWS
 from handpose.tracking.track import TrackHeader
 from netlib.files.paths import own
 
@@ -19,7 +19,7 @@ def page(header: TrackHeader) -> str:
     """The page as HTML."""
     surface, camera = Surface(header.skeleton), header.camera
     data = {
-        "stream": VIEWS.removeprefix("/"), "camera": vars(camera), "step": depth_step(camera.width, camera.height),
+        "stream": VIEWS.removeprefix("/"), "camera": vars(camera),
         "skeleton": {"joints": header.skeleton.joint_names, "parents": header.skeleton.parents.tolist()},
         "whole": surface.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(surface.start, surface.end)],
         "colours": [labels.colour_of(id)[::-1] for id in range(COLOURS)],

@@ -9,7 +9,8 @@ It answers three paths, each with the query token=TOKEN, which is random:
 
     /        the page
     /frames  WebSocket: the header, then a text message for each frame
-    /view    WebSocket: a binary message for each frame; the client requests the next one by a message of any kind
+    /view    WebSocket: a binary message for each frame; the client requests the next one by the message next. The
+             messages pause, play and step hold a recording (``pace``) until the client leaves
 
 No frame waits for another one: each client has a slot for the newest frame, which replaces one that was not sent yet.
 The page requests each frame, so that none waits in the buffers between them either.
@@ -40,6 +41,7 @@ from urllib.parse import urlencode, urlsplit
 
 from handpose.output.live.handshake import RefusedError, Request, answer, is_named, parse
 from handpose.output.live.messages import LINES, VIEWS
+from handpose.output.live.pace import COMMANDS, PLAY, Pace
 from handpose.output.live.page import page_without_token
 from netlib.errors import NetlibError, reason_of
 
@@ -64,6 +66,7 @@ class _Slot:
         self._message: str | bytes | None = None
         self._ended = False
         self._changed = asyncio.Event()
+        self.requested = asyncio.Event()  # by the client, of the next message
 
     def put(self, message: str | bytes) -> None:
         """Replace a message that was not sent."""
@@ -189,6 +192,7 @@ class LiveServer:
         self._gates = _Gates(self._answer)
         self._clients: dict[str, set[_Slot]] = {LINES: set(), VIEWS: set()}
         self._handlers: dict[asyncio.Task[Any], Any] = {}  # with the connection of each
+        self.pace = Pace()
         self._was_asked = threading.Event()
         self._ready = threading.Event()
         self._failure: Exception | None = None
@@ -284,6 +288,7 @@ class LiveServer:
         assert task is not None
         self._handlers[task] = connection
         self._clients[path].add(slot)
+        reading = asyncio.create_task(self._read(connection, slot)) if path == VIEWS else None
         try:
             if path == LINES:
                 await connection.send(self._header)
@@ -291,13 +296,31 @@ class LiveServer:
             while (message := await slot.take()) is not None:
                 await connection.send(message)
                 if path == VIEWS:
-                    await connection.recv()  # it has the frame and requests the next one
+                    await slot.requested.wait()  # it has the frame
+                    slot.requested.clear()
             await connection.close(*self._close_with)
         except self._websockets.exceptions.ConnectionClosed:
             pass
         finally:
             self._clients[path].discard(slot)
             self._handlers.pop(task)
+            if reading is not None:
+                reading.cancel()
+                self.pace.command(slot, PLAY)
+
+    async def _read(self, connection: Any, slot: _Slot) -> None:
+        """Follow the messages of a page until it leaves."""
+        try:
+            async for message in connection:
+                if message in COMMANDS:
+                    self.pace.command(slot, message)
+                else:
+                    slot.requested.set()
+        except self._websockets.exceptions.ConnectionClosed:
+            pass
+        finally:
+            self.pace.command(slot, PLAY)
+            slot.requested.set()  # the next message fails
 
     def _answer(self, request: Request) -> bytes | None:
         """The page, or None to continue with a WebSocket. Raises RefusedError."""

@@ -108,6 +108,39 @@ def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -
             output.write(DEPTH, frame(10_000))
 
 
+def test_a_page_holds_a_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While a page holds it, a recording's frame waits, and later frames keep their distance in time."""
+    pytest.importorskip("websockets")
+    clock, checks = [100.0], []
+    monkeypatch.setattr(live_output.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(live_output.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
+    with LiveOutput(parsed("--serve"), HEADER) as output:
+        pace = output._server.pace
+        monkeypatch.setattr(output._server, "wait_for_client", lambda seconds: True)
+
+        def check() -> None:
+            checks.append(clock.append(clock.pop() + 7))
+            if len(checks) == 3:
+                pace.command("page", "play")
+
+        output.begin(source(live=False), check, sys.stdout)
+        pace.command("page", "pause")
+        output.write(DEPTH, frame(0))
+        assert len(checks) == 3 and clock == [121.0]
+        monkeypatch.setattr(output, "_check", lambda: None)
+        output.write(DEPTH, frame(3))
+        assert clock == [pytest.approx(121.3)]
+
+
+def test_a_camera_is_not_held() -> None:
+    """Pausing a page does not hold a live camera."""
+    pytest.importorskip("websockets")
+    with LiveOutput(parsed("--serve"), HEADER) as output:
+        output._server.pace.command("page", "pause")
+        output.begin(source(live=True), ends, sys.stdout)
+        output.write(DEPTH, frame(0))
+
+
 def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     """Both addresses are printed; a recording waits for the first client, a camera does not."""
     pytest.importorskip("websockets")

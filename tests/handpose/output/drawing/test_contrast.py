@@ -30,14 +30,14 @@ def test_hands_get_most_of_the_greys() -> None:
 
 
 def test_it_does_not_flicker() -> None:
-    """A hand that jumps, or is lost, changes the greys by at most 8 from one frame to the next."""
+    """A hand that jumps, or is lost, changes the greys by at most 20 from one frame to the next."""
     contrast = Contrast()
     contrast.see(0.0, DEPTH, np.array([600.0]))
     before = contrast.grey(DEPTH).astype(int)
     for n, hands in enumerate([[800.0], [], [], [500.0], [500.0, 900.0]]):
         contrast.see((n + 1) / 30, DEPTH, np.array(hands))
         after = contrast.grey(DEPTH).astype(int)
-        assert abs(after - before).max() <= 8
+        assert abs(after - before).max() <= 20
         before = after
 
 
@@ -50,8 +50,12 @@ def test_it_follows_in_seconds() -> None:
     assert abs(slow.grey(DEPTH).astype(int) - fresh.grey(DEPTH)).max() <= 1
 
 
-def test_without_hands_the_nearest_things_count() -> None:
-    """The nearest things determine the contrast; an image without readings raises no error."""
+def test_without_hands_the_nearer_half_of_the_scene_counts() -> None:
+    """The nearer half of the readings has most of the greys; an image without readings raises no error."""
+    scene = Contrast()
+    scene.see(0.0, np.linspace(500, 1500, 6400, dtype=np.float32).reshape(80, 80), np.array([]))
+    near, half, far = scene.grey(np.array([[510, 1000, 1500]], np.float32))[0].astype(int)
+    assert near > 190 and near - half > 2 * (half - far) > 0
     contrast = Contrast()
     contrast.see(0.0, np.full((40, 40), 2500, np.float32), np.array([]))
     assert 100 < contrast.grey(np.array([[2500.0]], np.float32))[0, 0] < 150

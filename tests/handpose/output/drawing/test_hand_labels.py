@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 from handpose.estimate.prediction import percent
 from handpose.output.drawing.labels import HEIGHT, Tags, colour_of, spoken, spoken_loss
 from handpose.tracking.track import LostHand
+from tests.support.tracked_hands import tracked
 
 PLACES = st.lists(st.tuples(st.floats(-300, 900), st.floats(-300, 900)), min_size=1, max_size=4)
 
@@ -22,10 +25,12 @@ def test_colours() -> None:
 
 def test_words() -> None:
     """The confidence is in whole per cent, omitted if unknown; a lost hand has the time and the reason."""
-    assert spoken("right", 0.934) == "right 93%"
-    assert spoken("left", float("nan")) == "left"
+    assert spoken(tracked("right", confidence=0.934)) == "right 93%"
+    assert spoken(tracked("left", confidence=float("nan"))) == "left"
+    assert spoken(replace(tracked("left", confidence=0.49), side_confidence=0.7)) == "left? 49%"
     assert [percent(sure) for sure in (0.0, 0.994, 0.996, 1.0)] == ["0%", "99%", ">99%", ">99%"]
     assert spoken_loss(LostHand(1, "left", 2.0, "left the image"), 2.43) == "left hand lost 0.4 s: left the image"
+    assert spoken_loss(LostHand(1, None, 2.0, "left the image"), 2.43) == "hand lost 0.4 s: left the image"
 
 
 @given(PLACES)
@@ -50,6 +55,16 @@ def test_a_tag_stands_where_it_was_asked_for() -> None:
     Tags(canvas).add("left", 40, 60, (0, 0, 200))
     rows, columns = np.nonzero(canvas.any(axis=2))
     assert (rows.max(), columns.min()) == (59, 40)
+
+
+def test_a_side_that_is_assumed_has_another_tag() -> None:
+    """The text is coloured on white, and the tag has the same place and size."""
+    pair = np.zeros((2, 100, 300, 3), np.uint8)
+    for canvas, sure in zip(pair, (True, False)):
+        Tags(canvas).add("left? 49%", 40, 60, (0, 0, 200), sure=sure)
+    assert (pair[0].any(axis=2) == pair[1].any(axis=2)).all()
+    white = (pair == 255).all(axis=-1).mean(axis=(1, 2))
+    assert white[1] > 2 * white[0] > 0
 
 
 def test_long_words_become_small() -> None:

@@ -12,6 +12,7 @@ from handpose.output.drawing import hands
 from handpose.output.drawing.labels import colour_of
 from handpose.output.drawing.strokes import Image
 from handpose.output.drawing.tracks import HEAD, STRIP, Painter, annotated
+from handpose.output.drawing.window import Window
 from handpose.tracking.track import LostHand, TrackedFrame, TrackedHand
 from netlib.errors import DataError
 from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
@@ -19,7 +20,8 @@ from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
 RIGHT = tracked("right", (-120, 0, 600), 1, 0.93)
 LEFT = tracked("left", (120, 0, 640), 2, 0.71)
 DEPTH = seen([RIGHT, LEFT])
-ZOOM = 528 / CAMERA.height
+VIEW = Window(CAMERA).see(1.0, [RIGHT, LEFT])  # of a first frame with both
+ZOOM = 528 / VIEW.height
 
 
 def of(*found: TrackedHand, lost: tuple[LostHand, ...] = (), time: float = 1.0) -> TrackedFrame:
@@ -38,7 +40,7 @@ def test_joints_are_where_the_camera_sees_them(hand: TrackedHand) -> None:
     picture = annotated(DEPTH, of(RIGHT, LEFT), HEADER)[HEAD:]
     for finger, colour in hands.COLOURS.items():
         u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
-        x, y = (round((pixel + 0.5) * ZOOM - 0.5) for pixel in (u, v))
+        x, y = (round((edge + 0.5) * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
         assert tuple(picture[y, x]) == colour, finger
 
 
@@ -50,12 +52,27 @@ def test_surface_lies_over_the_depth_that_it_explains() -> None:
     bare, with_surface = (annotated(depth, of(hand), HEADER)[rows, columns].astype(int) for hand in (without, RIGHT))
     alone = np.kron(depth < 1500, np.ones((1, 1))) > 0
     changed = (bare != with_surface).any(axis=2)
-    x, y = (np.rint((np.arange(n) + 0.5) / ZOOM - 0.5).astype(int).clip(0) for n in (704, 528))
+    view = Window(CAMERA).see(1.0, [RIGHT])
+    across, down = view.left + (np.arange(704) + 0.5) * view.width / 704, (np.arange(528) + 0.5) * view.height / 528
+    x, y = np.floor(across).astype(int), np.floor(view.top + down).astype(int)
     hand = alone[y.clip(max=119)][:, x.clip(max=159)]
     assert changed[hand].mean() > 0.7  # bones cover the rest
-    assert changed[~hand].mean() < 0.03
+    assert changed[~hand].mean() < 0.05  # the pixels at its edge, and the corner with the whole frame
     blue, _, red = np.moveaxis(with_surface[changed & hand], -1, 0)
     assert (red > blue + 10).mean() > 0.9
+
+
+def test_the_part_around_a_hand_is_shown() -> None:
+    """The picture shows the hand large, and in the corner the whole frame with the part that is shown."""
+    painter = Painter(HEADER)
+    picture = painter.picture(seen([RIGHT]), of(RIGHT))
+    part = picture[painter.depth_part]
+    assert part.shape == (528, 704, 3) and np.array_equal(part, Painter(HEADER).seen(seen([RIGHT]), of(RIGHT)))
+    whole = Painter(HEADER).seen(seen([RIGHT]), of())
+    skin = [(one[..., 2].astype(int) > one[..., 0] + 10).mean() for one in (part, whole)]
+    assert skin[0] > 0.08 and skin[1] == 0
+    corner = part[-round(0.2 * 528) :, -round(0.2 * 704) :]
+    assert (corner == 255).all(axis=2).sum() > 100, "the frame of the part that is shown"
 
 
 def test_each_hand_has_its_label_in_its_colour() -> None:

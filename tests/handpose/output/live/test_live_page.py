@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ import pytest
 from handpose.output.drawing.hands import COLOURS
 from handpose.output.drawing.page import assembly
 from handpose.output.drawing.page.assembly import script_of
+from handpose.output.drawing.window import Window
 from handpose.output.live.messages import Messages
 from handpose.output.live.page import BROWSER, page
 from handpose.output.live.server import VIEWS, LiveServer
-from handpose.tracking.track import TrackedFrame
+from handpose.tracking.track import LostHand, TrackedFrame
 from tests.handpose.output.drawing.page.page_reading import picture
 from tests.handpose.output.drawing.page.test_assembly import LONGEST
 from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
@@ -77,17 +79,64 @@ def test_the_depth_image(shown: Shown) -> None:
     """Nearer is lighter, and each joint's disc is at its pixel in its finger's colour."""
     shown.show(BOTH)
     image = picture(shown.tab, "depth")
-    zoom = image.shape[1] / CAMERA.width
+    view = Window(CAMERA).see(0.0, [RIGHT, LEFT])
+    zoom = image.shape[1] / view.width
     for hand in (RIGHT, LEFT):
         for joint in ("thumb_tip", "little_tip"):
             u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(joint)])
-            colour = image[int((v + 0.5) * zoom), int((u + 0.5) * zoom), :3]
+            colour = image[int((v + 0.5 - view.top) * zoom), int((u + 0.5 - view.left) * zoom), :3]
             np.testing.assert_allclose(colour, COLOURS[joint.split("_")[0]][::-1], atol=3)
-    wall = image[-3, -3, 0]
+    wall = int(image[-3, -3, 0])
     u, v, _ = CAMERA.project(RIGHT.xyz.mean(axis=0))
-    assert image[int((v + 4) * zoom), int(u * zoom), 0] > wall + 50
+    assert image[int((v + 4 - view.top) * zoom), int((u - view.left) * zoom), 0] > wall + 50
     shown.tab.locator("#depth").hover(position={"x": 1, "y": 1})
-    assert shown.tab.locator("#under").inner_text() == "column 0, row 0: 1500 mm"
+    assert shown.tab.locator("#under").inner_text() == f"column {int(view.left)}, row {int(view.top)}: 1500 mm"
+
+
+def test_a_side_that_is_assumed(shown: Shown) -> None:
+    """While the side is undecided, list and tag have the assumed one with a question mark."""
+    shown.show(BOTH._replace(hands=(replace(RIGHT, side_confidence=0.7),), lost=(LostHand(2, None, 0.0, "hidden"),)))
+    texts = shown.tab.locator("#hands li").all_inner_texts()
+    assert texts[0].startswith("right? 93%, ") and texts[1] == "hand lost 0.0 s: hidden"
+
+
+def test_pausing_and_stepping(shown: Shown) -> None:
+    """Pause holds the recording; steps go back through the frames that came, and forward to further ones."""
+    frames = [BOTH._replace(number=number, time=number / 10) for number in range(6)]
+    for frame in frames[:3]:
+        shown.show(frame)
+    pause, back, step = (shown.tab.get_by_role("button", name=name, exact=True)
+                         for name in ("Pause", "Step back", "Step"))  # fmt: skip
+    assert back.is_disabled() and step.is_disabled() and shown.server.pace.wait(60)
+    pause.click()
+    shown.state("frame 2, 0.20 s; paused")
+    while shown.server.pace.wait(0):  # the message arrives after the click
+        pass
+    back.click()
+    back.click()
+    shown.state("frame 0, 0.00 s; paused")
+    assert back.is_disabled()
+    step.click()
+    shown.state("frame 1, 0.10 s; paused")
+    step.click()
+    step.click()
+    assert shown.server.pace.wait(60), "a further frame is asked for"
+    assert not shown.server.pace.wait(0)
+    shown.put(frames[3])
+    shown.state("frame 3, 0.30 s; paused")
+    shown.tab.get_by_role("button", name="Play").click()
+    assert shown.server.pace.wait(60)
+    shown.show(frames[4])
+
+
+def test_a_page_that_leaves_holds_nothing(shown: Shown) -> None:
+    """A recording continues when the page that paused it is closed."""
+    shown.show(BOTH)
+    shown.tab.get_by_role("button", name="Pause").click()
+    while shown.server.pace.wait(0):
+        pass
+    shown.tab.close()
+    assert shown.server.pace.wait(60)
 
 
 def test_the_space(shown: Shown) -> None:

@@ -12,12 +12,13 @@ import pytest
 from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.frames.cameras import CAMERAS
 from handpose.output.drawing.contrast import Contrast
-from handpose.output.live.messages import MAX_DATAGRAM, MAX_SAMPLES, Messages, depth_step
+from handpose.output.drawing.window import View, Window
+from handpose.output.live.messages import MAX_DATAGRAM, MAX_SAMPLES, Grid, Messages, grid_of
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import LostHand, TrackedFrame
 from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
 from tests.support import json_schema
-from tests.support.tracked_hands import HEADER
+from tests.support.tracked_hands import CAMERA, HEADER
 
 
 def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
@@ -60,9 +61,15 @@ def test_the_message_for_the_page() -> None:
     contrast.see(0.0, DEPTH, np.concatenate([RIGHT.xyz, LEFT.xyz])[:, 2])
     assert size % 4 == 0 and values["record"] == json.loads(json.dumps(Messages(HEADER).record(BOTH)))
     assert (values["middle"], values["spread"]) == (contrast.middle, contrast.spread)
-    samples = np.frombuffer(message, "<u2", DEPTH.size, 4 + size).reshape(DEPTH.shape)
-    np.testing.assert_array_equal(samples, DEPTH.astype(np.uint16))
-    numbers = np.frombuffer(message[4 + size + samples.nbytes :], "<f4").reshape(-1, 8)
+    window = Window(CAMERA).see(0.0, [RIGHT, LEFT])
+    assert values["window"] == [round(edge, 2) for edge in window]
+    assert values["grid"] == list(grid_of(CAMERA, window, [RIGHT, LEFT]))
+    left, top, step, columns, rows = values["grid"]
+    samples = np.frombuffer(message, "<u2", columns * rows, 4 + size).reshape(rows, columns)
+    assert step == 1 and left + columns <= CAMERA.width
+    np.testing.assert_array_equal(samples, DEPTH[top : top + rows, left : left + columns].astype(np.uint16))
+    end = 4 + size + samples.nbytes + 2 * (samples.size % 2)
+    numbers = np.frombuffer(message[end:], "<f4").reshape(-1, 8)
     assert values["capsules"] == [len(numbers) // 2] * 2
     assert RIGHT.capsules is not None
     np.testing.assert_allclose(numbers[: len(numbers) // 2, :3], RIGHT.capsules.a[0], rtol=1e-6)
@@ -71,17 +78,30 @@ def test_the_message_for_the_page() -> None:
 
 def test_large_frames_are_sampled() -> None:
     """Images of 640 x 480 pixels are subsampled by 2; the message is padded to 4 bytes; far depths are clipped."""
-    assert {depth_step(camera.width, camera.height) for camera in CAMERAS.values()} == {1, 2}
-    assert depth_step(640, 480) == 2 and depth_step(MAX_SAMPLES + 1, 1) == 2 and depth_step(0, 0) == 1
+    for camera in CAMERAS.values():
+        grid = grid_of(camera, Window(camera).see(0.0, ()), ())
+        assert grid.step == (2 if camera.width > MAX_SAMPLES else 1) and max(grid.columns, grid.rows) <= MAX_SAMPLES
+        assert grid.of(np.zeros((camera.height, camera.width))).shape == (grid.rows, grid.columns)
     camera = dataclasses.replace(HEADER.camera, width=642, height=482)
     messages, frame = Messages(dataclasses.replace(HEADER, camera=camera)), TrackedFrame(0, 0.0, ())
     message = messages.view(messages.record(frame), np.full((482, 642), 1e6, np.float32), frame)
     (size,) = struct.unpack_from("<I", message)
     samples = np.frombuffer(message[4 + size :], "<u2")
-    assert depth_step(642, 482) == 3 and len(samples) == 214 * 161 and (samples == 65535).all()
+    assert len(samples) == 214 * 161 and (samples == 65535).all()
     odd = Messages(dataclasses.replace(HEADER, camera=dataclasses.replace(camera, width=3, height=3)))
     message = odd.view(odd.record(frame), np.ones((3, 3), np.float32), frame)
     assert len(message) % 4 == 0
+
+
+def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
+    """The grid contains the window and the crops within the frame, as whole pixels."""
+    camera = dataclasses.replace(CAMERA, width=1600, height=1200, fx=1470, fy=1470, u0=800, v0=600)
+    window = View(700.5, 500.5, 200.0, 150.0)
+    assert grid_of(camera, window, ()) == Grid(700, 500, 1, 201, 151)
+    hand = dataclasses.replace(RIGHT, center_uvd=np.array([100.0, 600.0, 600.0]))  # a crop of 735 px, partly outside
+    grid = grid_of(camera, window, [hand])
+    assert (grid.left, grid.left + grid.step * grid.columns) == (0, 903) and grid.step == 3
+    assert grid.of(np.zeros((1200, 1600))).shape == (grid.rows, grid.columns)
 
 
 @pytest.mark.parametrize("hands", [0, 2, 3, 40])
