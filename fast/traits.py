@@ -21,6 +21,7 @@ from layers.activation.tanh import TanH
 from layers.common.concat import Concat
 from layers.common.dropout import Dropout
 from layers.common.eltwise import Eltwise
+from layers.common.permute import Permute
 from layers.common.shuffle_channel import ShuffleChannel
 from layers.common.softmax import Softmax
 from layers.common.split import Split
@@ -114,6 +115,11 @@ def _softmax(layer: Softmax) -> LayerTraits:
     return LayerTraits(batchwise=_axis(layer) > 0, reads_bottom=False)
 
 
+def _permute(layer: Permute) -> LayerTraits:
+    items_first = getattr(layer, "axes", (1,))[0] == 0  # unknown before the first reshape
+    return LayerTraits(batchwise=items_first, reads_bottom=False, reads_top=False)
+
+
 def _dropout(layer: Dropout) -> LayerTraits:
     return LayerTraits(batchwise=not layer.active, reads_bottom=False, reads_top=False)
 
@@ -132,6 +138,7 @@ TABLE: dict[type[Layer], LayerTraits | Callable[..., LayerTraits]] = {
     LRN: LayerTraits(batchwise=True, reads_top=False),
     NearestUpsample: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
     PReLU: LayerTraits(batchwise=True, reads_top=False),
+    Permute: _permute,
     Pooling: _pooling,
     Power: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
     ReLU: _relu,

@@ -36,7 +36,7 @@ from netlib.blob import Array, Blobs
 from netlib.layer import Layer, warn
 from netlib.proto.schema import OneBased, UInt, numbered
 
-ROWS = 64  # candidates whose overlaps with all later ones are computed together
+ROWS = 32  # candidates whose overlaps with all later ones are computed together
 
 
 @dataclass(frozen=True)
@@ -212,17 +212,19 @@ def suppress(boxes: Array, threshold: float, eta: float = 1) -> list[int]:
         for i, overlaps in zip(rows.tolist(), overlap(boxes[rows], boxes[first:])):
             if worst[i] <= threshold:
                 kept.append(i)
-                np.maximum(worst[first:], overlaps, out=worst[first:])
+                np.fmax(worst[first:], overlaps, out=worst[first:])
                 if eta < 1 and threshold > 0.5:
                     threshold *= eta
     return kept
 
 
 def overlap(a: Array, b: Array) -> Array:
-    """Intersection / union of each box of a (K, 4) with each of b (M, 4): (K, M); 0 if they do not intersect."""
-    with np.errstate(all="ignore"):  # infinite boxes
-        w, h = (np.minimum(a[:, None, 2 + axis], b[:, 2 + axis]) - np.maximum(a[:, None, axis], b[:, axis])
-                for axis in (0, 1))  # fmt: skip
-        inside = w * h
-        areas = [(boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]) for boxes in (a, b)]
-        return np.where((w > 0) & (h > 0), inside / (areas[0][:, None] + areas[1] - inside), 0)
+    """Intersection / union of each box of a (K, 4) with each of b (M, 4): (K, M); NaN if both are empty."""
+    (x1, y1, x2, y2), (u1, v1, u2, v2) = np.ascontiguousarray(a.T)[:, :, None], np.ascontiguousarray(b.T)
+    with np.errstate(all="ignore"):
+        w, h = np.minimum(x2, u2), np.minimum(y2, v2)
+        w -= np.maximum(x1, u1)
+        h -= np.maximum(y1, v1)
+        inside = np.maximum(w, 0, out=w)
+        inside *= np.maximum(h, 0, out=h)
+        return np.divide(inside, (x2 - x1) * (y2 - y1) + (u2 - u1) * (v2 - v1) - inside, out=inside)

@@ -46,10 +46,12 @@ OPERATIONS = {  # weights of the choice
 # Kinds of layers, and weights of their choice.
 ELEMENTWISE = {"relu": "ReLU", "leaky": "ReLU", "relu6": "ReLU6", "tanh": "TanH", "sigmoid": "Sigmoid",
                "power": "Power", "scale": "Scale", "bnll": "BNLL", "dropout": "Dropout", "lrn": "LRN",
-               "norm": "BatchNorm", "prelu": "PReLU", "bias": "Bias", "softmax": "Softmax"}  # fmt: skip
+               "norm": "BatchNorm", "prelu": "PReLU", "bias": "Bias", "softmax": "Softmax",
+               "unit": "Normalize"}  # fmt: skip
 KINDS = dict.fromkeys(ELEMENTWISE, 1) | {
     "relu": 5, "power": 2, "conv": 5, "two bottoms": 1, "shared": 1, "strided": 1, "max": 4, "ave": 1, "eltwise": 1,
     "concat": 1, "product": 1, "shuffle": 1, "depthwise": 1, "interp": 1, "nearest": 1, "unpool": 1,
+    "permute": 1,
 }  # fmt: skip
 LOSS = """layer { name: "l%s" type: "Reduction" bottom: "%s" top: "l%s" loss_weight: %d
     reduction_param { operation: SUMSQ } }"""
@@ -130,7 +132,7 @@ class NetText:
             self._join(number, kind, bottom, rng.choice(others))
         elif kind == "shared":
             self._windows(number, "conv", bottom, shared=True)
-        elif kind in ("shuffle", "depthwise", "interp", "nearest", "unpool"):
+        elif kind in ("shuffle", "depthwise", "interp", "nearest", "unpool", "permute"):
             getattr(self, f"_{kind}")(number, bottom)
         elif kind == "product":
             self.fixed_size = True
@@ -154,6 +156,7 @@ class NetText:
             "scale": 'scale_param { bias_term: true filler { type: "uniform" min: -1 max: 2 } }',
             "dropout": "dropout_param { dropout_ratio: 0.3 }",
             "norm": rng.choice(["", "batch_norm_param { use_global_stats: true }"]),
+            "unit": f"norm_param {{ across_spatial: {rng.choice(['true', 'false'])} channel_shared: false eps: 0.1 }}",
         }.get(kind, "")  # fmt: skip
         may_overwrite = bottom not in self.read and bottom not in self.inputs
         in_place = may_overwrite and kind != "lrn" and "-0.5" not in options and rng.random() < 0.7
@@ -190,6 +193,14 @@ class NetText:
             self.shapes[top] = (channels or C, height, width)
         if shared:
             self.shapes[f"b{number}y"] = self.shapes[f"b{number}"]
+
+    def _permute(self, number: int, bottom: str) -> None:
+        order = self.rng.sample([1, 2, 3], 3)
+        self.fixed_size |= order[0] != 1  # the number of channels is a size of the image
+        options = " ".join(f"order: {axis}" for axis in [0, *order])
+        self._layer(number, "Permute", [bottom], [f"b{number}"], f"permute_param {{ {options} }}")
+        C, H, W = (self.shapes[bottom][axis - 1] for axis in order)
+        self.shapes[f"b{number}"] = (C, H, W)
 
     def _join(self, number: int, kind: str, one: str, other: str) -> None:
         C, H, W = self.shapes[one]
