@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import functools
 import importlib
+import os
+import random
+import secrets
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -50,8 +53,29 @@ def has_fast_class(path: Path) -> bool:
     return any(engine.get("fast").implementation(cls) is not cls for cls in classes)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """--order SEED: files, and the tests of each, in a random order; --order random prints its seed."""
+    parser.addoption("--order", metavar="SEED|random", help="run test files, and the tests of each, in random order")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Choose a seed for --order random; the processes of xdist inherit it."""
+    if config.option.order == "random":
+        config.option.order = os.environ.setdefault("TEST_ORDER", str(secrets.randbits(32)))
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """The seed with which the same order can be repeated."""
+    return None if config.option.order is None else f"random order: --order {config.option.order}"
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Run test_without_fast first: it takes minutes, during which other processes run the other tests."""
+    if config.option.order is not None:
+        shuffle = random.Random(config.option.order)
+        files = {path: shuffle.random() for path in dict.fromkeys(item.path for item in items)}
+        items.sort(key=lambda item: (files[item.path], shuffle.random()))
     items.sort(key=lambda item: item.path.stem != "test_without_fast")
 
 
