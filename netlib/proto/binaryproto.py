@@ -15,9 +15,12 @@ from netlib.proto import schema, wire
 from netlib.proto.messages import BlobProto, BlobShape
 from netlib.proto.prototxt import Message
 
+RAW = {"DOUBLE": np.dtype("<f8"), "FLOAT": np.dtype("<f4"), "FLOAT16": np.dtype("<f2")}
+
 
 def array_of(proto: BlobProto) -> Array:
-    """The values of a BlobProto, in its precision, as a view of the file's bytes. Raises WireError.
+    """The values of a BlobProto, in its precision, as a view of the file's bytes; half precision becomes single.
+    Raises WireError.
 
     Blobs older than the field ``shape`` have four axes; if both are present, these take precedence, as in Caffe.
     """
@@ -25,10 +28,21 @@ def array_of(proto: BlobProto) -> Array:
     if proto.shape is not None and not any(schema.is_given(proto, n) for n in ("num", "channels", "height", "width")):
         shape = proto.shape.dim
     given = [values for values in (proto.data, proto.double_data) if values is not None and values.size]
-    values: Array = given[-1] if given else np.zeros(0, np.float32)
+    values: Array = given[-1] if given else _raw_values(proto)
     if min(shape, default=0) < 0 or math.prod(shape) != values.size:
         raise WireError(f"{schema.position_of(proto)}: a blob of shape {shape} has {values.size} values")
     return values.reshape(shape)
+
+
+def _raw_values(proto: BlobProto) -> Array:
+    """The values of ``raw_data``, in which NVIDIA's Caffe and OpenCV's shrinkCaffeModel write half precision."""
+    kind = RAW[proto.raw_data_type]
+    if len(proto.raw_data) % kind.itemsize:
+        raise WireError(
+            f"{schema.position_of(proto)}: {len(proto.raw_data)} bytes of raw_data are no {kind.name} array"
+        )
+    values = np.frombuffer(proto.raw_data, kind)
+    return values if kind.itemsize > 2 and values.size else values.astype(np.float32)
 
 
 def tree_of(array: Array, diff: Array | None = None) -> Message:

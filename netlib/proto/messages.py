@@ -29,6 +29,8 @@ class BlobProto:
     diff: Floats | None = numbered(6, None, packed=True)
     double_data: Doubles | None = numbered(8, None, packed=True)
     double_diff: Doubles | None = numbered(9, None, packed=True)
+    raw_data_type: Literal["DOUBLE", "FLOAT", "FLOAT16"] = numbered(10, "DOUBLE")  # NVIDIA's Caffe, OpenCV
+    raw_data: bytes = numbered(12, b"")  # instead of data
     num: int = numbered(1, 0)  # older form of ``shape``, always four axes
     channels: int = numbered(2, 0)
     height: int = numbered(3, 0)

@@ -12,7 +12,7 @@ from google.protobuf import text_format
 from netlib.caffe import io
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import DataError, WireError
-from netlib.proto import binaryproto, prototxt, schema
+from netlib.proto import binaryproto, prototxt, schema, wire
 from netlib.proto.messages import BlobProto
 
 
@@ -40,6 +40,23 @@ def test_a_blob_with_four_axes_and_a_shape() -> None:
     text = "num: 1 channels: 1 height: 2 width: 3 shape { dim: 6 } data: [1, 2, 3, 4, 5, 6]"
     blob = text_format.Parse(text, caffe_pb2.BlobProto())
     assert binaryproto.array_of(proto(text)).shape == io.blobproto_to_array(blob).shape == (1, 1, 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "written", "read"),
+    [("FLOAT16", "<f2", np.float32), ("FLOAT", "<f4", np.float32), ("DOUBLE", "<f8", float)],
+)
+def test_raw_values(tmp_path: Path, kind: str, written: str, read: type) -> None:
+    """Values in raw_data, as in half-precision files of OpenCV and NVIDIA's Caffe, are read; half becomes single."""
+    blob = caffe_pb2.BlobProto(raw_data_type=kind, raw_data=np.array([1.5, -0.1, 3], written).tobytes())
+    blob.shape.dim.extend([3, 1])
+    (tmp_path / "raw.binaryproto").write_bytes(blob.SerializeToString())
+    found = binaryproto.read_blob(tmp_path / "raw.binaryproto")
+    assert found.dtype == read
+    assert np.array_equal(found, np.array([[1.5], [-0.1], [3]], written).astype(read))
+    blob.raw_data += b"1"
+    with pytest.raises(WireError, match=r"bytes of raw_data are no float\d\d array"):
+        binaryproto.array_of(schema.read(wire.decode(blob.SerializeToString(), BlobProto), BlobProto))
 
 
 @pytest.mark.parametrize("text", ["shape { dim: 3 } data: [1, 2]", "shape { dim: -1 dim: -2 } data: [1, 2]",
