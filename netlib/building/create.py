@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib.building import python_layer
-from netlib.errors import PrototxtError, option_advice
+from netlib.errors import PrototxtError
 from netlib.layer import Layer, warn
 from netlib.proto import schema
+from netlib.proto.forks import type_advice
 from netlib.proto.messages import LayerParameter
 from netlib.proto.options import block_name, class_of, layer_types, option_blocks
 from netlib.proto.schema import Phase
@@ -45,7 +46,7 @@ def create(
     elif spec.type in types:
         cls = implementation(class_of(spec.type, len(spec.bottom)))
     else:
-        advice = option_advice(spec.type, types)
+        advice = type_advice(spec.type, types)
         known = ", ".join(sorted([*types, "Python"]))
         raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
     own = block_name(cls, spec.type)
@@ -66,4 +67,4 @@ def _check_blocks(spec: LayerParameter, own: str = "") -> None:
     tree = schema.tree_of(spec)
     for item in tree.fields if tree else []:
         if item.name in spec.blocks and item.name not in known:
-            raise schema.unknown_field(item, sorted(known))
+            raise schema.unknown_field(item, sorted(known), "LayerParameter")

@@ -134,10 +134,22 @@ BLOCKS = {
     "swish_param": 147, "tanh_param": 127, "threshold_param": 128, "tile_param": 138, "window_data_param": 129,
     "permute_param": 202, "prior_box_param": 203, "detection_output_param": 204, "norm_param": 206,  # from SSD
     "roi_pooling_param": 8266711, "smooth_l1_loss_param": 8266712,  # from Fast R-CNN's fork of Caffe
-    # Of forks whose numbers differ, or are those of other blocks of BVLC's Caffe; FORK_NUMBERS has the others.
+    # Blocks of forks with different numbers (FORK_NUMBERS). These four are numbers of forks that no other block has.
     "interp_param": 163, "relu6_param": 300, "shuffle_channel_param": 164, "upsample_param": 177,
     "hand_model_param": 10001, "phys_limit_param": 10002, "hand_augment_param": 10003,  # of this project
 }  # fmt: skip
+
+# Type -> its block, and numbers of this block in forks. In other layers they are the numbers of other blocks.
+FORK_NUMBERS = {
+    "Interp": ("interp_param", (143, 147)),  # DeepLab and PSPNet, a fork for Windows
+    "LSTM": ("recurrent_param", (151,)),  # NVIDIA
+    "RNN": ("recurrent_param", (151,)),
+    "ROIPooling": ("roi_pooling_param", (154,)),  # Intel
+    "ReLU6": ("relu6_param", (211, 2060, 100000)),  # YOLO, two forks for MobileNet
+    "ShuffleChannel": ("shuffle_channel_param", (159, 166)),
+    "SmoothL1Loss": ("smooth_l1_loss_param", (148, 212)),  # Intel, OpenVINO
+    "Upsample": ("upsample_param", (137, 147, 149, 150)),  # SegNet, its version for cuDNN 5, YOLO
+}
 
 
 @dataclass(frozen=True)

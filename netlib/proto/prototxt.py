@@ -98,11 +98,15 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Field:
-    """One ``name: value``. A repeated field is several fields with the same name; an unknown field has no name."""
+    """One ``name: value``. A repeated field is several fields with the same name; an unknown field has no name.
+
+    ``number`` is that in its binary file, if it is not the number in the declaration of its message.
+    """
 
     name: str
     value: Scalar | Numbers | Message | Unknown
     position: Place = field(compare=False)
+    number: int | None = field(default=None, compare=False)
 
 
 @dataclass

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from netlib.errors import PrototxtError, option_advice
+from netlib.proto import forks
 from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar, Unknown
 
 T = TypeVar("T")
@@ -45,7 +46,7 @@ Floats = Annotated[NDArray[np.float32], "<f4"]
 Doubles = Annotated[NDArray[np.float64], "<f8"]
 ARRAYS: dict[Any, np.dtype[Any]] = {Floats: np.dtype("<f4"), Doubles: np.dtype("<f8")}
 Phase = Literal["TRAIN", "TEST"]
-Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # implementation that Caffe selects; ignored
+Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # implementation that Caffe selects; ignored, as are those of forks
 OneBased = Annotated[T, "from 1"]
 
 
@@ -72,10 +73,12 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
             continue
         if item.name in hints:
             found.setdefault(item.name, []).append(item)
+        elif forks.has_no_effect(cls.__name__, item):
+            continue
         elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
             blocks.setdefault(item.name, []).append(item.value)
         else:
-            raise unknown_field(item, hints)
+            raise unknown_field(item, hints, cls.__name__)
     values: dict[str, Any] = {name: _field_value(items, hints[name]) for name, items in found.items()}
     for name, spec in fields.items():
         if hints.get(name) is float and name not in values and isinstance(spec.default, float):
@@ -90,9 +93,11 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
     return result
 
 
-def unknown_field(item: Field, known: typing.Iterable[str]) -> PrototxtError:
-    """The error for an unknown field."""
+def unknown_field(item: Field, known: typing.Iterable[str], message: str) -> PrototxtError:
+    """The error for an unknown field of the named message."""
     known = list(known)
+    if effect := forks.effect_of(message, item.name):
+        return PrototxtError(item.position, f"unknown option {item.name!r} {effect}")
     advice = option_advice(item.name, known) or f"; known fields: {', '.join(known)}"
     return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
@@ -299,6 +304,8 @@ def scalar_value(value: Scalar, kind: Any) -> Any:
                 "false": False, "f": False, "False": False, "0": False}.get(value.text)  # fmt: skip
     if names := enum_of(kind):
         if value.kind == "word":
+            if kind == Engine and value.text in forks.ENGINES:
+                return "DEFAULT"
             return value.text if value.text in names else None
         number = _integer(value)
         return next((name for name, n in names.items() if n == number), None)

@@ -8,8 +8,10 @@ A message is a sequence of fields. A field is a key, its number * 8 + its wire t
     3,4 start and end of a group, which Caffe does not use
 
 Names are not in the file; the dataclasses that also read prototxt (schema.py) define number and type of each field.
-Unknown fields are kept as they are and written back after the known ones, as in protobuf. Reference: "Encoding" of
-Protocol Buffers.
+Unknown fields, and enums with unknown values, are kept as they are and written back after the known fields, as in
+protobuf. Forks of Caffe use the same numbers for different options of layers, so in a layer the type decides: the block
+of its type is found under each fork's number (FORK_NUMBERS), and all blocks of an unknown type are unknown fields.
+Reference: "Encoding" of Protocol Buffers.
 
 Input is not trusted: lengths are checked against the enclosing message, arrays are views of the file's bytes, and the
 number of fields is limited, so memory use is bounded by the size of the file and MAX_FIELDS.
@@ -28,8 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from netlib.errors import WireError
-from netlib.proto import schema
-from netlib.proto.options import option_blocks
+from netlib.proto import forks, schema
+from netlib.proto.messages import BLOCKS, FORK_NUMBERS, LayerParameter
+from netlib.proto.options import layer_types, option_blocks
 from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Scalar, Unknown
 from netlib.proto.schema import ARRAYS, Double
 from netlib.proto.upgrade import AnyNetParameter
@@ -123,7 +126,7 @@ class _Decoder:
 
     def message(self, cls: type, begin: int, end: int) -> Message:
         """Decode the fields of ``cls`` between two offsets."""
-        known = _by_number(cls)
+        known = _by_number_in_layer(self.type_of(begin, end)) if cls is LayerParameter else _by_number(cls)
         fields: list[Field] = []
         single: dict[str, int] = {}  # index of each field that is not repeated: later values replace it
         at = begin
@@ -136,18 +139,38 @@ class _Decoder:
             if spec is not None and spec.kind in ARRAYS and wire_type == spec.wire_type:
                 stop, array = self.row(ARRAYS[spec.kind], at, start, end)
                 fields.append(Field(spec.name, Numbers(array, Offset(self.source, at)), Offset(self.source, at)))
-            elif spec is None or not spec.accepts(wire_type):
+            elif spec is None or not spec.accepts(wire_type) or self.is_unknown_value(spec, wire_type, start):
                 if self.strict:
                     raise self.fail(at, f"field {number} of wire type {wire_type} is unknown here")
                 fields.append(Field("", Unknown(bytes(self.data[at:stop])), Offset(self.source, at)))
             else:
                 for field in self.values(spec, wire_type, at, start, stop):
                     place = len(fields)
+                    if spec.number != _by_name(cls)[spec.name].number:
+                        field = dataclasses.replace(field, number=spec.number)
                     if not spec.repeated and not schema.is_message(spec.kind):
                         place = single.setdefault(spec.name, place)
                     fields[place : place + 1] = [field]
             at = stop
         return Message(fields, Offset(self.source, begin))
+
+    def type_of(self, begin: int, end: int) -> str:
+        """The type of the layer between two offsets; empty if it has none."""
+        at, found = begin, b""
+        for _ in range(MAX_FIELDS):
+            if at >= end:
+                break
+            key, start = self.varint(at, end)
+            stop = self.end_of(key & 7, key >> 3, start, end, at)
+            if key == 2 << 3 | LENGTH:
+                found = bytes(self.data[self.varint(start, stop)[1] : stop])
+            at = stop
+        return found.decode("utf-8", "surrogateescape")
+
+    def is_unknown_value(self, spec: FieldInfo, wire_type: int, start: int) -> bool:
+        """Whether a field is an enum with a number that has no name."""
+        names = schema.enum_of(spec.kind) if wire_type == VARINT else {}
+        return bool(names) and self.varint(start, len(self.data))[0] not in names.values()
 
     def varint(self, at: int, end: int) -> tuple[int, int]:
         """Decode a varint; returns the number and the offset after it."""
@@ -260,6 +283,26 @@ def _by_number(cls: type) -> dict[int, FieldInfo]:
     return {known.number: known for known in fields_of(cls)}
 
 
+def _by_number_in_layer(layer_type: str) -> dict[int, FieldInfo]:
+    """The fields of a layer of this type."""
+    is_known = not layer_type or layer_type == "Python" or layer_type in layer_types()
+    return _with_blocks(layer_type if layer_type in FORK_NUMBERS else "") if is_known else _without_blocks()
+
+
+@functools.cache
+def _with_blocks(layer_type: str) -> dict[int, FieldInfo]:
+    """The fields of a layer with the blocks of all types, that of its own type also under the numbers of forks."""
+    name, numbers = FORK_NUMBERS.get(layer_type, ("", ()))
+    others = {number: dataclasses.replace(_by_name(LayerParameter)[name], number=number) for number in numbers}
+    return _by_number(LayerParameter) | others
+
+
+@functools.cache
+def _without_blocks() -> dict[int, FieldInfo]:
+    """The fields that layers of all types have."""
+    return {number: info for number, info in _by_number(LayerParameter).items() if info.name not in BLOCKS}
+
+
 @functools.cache
 def _by_name(cls: type) -> dict[str, FieldInfo]:
     return {known.name: known for known in fields_of(cls)}
@@ -283,10 +326,12 @@ def _parts(message: Message, cls: type) -> list[Piece]:
         if isinstance(field.value, Unknown):
             continue
         if field.name not in known:
-            raise schema.unknown_field(field, known)
+            if forks.has_no_effect(cls.__name__, field):
+                continue
+            raise schema.unknown_field(field, known, cls.__name__)
         found.setdefault(field.name, []).append(field)
     parts: list[Piece] = []
-    for name in sorted(found, key=lambda name: known[name].number):
+    for name in sorted(found, key=lambda name: found[name][0].number or known[name].number):
         spec = known[name]
         if spec.kind in ARRAYS:
             array = schema.array_of(found[name], spec.kind)
@@ -305,7 +350,7 @@ def _parts(message: Message, cls: type) -> list[Piece]:
 def _with_key(spec: FieldInfo, field: Field) -> list[Piece]:
     """Encode one value of a field that is not packed."""
     if schema.is_message(spec.kind):
-        return _with_length(spec.number, _parts(schema.message_of(field), spec.kind))
+        return _with_length(field.number or spec.number, _parts(schema.message_of(field), spec.kind))
     if spec.wire_type == LENGTH:
         return _with_length(spec.number, [_one(spec, field)])
     return [_key(spec.number, spec.wire_type) + _one(spec, field)]

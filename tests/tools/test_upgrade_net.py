@@ -193,3 +193,17 @@ def test_files_that_cannot_be(here):
     (here / "new").mkdir()
     assert run_tool("upgrade_net", "old", "new", status=1).err == "new: Is a directory\n"
     assert sorted(path.name for path in here.iterdir()) == ["new", "old"]
+
+
+def test_nets_of_forks_keep_their_options(here):
+    """A binary net of forks is written back as it is, with the numbers of the fork, and a text with its options."""
+    interp = b"\xa2\x06\x10\x0a\x01i\x12\x06Interp\xfa\x08\x02\x18\x08"  # interp_param { zoom_factor: 8 } as field 143
+    other = b"\xa2\x06\x14\x0a\x01s\x12\x08SegAccur\x82\x09\x04\x08\x01\x08\x02"  # a field 144 that is no crop_param
+    engine = b"\xa2\x06\x15\x0a\x01c\x12\x0bConvolution\xd2\x06\x02\x78\x04"  # engine: MKLDNN
+    (here / "old.caffemodel").write_bytes(interp + other + engine)
+    run_tool("upgrade_net", "old.caffemodel", "new.caffemodel")
+    assert (here / "new.caffemodel").read_bytes() == interp + other + engine
+    text = 'layer {\n  name: "c"\n  type: "Convolution"\n  convolution_param {\n    conv_algorithm: "auto"\n  }\n}\n'
+    (here / "old.prototxt").write_text(text)
+    run_tool("upgrade_net", "old.prototxt", "new.prototxt")
+    assert (here / "new.prototxt").read_text() == text

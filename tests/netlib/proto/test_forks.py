@@ -1,0 +1,225 @@
+"""Options and layer types of forks of Caffe: accepted without effect, or named in the error; binary files keep them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import netlib
+from layers import LAYER_TYPES
+from netlib.net import Net
+from netlib.proto import forks, messages, prototxt, schema, wire
+from netlib.proto.messages import FORK_NUMBERS, LayerParameter, NetParameter, SolverParameter
+from netlib.proto.options import option_blocks
+from tests.support.nets import inputs
+
+CLASSES: dict[str, Any] = {
+    cls.__name__: cls
+    for cls in [*option_blocks().values(), LayerParameter, NetParameter, SolverParameter, messages.Filler]
+}
+
+
+# ---------------------------------------------------------------------------------------------- options
+
+
+@pytest.mark.parametrize("message", list(forks.OPTIONS))
+def test_no_option_is_declared_twice(message: str) -> None:
+    """The table has only options that the message does not declare, of messages that exist."""
+    declared = {schema.written_name(field.name) for field in dataclasses.fields(CLASSES[message])}
+    assert not declared & forks.OPTIONS[message].keys()
+
+
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        ("ConvolutionParameter", 'conv_algorithm: "winograd" cudnn_convolution_algo_seeker: GET relu: false'),
+        ("ConvolutionParameter", 'conv_algos_override: "7,5,7" fusion_type: NONE_FUSION engine: MKLDNN'),
+        ("PoolingParameter", "torch_pooling: false avg_include_pad: true axis: 1 engine: MKL2017"),
+        ("BatchNormParameter", "engine: CUDNN scale_bias: false stats_batch_size: 0 use_weight_bias: false"),
+        ("LRNParameter", "engine: MKLDNN"),
+        ("ELUParameter", "lambda: 1.0"),
+        ("ReshapeParameter", "pixelshuffler: 1"),
+        ("LayerParameter", 'forward_type: FLOAT16 backward_math: FLOAT engine: "MKLDNN:CPU" multinode { }'),
+        ("NetParameter", 'default_forward_type: FLOAT16 engine: "MKL2017" compile_net_state { bn_top_rename: false }'),
+        ("SolverParameter", 'eval_type: "classification" min_lr: 0 larc: false momentum_policy: "fixed"'),
+        ("SolverParameter", "larc_eta: 0.001 plateau_winsize: 10 plateau_winsize: 20 store_blobs_in_old_format: true"),
+        ("TransformationParameter", "use_gpu_transform: 1 vertical_stretch_upper: 1 img_rand_resize_lower: 0"),
+    ],
+)  # fmt: skip
+def test_options_without_effect_are_ignored(message: str, text: str) -> None:
+    """Options that select an implementation, and values without effect, give the same options as no field."""
+    cls = CLASSES[message]
+    found, plain = (schema.read(prototxt.parse(one), cls) for one in (text, ""))
+    assert found == plain
+
+
+@pytest.mark.parametrize(
+    ("message", "text", "error"),
+    [
+        ("BatchNormParameter", "scale_bias: true", "'scale_bias' of NVIDIA's fork, which changes the result: it "
+         "multiplies by a learned scale and adds a learned bias; expected false, or a layer Scale with bias_term"),
+        ("BatchNormParameter", "bias_filler { }", "'bias_filler' of NVIDIA's and Intel's forks, which changes the "
+         "result: it adds a learned scale and bias; expected a layer Scale with bias_term: true after it"),
+        ("ConvolutionParameter", "relu: 1", "'relu' of Intel's fork, which .*: it replaces negative values by 0; "
+         "expected false, or a layer ReLU after it"),
+        ("PoolingParameter", "torch_pooling: true", "'torch_pooling' of NV.*; expected false, or round_mode: FLOOR"),
+        ("PoolingParameter", "avg_include_pad: false", "'avg_include_pad' of Intel's .* in a mean; expected true$"),
+        ("PoolingParameter", "kernel_size_3d: 3", "'kernel_size_3d' of Intel's fork, .*: it pools over three axes$"),
+        ("SolverParameter", "min_lr: 1e-5", "'min_lr' of NVIDIA's fork, .*: it bounds the learning rate; expected 0$"),
+        ("SolverParameter", 'momentum_policy: "poly"', "'momentum_policy' of NVIDIA's .*; expected \"fixed\"$"),
+        ("TransformationParameter", "resize_param { }", "'resize_param' of SSD's fork, .*: it changes the images$"),
+        ("LossParameter", "label_smoothing: 0.1", "'label_smoothing' of NVIDIA's and Intel's forks"),
+    ],
+)  # fmt: skip
+def test_options_with_an_effect_are_named(message: str, text: str, error: str) -> None:
+    """Any other option of a fork is an error that states the fork, the effect and what to write instead."""
+    with pytest.raises(netlib.PrototxtError, match=f"<text>:1:1: error: unknown option {error}"):
+        schema.read(prototxt.parse(text), CLASSES[message])
+
+
+def test_a_block_of_a_fork_is_named(net_of: Callable[..., Net]) -> None:
+    """An options block of a layer is treated like an option."""
+    layer = 'layer {{ name: "r" type: "ReLU" bottom: "x" top: "y" {} }}'
+    net_of(inputs(x=(1,)) + layer.format("mn_activation_param { num_nodes: 1 }"))
+    with pytest.raises(
+        netlib.PrototxtError, match="'quantization_param' of Intel's fork, which changes the result: it comp"
+    ):
+        net_of(inputs(x=(1,)) + layer.format("quantization_param { bw_layer_in: 8 }"))
+
+
+def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_path: Any) -> None:
+    """A net with ignored options computes the same, and its weights are written without them."""
+    nets = [
+        net_of(
+            inputs(x=(1, 2, 3, 3)) + f'layer {{ name: "c" type: "Convolution" bottom: "x" top: "y" {of_layer} '
+            f"convolution_param {{ num_output: 2 kernel_size: 1 {of_block} }} }}"
+        )
+        for of_layer, of_block in (("", ""), ('engine: "MKLDNN"', "engine: MKLDNN relu: false"))
+    ]
+    nets[0].params["c"][0].data[...] = nets[1].params["c"][0].data
+    x = np.random.default_rng(0).normal(size=(1, 2, 3, 3))
+    assert np.array_equal(*(net.forward(x=x)["y"] for net in nets))
+    for i, net in enumerate(nets):
+        net.save(str(tmp_path / f"{i}.caffemodel"))
+    wanted, found = (wire.decode((tmp_path / f"{i}.caffemodel").read_bytes(), NetParameter) for i in range(2))
+    assert str(found) == str(wanted).replace("kernel_size: 1\n", "kernel_size: 1\n    engine: 0\n")
+
+
+# ---------------------------------------------------------------------------------------------- types
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("Convolutoin", "did you mean 'Convolution'"), ("convolution", "did you mean 'Convolution'"),
+        ("Inner_Product", "did you mean 'InnerProduct'"), ("Poolin", "did you mean 'Pooling'"),
+        ("Poolings", "did you mean 'Pooling'"), ("Relu6", "did you mean 'ReLU6'"),
+        ("ROIpooling", "did you mean 'ROIPooling'"),
+        ("PSROIPooling", "a layer of Intel's fork of Caffe, which is not supported"),
+        ("MultiBoxLoss", "a layer of SSD's fork of Caffe, which is not supported"),
+        ("BN", "the layer BN and its bn_param belong to forks"),
+    ],
+)  # fmt: skip
+def test_advice_on_unknown_types(name: str, advice: str) -> None:
+    """A misspelling leads to the type that is meant, and a layer of a fork to the fork."""
+    assert advice in forks.type_advice(name, LAYER_TYPES)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["RReLU", "CReLU", "ReLU1", "SELU", "Convolution3D", "DeformableConvolution", "DepthwiseDeconvolution", "Unpooling",
+     "SmoothL2Loss", "Tan", "LogSoftmax", "Softmin", "SoftPlus", "ArgMin", "ROIAlign", "Upsample2", "BatchRenorm", ""],
+)  # fmt: skip
+def test_no_advice_leads_to_another_layer(name: str) -> None:
+    """A type that is only similar to a known one gets no advice."""
+    assert forks.type_advice(name, LAYER_TYPES) == ""
+
+
+def test_the_types_of_forks_are_not_known() -> None:
+    """The table has no type that is implemented."""
+    assert not forks.TYPES.keys() & LAYER_TYPES.keys()
+
+
+# ---------------------------------------------------------------------------------------------- binary files
+
+CONTENTS = {  # block -> content, as text and encoded
+    "interp_param": ("zoom_factor: 8", b"\x18\x08"),
+    "recurrent_param": ("num_output: 4", b"\x08\x04"),
+    "roi_pooling_param": ("pooled_h: 7", b"\x08\x07"),
+    "relu6_param": ("negative_slope: 0.5", b"\x0d\x00\x00\x00\x3f"),
+    "shuffle_channel_param": ("group: 3", b"\x08\x03"),
+    "smooth_l1_loss_param": ("sigma: 0.5", b"\x0d\x00\x00\x00\x3f"),
+    "upsample_param": ("upsample_h: 45", b"\x30\x2d"),
+}
+
+
+def varint(number: int) -> bytes:
+    return b"" + (bytes([number]) if number < 128 else bytes([number & 127 | 128]) + varint(number >> 7))
+
+
+def layer_bytes(type_: str, number: int, content: bytes) -> bytes:
+    """Return a layer with a field of this number."""
+    return (
+        b"\x0a\x01a\x12"
+        + varint(len(type_))
+        + type_.encode()
+        + varint(number << 3 | 2)
+        + varint(len(content))
+        + content
+    )
+
+
+@pytest.mark.parametrize(
+    ("type_", "number"),
+    [(type_, n) for type_, (block, numbers) in FORK_NUMBERS.items() for n in (*numbers, messages.BLOCKS[block])],
+)
+def test_each_fork_has_its_own_number(type_: str, number: int) -> None:
+    """The block of a layer is read under the number of each fork, and written back under it."""
+    block = FORK_NUMBERS[type_][0]
+    text, content = CONTENTS[block]
+    data = layer_bytes(type_, number, content)
+    tree = wire.decode(data, LayerParameter)
+    assert str(tree) == f'name: "a"\ntype: "{type_}"\n{block} {{\n  {text}\n}}\n'
+    assert wire.encode(tree, LayerParameter) == data
+    parsed = wire.encode(prototxt.parse(str(tree)), LayerParameter)  # text has no numbers
+    assert parsed == layer_bytes(type_, messages.BLOCKS[block], content)
+    assert str(wire.decode(parsed, LayerParameter)) == str(tree)
+
+
+def test_the_type_may_follow_the_options() -> None:
+    """Fields can be in any order."""
+    block = varint(143 << 3 | 2) + b"\x02\x18\x08"
+    tree = wire.decode(block + b"\x12\x06Interp", LayerParameter)
+    assert str(tree) == 'interp_param {\n  zoom_factor: 8\n}\ntype: "Interp"\n'
+
+
+def test_a_number_is_that_of_the_type() -> None:
+    """Number 143 is ``input_param``, except in the layers of the type that has it in a fork."""
+    content = b"\x0a\x02\x0a\x00"  # shape { dim: [] }
+    tree = wire.decode(layer_bytes("Input", 143, content), LayerParameter)
+    assert "input_param" in str(tree)
+
+
+@pytest.mark.parametrize("number", [143, 144, 147, 206, 500])
+def test_blocks_of_an_unknown_type_are_kept(number: int) -> None:
+    """In a layer of an unknown type no number is interpreted; repeated values would be merged otherwise."""
+    data = layer_bytes("SegAccuracy", number, b"\x08\xff\x01\x08\xfe\x01")
+    tree = wire.decode(data, LayerParameter)
+    assert str(tree) == 'name: "a"\ntype: "SegAccuracy"\n'
+    assert wire.encode(tree, LayerParameter) == data
+
+
+def test_enums_with_values_of_forks_are_kept() -> None:
+    """A value of an enum that has no name is an unknown field, as in protobuf."""
+    engine = b"\x78\x04"  # engine: MKLDNN
+    data = layer_bytes("Convolution", 106, b"\x08\x05" + engine)
+    tree = wire.decode(data, LayerParameter)
+    assert "num_output: 5" in str(tree)
+    assert "engine" not in str(tree)
+    assert wire.encode(tree, LayerParameter) == data
+    known = wire.decode(layer_bytes("Convolution", 106, b"\x78\x02"), LayerParameter)
+    assert "engine: 2" in str(known)
