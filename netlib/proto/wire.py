@@ -291,7 +291,7 @@ def _by_number_in_layer(layer_type: str) -> dict[int, FieldInfo]:
 
 @functools.cache
 def _with_blocks(layer_type: str) -> dict[int, FieldInfo]:
-    """The fields of a layer with the blocks of all types, that of its own type also under the numbers of forks."""
+    """The fields of a layer with the blocks of all types, and that of its type also under the numbers of forks."""
     name, numbers = FORK_NUMBERS.get(layer_type, ("", ()))
     others = {number: dataclasses.replace(_by_name(LayerParameter)[name], number=number) for number in numbers}
     return _by_number(LayerParameter) | others
