@@ -24,6 +24,7 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
+from netlib.caffe import blob_from_images
 from netlib.proto import prototxt
 from tools import make_synthetic
 
@@ -162,9 +163,40 @@ def pictures(folder: Path) -> Names:
     return {}
 
 
+CLASSES = ("bird", "cat", "dog")
+DEPLOY_OF_PICTURES = """
+layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 1 dim: 3 dim: 32 dim: 32 } } }
+layer {
+  name: "conv" type: "Convolution" bottom: "data" top: "conv"
+  convolution_param { num_output: 4 kernel_size: 5 stride: 2 weight_filler { type: "xavier" } }
+}
+layer { name: "relu" type: "ReLU" bottom: "conv" top: "conv" }
+layer { name: "pool" type: "Pooling" bottom: "conv" top: "pool" pooling_param { pool: MAX kernel_size: 3 stride: 2 } }
+layer { name: "fc" type: "InnerProduct" bottom: "pool" top: "fc" inner_product_param { num_output: 3 } }
+layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }
+"""
+
+
+def classifier(folder: Path) -> Names:
+    """cat.png, dog.png, labels.txt; deploy.prototxt and net.caffemodel, which know them; list.txt for training."""
+    rng, images = np.random.default_rng(0), []
+    for name in CLASSES:
+        images.append(np.full((32, 32, 3), rng.integers(0, 256, 3), np.uint8))
+        cv2.imwrite(str(folder / f"{name}.png"), images[-1])
+    (folder / "labels.txt").write_text("".join(f"{name}\n" for name in CLASSES), encoding="utf-8")
+    (folder / "list.txt").write_text("".join(f"{name}.png {n}\n" for n, name in enumerate(CLASSES)), encoding="utf-8")
+    (folder / "deploy.prototxt").write_text(DEPLOY_OF_PICTURES, encoding="utf-8")
+    net = netlib.Net(folder / "deploy.prototxt", netlib.TEST, seed=1)
+    pool = net.forward(["pool"], data=blob_from_images(images, 1.0, (32, 32), (104, 117, 123)))["pool"]
+    net.params["fc"][0].data[...] = 2 * np.linalg.pinv(pool.reshape(len(CLASSES), -1)).T
+    net.save(folder / "net.caffemodel")
+    return {}
+
+
 BY_DOCUMENT: dict[str, tuple[CameraInfo, ...]] = {
     "README.md": (frames, frame, crop, weights, data),
     "docs/caffe.md": (nets,),
+    "docs/caffe_nets.md": (classifier,),
     "docs/caffe_tools.md": (pictures,),
     "docs/camera.md": (frames,),
     "docs/data.md": (frame,),
@@ -175,6 +207,7 @@ BY_DOCUMENT: dict[str, tuple[CameraInfo, ...]] = {
     "models/synthetic_hand/readme.md": (frame,),
 }
 NEEDS = {  # packages that commands of a document need; a Python block that imports a package is not listed
+    "docs/caffe_nets.md": ("onnx", "onnxruntime"),
     "docs/caffe_tools.md": ("lmdb",),
     "docs/camera.md": ("av", "matplotlib"),
     "docs/onnx.md": ("onnx", "onnxruntime"),
