@@ -11,12 +11,16 @@ from netlib.proto.messages import LayerParameter, NetParameter, NetState, NetSta
 from netlib.proto.prototxt import Field, Message, Scalar
 from netlib.proto.upgrade import upgraded
 
+SOLVER_FIELDS = {"net", "train_net", "base_lr", "lr_policy", "max_iter"}
+
 
 def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
     """Read a net. Raises PrototxtError if it is invalid or has no layers."""
     if isinstance(model, NetParameter):
         return model
     tree = model if isinstance(model, Message) else prototxt.parse_file(model)
+    if SOLVER_FIELDS & {item.name for item in tree.fields}:
+        raise PrototxtError(tree.position, "this is a solver; expected a net")
     tree = upgraded(tree)
     param = schema.read(tree, NetParameter, "net")
     if not param.layer and not param.input:

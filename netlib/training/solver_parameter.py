@@ -26,7 +26,10 @@ MAX_AVERAGE = 10**6  # limit of average_loss, whose losses are kept in memory
 
 def read(path: str | Path, **changes: Any) -> SolverParameter:
     """Read the options from a file and apply ``changes``. Raises NetlibError."""
-    return schema.with_values(schema.read(prototxt.parse_file(path), SolverParameter, "solver"), **changes)
+    tree = prototxt.parse_file(path)
+    if {"layer", "layers", "input"} & {item.name for item in tree.fields}:
+        raise PrototxtError(tree.position, 'this is a net; expected a solver, which names it: net: "FILE"')
+    return schema.with_values(schema.read(tree, SolverParameter, "solver"), **changes)
 
 
 def state_of(phase: schema.Phase, *states: NetState) -> NetState:

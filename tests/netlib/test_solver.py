@@ -732,6 +732,14 @@ def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, option
     assert "\n" not in str(error.value)
 
 
+def test_a_net_in_place_of_a_solver(work: Path) -> None:
+    """A net, also one of an older format, is reported as such."""
+    for text in ('layer { name: "a" type: "ReLU" }', 'layers { name: "a" type: RELU }', 'input: "data"'):
+        (work / "net.prototxt").write_text(text)
+        with pytest.raises(netlib.PrototxtError, match="this is a net; expected a solver, which names it: net: "):
+            netlib.get_solver("net.prototxt")
+
+
 def test_a_missing_net_is_named(work: Path) -> None:
     """The error gives the net's name as written in the solver file."""
     (work / "s.prototxt").write_text('net: "gone.prototxt" base_lr: 1 lr_policy: "fixed"')

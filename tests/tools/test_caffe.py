@@ -227,7 +227,7 @@ def test_wrong_usage(argv, message):
     [
         (["train", "-solver", "nothing"], "nothing: cannot read the prototxt: No such file or directory"),
         (["test", "-model", "net.prototxt", "-weights", "no"], "no: cannot read weights: No such file or directory"),
-        (["time", "-model", "solver_adam.prototxt"], "solver_adam.prototxt:1:1: error: unknown field 'net'"),
+        (["time", "-model", "solver_adam.prototxt"], "solver_adam.prototxt:1:1: error: this is a solver"),
     ],
 )
 def test_mistakes(log_of, argv, message):

@@ -20,7 +20,7 @@ from netlib import files
 from netlib.distributed.ranks import ALONE, Ranks
 from netlib.proto import prototxt
 from netlib.solver import Solver
-from netlib.training import callbacks
+from netlib.training import callbacks, solver_parameter
 from netlib.training.callbacks import Callback, Functions
 from tools.common.caffe_log import BarHandler, log_to
 from tools.common.console import DONE, duration, on_missing_data
@@ -96,6 +96,7 @@ def new_solver(
     **changes: Any,
 ) -> Solver:
     """Create the solver for ``train`` and log it; ``changes`` replace fields of its file. Raises NetlibError."""
+    solver_parameter.read(solver_file)  # errors come before a long text
     log.info("Initializing solver from parameters: \n%s", prototxt.parse_file(solver_file))
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))

@@ -121,6 +121,7 @@ def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
         ('layer { name: "a" type: "Convolutoin" }', r"type 'Convolutoin' \(did you mean 'Convolution'\?\); known"),
         ('layer { name: "a" }', "layer 'a' has no type"),
         ("", "this file has no layers; expected a net"),
+        ('net: "train_val.prototxt" base_lr: 0.1', "net.prototxt:1:1: error: this is a solver; expected a net"),
         ('layers { name: "a" }', "layer 'a' has no type"),
         ('layers { name: "a" type: "RELU" }', "'type' expects .*, found \"RELU\""),
         ('layers { name: "a" type: RELUU }', r"unknown value RELUU of 'type' \(did you mean 'RELU'\?\)"),
