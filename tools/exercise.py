@@ -96,11 +96,15 @@ def plant(exercise: Exercise, number: int) -> int:
     """Write a file with a bug. Raises ExerciseError if the bug does not exist or the file exists."""
     files, path = bugs(exercise), Path(f"{exercise.name}_bug{number}.py")
     if not 1 <= number <= len(files):
-        raise ExerciseError(f"{exercise.name} has bugs 1 to {len(files)}, found {number}")
+        raise ExerciseError(f"{exercise.name} has {_bugs(len(files))}, found {number}")
     solutions.write_new(path, files[number - 1])
     say(f"wrote {path}: bug {number} of {len(files)}. Read it, fix it, then: "
         f"{command('exercise')} {exercise.name} --file {path}")  # fmt: skip
     return DONE
+
+
+def _bugs(count: int) -> str:
+    return f"bugs 1 to {count}" if count > 1 else "one bug only, --bug 1" if count else "no bug to find"
 
 
 def start(exercise: Exercise, *, bare: bool = False) -> int:

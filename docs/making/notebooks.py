@@ -7,7 +7,7 @@ chapter shows below them. Blocks of other kinds and those that are marked as not
 raise is in a separate cell, tagged ``raises-exception``, so that the cells after it run.
 
 Links and pictures are relative to the notebook; a link to a chapter leads to its notebook. Jupyter, VS Code and code
-hosts give headings different anchors, so a heading that a chapter links to has an anchor of its own.
+hosts give headings different anchors, so a heading that a chapter links to has a separate anchor.
 """
 
 from __future__ import annotations

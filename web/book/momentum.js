@@ -1,5 +1,6 @@
 /* A valley and a start to choose, the path of SGD with momentum, its loss, and the roots that say how it goes. */
 
+import { askForHeight } from "./embedding.js";
 import { byId, element } from "./elements.js";
 import { CHOICES, errors, outlook, roots, size } from "./descent.js";
 import { shape, short } from "./common.js";
@@ -146,6 +147,8 @@ byId("choices").append(...Object.entries(CHOICES).map(([value, { title }]) => el
   },
 }, title)));
 update();
+
+askForHeight();
 
 // For the console, and for tests.
 globalThis.page = { errors, roots, state };

@@ -1,5 +1,6 @@
 /* The net as a graph, a pass through it step by step, and its numbers to be edited. */
 
+import { askForHeight } from "./embedding.js";
 import { byId, element } from "./elements.js";
 import { pass } from "./passes.js";
 import { shape, short } from "./common.js";
@@ -204,6 +205,8 @@ byId("back").addEventListener("click", () => go(at - 1));
 byId("next").addEventListener("click", () => go(at + 1));
 byId("last").addEventListener("click", () => go(2 * COUNT));
 go(0);
+
+askForHeight();
 
 // For the console, and for tests.
 globalThis.page = { net: () => net, pass, go, made: () => made };

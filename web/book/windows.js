@@ -1,5 +1,6 @@
 /* A picture, what a layer makes of it, and which input has which share in which output. */
 
+import { askForHeight } from "./embedding.js";
 import { byId, element } from "./elements.js";
 import { factors, slide } from "./sliding.js";
 import { short } from "./common.js";
@@ -208,6 +209,8 @@ byId("reset").addEventListener("click", build);
 choice.append(...data.layers.map(({ title }, i) => element("option", { value: i }, title)));
 choice.addEventListener("change", build);
 build();
+
+askForHeight();
 
 // For the console, and for tests.
 globalThis.page = { slide, step, layer: () => layer };

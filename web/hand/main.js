@@ -1,5 +1,6 @@
 /* The page: one body, and all that shows it. */
 
+import { askForHeight } from "./embedding.js";
 import { Body } from "./body.js";
 import { byId, element, shown } from "./elements.js";
 import { inputsOf, asDofs, asInputs } from "./pose_text.js";
@@ -188,6 +189,8 @@ if (data.hands.length) {
   bodies.value = data.bodies[0]?.name ?? "";
   showAddress();
 }
+
+askForHeight();
 
 // For the console, and for tests.
 globalThis.hand = { Body, asDofs, asInputs, body, data, inputsOf, parse, renderCrop, stage };

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from docs.making.figures import chain, graph, hand, ideas, learning, pictures, whole
+from docs.making.figures import chain, graph, hand, ideas, learned, learning, pictures, whole
 from docs.making.figures.drawn import as_svg, shows_the_same
 from docs.making.made import Made
 from netlib.files.paths import ROOT
@@ -34,6 +34,8 @@ FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/boo
     "lever": hand.lever,
     "reach": hand.reach,
     "joint_angles": hand.joint_angles,
+    "learned": learned.learned,
+    "by_heart": learned.by_heart,
     "hinge": whole.hinge,
     "crop": whole.crop,
     "six_hands": whole.six_hands,

@@ -1,5 +1,7 @@
 """A matplotlib figure as SVG that says what it shows, so that two versions of matplotlib can be compared.
 
+Where the reader prefers dark pages, the figure has dark colours: a style in the file replaces those of palette.py.
+
 The values and words of all artists stand in the file's metadata as JSON. Two figures are the same if the words are
 equal and the values agree to a thousandth: lines, patches, points and images, in data coordinates.
 """
@@ -14,6 +16,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+
+from docs.making.palette import DARK, DARK_AREAS
 
 DIGITS = 5
 CLOSE = 1e-3  # of the largest value of an artist
@@ -35,7 +39,16 @@ def as_svg(figure: Any) -> bytes:
     file = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "the book", "svg.image_inline": True}):
         figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None, "Description": said})
-    return file.getvalue()
+    return _with_dark(file.getvalue())
+
+
+def _with_dark(svg: bytes) -> bytes:
+    """The file with a style for dark pages. Text of matplotlib's default colour has no style attribute."""
+    rules = [f"svg {{fill: {DARK['#000000']}}}"]
+    for name, colours in (("fill", DARK_AREAS), ("stroke", DARK)):
+        rules += [f'[style*="{name}: {a}"] {{{name}: {b} !important}}' for a, b in colours.items()]
+    style = f"<style>@media (prefers-color-scheme: dark) {{{' '.join(rules)}}}</style>"
+    return svg.replace(b"</metadata>", b"</metadata>\n " + style.encode(), 1)
 
 
 def shows_the_same(there: bytes, wanted: bytes) -> bool:

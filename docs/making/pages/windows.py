@@ -55,10 +55,10 @@ def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
     assert np.array_equal(layer.y, without.y)
     if kind == "Convolution":
         elements = Layer(kind, without.options, padded, np.arange(1, 10).reshape(3, 3)).shares()
-        windows = [[[j, int(n) - 1, 0] for j, n in enumerate(row) if n] for row in elements]
+        windows = [[(j, int(n) - 1, 0.0) for j, n in enumerate(row) if n] for row in elements]
     else:
         means = Layer(kind, options.replace("MAX", "AVE"), PICTURE).shares()
-        windows = [[[j, -1, 0 if "MAX" in options else float(n)] for j, n in enumerate(row) if n] for row in means]
+        windows = [[(j, -1, 0.0 if "MAX" in options else float(n)) for j, n in enumerate(row) if n] for row in means]
     return {
         "title": title, "maximum": "MAX" in options, "pad": pad, "windows": windows, "x": padded.ravel().tolist(),
         "w": KERNEL.ravel().tolist() if kind == "Convolution" else None, "b": [0] if kind == "Convolution" else None,

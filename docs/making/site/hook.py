@@ -30,6 +30,8 @@ from docs.making.site.published import DOCUMENTS, Published, published  # noqa: 
 HERE = ROOT / "docs/making/site"
 # A page that GitHub cannot show is a comment there: <!-- embed: ../hand.html#body=arm 640 The book's arm -->
 EMBEDDED = re.compile(r"^<!-- embed: (?P<address>\S+) (?P<height>\d+) (?P<title>.+) -->$", re.MULTILINE)
+# A figure is a link to its file, where a phone can enlarge it.
+FIGURE = re.compile(r"^!\[[^\]\n]*\]\((?P<file>[^)\s]+\.(?:svg|png|jpg))\)$", re.MULTILINE)
 SITE: dict[str, Published] = {}  # of this build: MkDocs keeps one module for all builds of `mkdocs serve`
 
 
@@ -72,7 +74,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """GitHub's Markdown converted for Python-Markdown, with links to pages instead of files."""
     site = SITE["now"]
     linked = with_links(markdown, lambda link: site.link(page.file.src_uri, link.target))
-    return EMBEDDED.sub(_frame, github.for_python_markdown(linked))
+    return EMBEDDED.sub(_frame, FIGURE.sub(r"[\g<0>](\g<file>)", github.for_python_markdown(linked)))
 
 
 def _frame(match: re.Match[str]) -> str:

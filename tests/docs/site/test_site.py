@@ -75,6 +75,28 @@ def test_pages_are_embedded_in_their_chapters(site: Path) -> None:
     assert (site / "docs/hand.html").is_file()
 
 
+@pytest.mark.parametrize("name", ["3_convolution", "5_net", "6_descent", "9_gradient"])
+def test_an_embedded_page_does_not_scroll(site: Path, browser: Any, name: str) -> None:
+    """On a phone an iframe is as high as the page in it, when the page has been laid out and when it has changed."""
+    tab = browser.new_page(viewport={"width": 400, "height": 800})
+    tab.goto((site / f"docs/book/{name}.html").as_uri())
+    tab.locator("iframe[height]").scroll_into_view_if_needed()
+    fits = "() => document.body && document.documentElement.scrollHeight <= document.documentElement.clientHeight"
+    for change in ("", "document.body.append(Object.assign(document.createElement('p'), {style: 'height: 300px'}))"):
+        inner = tab.locator("iframe[height]").element_handle().content_frame()
+        inner.wait_for_selector("main")
+        inner.evaluate(change)
+        inner.wait_for_function(fits)
+    tab.close()
+
+
+def test_figures_can_be_enlarged(site: Path) -> None:
+    """A figure is a link to its file, which a browser shows alone and enlarges; icons in a line of text are not."""
+    text = (site / "docs/book/6_descent.html").read_text(encoding="utf-8")
+    assert re.search(r'<a href="../images/book/valley.svg"><img [^>]*src="../images/book/valley.svg"', text)
+    assert (site / "docs/images/book/valley.svg").is_file()
+
+
 def test_formulas_are_set_without_a_network(site: Path) -> None:
     """KaTeX, its fonts and the script that calls it are part of the site; every formula is in its own element."""
     page = (site / "docs/book/6_descent.html").read_text(encoding="utf-8")
