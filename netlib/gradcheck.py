@@ -30,6 +30,8 @@ from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter
 from netlib.proto.schema import Phase
 
+UNNAMED = "layer"  # name of a layer of which the text has none
+
 
 class GradientError(AssertionError):
     """A gradient that does not agree with the central differences."""
@@ -60,7 +62,7 @@ def make_layer(
     spec = schema.read(prototxt.parse(text, "<gradcheck>"), LayerParameter)
     names = [f"bottom{i}" for i in range(len(bottoms))]
     changes: dict[str, Any] = {
-        "name": spec.name or "layer",
+        "name": spec.name or UNNAMED,
         "bottom": tuple(names),
         "top": tuple(f"top{i}" for i in range(tops)),
     }
@@ -88,7 +90,7 @@ def check(
     in_place    make the first top the same blob as the first bottom, as in a net where they have the same name
     """
     for gradient in gradients(layer, bottoms, tops, wanted, step, seed, in_place):
-        _compare(f"{layer.type}: gradient of {gradient.kind} {gradient.number}", gradient, tolerance)
+        _compare(f"{_described(layer)}: gradient of {gradient.kind} {gradient.number}", gradient, tolerance)
 
 
 def gradients(
@@ -165,6 +167,12 @@ def _compare(what: str, gradient: Gradient, tolerance: float) -> None:
         raise GradientError(
             f"{what} at {place}: backward computed {analytic[worst]:.9g}, central differences give {numeric[worst]:.9g}"
         )
+
+
+def _described(layer: Layer) -> str:
+    """The class of a layer, with its name if it has one: ``layer 'square' (Square)``."""
+    kind = type(layer).__name__ if layer.type == "Python" else layer.type
+    return kind if layer.name == UNNAMED else f"layer {layer.name!r} ({kind})"
 
 
 def _blobs(arrays: Sequence[ArrayLike]) -> Blobs:

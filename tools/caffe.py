@@ -107,6 +107,9 @@ def train(args: argparse.Namespace, console: BarHandler, ranks: Ranks) -> int:
     if args.snapshot:
         log.info("Resuming from %s", args.snapshot)
         solver.restore(args.snapshot)
+        if solver.iter >= solver.param.max_iter:
+            log.warning("The snapshot is at iteration %d, and max_iter is %d: nothing is left to train", solver.iter,
+                        solver.param.max_iter)  # fmt: skip
     log.info("Starting Optimization")
     status = training.solve(solver, console, None, args.sigint_effect, args.sighup_effect)
     if status == 128 + signal.SIGTERM:

@@ -3,7 +3,7 @@
 
     python tools/draw_net.py prototxt/nyu_train_test.prototxt net.png --phase TRAIN --rankdir TB
 
-Requires the packages pydot and protobuf (pip install pydot protobuf) and Graphviz.
+Requires the packages pydot and protobuf (pip install pydot protobuf) and, except for .dot files, Graphviz.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("input_net_proto_file", help="the net's prototxt, in any of Caffe's formats")
-    parser.add_argument("output_image_file", help="image to write; its suffix selects the format: png, svg, pdf; raw "
-                        "is Graphviz's own language and does not need Graphviz")  # fmt: skip
+    parser.add_argument("output_image_file", help="image to write; its suffix selects the format: png, svg, pdf; dot "
+                        "or raw is Graphviz's own language and does not need Graphviz")  # fmt: skip
     parser.add_argument("--rankdir", choices=["LR", "RL", "TB", "BT"], default="LR",
                         help="direction: left to right, top to bottom ... (default: %(default)s)")  # fmt: skip
     parser.add_argument("--phase", choices=list(PHASES), default="ALL",

@@ -3,8 +3,8 @@
 
     python tools/table1.py --hours 8
 
-runs for a night; the next run continues where this one stopped. To list what is done, what is missing, and the
-approximate time:
+runs for a night; the next run continues where this one stopped. The hours and the disk space that are needed are
+printed first. To list what is done, what is missing, and the approximate time:
 
     python tools/table1.py --list
 
@@ -76,6 +76,9 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.networks and not (args.page or args.speed or args.lambda_length or _jobs(args)):
         parser.error(f"--networks {' '.join(args.networks)}: that --setting and --recipe have no training of these")
+    shortest = min((job.recipe.lengths[0] for job in _jobs(args)), default=0)
+    if args.longest and args.longest < shortest and not (args.page or args.speed):
+        parser.error(f"--longest {args.longest}: trains nothing; expected at least {shortest}, the shortest length")
     args.command = shlex.join([*command("table1").split(), *(sys.argv[1:] if argv is None else argv)])
     return guarded(run, args)
 
@@ -93,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
     if args.speed:
         speed.write(args.ledger / speed.WHERE, speed.measure())
     elif not args.page:
+        say(campaign.cost(_jobs(args)), file=sys.stderr)
         status = campaign.run(_jobs(args))
         if status == DONE and not campaign.is_over:
             status = campaign.run(_lambdas(args, campaign))

@@ -43,6 +43,7 @@ from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import add_engine, name_in, parser_of, reject_given
 from tools.common.console import DONE, aligned, guarded, on_missing_data, say
+from tools.common.costs import warn_of_another_net
 from tools.common.progress import ProgressBar
 
 DRAWN = 12  # frames in a figure
@@ -85,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     skeleton = hand.skeleton if hand else skeletons.load()
     for snapshot in args.snapshots:
         net.copy_from(snapshot, strict=True)
+        warn_of_another_net(snapshot, net)
         with ProgressBar(data_layer(net).rows, what=Path(snapshot).name) as progress:
             predictions = predict_all(net, progress=progress.reach)
         rows.append({"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)})

@@ -24,7 +24,7 @@ from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of
 from tools.common.console import DONE, guarded, on_missing_data, say
-from tools.common.costs import mean_scores
+from tools.common.costs import mean_scores, warn_of_another_net
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
                           "test data in a data layer")  # fmt: skip
     for weights in args.weights:
         _, missing = net.copy_from(weights)
+        warn_of_another_net(weights, net)
         if missing:
             say(f"{weights} has no weights for {', '.join(missing)}; they keep their values", file=sys.stderr)
         loss, scores = mean_scores(net, args.iterations)

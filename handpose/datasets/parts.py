@@ -111,7 +111,12 @@ def row_bytes(columns: Columns) -> int:
 def check_space(out: Path, parts: Sequence[Part], columns: Columns) -> None:
     """Raise DataError before any work if the disk is too small."""
     replaced = sum(part.path.stat().st_size for part in parts if part.path.is_file())
-    check_room(out, sum(part.rows * row_bytes(columns) + _PAGE for part in parts) - replaced)
+    check_room(out, bytes_of(parts, columns) - replaced)
+
+
+def bytes_of(parts: Sequence[Part], columns: Columns) -> int:
+    """The size of parts on disk."""
+    return sum(part.rows * row_bytes(columns) + _PAGE for part in parts)
 
 
 def check_room(out: Path, need: int) -> None:

@@ -147,19 +147,20 @@ def _escaped(name: str) -> str:
 def draw_net(
     caffe_net: Any, rankdir: str, ext: str = "png", phase: int | None = None, display_lrm: bool = False
 ) -> bytes:
-    """Draw a NetParameter in a format of Graphviz: png, svg, pdf ...; "raw" returns Graphviz's own language.
+    """Draw a NetParameter in a format of Graphviz: png, svg, pdf ...; "raw" and "dot" return Graphviz's own language,
+    without its program.
 
     Raises NetlibError, also if pydot or Graphviz is missing.
     """
     graph = get_pydot_graph(caffe_net, rankdir, phase=phase, display_lrm=display_lrm)
     text: bytes = graph.to_string().encode("utf-8", "backslashreplace")
-    if ext == "raw":
+    if ext in ("raw", "dot"):
         return text
     program = shutil.which("dot")
     if program is None:
         raise NetlibError(
             "Graphviz's program dot is missing: install Graphviz (apt install graphviz, brew install graphviz); "
-            "the format raw does not need it"
+            "the formats raw and dot do not need it"
         )
     done = subprocess.run([program, f"-T{ext}"], input=text, capture_output=True, check=False)
     if done.returncode:

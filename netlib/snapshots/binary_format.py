@@ -17,7 +17,7 @@ from netlib.errors import NetlibError, WeightsError, reason_of
 from netlib.proto import binaryproto, messages, schema, wire
 from netlib.proto.messages import LayerParameter
 from netlib.proto.net_parameter import distinct
-from netlib.proto.prototxt import Field, Message
+from netlib.proto.prototxt import Field, Message, Scalar
 from netlib.proto.upgrade import AnyNetParameter
 from netlib.snapshots.solver_state import SolverState, Weights
 
@@ -71,6 +71,12 @@ def read_weights(data: bytes, path: str) -> Weights:
         raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, "
                            f"{state.learned_net or '*.caffemodel'} (resume a training with --snapshot)")  # fmt: skip
     raise WeightsError(f"{problem}; expected weights (.caffemodel){_looks(data)}")
+
+
+def net_name(data: bytes, path: str) -> str:
+    """The name of the net of weights. Raises WeightsError if the data are not a net."""
+    names = wire.decode(data, AnyNetParameter, path).values("name")
+    return next((name.text for name in names if isinstance(name, Scalar)), "")
 
 
 def read_state(data: bytes, path: str) -> SolverState:

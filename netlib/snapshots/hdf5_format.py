@@ -1,6 +1,7 @@
 """Weights and solver states in HDF5, in Caffe's own layout.
 
 weights       /data/<layer>/<index>            layers without parameters are empty groups
+              attribute net                    name of the net; Caffe ignores it
 solver state  /iter /current_step /learned_net /history/<index>
               /netlib                          extra JSON for an exact resume
 """
@@ -41,10 +42,13 @@ def name_fault(name: str) -> str:
     return ""
 
 
-def weights_image(weights: Weights) -> bytes:
-    """Content of the HDF5 file of a net's weights. Raises WeightsError for names that HDF5 cannot store."""
+def weights_image(name: str, weights: Weights) -> bytes:
+    """Content of the HDF5 file of the weights of the net ``name``. Raises WeightsError for layers whose names HDF5
+    cannot store.
+    """
     check_names(weights)
     with hdf5.in_memory() as (file, image):
+        file.attrs["net"] = np.bytes_(name.encode())  # fixed length, as all texts here
         data = file.create_group("data")
         for layer, arrays in weights.items():
             if not arrays and name_fault(layer):
@@ -102,6 +106,13 @@ def read_weights(path: str | Path | Content) -> Weights:
                     raise WeightsError(f"{path}: layer {name!r} parameter {key} holds {array.dtype}, expected numbers")
                 found[name][int(key)] = array
         return found
+
+
+def net_name(path: str | Path | Content) -> str:
+    """The name of the net of a weights file; empty if it is not stored. Raises WeightsError."""
+    with hdf5.opened(path, "weights", WeightsError) as file:
+        raw = file.attrs.get("net", b"")
+        return raw.decode("utf-8", "replace") if isinstance(raw, bytes) else ""
 
 
 def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, h5py.Group]]:

@@ -144,6 +144,13 @@ def read_weights(path: str | Path | Content) -> Weights:
     return binary_format.read_weights(data, str(path))
 
 
+def net_name(path: str | Path) -> str:
+    """The name of the net whose weights a file holds; empty if it is not stored. Raises WeightsError."""
+    if begins_as_hdf5(path, "weights"):
+        return hdf5_format.net_name(path)
+    return binary_format.net_name(files.read_bytes(path, "weights", WeightsError), str(path))
+
+
 def read_state(path: str | Path) -> SolverState:
     """Read and check a solver state. Raises WeightsError if the file is not one or is damaged."""
     if begins_as_hdf5(path, "a solver state"):

@@ -47,7 +47,7 @@ def image(net: Net, path: str | Path, diffs: bool = False) -> bytes:
     the gradients. Raises WeightsError if the format cannot store them.
     """
     if snapshot.is_hdf5(path):
-        return hdf5_format.weights_image(owned(net))
+        return hdf5_format.weights_image(net.name, owned(net))
     layers = [(_complete_spec(layer), [(b.data, b.diff if diffs else None) for b in layer.blobs])
               for layer in net.layer_dict.values()]  # fmt: skip
     return binary_format.weights_image(net.name, layers)

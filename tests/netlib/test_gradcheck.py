@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -113,6 +114,21 @@ def test_a_wrong_layer_is_caught(layer: Callable[[type[Layer]], Layer], cls: Any
     """The error gives the position and both numbers."""
     with pytest.raises(GradientError, match=message):
         gradcheck.check(layer(cls), [X])
+
+
+def test_the_error_names_the_layer_and_its_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A layer of a user has the type Python, so its name and class are given."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "own_wrong.py").write_text(
+        "import netlib\n\n\nclass Wrong(netlib.Layer):\n"
+        "    def reshape(self, bottom, top):\n        top[0].reshape(*bottom[0].shape)\n\n"
+        "    def forward(self, bottom, top):\n        top[0].data[...] = bottom[0].data\n\n"
+        "    def backward(self, top, propagate_down, bottom):\n        bottom[0].diff[...] = 2 * top[0].diff\n"
+    )
+    text = 'type: "Python" python_param { module: "own_wrong" layer: "Wrong" }'
+    for name, begin in (('name: "mine" ', r"layer 'mine' \(Wrong\): gradient of bottom 0"), ("", "Wrong: gradient of")):
+        with pytest.raises(GradientError, match=f"^{begin}"):
+            gradcheck.check(gradcheck.make_layer(name + text, [X]), [X])
 
 
 def test_bottoms_that_want_no_gradient_are_left_out(layer: Callable[[type[Layer]], Layer]) -> None:

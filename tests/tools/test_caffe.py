@@ -83,6 +83,15 @@ def test_train_goes_on_from_a_snapshot(solver_of, log_of, tmp_path):
     assert mine.index(f"Resuming from {state_path}") < mine.index("SGDSolver: restoring history")
 
 
+def test_a_finished_training(solver_of, log_of, tmp_path):
+    """A snapshot of the last iteration leaves nothing to train, which is logged."""
+    solver = solver_of("sigint.log", max_iter="3", test_interval="9", test_initialization="false")
+    log_of("train", "-solver", solver)
+    (state,) = tmp_path.glob("a_iter_3.solverstate*")
+    lines = texts(log_of("train", "-solver", solver, "-snapshot", state))
+    assert "The snapshot is at iteration 3, and max_iter is 3: nothing is left to train" in lines
+
+
 @pytest.mark.parametrize(
     ("number", "flags", "last", "ends"),
     [

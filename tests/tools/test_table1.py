@@ -152,6 +152,34 @@ def test_a_stopped_campaign_continues_where_it_was(setting, narrow, tmp_path, mo
     assert all(np.array_equal(a.shown, b.shown) for a, b in zip(one, two))
 
 
+def test_time_that_is_up_while_frames_are_made(tmp_path, monkeypatch):
+    """Making frames counts: after the deadline complete files are kept, and nothing is trained."""
+    monkeypatch.chdir(tmp_path)
+    counts = {"train": 2000, "test": 64}
+    made = replace(ONE_HAND, folder=tmp_path / "frames", counts=counts)
+    jobs = [Job(made, NETWORKS[0], RECIPES["paper"], 1)]
+    one = Campaign(tmp_path / "store", tmp_path / "work", "a test")
+    assert re.fullmatch(
+        r"1 of 1 training runs are missing: an unknown time; first 2064 frames of 0\.1 GB are made", one.cost(jobs)
+    )
+    clock = iter([0.0, 0.0, *[9.0] * 99])
+    monkeypatch.setattr(campaign, "time", type("Clock", (), {"monotonic": lambda: next(clock),
+                                                             "perf_counter": time.perf_counter}))  # fmt: skip
+    status, said, _ = sit(tmp_path, jobs, deadline=5.0)
+    assert status == 0 and said == ["time is up; the next run continues here"]
+    assert not (tmp_path / "work").exists() and not list((tmp_path / "frames").glob("*.h5"))
+
+
+def test_what_is_done_costs_nothing(setting, narrow, tmp_path):
+    """The cost counts what is missing; frames that are there are not made."""
+    jobs = [Job(setting, narrow["ours"], RECIPES["paper"], seed) for seed in (1, 2)]
+    assert sit(tmp_path, jobs[:1], longest=4)[0] == 0
+    one = Campaign(tmp_path / "store", tmp_path / "work", "a test", longest=4)
+    assert re.fullmatch(
+        r"1 of 2 training runs are missing: about \d+\.\d hours on the machine of the results", one.cost(jobs)
+    )
+
+
 def test_a_scored_length_is_not_trained_again_elsewhere(setting, narrow, tmp_path):
     """Stored results are not computed again; the trunk is trained again up to the branch of the next length."""
     jobs = [Job(setting, narrow["ours"], RECIPES["paper"], 1)]
@@ -275,8 +303,9 @@ def test_a_seed_named_twice(made):
 def test_without_nyu_a_line_says_how_to_get_it(made):
     """Without NYU an error names the command that prepares it."""
     status, _, err = run("--setting", "nyu")
-    assert status == 1 and err.startswith("data/nyu/train.txt: cannot read the list of HDF5 files")
-    assert "tools/prepare_nyu.py NYU_ROOT" in err and err.count("\n") == 1
+    cost, error = err.splitlines()
+    assert status == 1 and error.startswith("data/nyu/train.txt: cannot read the list of HDF5 files")
+    assert "tools/prepare_nyu.py NYU_ROOT" in error and cost.endswith(" training runs are missing: an unknown time")
 
 
 def test_other_frames_are_not_nyu(made, small_data):
@@ -302,6 +331,8 @@ def test_folders_that_cannot_be_made(setting, narrow, tmp_path):
     "options",
     [
         ["--longest", "0"],
+        ["--longest", "3999"],
+        ["--longest", "19999", "--recipe", "adam"],
         ["--seeds", "-1"],
         ["--networks", "other"],
         ["--list", "--page"],

@@ -41,6 +41,18 @@ def test_layers_without_weights_are_reported(tmp_path: Path) -> None:
     assert done.err == "init.caffemodel has no weights for other; they keep their values\n"
 
 
+def test_weights_of_another_net_are_reported(tmp_path: Path) -> None:
+    """Weights that name another net than the prototxt give a warning; those that name the same give none."""
+    netlib.Net("net.prototxt", "init.caffemodel", netlib.TEST).save(tmp_path / "own.caffemodel.h5")
+    text = Path("net.prototxt").read_text()
+    (tmp_path / "other.prototxt").write_text(text.replace('name: "small"', 'name: "other"', 1))
+    assert run_tool("test_net", "net.prototxt", tmp_path / "own.caffemodel.h5", "--iterations", "1").err == ""
+    done = run_tool("test_net", tmp_path / "other.prototxt", tmp_path / "own.caffemodel.h5", "--iterations", "1")
+    place, message = done.err.split(": the weights are of ")
+    assert place == f"warning: {tmp_path}/own.caffemodel.h5"
+    assert message == f"the net 'small', {tmp_path}/other.prototxt is 'other'\n"
+
+
 def test_mistakes(tmp_path: Path) -> None:
     """A deploy net, missing files and wrong usage are one line each."""
     (tmp_path / "deploy.prototxt").write_text(X)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.table1 import results, store, trainings
-from experiments.table1.plan import Job, convergence_of, next_length, of_job
+from experiments.table1.plan import Job, convergence_of, next_length, of_job, report
 from experiments.table1.results import Truth
 from experiments.table1.settings import ONE_HAND, Setting, is_real_nyu
 from experiments.table1.speed import machine
@@ -41,6 +41,10 @@ class EndedError(Exception):
 
     def __init__(self, status: int) -> None:
         self.status = status
+
+
+class TimeUpError(Exception):
+    """The deadline passed while data were made."""
 
 
 class Data(NamedTuple):
@@ -73,6 +77,19 @@ class Campaign:
     data: dict[str, Data] = field(default_factory=dict)
     labelled: set[str] = field(default_factory=set)  # settings with fitted angles of the training frames
 
+    def cost(self, jobs: Sequence[Job]) -> str:
+        """What the missing lengths of some training runs need, in words. Raises DataError."""
+        left = [job for job in jobs if next_length(self.store_of(job.setting), job, self.longest) is not None]
+        hours = report(jobs, self.store_of, self.longest)[-1][-1]
+        about = "an unknown time" if hours == "not known" else f"about {hours} hours on the machine of the results"
+        words = f"{len(left)} of {len(jobs)} training runs are missing: {about}"
+        sets = [setting.data_set() for setting in {job.setting.name: job.setting for job in left}.values()]
+        missing = [data for data in sets if data is not None and not data.is_whole]
+        if missing:
+            frames, size = (sum(each) for each in zip(*((data.missing_frames, data.missing_bytes) for data in missing)))
+            words += f"; first {frames} frames of {size / 1e9:.1f} GB are made"
+        return words
+
     def run(self, jobs: Sequence[Job]) -> int:
         """Run the missing lengths of some training runs; returns the exit status. Raises NetlibError."""
         try:
@@ -83,7 +100,19 @@ class Campaign:
                     return DONE
         except EndedError as stopped:
             return stopped.status
+        except TimeUpError:
+            say_now("time is up; the next run continues here")
         return DONE
+
+    def _until_over(self, advance: Callable[[int], None]) -> Callable[[int], None]:
+        """``advance``, which raises TimeUpError after the deadline."""
+
+        def advance_or_stop(count: int) -> None:
+            advance(count)
+            if self.is_over:
+                raise TimeUpError
+
+        return advance_or_stop
 
     @property
     def is_over(self) -> bool:
@@ -143,7 +172,7 @@ class Campaign:
             say_now(f"{setting.folder}: making {data.missing_frames} frames")
             workers = self.threads or engine.available_cpus()
             status = fill_folder(setting.folder, "whole files are", data.missing_frames,
-                                 lambda advance: data.write(workers, advance))  # fmt: skip
+                                 lambda advance: data.write(workers, self._until_over(advance)))  # fmt: skip
             if status != DONE:
                 raise EndedError(status)
         with on_missing_data():
@@ -158,7 +187,7 @@ class Campaign:
         begun = time.perf_counter()
         files = setting.files(split)
         with ProgressBar(sum(File(path, ("joint",)).rows for path in files), what=f"angles of {split}") as progress:
-            inputs, residuals = fit_true_angles(split, files, setting.angles, SKELETON, progress)
+            inputs, residuals = fit_true_angles(split, files, setting.angles, SKELETON, self._until_over(progress))
         say_now(f"{setting.folder}, {split}: fitted the hand to {len(inputs)} frames, residual "
                 f"{np.nanmean(residuals):.2f} mm, {duration(time.perf_counter() - begun)}")  # fmt: skip
         return inputs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -11,7 +12,9 @@ import numpy as np
 
 from netlib.engine.plain import Connection
 from netlib.net import Net
+from netlib.snapshots import snapshot
 from netlib.training import report
+from tools.common.console import say
 
 log = logging.getLogger("netlib")
 
@@ -47,6 +50,13 @@ def _time_backward(net: Net, piece: list[Connection], backward: dict[str, float]
             begin = time.perf_counter()
             at.layer.backward(at.top, at.propagate_down, at.bottom)
             backward[at.layer.name] += (time.perf_counter() - begin) / iterations
+
+
+def warn_of_another_net(weights: str, net: Net) -> None:
+    """Print a warning if weights name another net than the one that they were copied to. Raises WeightsError."""
+    name = snapshot.net_name(weights)
+    if name and net.name and name != net.name:
+        say(f"warning: {weights}: the weights are of the net {name!r}, {net.source} is {net.name!r}", file=sys.stderr)
 
 
 def time_passes(net: Net, iterations: int) -> tuple[float, float]:

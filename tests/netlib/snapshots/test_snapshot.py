@@ -72,6 +72,14 @@ def test_weights_have_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
         assert np.array_equal(file["data/a/0"][()], net.params["a"][0].data)
 
 
+def test_weights_name_their_net(net_of: Callable[..., netlib.Net], names: tuple[Path, Path]) -> None:
+    """Both formats store the name of the net; it is empty for a net and for a file without one."""
+    for name in ("a net ü", ""):
+        text = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 1 } } }'
+        net_of(f'name: "{name}" {text}').save(names[0])
+        assert snapshot.net_name(names[0]) == name
+
+
 def test_the_state_has_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
     """The state has Caffe's fields, with learned_net as a C string; additional fields are in /netlib."""
     write_pair(net, state_of(net), tmp_path / "w.h5", tmp_path / "s.h5")
