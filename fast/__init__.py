@@ -9,7 +9,8 @@
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
     columns, rows, winograd, depthwise
                   algorithms for convolutions, of which convolution.py chooses; geometry has what they share
-    map_pooling   pooling over any windows by running maxima and sums
+    map_pooling   pooling over any windows
+    last_axis     maps with their number as last axis, for depthwise convolutions and max poolings
     row_tiles, window_tiles, max_tiles
                   algorithms for convolution and pooling on tiles
     fusing        layers in place behind a convolution or a sum of blobs, computed with it

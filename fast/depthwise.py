@@ -1,20 +1,17 @@
 r"""Depthwise: convolutions in which each group has one channel.
 
 A product with one channel is slow, because it reads as many values as it multiplies. Here the outputs of all channels
-are sums of long vectors, one per element of the kernel. The maps of an image are copied with the channel as last axis,
-
-    maps (sw, H, W, C)    column v of a padded map is at [v % sw, ..., v // sw, :], for a horizontal stride sw
-
-so the values under an element of the kernel, for a row of outputs, are one vector of Wo C adjacent values, for any
-stride. OpenCV's accumulateProduct multiplies some rows of them by the element, repeated as often, and adds the product
-to the outputs, which stay in the cache. The gradient of x is added to these vectors, and that of w is the sum of their
-products with dy.
+are sums of long vectors, one per element of the kernel: the maps of an image are copied with the channel as last axis
+(last_axis.py). OpenCV's accumulateProduct multiplies some rows of them by the element, repeated as often, and adds the
+product to the outputs, which stay in the cache. The gradient of x is added to these vectors, and that of w is the sum
+of their products with dy.
 
 Large maps with stride 1 are filtered by OpenCV, one channel at a time.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import cv2
@@ -22,6 +19,7 @@ import numpy as np
 
 from fast.fusing import After
 from fast.geometry import Geometry, at, run_parts
+from fast.last_axis import Maps, shape_of
 from fast.parallel import scratch
 from netlib.blob import Array
 from netlib.system.memory import blocks
@@ -50,12 +48,12 @@ class Depthwise:
             if filtered:
                 _filter(g, x[:, part], kernels[part], biases[part], after.rectify, target[:, part])
                 return
-            for c, maps in _blocks(g, x, y, part):
+            for c, maps, sums in _blocks(g, x, y, part):
                 for m in range(kernels.shape[1]):
-                    weights = maps.repeated(kernels[c, m])
+                    weights = sums.repeated(kernels[c, m])
                     for image, out in zip(x[:, c], target[:, c, m]):
                         maps.read(image)
-                        maps.correlate(weights, biases[c, m], after.rectify, out)
+                        sums.correlate(weights, biases[c, m], after.rectify, out)
 
         run_parts(job, C, C, y.size * w[0].size * VALUE)
 
@@ -69,12 +67,12 @@ class Depthwise:
             return
 
         def job(part: slice) -> None:
-            for c, maps in _blocks(g, dx, dy, part):
-                weights = [maps.repeated(kernels[c, m], f"kernels {m}") for m in range(kernels.shape[1])]
+            for c, maps, sums in _blocks(g, dx, dy, part):
+                weights = [sums.repeated(kernels[c, m], f"kernels {m}") for m in range(kernels.shape[1])]
                 for image, out in zip(gradient[:, c], dx[:, c]):
                     maps.values[...] = 0
                     for m, own in enumerate(weights):
-                        maps.transpose(image[:, m], own)
+                        sums.transpose(image[:, m], own)
                     maps.write(out)
                     after.write(out, out, c)
 
@@ -86,13 +84,13 @@ class Depthwise:
         total, gradient = _by_input(C, dw, 0), _by_input(C, dy, 1)
 
         def job(part: slice) -> None:
-            for c, maps in _blocks(g, x, dy, part):
+            for c, maps, sums in _blocks(g, x, dy, part):
                 for m in range(total.shape[1]):
-                    sums = maps.repeated(np.zeros_like(total[c, m]))
+                    found = sums.repeated(np.zeros_like(total[c, m]))
                     for image, own in zip(x[:, c], gradient[:, c, m]):
                         maps.read(image)
-                        maps.gradient(own, sums)
-                    total[c, m] += sums.reshape(*sums.shape[:2], -1, len(total[c])).sum(axis=2).transpose(2, 0, 1)
+                        sums.gradient(own, found)
+                    total[c, m] += found.reshape(*found.shape[:2], -1, len(total[c])).sum(axis=2).transpose(2, 0, 1)
 
         run_parts(job, C, C, dy.size * dw[0].size * VALUE)
 
@@ -126,65 +124,35 @@ def _by_input(channels: int, array: Array, axis: int) -> Array:
     return array.reshape(len(array), channels, array.shape[1] // channels, *array.shape[2:])
 
 
-class Maps:
-    """The padded maps of some channels of an image, with the channel as last axis.
+class Sums:
+    """Sums over the windows of some channels of an image, for some rows of outputs in one call.
 
-    values   (sw, H, W, C)
-    outputs  (Ho, Wo)
-    rows     of outputs in one call
+    maps  the channels, with their number as last axis
+    rows  of outputs in one call
     """
 
-    def __init__(self, g: Geometry, values: Array, outputs: tuple[int, int]) -> None:
-        self.g, self.values, self.outputs = g, values, outputs
-        self.rows = max(1, min(BAND_VALUES // max(outputs[1] * values.shape[-1], 1), outputs[0]))
-
-    def _phases(self, x: Array) -> Iterator[tuple[Array, Array]]:
-        """For each remainder of the columns, x (c, H, W) as (H, W, c), and its place."""
-        by_place = x.transpose(1, 2, 0)
-        step, (top, left) = self.g.stride[1], self.g.pad
-        for v in range(step):
-            inside = by_place[:, (v - left) % step :: step]
-            first = -(-(left - v) // step)
-            yield inside, self.values[v, top : top + x.shape[1], first : first + inside.shape[1]]
-
-    def read(self, x: Array) -> None:
-        """Copy x (c, H, W) to the maps."""
-        for inside, places in self._phases(x):
-            places[...] = inside
-
-    def write(self, x: Array) -> None:
-        """Copy the maps to x (c, H, W)."""
-        for inside, places in self._phases(x):
-            inside[...] = places
+    def __init__(self, maps: Maps) -> None:
+        self.maps, (self.high, self.wide), self.channels = maps, maps.outputs, maps.values.shape[-1]
+        self.rows = max(1, min(BAND_VALUES // max(self.wide * self.channels, 1), self.high))
 
     def repeated(self, kernel: Array, key: str = "kernels") -> Array:
         """Each element of kernels (c, kh, kw) for all values of a call, (kh, kw, rows, Wo c)."""
-        out = scratch(key, (*kernel.shape[1:], self.rows, self.outputs[1], len(kernel)), kernel.dtype)
+        out = scratch(key, (*kernel.shape[1:], self.rows, self.wide, self.channels), kernel.dtype)
         out[...] = kernel.transpose(1, 2, 0)[:, :, None, None]
         return out.reshape(*kernel.shape[1:], self.rows, -1)
 
     def _bands(self) -> Iterator[tuple[slice, Array]]:
         """The rows of outputs of each call, and working memory for them, (rows, Wo, c)."""
-        (Ho, Wo), C = self.outputs, self.values.shape[-1]
-        for rows in blocks(Ho, self.rows):
-            yield rows, scratch("filtered", (rows.stop - rows.start, Wo, C), self.values.dtype)
-
-    def _vectors(self, rows: slice) -> Iterator[tuple[tuple[int, int], Array]]:
-        """For each element of the kernel, the values under it for these rows of outputs, (rows, Wo c)."""
-        g, (step, H, _, C), R = self.g, self.values.shape, rows.stop - rows.start
-        by_row = self.values.reshape(step, H, -1)
-        for i, j in np.ndindex(*g.kernel):
-            first = rows.start * g.stride[0] + i * g.dilation[0]
-            column, phase = divmod(j * g.dilation[1], g.stride[1])
-            under = slice(first, first + (R - 1) * g.stride[0] + 1, g.stride[0])
-            yield (i, j), by_row[phase, under, column * C : (column + self.outputs[1]) * C]
+        for rows in blocks(self.high, self.rows):
+            shape = rows.stop - rows.start, self.wide, self.channels
+            yield rows, scratch("filtered", shape, self.maps.values.dtype)
 
     def correlate(self, weights: Array, bias: Array, rectify: bool, y: Array) -> None:
         """Write y (c, Ho, Wo) for repeated kernels."""
         for rows, out in self._bands():
             out[...] = bias
             sums = out.reshape(len(out), -1)
-            for element, vectors in self._vectors(rows):
+            for element, vectors in self.maps.vectors(rows):
                 cv2.accumulateProduct(vectors, weights[element][: len(sums)], sums)
             if rectify:
                 np.maximum(out, 0, out=out)
@@ -195,7 +163,7 @@ class Maps:
         for rows, own in self._bands():
             own[...] = dy[:, rows].transpose(1, 2, 0)
             gradient = own.reshape(len(own), -1)
-            for element, vectors in self._vectors(rows):
+            for element, vectors in self.maps.vectors(rows):
                 cv2.accumulateProduct(gradient, weights[element][: len(own)], vectors)
 
     def gradient(self, dy: Array, sums: Array) -> None:
@@ -203,17 +171,15 @@ class Maps:
         for rows, own in self._bands():
             own[...] = dy[:, rows].transpose(1, 2, 0)
             gradient = own.reshape(len(own), -1)
-            for element, vectors in self._vectors(rows):
+            for element, vectors in self.maps.vectors(rows):
                 cv2.accumulateProduct(vectors, gradient, sums[element][: len(own)])
 
 
-def _blocks(g: Geometry, x: Array, y: Array, part: slice) -> Iterator[tuple[slice, Maps]]:
-    """Yield blocks of the channels in ``part``, each with maps whose padding is zero."""
-    step, (Ho, Wo) = g.stride[1], y.shape[2:]
-    high, wide = g.padded(x.shape[2:])
-    columns = max(-(-wide // step), Wo + g.dilation[1] * (g.kernel[1] - 1) // step)
-    size = step * high * columns
-    for c in blocks(part.stop - part.start, max(MAX_VALUES // max(size, 1), MIN_CHANNELS)):
-        values = scratch("maps", (step, high, columns, c.stop - c.start), x.dtype)
-        values[...] = 0
-        yield slice(part.start + c.start, part.start + c.stop), Maps(g, values, (Ho, Wo))
+def _blocks(g: Geometry, x: Array, y: Array, part: slice) -> Iterator[tuple[slice, Maps, Sums]]:
+    """Yield blocks of the channels in ``part``, each with maps that are zero."""
+    sizes = x.shape[2:], y.shape[2:]
+    each = max(MAX_VALUES // max(math.prod(shape_of(g, *sizes)), 1), MIN_CHANNELS)
+    for c in blocks(part.stop - part.start, each):
+        own = slice(part.start + c.start, part.start + c.stop)
+        maps = Maps(g, *sizes, x.swapaxes(0, 1)[own], 0)
+        yield own, maps, Sums(maps)

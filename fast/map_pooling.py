@@ -1,15 +1,12 @@
-"""MaxOfMaps and MeanOfMaps: pooling over any windows, for a block of maps at a time, by running maxima and sums.
+"""MaxOfMaps and MeanOfMaps: pooling over any windows, for a block of maps at a time.
 
-A map is one channel of one image. The maximum over a window is the maximum along the rows of the maxima along the
-columns. Along the rows, it is computed for all maps of the block in one vector, at every column and not only where a
-window starts: neighbours in memory are then combined with vector instructions, and the windows are copied from it.
+A map is one channel of one image. For maxima, the maps of a block are copied with their number as last axis
+(last_axis.py), so that each operation works on long vectors, one value for each window. For means, the sum over a
+window is the sum along the rows of the sums along the columns. Along the rows, it is computed for all maps of the block
+in one vector, at every column and not only where a window starts, and the windows are copied from it:
 
-    v (n, Ho, Wp)   maximum or sum over the kh rows of each window, with padded columns
-    r (n Ho Wp)     maximum or sum of v over kw neighbours, of which every sw-th column is a window
-
-For backward, MAX needs the first maximum in row-major order. A later row of a column wins only if its value is greater,
-which leaves the first row of each column's maximum. Of the columns with the maximum of the window, the one with the
-first element wins: the elements of a window have ranks that decrease from kh kw to 1.
+    v (n, Ho, Wp)   sum over the kh rows of each window, with padded columns
+    r (n Ho Wp)     sum of v over kw neighbours, of which every sw-th column is a window
 """
 
 from __future__ import annotations
@@ -21,12 +18,14 @@ from functools import partial
 import numpy as np
 
 from fast import parallel
+from fast.geometry import Geometry
+from fast.last_axis import Maps
 from fast.parallel import scratch
 from layers.vision.pooling import NOTHING
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
-BLOCK_BYTES = 128 << 10  # of the padded maps of a block; the arrays of a block together stay in the cache
+BLOCK_BYTES = 256 << 10  # of the padded maps of a block; the arrays of a block together stay in the cache
 PART = 1 << 15  # values; starting a thread takes longer than pooling fewer
 
 
@@ -73,6 +72,11 @@ class Windows:
     def columns(self) -> slice:
         """The first columns of all windows in a padded map."""
         return slice(0, (self.outputs[1] - 1) * self.stride[1] + 1, self.stride[1])
+
+    def maps(self, like: Array, fill: float) -> Maps:
+        """Working memory for as many maps as ``like`` (n, H, W) has, filled with one value."""
+        g = Geometry(self.kernel, self.stride, self.pad, (1, 1), 1)
+        return Maps(g, self.sizes, self.outputs, like, fill)
 
     def run(self, maps: int, job: Callable[[slice], None]) -> None:
         """Call ``job`` for all blocks of maps, on several threads if there are enough values."""
@@ -153,46 +157,37 @@ class MaxOfMaps:
         """Write y (n, Ho, Wo), and the winners if given, from maps x (n, H, W)."""
 
         def job(maps: slice) -> None:
-            if winners is None:
+            if winners is None and (not w.overlap or max(w.kernel) > 4):
                 v = _over_columns(w, np.maximum, x[maps], -np.inf)
                 np.maximum(_over_rows(w, np.maximum, v), y.dtype.type(NOTHING), out=y[maps])
+                return
+            own = w.maps(x[maps], -np.inf)
+            own.read(x[maps])
+            best = scratch("pooled", (w.outputs[0], w.outputs[1] * (maps.stop - maps.start)), x.dtype)
+            if winners is None:
+                own.reduce(np.maximum, best)
             else:
-                self._with_winners(w, x[maps], y[maps], winners[maps])
+                to_first_axis(self._with_winners(own, best, winners.dtype.type), winners[maps])
+            np.maximum(best, y.dtype.type(NOTHING), out=best)
+            to_first_axis(best, y[maps])
 
         w.run(len(x), job)
 
-    def _with_winners(self, w: Windows, x: Array, y: Array, winners: Array) -> None:
-        kw, count, kind = w.kernel[1], w.kernel[0] * w.kernel[1], winners.dtype.type
-        shape = (len(x), w.outputs[0], w.padded[1])
-        v, rank = scratch("pooled rows", shape, x.dtype), scratch("rank", shape, kind)
-        v.fill(-np.inf)
-        rank.fill(0)
-        part, row = v[..., w.inside[1]], rank[..., w.inside[1]]
-        for i, windows, own in w.rows():
-            value, best, best_row = x[:, own], part[:, windows], row[:, windows]
-            if i:
-                above, mark = scratch("above", value.shape, np.bool_), scratch("mark", value.shape, kind)
-                np.greater(value, best, out=above)
-                np.multiply(above, kind(i), out=mark)
-                np.maximum(best_row, mark, out=best_row)
-            np.maximum(best, value, out=best)
-        rank *= kind(kw)
-        np.subtract(kind(count), rank, out=rank)  # of the first column
-        best, first = scratch("pooled", shape, x.dtype), scratch("first", shape, kind)
-        values, ranks, highest = v.reshape(-1), rank.reshape(-1), first.reshape(-1)
-        running(np.maximum, values, kw, best.reshape(-1))
-        last = values.size - kw + 1
-        equal, mark = scratch("above", (last,), np.bool_), scratch("mark", (last,), kind)
-        for j in range(kw):
-            np.equal(values[j : last + j], best.reshape(-1)[:last], out=equal)
-            np.subtract(ranks[j : last + j], kind(j), out=mark)
-            mark *= equal
-            if j:
-                np.maximum(highest[:last], mark, out=highest[:last])
+    @staticmethod
+    def _with_winners(maps: Maps, best: Array, kind: type[np.unsignedinteger]) -> Array:
+        """Write the maxima (Ho, Wo n) to ``best`` and return the winners. A later element wins if it is greater."""
+        winner, mark = scratch("winner", best.shape, kind), scratch("mark", best.shape, kind)
+        above = scratch("above", best.shape, np.bool_)
+        for k, (_, vector) in enumerate(maps.vectors()):
+            if k == 0:
+                winner.fill(0)
+                best[...] = vector
             else:
-                highest[:last] = mark
-        np.subtract(kind(count), first[..., w.columns()], out=winners)
-        np.maximum(best[..., w.columns()], y.dtype.type(NOTHING), out=y)
+                np.greater(vector, best, out=above)
+                np.multiply(above, kind(k), out=mark)
+                np.maximum(winner, mark, out=winner)
+                np.maximum(best, vector, out=best)
+        return winner
 
     def backward(self, w: Windows, dy: Array, winners: Array, dx: Array) -> None:
         """Write dx (n, H, W): the gradient of each window is added to its winner."""
@@ -216,6 +211,11 @@ class MaxOfMaps:
             dx[maps] = total.reshape(n, high, wide)[:, w.inside[0], w.inside[1]]
 
         w.run(len(dx), job)
+
+
+def to_first_axis(values: Array, out: Array) -> None:
+    """Copy (H, W n) to (n, H, W)."""
+    out[...] = values.reshape(*out.shape[1:], len(out)).transpose(2, 0, 1)
 
 
 class MeanOfMaps:
