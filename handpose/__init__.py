@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from handpose.frames.cameras import NYU as NYU
     from handpose.frames.cameras import SR305 as SR305
     from handpose.frames.cameras import Camera as Camera
+    from handpose.frames.lens import Lens as Lens
+    from handpose.frames.live import DeviceFrame as DeviceFrame
+    from handpose.frames.live import open_device as open_device
     from handpose.frames.opening import open_recording as open_recording
     from handpose.frames.recording import CameraInfo as CameraInfo
     from handpose.frames.recording import DepthFrame as DepthFrame
@@ -39,6 +42,8 @@ if TYPE_CHECKING:
 _MODULES = {
     "frames.cameras": ("CAMERAS", "ICVL", "KINECT2", "MSRA15", "NYU", "SR305", "Camera"),
     "frames.recording": ("CameraInfo", "DepthFrame", "Recording"),
+    "frames.lens": ("Lens",),
+    "frames.live": ("DeviceFrame", "open_device"),
     "frames.opening": ("open_recording",),
     "frames.writing": ("RecordingWriter",),
     "estimate.packaged": ("load_predictor",),

@@ -6,6 +6,7 @@ with open_recording("frames") as recording:      # a folder, frames/left_*.png, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
@@ -14,9 +15,9 @@ from netlib.files.paths import exists
 
 STACKS, VIDEOS, BAGS = (".npy", ".npz", ".h5", ".hdf5"), (".mkv", ".avi", ".mp4", ".mov"), (".bag", ".db3", ".mcap")
 PICTURES = (".png", ".tif", ".tiff", ".bin")
-LIVE = "realsense"
-EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *VIDEOS, *BAGS))}, or {LIVE}[:SERIAL], "
-            "a camera that is connected")  # fmt: skip
+LIVE = ("realsense", "orbbec", "oak", "ros2")
+EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *VIDEOS, *BAGS))}, or a camera that is "
+            "connected: realsense, orbbec or oak, each with or without :SERIAL, or ros2:TOPIC")  # fmt: skip
 
 
 def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording:
@@ -27,11 +28,9 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
     Raises DataError, and NetlibError if the source needs a package that is missing.
     """
     name, path = str(source), Path(source)
-    if name.split(":")[0] == LIVE and not exists(path):
+    if (kind := name.partition(":")[0]) in LIVE and not exists(path):
         _refuse_time_unit(name, given)
-        from handpose.frames.formats.realsense import open_live
-
-        return open_live(name.partition(":")[2] or None, given)
+        return _live(kind)(name.partition(":")[2] or None, given)
     file = path if exists(path) else Path(name.partition("#/")[0])  # a bag's topic may follow
     suffix = file.suffix.lower()
     if exists(file) and file.is_dir():
@@ -57,6 +56,25 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
 
         return open_folder(path, given)
     raise DataError(f"{source}: not a recording; expected {EXPECTED}")
+
+
+def _live(kind: str) -> Callable[[str | None, CameraInfo], Recording]:
+    """The function that opens a camera of this kind."""
+    if kind == "realsense":
+        from handpose.frames.formats import realsense
+
+        return realsense.open_live
+    if kind == "orbbec":
+        from handpose.frames.formats import orbbec
+
+        return orbbec.open_live
+    if kind == "oak":
+        from handpose.frames.formats import oak
+
+        return oak.open_live
+    from handpose.frames.formats import ros2
+
+    return ros2.open_live
 
 
 def _refuse_time_unit(source: str, given: CameraInfo) -> None:

@@ -9,18 +9,17 @@ Tested with pyrealsense2's software device, not with a real camera.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import lens_of
-from handpose.frames.raw import Calibration, calibration_of
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
+from handpose.frames.live import DeviceFrame, LiveRecording
+from handpose.frames.recording import CameraInfo, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
-WAIT_MS, WAITS = 1000, 5  # Ctrl-C is handled after each; a starting camera may need a few seconds
+WAIT_MS = 1000
 
 
 def open_live(serial: str | None, given: CameraInfo) -> Recording:
@@ -44,10 +43,9 @@ def open_live(serial: str | None, given: CameraInfo) -> Recording:
         stack.callback(pipeline.stop)
         device = profile.get_device()
         name = f"{device.get_info(rs.camera_info.name)} {device.get_info(rs.camera_info.serial_number)}"
-        own, shape = _own(rs, profile, name)
-        live = _Live(name, calibration_of(given, own, UNKNOWN, shape, np.dtype(np.uint16), name), pipeline)
+        info = _info(rs, profile, name)
         stack.pop_all()
-    return live
+    return LiveRecording(_Device(name, info, pipeline), given)
 
 
 def _library() -> Any:
@@ -68,8 +66,8 @@ def _connected(rs: Any) -> list[str]:
     return []
 
 
-def _own(rs: Any, profile: Any, name: str) -> tuple[CameraInfo, tuple[int, int]]:
-    """The camera's own parameters, and the height and width of its frames. Raises DataError."""
+def _info(rs: Any, profile: Any, name: str) -> CameraInfo:
+    """The camera's own parameters. Raises DataError."""
     stream = profile.get_stream(rs.stream.depth).as_video_stream_profile()
     if stream.format() != rs.format.z16:
         raise DataError(f"{name}: its depth comes as {stream.format()}; expected z16")
@@ -81,72 +79,25 @@ def _own(rs: Any, profile: Any, name: str) -> tuple[CameraInfo, tuple[int, int]]
         raise DataError(f"{name}: {error}") from None
     metres = profile.get_device().first_depth_sensor().get_depth_scale()
     unit_mm = float(f"{1000 * metres:.6g}")  # 0.001 as a float of 32 bits is not 0.001
-    return CameraInfo(camera, lens, unit_mm, float(stream.fps()), name), (said.height, said.width)
+    return CameraInfo(camera, lens, unit_mm, float(stream.fps()), name)
 
 
-class _Live(Recording):
-    """Frames as they come. The camera's frame number includes frames dropped because they were not read in time."""
+class _Device:
+    """A started pipeline, which keeps the newest frame only. The camera's frame number includes dropped frames."""
 
-    live = True
+    def __init__(self, name: str, info: CameraInfo, pipeline: Any) -> None:
+        self.name, self.info, self._pipeline = name, info, pipeline
 
-    def __init__(self, name: str, calibration: Calibration, pipeline: Any) -> None:
-        self.name, self.camera, self.unit_mm, self.rate = (
-            name,
-            calibration.camera,
-            calibration.unit_mm,
-            calibration.rate,
-        )
-        self.remarks = self._assumed = calibration.remarks
-        self._decode, self._pipeline = calibration.decoder(name), pipeline
-
-    def __iter__(self) -> Iterator[DepthFrame]:
-        self.cut, self.remarks = "", self._assumed
-        clock = _CameraClock(1 / (self.rate or 30))
-        last, lost = -1, 0
-        before: int | None = None
+    def read(self) -> DeviceFrame | None:
         try:
-            while (frame := self._next()) is not None:
-                counted = int(frame.get_frame_number())
-                step = 1 if before is None or counted < before else counted - before
-                before = counted
-                if step == 0:  # the same frame again
-                    continue
-                last, lost = last + step, lost + step - 1
-                time = clock(frame.get_timestamp(), frame.get_frame_timestamp_domain())
-                yield DepthFrame(last, time, self._decode(np.asanyarray(frame.get_data())))
-        finally:
-            if lost:
-                self.remarks += (f"frames lost because they were not taken in time: {lost}",)
-
-    def _next(self) -> Any:
-        """The next frame; None if none comes, and then ``cut`` is the reason."""
-        reason = ""
-        for _ in range(WAITS):
-            try:
-                if depth := self._pipeline.wait_for_frames(WAIT_MS).get_depth_frame():
-                    return depth
-            except RuntimeError as error:
-                reason = reason_of(error)
-        self.cut = f"no frame for {WAITS * WAIT_MS / 1000:g} s; was the camera unplugged? ({reason})"
-        return None
+            frame = self._pipeline.wait_for_frames(WAIT_MS).get_depth_frame()
+        except RuntimeError as error:
+            raise TimeoutError(reason_of(error)) from error
+        if not frame:
+            return None
+        time, clock = frame.get_timestamp() / 1000, frame.get_frame_timestamp_domain()
+        return DeviceFrame(time, np.asanyarray(frame.get_data()), int(frame.get_frame_number()), clock)
 
     def close(self) -> None:
-        """Stop the camera."""
         with contextlib.suppress(RuntimeError):  # it has been stopped, or unplugged
             self._pipeline.stop()
-
-
-class _CameraClock:
-    """Seconds since the first frame. If the camera changes to another clock, one frame's time is assumed to pass."""
-
-    def __init__(self, step: float) -> None:
-        self._step = step
-        self._domain: Any = None
-        self._begin = self._last = -step
-
-    def __call__(self, time_ms: float, domain: Any) -> float:
-        seconds = time_ms / 1000
-        if domain != self._domain or seconds - self._begin <= self._last:
-            self._domain, self._begin = domain, seconds - (self._last + self._step)
-        self._last = seconds - self._begin
-        return self._last

@@ -69,7 +69,7 @@ def values_of(message: Any, where: str) -> NDArray[Any]:
     if not (row and height) or step < row or len(message.data) < step * height:
         raise DataError(f"{where}: {len(message.data)} bytes in rows of {step}, which are no {message.width} x "
                         f"{height} pixels of {encoding}")  # fmt: skip
-    rows = message.data[: step * height].reshape(height, step)[:, :row]
+    rows = np.asarray(message.data)[: step * height].reshape(height, step)[:, :row]
     return np.ascontiguousarray(rows).view(dtype)
 
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from handpose.frames import formats
 from handpose.frames.formats.folder import FolderRecording
 from handpose.frames.formats.stack import StackRecording
 from handpose.frames.opening import open_recording
@@ -21,12 +22,15 @@ from tests.handpose.frames.conftest import GIVEN, hand_sized
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo]]:
     """The calls of readers that need packages; the readers themselves are replaced."""
     found: list[tuple[str, object, CameraInfo]] = []
-    for module, name in (("video", "open_video"), ("ros_bag", "open_bag"), ("realsense", "open_live")):
+    live = [(module, "open_live") for module in ("realsense", "orbbec", "oak", "ros2")]
+    for module, name in (("video", "open_video"), ("ros_bag", "open_bag"), *live):
 
         def opened(source: object, given: CameraInfo, name: str = name) -> None:
             found.append((name, source, given))
 
-        monkeypatch.setitem(sys.modules, f"handpose.frames.formats.{module}", SimpleNamespace(**{name: opened}))
+        replaced = SimpleNamespace(**{name: opened})
+        monkeypatch.setitem(sys.modules, f"handpose.frames.formats.{module}", replaced)
+        monkeypatch.setattr(formats, module, replaced, raising=False)
     return found
 
 
@@ -62,20 +66,21 @@ def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, C
     assert asked == [("open_bag", tmp_path, UNKNOWN)]
 
 
-def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:
-    """The first camera is opened, or the one with a serial number."""
-    open_recording("realsense")
-    open_recording("realsense:0123", GIVEN)
-    assert asked == [("open_live", None, UNKNOWN), ("open_live", "0123", GIVEN)]
+@pytest.mark.parametrize("kind", ["realsense", "orbbec", "oak", "ros2"])
+def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]], kind: str) -> None:
+    """The first camera is opened, or the one with a serial number or topic."""
+    open_recording(kind)
+    open_recording(f"{kind}:/a:b", GIVEN)
+    assert asked == [("open_live", None, UNKNOWN), ("open_live", "/a:b", GIVEN)]
 
 
-@pytest.mark.parametrize("name", ["a.mkv", "a.bag", "realsense"])
+@pytest.mark.parametrize("name", ["a.mkv", "a.bag", "realsense", "oak"])
 def test_a_unit_of_times_where_there_is_none(
     tmp_path: Path, asked: list[tuple[str, object, CameraInfo]], monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """Sources with a clock of their own reject a given unit of times."""
     monkeypatch.chdir(tmp_path)
-    if name != "realsense":
+    if "." in name:
         Path(name).touch()
     with pytest.raises(DataError, match=f"^{name}: its times have a unit; --time-unit is for the names of images"):
         open_recording(name, CameraInfo(time_unit="ms"))

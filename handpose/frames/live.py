@@ -1,0 +1,204 @@
+"""Live cameras: one small interface for their SDKs, and a recording of the frames as they come.
+
+with open_device(MyDevice()) as recording:     # any object with the members of Device
+    for frame in recording: ...
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.frames.raw import RATE, calibration_of
+from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
+from netlib.errors import DataError, NetlibError, reason_of
+
+WAIT_S, WAITS = 1.0, 5  # Ctrl-C is handled after each; a starting camera may need a few seconds
+
+
+class DeviceFrame(NamedTuple):
+    """One frame of a device.
+
+    time    s by any clock of the device
+    values  (height, width) stored values, valid until the next call of ``read``
+    number  by the device's count of all frames, including those that were not read; None without one
+    clock   which clock ``time`` is of, if the device has several
+    """
+
+    time: float
+    values: NDArray[Any]
+    number: int | None = None
+    clock: object = None
+
+
+class Device(Protocol):
+    """A connected depth camera.
+
+    name  for messages
+    info  its parameters; ``camera`` has the frames' size, and ``unit_mm`` is known
+    """
+
+    name: str
+    info: CameraInfo
+
+    def read(self) -> DeviceFrame | None:
+        """The next frame; None, or TimeoutError with the reason, if none comes within about a second.
+
+        Raises EOFError after the last frame of a device that ends; other exceptions mean that it has failed.
+        """
+
+    def close(self) -> None:
+        """Stop the camera."""
+
+
+class CaptureThread:
+    """A device whose frames a thread reads as they come.
+
+    Only the newest is kept: where an SDK queues frames, this keeps those that are returned recent, however long their
+    reader takes. Frames of a device without a count are counted here.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.name, self.info = device.name, device.info
+        self._device = device
+        self._changed = threading.Condition()
+        self._newest: DeviceFrame | None = None
+        self._failure: Exception | None = None
+        self._is_closed = False
+        self._thread: threading.Thread | None = None
+
+    def _capture(self) -> None:
+        count = 0
+        while not self._is_closed:
+            try:
+                frame = self._device.read()
+            except Exception as error:  # of any SDK; it is raised where the frames are read
+                with self._changed:
+                    self._failure = error
+                    self._changed.notify()
+                if not isinstance(error, TimeoutError):
+                    return
+                continue
+            if frame is not None:
+                number = count if frame.number is None else frame.number
+                count += 1
+                with self._changed:
+                    self._newest, self._failure = frame._replace(values=np.array(frame.values), number=number), None
+                    self._changed.notify()
+
+    def read(self) -> DeviceFrame | None:
+        """The newest frame that was not returned yet; the device's exceptions after its last frame.
+
+        The first call starts the thread.
+        """
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._capture, name=f"capture {self.name}", daemon=True)
+            self._thread.start()
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest is not None or self._failure is not None, WAIT_S)
+            if self._newest is not None:
+                frame, self._newest = self._newest, None
+                return frame
+            failure = self._failure
+            if isinstance(failure, TimeoutError):
+                self._failure = None
+            if failure is not None:
+                raise failure
+            return None
+
+    def close(self) -> None:
+        """End the thread, then close the device."""
+        self._is_closed = True
+        if self._thread is not None:
+            self._thread.join()
+        self._device.close()
+
+
+def open_device(device: Device, given: CameraInfo = UNKNOWN) -> LiveRecording:
+    """The frames of a device, read by a thread; ``given`` replaces its own parameters. Raises DataError."""
+    return LiveRecording(CaptureThread(device), given)
+
+
+class LiveRecording(Recording):
+    """Frames as they come. Numbers count all frames of the device, so those that were dropped are missing.
+
+    If a device's clock restarts or changes, one frame's time is assumed to pass. The device is closed with the
+    recording, and if its parameters are not valid: DataError.
+    """
+
+    live = True
+
+    def __init__(self, device: Device, given: CameraInfo = UNKNOWN) -> None:
+        self.name, self._device = device.name, device
+        with contextlib.ExitStack() as stack:
+            stack.callback(device.close)
+            camera = device.info.camera
+            if camera is None or not camera.width or device.info.unit_mm is None:
+                raise DataError(f"{device.name}: expected the camera with its width and height, and unit_mm")
+            shape, depth_type = (camera.height, camera.width), np.dtype(np.uint16)
+            calibration = calibration_of(given, device.info, UNKNOWN, shape, depth_type, self.name)
+            self._decode = calibration.decoder(self.name)
+            stack.pop_all()
+        self.camera, self.unit_mm, self.rate = calibration.camera, calibration.unit_mm, calibration.rate
+        self.remarks = self._assumed = calibration.remarks
+
+    def __iter__(self) -> Iterator[DepthFrame]:
+        self.cut, self.remarks = "", self._assumed
+        clock = _Clock(1 / (self.rate or RATE))
+        last, lost = -1, 0
+        before: int | None = None
+        try:
+            while (frame := self._next()) is not None:
+                counted = last + 1 if frame.number is None else frame.number
+                step = 1 if before is None or counted < before else counted - before
+                before = counted
+                if step == 0:  # the same frame again
+                    continue
+                last, lost = last + step, lost + step - 1
+                yield DepthFrame(last, clock(frame.time, frame.clock), self._decode(frame.values))
+        finally:
+            if lost:
+                self.remarks += (f"frames lost because they were not taken in time: {lost}",)
+
+    def _next(self) -> DeviceFrame | None:
+        """The next frame; None if none comes, and then ``cut`` is the reason unless the device has ended."""
+        reason = ""
+        for _ in range(WAITS):
+            try:
+                if (frame := self._device.read()) is not None:
+                    return frame
+            except EOFError:
+                return None
+            except TimeoutError as error:
+                reason = reason_of(error)
+            except NetlibError:
+                raise
+            except Exception as error:  # of any SDK
+                self.cut = f"the camera has stopped: {reason_of(error)}"
+                return None
+        self.cut = f"no frame for {WAITS * WAIT_S:g} s; was the camera unplugged?{reason and f' ({reason})'}"
+        return None
+
+    def close(self) -> None:
+        """Stop the camera."""
+        self._device.close()
+
+
+class _Clock:
+    """Seconds since the first frame. If a device changes to another clock, one frame's time is assumed to pass."""
+
+    def __init__(self, step: float) -> None:
+        self._step = step
+        self._clock: object = None
+        self._begin = self._last = -step
+
+    def __call__(self, seconds: float, clock: object) -> float:
+        if clock != self._clock or self._last < 0 or seconds - self._begin <= self._last:
+            self._clock, self._begin = clock, seconds - (self._last + self._step)
+        self._last = seconds - self._begin
+        return self._last

@@ -1,0 +1,172 @@
+"""handpose/frames/live.py: frames of any device, dropped ones, clocks, ends and failures, with and without a thread."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from handpose.frames.cameras import Camera
+from handpose.frames.lens import Lens, Undistorter
+from handpose.frames.live import DeviceFrame, LiveRecording, open_device
+from handpose.frames.recording import CameraInfo
+from netlib.errors import DataError
+from tests.handpose.frames.conftest import CAMERA, hand_sized
+
+Event = DeviceFrame | Exception | None
+
+
+class Simulated:
+    """A device that yields the given frames, and raises the given exceptions, in turn."""
+
+    name = "simulated"
+
+    def __init__(self, events: Iterable[Event], info: CameraInfo | None = None) -> None:
+        self.info = info or CameraInfo(CAMERA, unit_mm=0.5, rate=10.0)
+        self.events, self.closed = iter(events), 0
+
+    def read(self) -> DeviceFrame | None:
+        event = next(self.events, None)
+        if isinstance(event, Exception):
+            raise event
+        return event
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def frame(time: float, number: int | None = None, value: int = 1000, clock: object = None) -> DeviceFrame:
+    return DeviceFrame(time, hand_sized(distance=value), number, clock)
+
+
+def test_frames_as_they_come() -> None:
+    """Times begin at 0, depth is in mm, and missing numbers are counted; a repeated frame is skipped."""
+    device = Simulated([frame(5.0, 7), frame(5.1, 8), frame(5.1, 8), None, frame(5.4, 11), EOFError()])
+    with LiveRecording(device) as recording:
+        assert (recording.camera, recording.unit_mm, recording.rate, recording.live) == (CAMERA, 0.5, 10, True)
+        frames = list(recording)
+    assert [one.number for one in frames] == [0, 1, 4]
+    assert [one.time for one in frames] == pytest.approx([0, 0.1, 0.4])
+    assert (frames[0].depth == hand_sized(distance=1000) * np.float32(0.5)).all()
+    assert (recording.remarks, recording.cut) == (("frames lost because they were not taken in time: 2",), "")
+    assert device.closed == 1
+
+
+def test_frames_without_numbers() -> None:
+    """Without a count of the device, frames are numbered as they are read."""
+    recording = LiveRecording(Simulated([frame(1.0), frame(1.2), frame(1.9), EOFError()]))
+    assert [one.number for one in recording] == [0, 1, 2] and recording.remarks == ()
+
+
+@pytest.mark.parametrize("times", [[(1.0, "a"), (1.1, "a"), (1.7e9, "b"), (1.7e9 + 0.1, "b")],
+                                   [(5.0, "a"), (5.0, "a"), (0.0, "a"), (0.1, "a")]])  # fmt: skip
+def test_a_clock_that_changes(times: list[tuple[float, str]]) -> None:
+    """Times ascend if the clock changes, stands still or restarts; then one frame's time passes."""
+    recording = LiveRecording(Simulated([frame(time, clock=clock) for time, clock in times] + [EOFError()]))
+    assert [one.time for one in recording] == pytest.approx([0, 0.1, 0.2, 0.3], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("end", "cut"),
+    [
+        ([None] * 5, "no frame for 5 s; was the camera unplugged?"),
+        ([TimeoutError("nothing came")] * 5, "no frame for 5 s; was the camera unplugged? (nothing came)"),
+        ([ValueError("USB error 7")], "the camera has stopped: USB error 7"),
+        ([EOFError("the end")], ""),
+    ],
+)
+def test_the_end(end: list[Event], cut: str) -> None:
+    """A device that ends, fails or sends nothing more ends the recording, with the reason."""
+    recording = LiveRecording(Simulated([frame(1.0), *end]))
+    assert len(list(recording)) == 1 and recording.cut == cut
+
+
+@pytest.mark.parametrize(
+    ("end", "cut"), [(ValueError("USB error 7"), "the camera has stopped: USB error 7"), (EOFError(), "")]
+)
+def test_the_end_in_a_thread(end: Exception, cut: str) -> None:
+    """Exceptions of the thread come after its last frame; a timeout before a frame has no effect."""
+    events: queue.Queue[Event] = queue.Queue()
+    with open_device(Simulated(iter(events.get, "never"))) as recording:
+        events.put(TimeoutError("not yet"))
+        events.put(frame(1.0))
+        frames = iter(recording)
+        assert next(frames).number == 0
+        events.put(end)
+        assert list(frames) == [] and recording.cut == cut
+
+
+def test_an_error_of_a_device() -> None:
+    """An error that is made for users is raised as it is."""
+    with pytest.raises(DataError, match=r"^simulated: not calibrated$"):
+        list(LiveRecording(Simulated([DataError("simulated: not calibrated")])))
+
+
+def test_a_thread_keeps_the_newest_frame() -> None:
+    """While a frame is in use, those that come are read, and all but the newest are dropped and counted."""
+    read, released = threading.Semaphore(0), [threading.Event(), threading.Event()]
+
+    def events() -> Iterable[Event]:
+        shared = hand_sized()  # an SDK may reuse its memory
+        yield DeviceFrame(1.0, shared)
+        released[0].wait()
+        for i in range(1, 6):
+            shared[:] = 100 * i
+            yield DeviceFrame(1.0 + i / 10, shared)
+        read.release()
+        released[1].wait()
+        yield EOFError()
+
+    device = Simulated(events())
+    with open_device(device) as recording:
+        frames = iter(recording)
+        first = next(frames)
+        released[0].set()
+        read.acquire()
+        second = next(frames)
+        released[1].set()
+        assert list(frames) == []
+    assert (first.number, second.number, round(second.time, 3)) == (0, 5, 0.5)
+    assert (second.depth == 250).all()
+    assert recording.remarks == ("frames lost because they were not taken in time: 4",)
+    assert device.closed == 1
+
+
+def test_given_parameters() -> None:
+    """The user's parameters replace the device's; its lens is removed."""
+    lens = Lens((-0.1, 0.02, 0, 0))
+    device = Simulated([frame(0.0), EOFError()], CameraInfo(CAMERA, lens, 1.0))
+    (one,) = LiveRecording(device, CameraInfo(unit_mm=0.25))
+    expected = Undistorter(CAMERA, lens)(hand_sized().astype(np.float32) / 4)
+    np.testing.assert_array_equal(one.depth, expected)
+
+
+@pytest.mark.parametrize(
+    ("info", "given", "said"),
+    [
+        (
+            CameraInfo(unit_mm=1.0),
+            CameraInfo(),
+            "simulated: expected the camera with its width and height, and unit_mm",
+        ),
+        (CameraInfo(CAMERA), CameraInfo(), "simulated: expected the camera with its width and height, and unit_mm"),
+        (CameraInfo(Camera("own", 60, 60, 32, 24, 0, 0), unit_mm=1.0), CameraInfo(), "simulated: expected the camera"),
+        (CameraInfo(CAMERA, unit_mm=1.0), CameraInfo(Camera("x", 60, 60, 32, 24, 99, 48)), "camera x has 99 x 48"),
+    ],
+)
+def test_parameters_that_do_not_fit(info: CameraInfo, given: CameraInfo, said: str) -> None:
+    """A device without its parameters, or with others than given, raises an error and is closed."""
+    device = Simulated([], info)
+    with pytest.raises(DataError, match=said):
+        LiveRecording(device, given)
+    assert device.closed == 1
+
+
+def test_a_frame_of_another_size() -> None:
+    """A frame that does not fit the camera raises an error with the device's name."""
+    recording = LiveRecording(Simulated([DeviceFrame(0.0, np.zeros((3, 4), np.uint16))]))
+    with pytest.raises(DataError, match="simulated: 4 x 3 pixels; the camera has 64 x 48"):
+        list(recording)
