@@ -46,14 +46,14 @@ class Depthwise:
 
         def job(part: slice) -> None:
             if filtered:
-                _filter(g, x[:, part], kernels[part], biases[part], after.rectify, target[:, part])
+                _filter(g, x[:, part], kernels[part], biases[part], after, target[:, part])
                 return
             for c, maps, sums in _blocks(g, x, y, part):
                 for m in range(kernels.shape[1]):
                     weights = sums.repeated(kernels[c, m])
                     for image, out in zip(x[:, c], target[:, c, m]):
                         maps.read(image)
-                        sums.correlate(weights, biases[c, m], after.rectify, out)
+                        sums.correlate(weights, biases[c, m], after, out)
 
         run_parts(job, C, C, y.size * w[0].size * VALUE)
 
@@ -95,7 +95,7 @@ class Depthwise:
         run_parts(job, C, C, dy.size * dw[0].size * VALUE)
 
 
-def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, rectify: bool, y: Array) -> None:
+def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, y: Array) -> None:
     """Write y (N, C, outputs of a channel, Ho, Wo) by OpenCV's filter2D, whose windows start at each value."""
     (N, C, H, W), Wp = x.shape, x.shape[3] + 2 * g.pad[1]
     extent = [d * (k - 1) + 1 for d, k in zip(g.dilation, g.kernel)]
@@ -113,8 +113,7 @@ def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, rectify: bool,
             for m in range(kernels.shape[1]):
                 cv2.filter2D(source, -1, spread[c, m], target, (0, 0), 0, cv2.BORDER_CONSTANT)
                 result = np.add(valid, biases[c, m], out=y[images, c, m])
-                if rectify:
-                    np.maximum(result, 0, out=result)
+                after.activate(result, result)
 
 
 def _by_input(channels: int, array: Array, axis: int) -> Array:
@@ -147,15 +146,14 @@ class Sums:
             shape = rows.stop - rows.start, self.wide, self.channels
             yield rows, scratch("filtered", shape, self.maps.values.dtype)
 
-    def correlate(self, weights: Array, bias: Array, rectify: bool, y: Array) -> None:
+    def correlate(self, weights: Array, bias: Array, after: After, y: Array) -> None:
         """Write y (c, Ho, Wo) for repeated kernels."""
         for rows, out in self._bands():
             out[...] = bias
             sums = out.reshape(len(out), -1)
             for element, vectors in self.maps.vectors(rows):
                 cv2.accumulateProduct(vectors, weights[element][: len(sums)], sums)
-            if rectify:
-                np.maximum(out, 0, out=out)
+            after.activate(out, out)
             y[:, rows] = out.transpose(2, 0, 1)
 
     def transpose(self, dy: Array, weights: Array) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fast import parallel
 from fast.fast_layer import FastLayer
+from fast.fusing import after_of
 from fast.parallel import scratch
 from fast.per_channel import BLOCK
 from layers.common.eltwise import Eltwise
@@ -27,14 +28,14 @@ class FastEltwise(FastLayer, Eltwise):
         if self.param.operation != "SUM":
             super().forward(bottom, top)
             return
+        after = after_of(None, self.after)
         xs, y = [x.data.reshape(-1) for x in bottom], top[0].data.reshape(-1)
 
         def job(own: slice) -> None:
             total = _times(xs[0][own], self.coeff[0], "sum")
             for x, c in zip(xs[1:], self.coeff[1:]):
                 total = np.add(total, _times(x[own], c, "product"), out=y[own])
-            if self.after:
-                np.maximum(total, 0, out=y[own])
+            after.activate(total, y[own])
 
         parallel.run([partial(job, own) for own in blocks(y.size, BLOCK)])
 

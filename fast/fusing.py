@@ -1,9 +1,10 @@
 """Fusing: a convolution computes the layers in place behind it, while its outputs are in the cache.
 
-Batch normalization by its sums, a Scale with learned parameters and a ReLU are a multiplication, an addition and a
-maximum per channel: y = max(gain y + bias, 0). A sum of blobs computes the ReLU behind it, too. The values between the
-layers are overwritten in any case, so no caller can see the difference, unless a part of the net is run: then each
-layer is computed on its own. A layer with a backward pass is fused only if it is a ReLU, which stores nothing.
+Batch normalization by its sums, a Scale with learned parameters and a ReLU or ReLU6 are a multiplication, an addition
+and a maximum per channel: y = max(gain y + bias, 0). A sum of blobs computes the ReLU behind it, too. The values
+between the layers are overwritten in any case, so no caller can see the difference, unless a part of the net is run:
+then each layer is computed on its own. A layer with a backward pass is fused only if it is a ReLU or ReLU6, which store
+nothing.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from fast.fast_layer import FastLayer
 from fast.per_channel import FastBatchNorm
 from layers.activation.relu import ReLU
+from layers.activation.relu6 import ReLU6
 from layers.activation.scale import Scale
 from netlib.blob import Array
 from netlib.engine.plain import Connection
@@ -27,7 +29,8 @@ BLOCK = 1 << 16  # values
 
 @dataclass(frozen=True)
 class After:
-    """What is computed from the sums of a convolution: y = gain sum + bias, and its maximum with 0 if ``rectify``.
+    """What is computed from the sums of a convolution: y = gain sum + bias, its maximum with 0 if ``rectify``, and the
+    minimum with ``limit``.
 
     gain, bias  (O,) or None
     """
@@ -35,6 +38,14 @@ class After:
     gain: Array | None = None
     bias: Array | None = None
     rectify: bool = False
+    limit: float | None = None
+
+    def activate(self, values: Array, target: Array) -> None:
+        """Write the maximum and the minimum of ``values`` to ``target``, which may be the same array."""
+        if self.rectify:
+            np.maximum(values, 0, out=target)
+        if self.limit is not None:
+            np.minimum(target, self.limit, out=target)
 
     def write(self, values: Array, target: Array, o: slice, axis: int = 0) -> None:
         """Write the outputs ``o`` for sums ``values`` to ``target``, which may be the same array.
@@ -42,7 +53,7 @@ class After:
         Both have the outputs on ``axis``. They are divided into blocks of outputs that stay in the cache.
         """
         count = target.shape[axis]
-        operations = (self.gain is not None) + (self.bias is not None) + self.rectify
+        operations = (self.gain is not None) + (self.bias is not None) + self.rectify + (self.limit is not None)
         if operations == 0:
             if values is not target:
                 target[...] = values
@@ -56,13 +67,12 @@ class After:
                 own = np.multiply(own, gain[part], out=out)
             if bias is not None:
                 own = np.add(own, bias[part], out=out)
-            if self.rectify:
-                np.maximum(own, 0, out=out)
+            self.activate(own, out)
 
     def part(self, o: slice) -> After:
         """The same for some of the outputs."""
         gain, bias = (None if values is None else values[o] for values in (self.gain, self.bias))
-        return After(gain, bias, self.rectify)
+        return After(gain, bias, self.rectify, self.limit)
 
     @staticmethod
     def _wide(values: Array | None, o: slice, axes: int) -> Array | None:
@@ -73,7 +83,7 @@ class After:
 def after_of(bias: Array | None, layers: Sequence[Layer]) -> After:
     """What a convolution with this bias and the layers behind it compute together."""
     gain: Array | None = None
-    rectify = False
+    rectify, limit = False, None
     for layer in layers:
         if isinstance(layer, FastBatchNorm):
             mean, deviation = layer.statistics()
@@ -86,10 +96,10 @@ def after_of(bias: Array | None, layers: Sequence[Layer]) -> After:
             if layer.param.bias_term:
                 bias = layer.bias.data if bias is None else bias + layer.bias.data
         else:
-            rectify = True
+            rectify, limit = True, 6.0 if isinstance(layer, ReLU6) else None
     dtype = layers[0].dtype if layers else None
     gain, bias = (None if values is None else np.asarray(values, dtype) for values in (gain, bias))
-    return After(gain, bias, rectify)
+    return After(gain, bias, rectify, limit)
 
 
 def fuse(connections: Sequence[Connection]) -> None:
@@ -122,9 +132,9 @@ def _continues(at: Connection, chain: Sequence[Layer], follower: Connection) -> 
     assert isinstance(first, FastLayer)
     if not isinstance(layer, FastLayer) or not all(one is blob for one in [*follower.bottom, *follower.top]):
         return False
-    if len(follower.bottom) != 1 or (chain and isinstance(chain[-1], ReLU)):
+    if len(follower.bottom) != 1 or (chain and isinstance(chain[-1], (ReLU, ReLU6))):
         return False
-    if isinstance(layer, ReLU):
+    if isinstance(layer, (ReLU, ReLU6)):
         return layer.slope == 0
     if follower.needs_backward or not first.fuses_channels():
         return False

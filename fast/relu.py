@@ -56,6 +56,8 @@ class FastReLU6(FastLayer, ReLU6):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = min(max(x, 0), 6), row by row."""
+        if self.is_fused:
+            return
         if self.slope:
             super().forward(bottom, top)
             return

@@ -271,7 +271,8 @@ def value_of(item: Field, kind: Any) -> Any:
         where = value.position
         names = list(enum_of(kind))
         if names and value.kind != "string":
-            advice = option_advice(value.text, names) or f"; known values: {', '.join(names)}"
+            advise = forks.type_advice if item.name == "type" else option_advice
+            advice = advise(value.text, names) or f"; known values: {', '.join(names)}"
             raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
         raise PrototxtError(where, f"{item.name!r} expects {expected(kind)}, found {value}")
     return result

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -176,3 +178,18 @@ def test_batches_in_float32(text: str, batch: int) -> None:
     size = 16 if batch < 100 else 5
     compare("Convolution", text + ' weight_filler { type: "gaussian" }', (batch, 64, size, size),
             np.random.default_rng(batch), np.float32)  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["DepthwiseConvolution", "ConvolutionDepthwise"])
+def test_the_types_of_forks_have_the_depthwise_algorithm(kind):
+    """A depthwise convolution of a fork's type is computed by the same algorithm as one with a group per channel."""
+    options = "num_output: 8 group: 8 kernel_size: 3 pad: 1"
+    x = np.zeros((2, 8, 20, 20), np.float32)
+    found = []
+    for type_ in ("Convolution", kind):
+        layer: Any = gradcheck.make_layer(
+            f'type: "{type_}" convolution_param {{ {options} }}', [x], dtype=np.float32, engine="fast"
+        )
+        layer.reshape([Blob(x.shape)], [Blob(())])
+        found.append([type(getattr(layer.algorithm, part)) for part in ("correlate", "transpose", "gradient")])
+    assert found[0] == found[1] == [Depthwise] * 3

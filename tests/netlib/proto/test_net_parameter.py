@@ -124,7 +124,7 @@ def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
         ('net: "train_val.prototxt" base_lr: 0.1', "net.prototxt:1:1: error: this is a solver; expected a net"),
         ('layers { name: "a" }', "layer 'a' has no type"),
         ('layers { name: "a" type: "RELU" }', "'type' expects .*, found \"RELU\""),
-        ('layers { name: "a" type: RELUU }', r"unknown value RELUU of 'type' \(did you mean 'RELU'\?\)"),
+        ('layers { name: "a" type: POOLIN }', r"unknown value POOLIN of 'type' \(did you mean 'POOLING'\?\)"),
         ('layers { type: RELU } layer { type: "ReLU" }', "both 'layer' and 'layers'"),
         ('layer { name: "x" type: "Power" power_parm { } }', "unknown field 'power_parm'"),
         ('layer { name: "x" type: "Power" powwer_param { } }', r"'powwer_param' \(did you mean 'power_param'\?\)"),
