@@ -244,6 +244,121 @@ class FlipsBackward(Convolution):
             blob.diff[...] = diff
 
 
+def _part_of_backward(layer: Convolution, top: Blobs, bottom: Blobs, last_window: bool = False) -> list[Array]:
+    """Return dw and db of the last image alone, or of its last window."""
+    before = [blob.diff.copy() for blob in layer.blobs]
+    x, y = Blob(bottom[0].data[-1:].shape, layer.dtype), Blob(top[0].diff[-1:].shape, layer.dtype)
+    x.data[...], y.diff[...] = bottom[0].data[-1:], top[0].diff[-1:]
+    if last_window:
+        y.diff[...] = 0
+        y.diff[..., -1, -1] = top[0].diff[-1:, ..., -1, -1]
+    for blob in layer.blobs:
+        blob.diff[...] = 0
+    Convolution.backward(layer, Blobs([y]), [False], Blobs([x]))
+    found = [blob.diff.copy() for blob in layer.blobs]
+    for blob, kept in zip(layer.blobs, before):
+        blob.diff[...] = kept
+    return found
+
+
+class AssignsWeights(Convolution):
+    """dw[...] = inside the loop over the images replaces the sum of the images before, and what earlier batches have
+    added. Use dw[...] += there.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        self.weight.diff[...] = _part_of_backward(self, top, bottom)[0]
+
+
+class AssignsBias(Convolution):
+    """db[...] = inside the loop over the images replaces the sum of the images before, and what earlier batches have
+    added. Use db[...] += there.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        for blob, found in zip(self.blobs[1:], _part_of_backward(self, top, bottom)[1:]):
+            blob.diff[...] = found
+
+
+class AssignsWeightsByWindow(Convolution):
+    """dw is assigned inside the loop over the windows, so only the last window is left. All windows use the same
+    weights: add the gradient of each, with +=.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        self.weight.diff[...] = _part_of_backward(self, top, bottom, last_window=True)[0]
+
+
+class AssignsBiasByWindow(Convolution):
+    """db is assigned inside the loop over the windows, so only the last window is left. All windows use the same bias:
+    add dy of each, with +=.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        for blob, found in zip(self.blobs[1:], _part_of_backward(self, top, bottom, last_window=True)[1:]):
+            blob.diff[...] = found
+
+
+class OverwritesMapsAndWindows(OverwritesWindows):
+    """The loop over output maps and windows assigns to dx where it must add: every map contributes to a pixel, and
+    windows overlap. Use +=.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        Convolution.backward(self, top, [False], bottom)
+        w = self.by_group(self.weight.data)[:, -1:]
+        for x, y in zip(bottom, top) if propagate_down[0] else []:
+            for n, gradient in enumerate(y.diff):
+                columns = w.swapaxes(1, 2) @ self.by_group(gradient)[:, -1:]
+                x.diff[n] = self._last_window(columns.reshape(-1, columns.shape[-1]), x.shape[1:], gradient.shape)
+
+
+class KeepsPadding(Convolution):
+    """dx begins at the corner of the padded image. Cut the padding off: rows pad to pad + H, and columns likewise."""
+
+    def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
+        C, *sizes = x_shape
+        kept, self.pad = self.pad, (0,) * len(sizes)
+        whole = super().col2im(columns, (C, *(n + 2 * p for n, p in zip(sizes, kept))), y_shape)
+        self.pad = kept
+        return whole[(slice(None), *(slice(n) for n in sizes))]
+
+
+def _without_leading_padding(layer: Convolution, image: Array, y_shape: tuple[int, ...]) -> Array:
+    padded = np.pad(image, [(0, 0), *((0, 2 * p) for p in layer.pad)])
+    patches = np.stack([padded[part] for part in layer.window_slices(y_shape)], axis=1)
+    return np.asarray(patches.reshape(-1, int(np.prod(y_shape[1:]))))
+
+
+class StartsInside(Convolution):
+    """The padding before the image is missing: the window of row h begins at row h stride - pad of the image."""
+
+    def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
+        return _without_leading_padding(self, image, y_shape)
+
+
+class StartsInsideBackward(Convolution):
+    """dw uses windows without the padding before the image. Use the windows of forward: row h begins at row
+    h stride - pad of the image.
+    """
+
+    inside = False
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        self.inside = True
+        super().backward(top, propagate_down, bottom)
+        self.inside = False
+
+    def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
+        if self.inside:
+            return _without_leading_padding(self, image, y_shape)
+        return super().im2col(image, y_shape)
+
+
 def _options(outputs: int, more: str) -> str:
     return f"convolution_param {{ num_output: {outputs} {more} }}"
 

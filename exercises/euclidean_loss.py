@@ -15,24 +15,27 @@ class NoHalf(EuclideanLoss):
     """The half is missing: L = 1 / (2 N) sum of (a - b)². It is there so that the gradient has no 2."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        super().forward(bottom, top)
-        top[0].data[...] *= 2
+        a, b = (x.data.reshape(self.items, self.values) for x in bottom)
+        self.difference = a - b
+        top[0].data[...] = (self.difference**2).sum() / self.items
 
 
 class NoItems(EuclideanLoss):
     """The sum is not divided by the number of items N, self.items."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        super().forward(bottom, top)
-        top[0].data[...] *= self.items
+        a, b = (x.data.reshape(self.items, self.values) for x in bottom)
+        self.difference = a - b
+        top[0].data[...] = (self.difference**2).sum() / 2
 
 
 class MeanOfValues(EuclideanLoss):
     """The sum is divided by the number of values. Average over the items only: divide by 2 N, with N = self.items."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        super().forward(bottom, top)
-        top[0].data[...] /= self.values
+        a, b = (x.data.reshape(self.items, self.values) for x in bottom)
+        self.difference = a - b
+        top[0].data[...] = (self.difference**2).sum() / (2 * self.items * self.values)
 
 
 class PlainMean(EuclideanLoss):

@@ -171,7 +171,8 @@ def where_wrong(found: Difference) -> str | None:
         for k, size in enumerate(wrong.shape)
         if (place := _along(letters[k] if len(letters) == wrong.ndim else f"axis {k}", wrong, k, size))
     ]
-    if not places and wrong.ndim >= 2 and min(wrong.shape[-2:]) > 2 and not wrong[..., 1:-1, 1:-1].any():
+    of_images = tuple(letters[-2:]) == ("h", "w") and min(wrong.shape[-2:]) > 2
+    if not places and of_images and not wrong[..., 1:-1, 1:-1].any():
         places.append("at the border of the image")
     for what, mask in (
         ("0 is expected", found.wanted == 0),
@@ -231,7 +232,10 @@ def _pattern(found: Difference) -> str | None:
     if not np.isfinite(got).all() or not np.isfinite(wanted).all():
         return None
     if (got == 0).all():
-        return "All elements are 0: nothing was written into the array, or 0 overwrote it."
+        return (
+            "All elements are 0: nothing was written into the array, or 0 overwrote it. An assignment to a name, y = "
+            "... or dw = ..., changes no array: write y[...] = ..., and dw[...] += ... for a parameter."
+        )
     if text := _coarse(got, wanted):
         return text
     factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)

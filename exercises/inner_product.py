@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from exercises.exercise import known_in
 from exercises.layer_examples import Example, Letters, numbers
 from exercises.layers import layer_exercise
@@ -126,6 +128,28 @@ class ForgetsBiasGradient(InnerProduct):
         super().backward(top, propagate_down, bottom)
         for blob, diff in zip(self.blobs[1:], kept):
             blob.diff[...] = diff
+
+
+class AssignsWeights(InnerProduct):
+    """dw[...] = inside the loop over the items replaces the sum of the items before, and what earlier batches have
+    added. Use dw[...] += there.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        dw = self.output_first(self.blobs[0].diff)
+        dw[...] = np.outer(self.rows(top[0].diff)[-1], self.rows(bottom[0].data)[-1])
+
+
+class AssignsBias(InnerProduct):
+    """db[...] = inside the loop over the items replaces the sum of the items before, and what earlier batches have
+    added. Use db[...] += there.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        for blob in self.blobs[1:]:
+            blob.diff[...] = self.rows(top[0].diff)[-1]
 
 
 def _options(more: str = "", outputs: int = 3) -> str:

@@ -150,6 +150,47 @@ class OverwritesShared(Pooling):
             bottom[0].diff[n] = target[:, p : p + x.shape[1], q : q + x.shape[2]]
 
 
+class OverwritesMeans(Pooling):
+    """The loop over the windows of AVE assigns to dx where it must add: windows overlap, and a pixel receives a share
+    of each. Use +=.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        if self.is_max:
+            return
+        (kh, kw), (sh, sw), (p, q) = self.kernel, self.stride, self.pad
+        for n, x in enumerate(bottom[0].data):
+            target = self.padded(np.zeros_like(x), top[0].shape, 0)
+            share = top[0].diff[n] / self.area(bottom[0].shape, top[0].shape)
+            for h, w in np.ndindex(*share.shape[1:]):
+                target[:, h * sh : h * sh + kh, w * sw : w * sw + kw] = share[:, h, w, None, None]
+            bottom[0].diff[n] = target[:, p : p + x.shape[1], q : q + x.shape[2]]
+
+
+class KeepsPadding(Pooling):
+    """dx begins at the corner of the padded image. Cut the padding off: rows pad to pad + H, and columns likewise."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        (c, h, w), (sh, sw) = np.indices(top[0].shape[1:]), self.stride
+        for n, x in enumerate(bottom[0].data):
+            target = self.padded(np.zeros_like(x), top[0].shape, 0)
+            if self.is_max:
+                i, j = np.divmod(self.winners[n], self.kernel[1])
+                np.add.at(target, (c, h * sh + i, w * sw + j), top[0].diff[n])
+            else:
+                for rows, across in self.window_slices(top[0].shape):
+                    target[:, rows, across] += top[0].diff[n] / self.area(bottom[0].shape, top[0].shape)
+            bottom[0].diff[n] = target[:, : x.shape[1], : x.shape[2]]
+
+
+class StartsInside(Pooling):
+    """The padding before the image is missing: the window of row h begins at row h stride - pad of the image."""
+
+    def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
+        return np.roll(super().padded(x, y_shape, value), (-self.pad[0], -self.pad[1]), (1, 2))
+
+
 def _different(*shape: int, seed: int = 0) -> Array:
     """Return well-separated values, most of them negative."""
     count = int(np.prod(shape))

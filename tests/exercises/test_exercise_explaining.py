@@ -101,6 +101,9 @@ def test_wrong_at_the_border_or_by_sign() -> None:
     ):
         found = first_difference(case, {"y": got})
         assert found is not None and where_wrong(found) == said
+    weights = Case("", lambda part: {"w": part}, lambda: {"w": wanted}, "Caffe has", {"w": "ocij"}, 1e-6)
+    found = first_difference(weights, {"w": border})
+    assert found is not None and where_wrong(found) is None  # an array that is no image has no border
 
 
 def test_a_shape_that_differs() -> None:

@@ -12,9 +12,11 @@ from exercises.checking import steps
 from exercises.runner import LocalRunner
 from exercises.table import EXERCISES
 from layers.activation.relu import ReLU
+from layers.common.inner_product import InnerProduct
 from layers.hand.kinematics import Kinematics
 from layers.hand.phys_limit import PhysLimit
 from layers.vision.convolution import Convolution
+from layers.vision.pooling import Pooling
 
 
 def said(name: str, part: Any) -> str:
@@ -239,7 +241,111 @@ def loops(**changed: bool) -> type[Loops]:
     return type("Changed", (Loops,), changed)
 
 
+class WindowByWindow(Convolution):
+    """A reader's backward with one loop for each index; ``assigned`` has the arrays that are not added to."""
+
+    assigned: tuple[str, ...] = ()
+    keeps_padding = False
+
+    def put(self, name: str, array: Any, index: Any, value: Any) -> None:
+        array[index] = value if name in self.assigned else array[index] + value
+
+    def backward(self, top: Any, propagate_down: Any, bottom: Any) -> None:
+        x, dy, w, p = bottom[0].data, top[0].diff, self.weight.data, self.param
+        (q, r), (H, W), (kh, kw), (dh, dv) = self.pad, x.shape[2:], self.kernel, self.dilation
+        padded = np.pad(x, [(0, 0), (0, 0), (q, q), (r, r)])
+        dx, per_in = np.zeros_like(padded), self.channels // p.group
+        for n, o, h, v in np.ndindex(dy.shape):
+            first = o // (p.num_output // p.group) * per_in
+            row, column, d = h * self.stride[0], v * self.stride[1], dy[n, o, h, v]
+            window = (n, slice(first, first + per_in), slice(row, row + dh * (kh - 1) + 1, dh),
+                      slice(column, column + dv * (kw - 1) + 1, dv))  # fmt: skip
+            self.put("dw", self.weight.diff, o, d * padded[window])
+            self.put("dx", dx, window, d * w[o])
+            if p.bias_term:
+                self.put("db", self.bias.diff, o, d)
+        bottom[0].diff[...] = dx[:, :, :H, :W] if self.keeps_padding else dx[:, :, q : q + H, r : r + W]
+
+
+class ImageByImage(Convolution):
+    """A reader's backward with matrix products for each image; ``assigned`` has what is not added to."""
+
+    assigned: tuple[str, ...] = ()
+    windows_inside = False
+
+    def columns(self, image: Any, shape: Any) -> Any:
+        if not self.windows_inside:
+            return self.im2col(image, shape)
+        padded = np.pad(image, [(0, 0), *((0, 2 * p) for p in self.pad)])
+        return np.stack([padded[part] for part in self.window_slices(shape)], axis=1).reshape(-1, np.prod(shape[1:]))
+
+    def backward(self, top: Any, propagate_down: Any, bottom: Any) -> None:
+        w, dw = self.by_group(self.weight.data), self.by_group(self.weight.diff)
+        for n, (image, gradient) in enumerate(zip(bottom[0].data, top[0].diff)):
+            dy = self.by_group(gradient)
+            found = dy @ self.by_group(self.columns(image, gradient.shape)).swapaxes(1, 2)
+            dw[...] = found if "dw" in self.assigned else dw + found
+            if self.param.bias_term:
+                db = gradient.sum(axis=(1, 2))
+                self.bias.diff[...] = db if "db" in self.assigned else self.bias.diff + db
+            bottom[0].diff[n] = self.col2im(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)
+
+
+# ---------------------------------------------------------------------------------------------- pooling, inner_product
+
+
+class PoolingByWindow(Pooling):
+    """A reader's backward with loops over the windows."""
+
+    assigned = keeps_padding = False
+
+    def backward(self, top: Any, propagate_down: Any, bottom: Any) -> None:
+        dy, dx = top[0].diff, bottom[0].diff
+        (sh, sw), (p, q), (kh, kw), (H, W) = self.stride, self.pad, self.kernel, dx.shape[2:]
+        for n, x in enumerate(bottom[0].data):
+            padded = self.padded(np.zeros_like(x), dy.shape, 0)
+            area = self.area(dx.shape, dy.shape)
+            for c, h, w in np.ndindex(dy.shape[1:]):
+                part = padded[c, h * sh : h * sh + kh, w * sw : w * sw + kw]
+                if self.is_max:
+                    part[divmod(self.winners[n, c, h, w], kw)] += dy[n, c, h, w]
+                else:
+                    part[...] = dy[n, c, h, w] / area[h, w] + (0 if self.assigned else part)
+            dx[n] = padded[:, :H, :W] if self.keeps_padding else padded[:, p : p + H, q : q + W]
+
+
+class ItemByItem(InnerProduct):
+    """A reader's backward with a loop over the items; ``assigned`` has what is not added to."""
+
+    assigned: tuple[str, ...] = ()
+
+    def backward(self, top: Any, propagate_down: Any, bottom: Any) -> None:
+        dw, w = self.output_first(self.weight.diff), self.output_first(self.weight.data)
+        for x, dx, dy in zip(self.rows(bottom[0].data), self.rows(bottom[0].diff), self.rows(top[0].diff)):
+            dw[...] = np.outer(dy, x) + (0 if "dw" in self.assigned else dw)
+            if self.param.bias_term:
+                self.bias.diff[...] = dy + (0 if "db" in self.assigned else self.bias.diff)
+            dx[...] = dy @ w
+
+
+def changed(part: type, **changes: Any) -> Any:
+    """Return the part with other attributes."""
+    return type("Changed", (part,), changes)
+
+
 ANSWERS = [
+    ("convolution", changed(ImageByImage, assigned=("dw",)), "dw[...] = inside the loop over the images"),
+    ("convolution", changed(ImageByImage, assigned=("db",)), "db[...] = inside the loop over the images"),
+    ("convolution", changed(ImageByImage, assigned=("dw", "db")), "Use dw[...] += there"),
+    ("convolution", changed(ImageByImage, windows_inside=True), "dw uses windows without the padding"),
+    ("convolution", changed(WindowByWindow, assigned=("dw",)), "dw is assigned inside the loop over the windows"),
+    ("convolution", changed(WindowByWindow, assigned=("db",)), "db is assigned inside the loop over the windows"),
+    ("convolution", changed(WindowByWindow, assigned=("dx",)), "The loop over output maps and windows assigns to dx"),
+    ("convolution", changed(WindowByWindow, keeps_padding=True), "Cut the padding off"),
+    ("pooling", changed(PoolingByWindow, assigned=True), "The loop over the windows of AVE assigns to dx"),
+    ("pooling", changed(PoolingByWindow, keeps_padding=True), "Cut the padding off"),
+    ("inner_product", changed(ItemByItem, assigned=("dw",)), "dw[...] = inside the loop over the items"),
+    ("inner_product", changed(ItemByItem, assigned=("db",)), "db[...] = inside the loop over the items"),
     ("relu", Rebinds, "nothing was written"),
     ("relu", GateTimesOutput, "slope is multiplied by y"),
     ("sgd", other_sign, "h has the opposite sign, although w is correct"),
@@ -268,12 +374,13 @@ ANSWERS = [
     ("convolution", loops(last_bias=True), "db contains only the last image"),
     ("convolution", loops(clears=False), "backward adds to the diff of a bottom"),
 ]
-RIGHT = [("phys_limit", Limits), ("torque_gradient", Torques), ("convolution", Loops)]
+RIGHT = [("phys_limit", Limits), ("torque_gradient", Torques), ("convolution", Loops), ("convolution", WindowByWindow),
+         ("convolution", ImageByImage), ("pooling", PoolingByWindow), ("inner_product", ItemByItem)]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "part", "words"), ANSWERS, ids=[f"{n}-{w[:30]}" for n, _, w in ANSWERS])
+@pytest.mark.parametrize(("name", "part", "words"), ANSWERS, ids=[f"{n}-{w}" for n, _, w in ANSWERS])
 def test_the_advice_names_the_fault(name: str, part: Any, words: str) -> None:
-    """The advice names the fault in each of a reviewer's 27 answers."""
+    """The advice names the fault in each of these answers."""
     assert words in said(name, part)
 
 
