@@ -325,7 +325,8 @@ class KeepsPadding(Convolution):
         kept, self.pad = self.pad, (0,) * len(sizes)
         whole = super().col2im(columns, (C, *(n + 2 * p for n, p in zip(sizes, kept))), y_shape)
         self.pad = kept
-        return whole[(slice(None), *(slice(n) for n in sizes))]
+        inside = (slice(None), *(slice(n) for n in sizes))
+        return whole[inside]
 
 
 def _without_leading_padding(layer: Convolution, image: Array, y_shape: tuple[int, ...]) -> Array:

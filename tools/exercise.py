@@ -96,7 +96,7 @@ def plant(exercise: Exercise, number: int) -> int:
     """Write a file with a bug. Raises ExerciseError if the bug does not exist or the file exists."""
     files, path = bugs(exercise), Path(f"{exercise.name}_bug{number}.py")
     if not 1 <= number <= len(files):
-        raise ExerciseError(f"{exercise.name} has {_bugs(len(files))}, found {number}")
+        raise ExerciseError(f"--bug {number}: {exercise.name} has {_bugs(len(files))}")
     solutions.write_new(path, files[number - 1])
     say(f"wrote {path}: bug {number} of {len(files)}. Read it, fix it, then: "
         f"{command('exercise')} {exercise.name} --file {path}")  # fmt: skip

@@ -86,7 +86,8 @@ def test_a_bug_to_find(work: Path) -> None:
     mended = text.replace("h[...] = p.momentum * h + g", "h[...] = p.momentum * h + rate * g", 1)
     (work / "sgd_bug1.py").write_text(mended.replace("w -= rate * h", "w -= h", 1))
     run_tool("exercise", "sgd", "--file", "sgd_bug1.py", "--iterations", "0")
-    assert "found 99" in run_tool("exercise", "sgd", "--bug", "99", status=1).err
+    assert run_tool("exercise", "sgd", "--bug", "99", status=1).err == "--bug 99: sgd has bugs 1 to 15\n"
+    assert run_tool("exercise", "resume", "--bug", "1", status=1).err == "--bug 1: resume has no bug to find\n"
 
 
 @pytest.mark.parametrize("name", EXERCISES)
