@@ -59,6 +59,7 @@ table1: .venv/tools
 	$(RUN) tools/table1.py $(if $(HOURS),--hours $(HOURS)) $(OPTIONS)
 
 bench: .venv/bench
+	$(RUN) benchmarks/nets.py
 	$(RUN) benchmarks/bench.py $(OPTIONS)
 
 parts: .venv/tools
