@@ -22,7 +22,7 @@ BASE = Path(__file__).resolve().parents[1]
 INSTALLED = BASE / "netlib" / "share" / "tools"  # netlib/files/paths.py, which is not imported before a tool starts
 TOOLS = INSTALLED if INSTALLED.is_dir() else BASE / "tools"
 
-# The groups in which ``handpose`` lists its commands, and an example for those that a new user needs first.
+# The groups in which ``handpose`` lists its commands.
 GROUPS = {
     "Hands in depth images": ("demo", "predict", "track"),
     "Recordings and data": ("record", "make-recording", "make-synthetic", "show-data", "prepare-nyu", "prepare-icvl"),
@@ -33,11 +33,6 @@ GROUPS = {
                      "package-model"),
     "Learning": ("docs", "exercise"),
 }  # fmt: skip
-EXAMPLES = {
-    "demo": "--out demo",
-    "predict": "demo/frame_0.png --camera nyu --out pictures",
-    "track": '"frames/*.png" --camera kinect2 --json hands.json --sheet hands.png',
-}
 
 # Commands for nets of any kind, in the order in which a user needs them: short name -> file in tools/.
 NET_TOOLS = {
@@ -53,6 +48,22 @@ NET_TOOLS = {
     "compute-image-mean": "compute_image_mean",
     "plot-log": "plot_log",
     "caffe": "caffe",
+    "docs": "docs",
+}
+
+# An example for the commands that a new user needs first.
+EXAMPLES = {
+    PROGRAM: {
+        "demo": "--out demo",
+        "predict": "demo/frame_0.png --camera nyu --out pictures",
+        "track": '"frames/*.png" --camera kinect2 --json hands.json --sheet hands.png',
+    },
+    "netlib": {
+        "run": "deploy.prototxt net.caffemodel cat.jpg --mean 104,117,123 --labels labels.txt",
+        "train": "solver.prototxt --weights net.caffemodel",
+        "export-onnx": "deploy.prototxt net.caffemodel net.onnx --check",
+        "docs": "caffe_nets",
+    },
 }
 
 
@@ -103,8 +114,8 @@ def usage(program: str, groups: dict[str, dict[str, Path]]) -> str:
             doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
             first = " ".join(doc.partition("\n\n")[0].split())
             lines.append(f"  {name:{width}}  {re.split(r'(?<=[.?]) (?=[A-Z])', first, maxsplit=1)[0]}")
-            if program == PROGRAM and name in EXAMPLES:
-                lines.append(f"  {'':{width}}    {program} {name} {EXAMPLES[name]}")
+            if name in EXAMPLES[program]:
+                lines.append(f"  {'':{width}}    {program} {name} {EXAMPLES[program][name]}")
     return "\n".join(lines) + "\n"
 
 
