@@ -86,6 +86,8 @@ def run(args: argparse.Namespace) -> int:
     resize = args.resize or (size if mean.shape[1:] == (1, 1) else (mean.shape[2], mean.shape[1]))
     preprocessing = Preprocessing(size, resize, args.crop, args.rgb, mean, args.scale)
     blobs = args.blob or net.outputs
+    if not blobs:
+        raise NetlibError(f"{args.net}: no layer leaves a blob unread, so the net has no output; name one with --blob")
     if wrong := [blob for blob in blobs if blob not in net.blobs]:
         raise NetlibError(f"{args.net}: the net has no blob {wrong[0]!r}{did_you_mean(wrong[0], net.blobs)}")
     if args.out and args.out.endswith(".npy") and len(blobs) > 1:

@@ -89,6 +89,8 @@ def _outputs(net: Net, also: Sequence[str]) -> list[str]:
     if not net.inputs:
         raise NetlibError(f"{net.source}: no Input layer; expected a deploy net")
     outputs = list(dict.fromkeys([*net.outputs, *also]))
+    if not outputs:
+        raise NetlibError(f"{net.source}: no layer leaves a blob unread, so the net has no output; name one (--blob)")
     for name in outputs:
         if name not in net.blobs:
             raise NetlibError(f"net {net.name!r} has no blob {name!r}{did_you_mean(name, net.blobs)}")

@@ -191,6 +191,7 @@ def test_labels_of_detections() -> None:
     assert run("0.png", "--labels", "labels.txt", status=1).err == message
 
 
+SILENCE = 'layer { name: "s" type: "Silence" bottom: "a" }'
 TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shape { dim: 1 dim: 3 } } }'
 
 
@@ -216,6 +217,8 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
         (NET, ["0.png", "--out", "a.npy", "--blob", "pool", "--blob", "prob"], "a.npy: a .npy file holds one array, "
          "found pool, prob; expected .npz or --blob"),
         (TRAIN, ["0.png"], "net.prototxt: the net reads its data in a data layer; expected a deploy prototxt"),
+        (inputs(a=(1, 3, 2, 2)) + SILENCE, ["0.png"], "net.prototxt: no layer leaves a blob unread, so the net has no "
+         "output; name one with --blob"),
         (inputs(a=(1, 3, 2, 2), b=(1, 3)), ["0.png"], "net.prototxt: the net has the inputs a, b; expected one"),
         (inputs(a=(1, 7)), ["0.png"], "net.prototxt: the input 'a' has shape (1, 7); expected (N, C, H, W)"),
         (inputs(a=(1, 3, 2, 2)) + 'layer { name: "r" type: "Reduction" bottom: "a" top: "s" }', ["0.png"],

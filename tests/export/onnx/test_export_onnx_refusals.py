@@ -49,6 +49,8 @@ def test_a_type_without_a_form(kind, files):
         ('layer { name: "a" type: "ReLU" bottom: "x0" top: "x0" }', [(1, 4)],
          "net.prototxt: blob 'x0' is both input and output, which ONNX does not support; expected a layer "
          "that reads it, with another top"),
+        ('layer { name: "a" type: "Silence" bottom: "x0" }', [(1, 4)],
+         "net.prototxt: no layer leaves a blob unread, so the net has no output; name one (--blob)"),
         ('layer { name: "a" type: "Concat" bottom: "x0" bottom: "x1" top: "y" concat_param { axis: 0 } }',
          [(1, 4), (2, 4)], "net.prototxt: inputs with different batch sizes, x0 (1, 4), x1 (2, 4); expected first axes "
          "of the same size"),
