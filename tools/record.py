@@ -6,8 +6,8 @@
     python tools/record.py "frames/left_*.png" --camera sr305 --rate 60 --out left.npz
 
 SOURCE is a folder of 16-bit PNG or a quoted pattern of their names, an array file (.npy, .npz, .h5), a video (.mkv,
-also of an Azure Kinect), a ROS bag, or realsense. --out is a folder of 16-bit PNG, named by their times, with a
-camera.json, or FILE.npz, or FILE.mkv, a lossless video. The output is undistorted.
+also of an Azure Kinect), a ROS bag, or a camera: realsense, orbbec, oak, ros2:TOPIC. --out is a folder of 16-bit PNG,
+named by their times, with a camera.json, or FILE.npz, or FILE.mkv, a lossless video. The output is undistorted.
 
 Ctrl-C ends a recording and keeps it. Nothing is overwritten without --force.
 """

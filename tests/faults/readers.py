@@ -14,10 +14,12 @@ import contextlib
 import functools
 import hashlib
 import itertools
+import math
 import os
 import random
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -915,6 +917,12 @@ def make_dice() -> list[str]:
     return [put("dice.txt", DICE)]
 
 
+FORMATS = ("16UC1; compressedDepth png", "32FC1; compressedDepth", "16UC1; compressedDepth rvl", "png", "",
+           "16UC1; png compressed ", "bgr8; jpeg compressed bgr8")  # fmt: skip
+HEADERS = (b"", bytes(12), bytes(9), struct.pack("<iff", 0, 10100, -1009), struct.pack("<iff", 0, math.nan, 0),
+           struct.pack("<iffII", 0, 0, 0, 8, 6), struct.pack("<iffII", 0, 0, 0, 1 << 31, 1 << 31))  # fmt: skip
+
+
 def read_mixed_bag(path: Path) -> Any:
     """Read a bag of random records: messages of any type with any name, several types with one name."""
     from handpose.frames.cameras import Camera
@@ -933,8 +941,12 @@ def read_mixed_bag(path: Path) -> Any:
     def records(of: bags.Messages, _: Any) -> bags.Content:
         contents = {
             "sensor_msgs/msg/Image": of.image(depth, 5, rng.choice(["16UC1", "mono16", "rgb8", "32FC1"])),
-            "sensor_msgs/msg/CompressedImage": of.packed(depth, 5),
-            "sensor_msgs/msg/CameraInfo": of.info(depth.shape),
+            "sensor_msgs/msg/CompressedImage": of.packed(depth, 5, rng.choice(FORMATS), rng.choice(HEADERS)),
+            "sensor_msgs/msg/CameraInfo": of.info(
+                rng.choice([depth.shape, (12, 16)]),
+                region=(rng.randrange(3), 0, rng.choice([0, 8]), 6),
+                binning=(rng.randrange(3), rng.randrange(3)),
+            ),
             "std_msgs/msg/Float32": of.number(0.001),
             "std_msgs/msg/String": of.text(rng.choice(["0.001", "e", ""])),
         }
