@@ -103,6 +103,8 @@ def new_solver(
     with on_missing_data():
         solver = netlib.get_solver(solver_file, seed, engine, callbacks=callbacks_of(ranks), **changes)
     _describe(solver)
+    if snapshot is None:
+        _warn_of_zeros(solver)
     return solver
 
 
@@ -138,6 +140,15 @@ def _describe(solver: Solver) -> None:
         log.info("%d ranks × %d = %d per step; base_lr is not scaled", ranks, batch, ranks * batch)
     count = sum(p.blob.count for p in net.learnable)
     log.info("Network initialization done: %d parameters, seed %d", count, solver.seed)
+
+
+def _warn_of_zeros(solver: Solver) -> None:
+    """Log the layers whose weights are learned and all 0; prototxts for deployment often lack fillers."""
+    learned = {id(param.blob) for param in solver.net.learnable if param.spec.lr_mult}
+    for name, blobs in solver.net.params.items():
+        if id(blobs[0]) in learned and blobs[0].data.ndim > 1 and not blobs[0].data.any():
+            log.warning("layer %r: its weights start at 0, the default without a weight_filler; expected a "
+                        "weight_filler, or weights for it in a file", name)  # fmt: skip
 
 
 @contextlib.contextmanager
