@@ -38,6 +38,12 @@ def test_a_chapter_is_short(path: Path) -> None:
     assert len(prose.split()) <= MAX_WORDS
 
 
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_a_reader_imports_nothing_of_the_tests(path: Path) -> None:
+    """What a chapter needs of the recordings of Caffe is in the book's helpers."""
+    assert not re.search(r"^>>> (from|import) tests\b", path.read_text(encoding="utf-8"), re.MULTILINE)
+
+
 def test_every_picture_of_the_book_is_shown() -> None:
     """Every file in docs/images/book is used."""
     text = "".join(path.read_text(encoding="utf-8") for path in BOOK.parent.rglob("*.md"))

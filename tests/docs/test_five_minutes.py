@@ -60,5 +60,7 @@ def test_chapters_show_what_is_recorded() -> None:
     assert (
         f"down to {few[1000].training_mm:.0f} mm" in training and f"stays at {few[1000].held_out_mm:.0f} mm" in training
     )
+    whole = (BOOK / "10_whole.md").read_text(encoding="utf-8")
+    assert f"has an error of {errors[-1]} mm" in whole
     assert abs(few[100].held_out_mm - few[1000].held_out_mm) < 2
     assert f"two errors are {many[1000].training_mm:.0f} and {many[1000].held_out_mm:.0f} mm" in training
