@@ -63,7 +63,8 @@ class Dated(NamedTuple):
 
 def dates(stems: Sequence[str]) -> Iterator[Dated]:
     """All ways to read dates and times of day in all of the names, the most likely first."""
-    found = [dated for style in STYLES if (dated := _read(stems, style, True)) is not None]
+    readings = [_read(stems, style, True) for style in STYLES]
+    found = [dated for dated in readings if dated is not None and not _is_count(dated)]
     yield from sorted(found, key=lambda dated: max(dated.times) - min(dated.times))
     times_of_day = _read(stems, TIME_OF_DAY, False)
     if times_of_day is not None and _is_time_of_day(times_of_day):
@@ -136,6 +137,13 @@ def _are_fractions(found: Sequence[re.Match[str]], whole: Sequence[int]) -> bool
     if len(set(whole)) == 1:
         return len(found) > 2 and time_units.by_steps(in_order, (unit,)) is not None
     return not (increasing and sum(b - a <= SMALL_STEP for a, b in itertools.pairwise(in_order)) >= COUNTED)
+
+
+def _is_count(found: Dated) -> bool:
+    """True for 20210326_000001, 20210326_000002 ...: numbers after a date rather than seconds after midnight."""
+    times = sorted(found.times)
+    steps = {b - a for a, b in itertools.pairwise(times)}
+    return not found.has_fraction and steps == {NANO} and times[0] % DAY < MINUTE
 
 
 def _is_time_of_day(found: Dated) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from datetime import datetime, timedelta
 
@@ -52,7 +53,8 @@ STYLES: dict[str, str] = {  # strftime's, where %f is us and %L ms
 def named(style: str, moment: datetime, number: int) -> str:
     """The name of a frame."""
     style = style.replace("%L", f"{moment.microsecond // 1000:03}").replace("%C", f"{moment.microsecond // 10000:02}")
-    return moment.strftime(style.replace("%N", f"{number:05}"))
+    parts = re.split("([^!-~ ])", style.replace("%N", f"{number:05}"))  # strftime depends on the locale for others
+    return "".join(moment.strftime(part) if part.isascii() else part for part in parts)
 
 
 @pytest.mark.parametrize("count", [4, 40])
@@ -75,6 +77,8 @@ def test_every_style(style: str, start: datetime, count: int) -> None:
         lambda i: f"20251103-0915{42 + i // 30}-{i:06}",
         lambda i: f"{i:05}_20251103_0915{42 + i // 30}",
         lambda i: f"20251103_091542_{5 * i + 7}",
+        lambda i: f"IMG_20251103_{i + 1:06}",
+        lambda i: f"20251103{i:06}",
         lambda i: f"01_02_{i:02}",
         lambda i: f"{i:06}",
         lambda i: f"{100 * i:06}",
