@@ -18,6 +18,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.render import Capsules
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton
@@ -109,12 +110,24 @@ class Surface:
 
     def penetration(self, ends: Array, radii: Array) -> Array:
         """The maximum penetration (N,) of parts that should be apart; ends (N, K, 3), radii (N, M, 2)."""
-        i, j = self.apart
         a, b = (ends[:, joints].transpose(2, 1, 0) for joints in (self.start, self.end))
+        return np.asarray(self._depths(a, b, radii.transpose(1, 2, 0)).max(axis=0, initial=-np.inf))
+
+    def mean_penetration(self, capsules: Capsules) -> Array:
+        """The mean (N,), over all capsules, of how deep one that should be apart penetrates each, at least 0."""
+        a, b = capsules.a.transpose(2, 1, 0), capsules.b.transpose(2, 1, 0)
+        depths = self._depths(a, b, np.stack([capsules.radius_a.T, capsules.radius_b.T], axis=1))
+        deepest = np.zeros(a.shape[1:])
+        for own in self.apart:
+            np.maximum.at(deepest, own, depths)
+        return np.asarray(deepest.mean(axis=0))
+
+    def _depths(self, a: Array, b: Array, r: Array) -> Array:
+        """The penetrations (P, N) of the pairs ``apart``; ends (3, M, N), radii (M, 2, N)."""
+        i, j = self.apart
         s, t, distance = _between(a[:, i], b[:, i], a[:, j], b[:, j])
-        r = radii.transpose(1, 2, 0)
         thick = r[i, 0] + s * (r[i, 1] - r[i, 0]) + r[j, 0] + t * (r[j, 1] - r[j, 0])
-        return np.asarray((thick - distance).max(axis=0, initial=-np.inf))
+        return np.asarray(thick - distance)
 
     def _capsule(self, c: CapsuleParameter) -> tuple[Sphere, Sphere]:
         r = self._radii(c, c.radius, 2)

@@ -85,6 +85,10 @@ class Samples(NamedTuple):
             area.append(np.repeat(flat, len(ACROSS), axis=1))
         return cls(*(np.concatenate(parts, axis=1) for parts in (center, radius, area)))
 
+    def chosen(self, which: NDArray[np.bool_]) -> Samples:
+        """Some of the spheres (P,)."""
+        return Samples(self.center[:, which], self.radius[:, which], self.area[:, which])
+
     @property
     def front(self) -> Array:
         """The depths (N, P) of the spheres' nearest points."""
@@ -105,11 +109,13 @@ def support(capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floa
     capsules  of the poses, in camera axes
     limbs     (M,) True for those that are not the hand's own, such as the forearm
     """
-    own = Samples.of(capsules.chosen(~limbs))
+    every = Samples.of(capsules)
+    flat = ~limbs[capsules.facets // 2].any(axis=1)
+    own = every.chosen(np.concatenate([np.repeat(~limbs, len(ALONG)), np.repeat(flat, len(ACROSS))]))
     front = own.front
     reading, inside = _readings(np.concatenate([own.center[..., :2], front[..., None]], axis=2), depth, camera)
     behind, missing = reading - front, inside & ~(reading > 0)  # NaN, which some drivers write, is missing
-    weight = own.area * ~Samples.of(capsules).covers(own.center, front)
+    weight = own.area * ~every.covers(own.center, front)
     whole = np.maximum(weight.sum(axis=1), 1e-9)
     read = inside & ~missing
     hidden, empty = read & (behind < -APART_MM), read & (behind > APART_MM)

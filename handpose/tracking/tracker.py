@@ -43,6 +43,7 @@ CHECK, SUSPECT = 0.2, 0.08  # s between checks of certain and of uncertain hands
 RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a new hand is a lost one
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
 MAX_COVERED = 0.4  # share of a hand's expected surface that is covered: only a pose that explains this is accepted
+MAX_UNCOVERED = 1.2  # cost of a pose, relative to the average, up to which the hand is not covered
 COVERING_MM = 120.0  # of that object from the line of sight to the hand's middle, at most
 MAX_COVERED_MOVED, MAX_DEARER = 0.15, 2.0  # of that pose: maximum covered share; its cost relative to the average
 MAX_REJECTIONS = 2  # number of consecutive rejections that end a track
@@ -135,7 +136,7 @@ class Tracker:
                 self.known[track.id].since = time
                 if track.is_decided:
                     self.known[track.id].place = self._middle(track)
-                hands.append(tracked_hand(track, self.estimator, smooth=self.smooth, surface=self.surface))
+                hands.append(tracked_hand(track, self.estimator, readings, smooth=self.smooth, surface=self.surface))
         lost = tuple(
             LostHand(id, known.hand, known.since, known.reason)
             for id, known in sorted(self.known.items())
@@ -164,15 +165,17 @@ class Tracker:
         others = {track.id: track.other_regions(depth, estimates[track.id], time) for track in self.tracks}
         again = self._estimates(depth, others, AGAIN)
         for track in list(self.tracks):
-            known, expected = self.known[track.id], self._expected(readings, track, time)
-            seen, more = estimates[track.id], again[track.id]
-            track.covered = bool(expected.support.covered[0] > MAX_COVERED)
+            known, seen, more = self.known[track.id], estimates[track.id], again[track.id]
+            least = min((one.selection_cost for one in [*seen, *more] if one is not None), default=np.inf)
+            if track.covered or least > MAX_UNCOVERED * track.usual_cost:
+                track.covered = bool(self._expected(readings, track, time).support.covered[0] > MAX_COVERED)
             if track.covered:
                 seen, more = ([one for one in found if self._goes_on(readings, track, one)] for found in (seen, more))
             if track.take(seen, more, time):
                 known.hand = track.hand if track.is_decided else known.hand
                 continue
-            confidence = max((s.confidence for s in [*seen, *more] if s is not None), default=0.0)
+            confidence = max((one.confidence for one in [*seen, *more] if one is not None), default=0.0)
+            expected = self._expected(readings, track, time)
             known.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
 
     def _estimates(

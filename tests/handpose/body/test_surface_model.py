@@ -125,6 +125,8 @@ def test_penetration_of_two_arms() -> None:
     surface = Surface(crossed)
     ends = surface.ends(surface.kinematics.forward(np.array([[0.0], [-4.4]])))
     np.testing.assert_allclose(surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2])
+    a, b, radii = ends[:, surface.start], ends[:, surface.end], np.stack([surface.radii] * 2)
+    np.testing.assert_allclose(surface.mean_penetration(Capsules(a, b, radii[..., 0], radii[..., 1])), [0, 0.2])
     alone = Surface(body(ARM))
     assert alone.penetration(np.zeros((1, 3, 3)), alone.radii[None]) == -np.inf
 

@@ -161,3 +161,5 @@ def test_the_sign_that_tells_failures_gets_the_weight() -> None:
     for same in (5.0, 50.0):
         np.testing.assert_array_equal(weights_of(signs, np.full(4000, same)), EVEN)
     np.testing.assert_array_equal(weights_of(np.zeros((10, 5)), np.repeat([5.0, 50], 5)), EVEN)
+    nothing = np.append(signs, np.full((1, 5), np.inf), axis=0)  # a crop that shows nothing
+    np.testing.assert_array_equal(weights_of(nothing, np.append(error, 99)), weights)

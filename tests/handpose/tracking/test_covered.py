@@ -103,7 +103,7 @@ def test_a_part(begun: Tracker, resting: Take, value: float) -> None:
 
 @pytest.mark.parametrize("share", [0.6, 1.0])
 def test_no_readings(begun: Tracker, resting: Take, share: float) -> None:
-    """Without readings of the hand no confident pose is reported, and a reason that says so."""
+    """Without readings of the hand no confident pose is reported, and the reason."""
     for value in (0.0, np.nan):
         for reported in after(begun, resting, share, value):
             assert all(hand.confidence <= DOUBTFUL for hand in reported.hands)

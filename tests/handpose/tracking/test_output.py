@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handpose.body.render import render
 from handpose.body.sides import mirror_of
 from handpose.fit.body import SIZE, CapsuleModel
 from handpose.frames.cameras import NYU
@@ -17,12 +18,22 @@ from handpose.tracking.pose_estimator import Estimate, SearchRegion
 from handpose.tracking.track import joints_of
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
+EMPTY = np.zeros((NYU.height, NYU.width), np.float32)
+
+
+@pytest.fixture(scope="module")
+def image(model: CapsuleModel) -> np.ndarray:
+    """The depth image of this pose as a right hand, in front of a wall."""
+    x, y = (np.arange(NYU.width) - NYU.u0) / NYU.fx, (np.arange(NYU.height) - NYU.v0) / NYU.fy
+    return render(model.capsules(variables(model)[None], NYU.unproject(CENTER)[None]), x[None], y[None], [1500.0])[0]
 
 
 @pytest.fixture(scope="module")
 def estimator(model: CapsuleModel) -> Any:
     """The used attributes of an estimator."""
-    return SimpleNamespace(fitter=SimpleNamespace(model=model), converter=PoseConverter(model), cube_mm=300.0)
+    return SimpleNamespace(
+        fitter=SimpleNamespace(model=model), converter=PoseConverter(model), cube_mm=300.0, camera=NYU
+    )
 
 
 def variables(model: CapsuleModel) -> np.ndarray:
@@ -32,13 +43,19 @@ def variables(model: CapsuleModel) -> np.ndarray:
     return x
 
 
-def track(model: CapsuleModel, estimator: Any, side: str = "right", size: float | None = None) -> Any:
-    """A track with this pose, smoothed to one 6 mm farther along x."""
+def track(
+    model: CapsuleModel, estimator: Any, side: str = "right", size: float | None = None, *, apart: float = 6.0,
+    error_mm: float = 7.0,
+) -> Any:  # fmt: skip
+    """A track with this pose, smoothed to one ``apart`` mm farther along x."""
     center = NYU.unproject(CENTER) * mirror_of(side)
     body = estimator.converter.world_pose(variables(model), center)
-    fit: Any = SimpleNamespace(confidence=np.array([0.9]), error_mm=np.array([7.0]))
+    fit: Any = SimpleNamespace(
+        confidence=np.array([0.9]), error_mm=np.array([error_mm]), signs=np.array([[30.0, 2, 0.2, 5, 10]]),
+        joints=model.joints(variables(model)[None]),
+    )  # fmt: skip
     seen = Estimate(SearchRegion(CENTER, side), center, np.zeros((128, 128), np.float32), fit, body)
-    smooth = body._replace(place=body.place + (6, 0, 0))
+    smooth = body._replace(place=body.place + (apart, 0, 0))
     best = SimpleNamespace(estimate=seen, smooth=smooth)
     return SimpleNamespace(id=4, size=size, best=best, hand=side, sides={side: best}, side_confidence=1.0, time=0.0)
 
@@ -46,7 +63,7 @@ def track(model: CapsuleModel, estimator: Any, side: str = "right", size: float 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_hand(model: CapsuleModel, estimator: Any, side: str) -> None:
     """The joints are those of the body and of the reported inputs; all else is as estimated."""
-    hand = tracked_hand(track(model, estimator, side), estimator, smooth=False, surface=False)
+    hand = tracked_hand(track(model, estimator, side), estimator, EMPTY, smooth=False, surface=False)
     mirror = mirror_of(side)
     expected = model.joints(variables(model)[None])[0] * mirror + NYU.unproject(CENTER)
     np.testing.assert_allclose(hand.xyz, expected, atol=1e-4)
@@ -54,7 +71,7 @@ def test_a_hand(model: CapsuleModel, estimator: Any, side: str) -> None:
     np.testing.assert_allclose(again, hand.xyz, atol=1e-9)
     np.testing.assert_allclose(hand.bones, 0.95 * model.skeleton.bones)
     np.testing.assert_allclose(hand.origin_mm, NYU.unproject(CENTER))
-    assert (hand.id, hand.hand, hand.confidence, hand.error_mm, hand.cube_mm) == (4, side, 0.9, 7.0, 300)
+    assert (hand.id, hand.hand, hand.cube_mm) == (4, side, 300)
     assert hand.capsules is None and hand.center_uvd is CENTER
 
 
@@ -62,22 +79,45 @@ def test_a_hand(model: CapsuleModel, estimator: Any, side: str) -> None:
 def test_smoothed(model: CapsuleModel, estimator: Any, side: str, x: float) -> None:
     """The smoothed pose is reported, about the same crop, for a left hand mirrored."""
     one = track(model, estimator, side)
-    raw, smooth = (tracked_hand(one, estimator, smooth=smooth, surface=False) for smooth in (False, True))
+    raw, smooth = (tracked_hand(one, estimator, EMPTY, smooth=smooth, surface=False) for smooth in (False, True))
     np.testing.assert_allclose(smooth.xyz - raw.xyz, np.tile([x, 0, 0], (31, 1)), atol=1e-6)
     np.testing.assert_array_equal(smooth.origin_mm, raw.origin_mm)
 
 
 def test_a_known_size(model: CapsuleModel, estimator: Any) -> None:
     """A known size determines the bones, regardless of the size found in this frame."""
-    hand = tracked_hand(track(model, estimator, size=1.08), estimator, smooth=True, surface=False)
+    hand = tracked_hand(track(model, estimator, size=1.08), estimator, EMPTY, smooth=True, surface=False)
     np.testing.assert_allclose(hand.bones, 1.08 * model.skeleton.bones)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_surface(model: CapsuleModel, estimator: Any, side: str) -> None:
     """The surface surrounds the reported joints."""
-    hand = tracked_hand(track(model, estimator, side), estimator, smooth=True, surface=True)
+    hand = tracked_hand(track(model, estimator, side), estimator, EMPTY, smooth=True, surface=True)
     assert hand.capsules is not None
     ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])
     nearest = np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)
     assert np.median(nearest) < 10 and (hand.capsules.radius_a > 0).all()
+
+
+def test_confidence_and_error_are_of_the_reported_pose(model: CapsuleModel, estimator: Any, image: np.ndarray) -> None:
+    """A smoothed pose apart from the fit, a covered hand and a hand without readings are less certain."""
+    covered = image.copy()
+    covered[:, : int(np.median(np.argwhere(image < 1000)[:, 1]))] = 400
+
+    def judged(readings: np.ndarray, smooth: bool = False, **options: float) -> tuple[float, float]:
+        hand = tracked_hand(track(model, estimator, **options), estimator, readings, smooth=smooth, surface=False)
+        return hand.confidence, hand.error_mm
+
+    whole, error = judged(image)
+    assert whole > 0.95 and error < 15
+    for worse in (judged(image, smooth=True, apart=30), judged(covered), judged(EMPTY)):
+        assert worse[0] < whole - 0.05 and worse[1] > error + 2
+    assert judged(EMPTY)[0] < 0.1
+    assert judged(image, smooth=True, apart=0) == pytest.approx((whole, error))
+
+
+def test_errors_that_were_not_measured(model: CapsuleModel, estimator: Any, image: np.ndarray) -> None:
+    """Confidence and expected error are those of the fit, that is unknown, without a table of the network's errors."""
+    hand = tracked_hand(track(model, estimator, error_mm=np.nan), estimator, image, smooth=True, surface=False)
+    assert np.isnan(hand.error_mm) and hand.confidence == 0.9
