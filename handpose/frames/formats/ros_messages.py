@@ -135,8 +135,8 @@ def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> Camer
         raise DataError(f"{where}: focal lengths {fx:g}, {fy:g}, middle {u0:g}, {v0:g}; expected finite ones")
     lens = Lens() if straight else lens_of(info.distortion_model, d, where)
     full = (info.height, info.width)
-    if shape == full:  # whatever the region and the binning are, these are all pixels
-        return CameraInfo(Camera("ros", fx, fy, u0, v0, *full[::-1]), lens, origin=where)
+    if shape == full or not any(full):  # whatever the region and the binning are, these are all pixels
+        return CameraInfo(Camera("ros", fx, fy, u0, v0, *shape[::-1]), lens, origin=where)
     roi, (bin_x, bin_y) = info.roi, (max(1, int(info.binning_x)), max(1, int(info.binning_y)))
     left, top = int(roi.x_offset), int(roi.y_offset)
     height, width = int(roi.height) or full[0] - top, int(roi.width) or full[1] - left
