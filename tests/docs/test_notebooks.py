@@ -89,6 +89,17 @@ def test_every_link_and_picture_of_a_notebook_leads_somewhere(written: Path) -> 
     assert pictures > 20
 
 
+def test_cells_show_the_output_of_the_chapter(written: Path) -> None:
+    """A cell has the printed text of its chapter as its output, one that raises an error has that error."""
+    found = json.loads((written / "1_blob.ipynb").read_text(encoding="utf-8"))["cells"]
+    code = {"".join(cell["source"]).splitlines()[-1]: cell["outputs"] for cell in found if cell["cell_type"] == "code"}
+    assert code["L, dw, dx"] == [{"output_type": "stream", "name": "stdout", "text": ["(0.5, 2.0, 3.0)\n"]}]
+    [raised] = [cell for cell in found if cell["metadata"]]
+    [output] = raised["outputs"]
+    assert output["output_type"] == "error" and output["ename"] == "netlib.gradcheck.GradientError"
+    assert output["evalue"].startswith("ReLU: gradient of bottom 0 at (0, 1)")
+
+
 def markdown_of(path: Path) -> list[str]:
     """Return the texts of a notebook's Markdown cells."""
     made = json.loads(path.read_text(encoding="utf-8"))

@@ -169,10 +169,12 @@ def test_numbers_are_changed_and_played(visit: Visit) -> None:
     tab.evaluate("page.step(16)")  # the first dy, which is 1: the kernel is stamped once
     stamped = [tab.locator("#dx button").nth(i).inner_text() for i in (0, 1, 2, 6, 7, 8)]
     assert stamped == ["1", "0", "−1", "2", "1", "−2"] and tab.locator("#db button").inner_text() == "1"
+    tab.clock.install()  # time passes only as said
     tab.get_by_role("button", name="Play").click()
-    assert tab.locator("#play").inner_text() == "■ Stop"
-    tab.locator("#play").click()
-    assert tab.locator("#db button").inner_text() == "3"
+    tab.clock.run_for(20 * 700)
+    assert tab.locator("#play").inner_text() == "■ Stop" and tab.locator("#dy .chosen").count() == 1
+    tab.clock.run_for(12 * 700)
+    assert tab.locator("#play").inner_text() == "▶ Play" and tab.locator("#db button").inner_text() == "3"
     tab.get_by_role("button", name="Reset").click()
     assert tab.locator("#y button").first.inner_text() == "−21"
 
