@@ -49,6 +49,8 @@ class StackRecording(Recording):
             given_unit = given.or_else(frames.own).or_else(camera_json).time_unit
             self._times, how = in_seconds(frames.times, given_unit, calibration.rate or RATE)
             self.remarks += (how,) if how else ()
+        elif given.time_unit is not None:
+            raise DataError(f"{path}: has no times, so --time-unit has no meaning; expected an array time")
         elif self.count > 1:
             self.rate, remarks = calibration.paced()
             self.remarks += remarks

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,8 @@ def test_times_of_another_unit(tmp_path: Path, suffix: str, ticks: int) -> None:
     assert recording.remarks[0].endswith("by their size or steps; --time-unit if wrong")
     recording = open_stack(tmp_path / f"a{suffix}", CameraInfo(time_unit="ms"))
     assert [frame.time for frame in recording] == pytest.approx([0, 0.04e-3 * ticks, 0.08e-3 * ticks])
+    with pytest.raises(DataError, match=r"c\.npy: has no times, so --time-unit has no meaning"):
+        open_stack(save(tmp_path / "c.npy"), replace(GIVEN, time_unit="ms"))
     save(tmp_path / f"b{suffix}", time=np.array([3, 4, 6]), rate=20.0, time_unit="frames", **BESIDE)
     assert [frame.time for frame in open_stack(tmp_path / f"b{suffix}", CameraInfo())] == pytest.approx([0, 0.05, 0.15])
 
