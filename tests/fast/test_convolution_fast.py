@@ -153,12 +153,12 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("x_shape", "w_shape", "group", "names"),
     [
-        ((8, 96, 16, 16), (96, 96, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
+        ((8, 128, 16, 16), (128, 128, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
         ((8, 32, 16, 16), (32, 32, 5, 5), 1, ["Rows", "Rows", "Rows"]),
         ((8, 32, 16, 16), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
         ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
         ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
-        ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "Columns"]),
+        ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "Rows"]),
         ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["ByGroup", "ByGroup", "ByGroup"]),
     ],
 )
