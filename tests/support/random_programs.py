@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 import netlib
-from fast import slices
+from fast import parallel, slices
 from layers.vision.pooling import Pooling
 from netlib.proto import prototxt
 from netlib.proto.net_parameter import load_parameter
@@ -42,6 +42,8 @@ OPERATIONS = {  # weights of the choice
     "read data": 4, "read diff": 2, "write data": 3, "write diff": 1, "write input": 2, "write parameter": 2,
     "share": 1, "reshape": 2, "backward after reshape": 1,
 }  # fmt: skip
+
+POOLS = {count: parallel.Workers(count - 1, "netlib") for count in (1, 4)}  # started once: a program has ten changes
 
 # Kinds of layers, and weights of their choice.
 ELEMENTWISE = {"relu": "ReLU", "leaky": "ReLU", "relu6": "ReLU6", "tanh": "TanH", "sigmoid": "Sigmoid",
@@ -324,7 +326,7 @@ class Program:
         """Apply an operation to each net and return whether it succeeded. All must return, or raise, the same."""
         found: list[Any] = []
         for net, threads in zip(self.nets, (1, 1, 4)):
-            netlib.set_threads(threads)
+            parallel._helpers = POOLS[threads]
             try:
                 found.append(use(net))
             except netlib.NetlibError as error:
@@ -537,7 +539,7 @@ def check(seed: int, show: Callable[[str], object] = lambda line: None) -> Count
     """Run the program of a seed; every second one in slices of two items, so that there are several. Return the
     operations that ran. Raises AssertionError where the engines differ, UndecidedError if rounding decides.
     """
-    before, threads = slices.MAX_SLICE, netlib.threads()
+    before, pool = slices.MAX_SLICE, parallel._helpers
     slices.MAX_SLICE = 2 if seed % 2 else before
     try:
         program = Program(seed, show)
@@ -550,7 +552,7 @@ def check(seed: int, show: Callable[[str], object] = lambda line: None) -> Count
         return program.done
     finally:
         slices.MAX_SLICE = before
-        netlib.set_threads(threads)
+        parallel._helpers = pool
 
 
 def main(argv: list[str] | None = None) -> int:
