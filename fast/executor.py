@@ -25,7 +25,8 @@ from fast.plan import Run, plan, whole
 from fast.slices import SlicedStep
 from fast.tiles import FastBlob
 from netlib.blob import Array, Blob
-from netlib.engine.plain import BackwardHook, Connection, Executor, Step, guarded
+from netlib.engine.checks import guarded
+from netlib.engine.plain import BackwardHook, Connection, Executor, Step
 from netlib.errors import NetlibError
 from netlib.layer import Layer
 

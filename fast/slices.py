@@ -34,8 +34,8 @@ from fast.plan import Run, Use, uses_of
 from fast.slice_blobs import Hidden, ParamOfLane, Window
 from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine import memory_advice
-from netlib.engine.plain import BackwardHook, Connection, Step, guarded
+from netlib.engine.checks import error_of, guarded
+from netlib.engine.plain import BackwardHook, Connection, Step
 from netlib.layer import Layer
 from netlib.system.memory import blocks
 
@@ -122,7 +122,7 @@ class SlicedStep(Step):
             getattr(blob, half)
         except MemoryError as error:
             at = self._user[id(blob)]
-            raise memory_advice.error_of(at.layer, half, at.bottom, at.top, error) from error
+            raise error_of(at.layer, half, at.bottom, at.top, error) from error
 
     def _copy_weights(self, copies: list[tuple[Blob, Array]]) -> None:
         """Copy the current parameters to ``copies``, whose memory is used again."""

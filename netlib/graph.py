@@ -13,7 +13,8 @@ import numpy as np
 
 from netlib.blob import Blob, Blobs
 from netlib.building import create
-from netlib.engine.plain import Connection, Engine, guarded
+from netlib.engine.checks import guarded
+from netlib.engine.plain import Connection, Engine
 from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer
 from netlib.params import Parameters
@@ -64,7 +65,7 @@ class Graph:
         self._parameters = Parameters()
         self._writers: dict[str, str] = {}  # blob name -> layer that created it
         self._unread: dict[str, None] = {}  # names of blobs that no layer has read yet
-        self._needs: dict[int, bool] = {}  # blob id -> whether a layer towards the data needs its gradient
+        self._needs: dict[Blob, bool] = {}  # whether a layer towards the data needs its gradient
         specs = insert_splits(param.layer)
         seeds = np.random.SeedSequence(seed).spawn(len(specs))
         with np.errstate(all="ignore"):  # options can be any numbers; a run reports values that are not finite
@@ -104,10 +105,10 @@ class Graph:
     def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:
         """Register the layer and its parameters. It runs backwards if it, or a layer before it, is trained."""
         trains = any(p.spec.lr_mult != 0 for p in self._parameters.enter(layer))
-        down = _propagate_down(layer, [self._needs.get(id(blob), False) for blob in bottom])
+        down = _propagate_down(layer, [self._needs.get(blob, False) for blob in bottom])
         at = Connection(layer, bottom, top, down, any(down) or trains)
         for blob in top:
-            self._needs[id(blob)] = self._needs.get(id(blob), False) or at.needs_backward
+            self._needs[blob] = self._needs.get(blob, False) or at.needs_backward
         self.connections.append(at)
 
     def _bottoms(self, layer: Layer) -> Blobs:
@@ -159,17 +160,17 @@ class Graph:
 
         Each blob has one reader at this point (splits.py); layers in place count as a chain.
         """
-        under_loss, skipped = {id(blob) for blob, _, _ in self.losses}, set()
+        under_loss, skipped = {blob for blob, _, _ in self.losses}, set()
         for at in reversed(self.connections):
-            contributes = any(id(t) in under_loss for t in at.top)
-            wanted = any(id(t) not in skipped for t in at.top)
+            contributes = any(t in under_loss for t in at.top)
+            wanted = any(t not in skipped for t in at.top)
             if not (contributes and wanted):
                 at.needs_backward, at.propagate_down = False, [False] * len(at.bottom)
             for blob, down in zip(at.bottom, at.propagate_down):
                 if contributes:
-                    under_loss.add(id(blob))
+                    under_loss.add(blob)
                 if not down:
-                    skipped.add(id(blob))
+                    skipped.add(blob)
         if force:
             for at in self.connections:
                 at.needs_backward = True
@@ -179,10 +180,10 @@ class Graph:
 
     def _note_overwritten_tops(self) -> None:
         """Warn where a gradient will be wrong because its top is overwritten; Caffe computes it without a warning."""
-        writers: dict[int, Connection] = {}
+        writers: dict[Blob, Connection] = {}
         for at in self.connections:
             for blob, name in zip(at.top, at.layer.spec.top):
-                below = writers.get(id(blob))
+                below = writers.get(blob)
                 if below is not None and below.needs_backward and below.layer.reads_top:
                     log.warning("%s: layer %r overwrites blob %r, which the gradient of layer %r needs: it will be "
                                 "wrong, as in Caffe; give the top another name", schema.position_of(at.layer.spec),
@@ -193,7 +194,7 @@ class Graph:
                                 "where they change it will be wrong, as in Caffe; give the top another name",
                                 schema.position_of(at.layer.spec), at.layer.name, name, below.layer.name)  # fmt: skip
                 if not signs or not at.layer.keeps_signs:
-                    writers[id(blob)] = at
+                    writers[blob] = at
 
 
 def _automatic_tops(layer: Layer) -> int:

@@ -105,7 +105,7 @@ class Net:
         self.inputs, self.outputs, self.learnable = graph.inputs, graph.outputs, graph.learnable
         self.connections, self.layer_dict = graph.connections, graph.layer_dict
         self.layers = list(self.layer_dict.values())
-        self._in_place = {id(x) for at in self.connections for x in at.bottom for y in at.top if x is y}
+        self._in_place = {x for at in self.connections for x in at.bottom for y in at.top if x is y}
         self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff array that holds its weight
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
         self.executor = self.engine.executor(self.connections, outside, self.name)
@@ -148,8 +148,8 @@ class Net:
 
     def loss(self, layers: slice = slice(None)) -> float:
         """The loss of the last forward pass, or the part of it from some layers."""
-        tops = {id(blob) for at in self.connections[layers] for blob in at.top}
-        losses = [(blob, weight) for blob, weight, _ in self.losses if id(blob) in tops]
+        tops = {blob for at in self.connections[layers] for blob in at.top}
+        losses = [(blob, weight) for blob, weight, _ in self.losses if blob in tops]
         return float(sum(weight * float(blob.data.sum(dtype=np.float64)) for blob, weight in losses))
 
     def backward(
@@ -195,7 +195,7 @@ class Net:
         in place overwrites it, it is written before each pass.
         """
         for i, (blob, weight, _) in enumerate(self.losses):
-            if self._seeded.get(i) is not blob.diff or id(blob) in self._in_place:
+            if self._seeded.get(i) is not blob.diff or blob in self._in_place:
                 blob.diff[...] = weight
                 self._seeded[i] = blob.diff
 

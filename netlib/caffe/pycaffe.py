@@ -58,16 +58,16 @@ class Net(core.Net):
     @functools.cached_property
     def _numbered(self) -> list[tuple[str, Blob]]:
         """Name and blob of every number."""
-        found: dict[int, tuple[str, Blob]] = {}
+        found: dict[Blob, tuple[str, Blob]] = {}
         for at in self.connections:
             for name, blob in zip((*at.layer.spec.top, *[AUTOMATIC] * len(at.top)), at.top):
-                found.setdefault(id(blob), (name, blob))
+                found.setdefault(blob, (name, blob))
         return list(found.values())
 
     @functools.cached_property
-    def _numbers(self) -> dict[int, int]:
+    def _numbers(self) -> dict[Blob, int]:
         """Id of a blob -> its number."""
-        return {id(blob): number for number, (_, blob) in enumerate(self._numbered)}
+        return {blob: number for number, (_, blob) in enumerate(self._numbered)}
 
     @property
     def _blob_names(self) -> list[str]:
@@ -79,11 +79,11 @@ class Net(core.Net):
 
     def _bottom_ids(self, layer: int) -> list[int]:
         """Numbers of the bottoms of a layer."""
-        return [self._numbers[id(blob)] for blob in self._connection(layer).bottom]
+        return [self._numbers[blob] for blob in self._connection(layer).bottom]
 
     def _top_ids(self, layer: int) -> list[int]:
         """Numbers of the tops of a layer."""
-        return [self._numbers[id(blob)] for blob in self._connection(layer).top]
+        return [self._numbers[blob] for blob in self._connection(layer).top]
 
     def _connection(self, layer: int) -> Connection:
         if not 0 <= layer < len(self.connections):
@@ -93,18 +93,18 @@ class Net(core.Net):
     @property
     def _inputs(self) -> list[int]:
         """Numbers of the blobs that the caller writes."""
-        return [self._numbers[id(self.blobs[name])] for name in self.inputs]
+        return [self._numbers[self.blobs[name]] for name in self.inputs]
 
     @property
     def _outputs(self) -> list[int]:
         """Numbers of the blobs that no layer reads."""
-        return [self._numbers[id(self.blobs[name])] for name in self.outputs]
+        return [self._numbers[self.blobs[name]] for name in self.outputs]
 
     @functools.cached_property
     def _blob_loss_weights(self) -> list[float]:
         """The loss weight of every blob. As in Caffe, a change of this list does not change the net."""
-        weights = {id(blob): weight for blob, weight, _ in self.losses}
-        return [weights.get(id(blob), 0.0) for blob in self._blobs]
+        weights = {blob: weight for blob, weight, _ in self.losses}
+        return [weights.get(blob, 0.0) for blob in self._blobs]
 
     @property
     def top_names(self) -> OrderedDict[str, list[str]]:

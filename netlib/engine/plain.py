@@ -8,19 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine import memory_advice
+from netlib.engine.checks import check_memory, guarded
 from netlib.engine.passes import ForwardRecord
-from netlib.errors import NetlibError
 from netlib.layer import Layer
-from netlib.system import memory
-from netlib.system.memory import OutOfMemoryError
 from netlib.system.one_thread import OneThread
 
 T = TypeVar("T")
@@ -28,7 +24,7 @@ BackwardHook = Callable[["Layer | None"], None]
 """Called during a backward pass: with a layer once it and all later layers are done, and with None in between."""
 
 
-@dataclass
+@dataclass(eq=False)  # each is a key by itself
 class Connection:
     """A layer of a net with its bottom and top blobs."""
 
@@ -85,7 +81,8 @@ class Executor:
         """Run the layers from ``first`` up to but not including ``last`` forwards."""
         with self.one_thread, np.errstate(all="ignore"):  # the solver reports values that are not finite
             if not self._fits and (first, last) == (0, None):
-                self._check_memory()
+                check_memory(self.connections, self.hidden())
+                self._fits = True
             for step in self.in_order(first, last):
                 step.forward()
             self.record.note(first, last)
@@ -108,24 +105,6 @@ class Executor:
                 step.backward(on_done)
                 if on_done is not None:
                     on_done(step.at.layer)
-
-    def _check_memory(self) -> None:
-        """Raise OutOfMemoryError if the parameters and tops of all layers together do not fit in memory."""
-        hidden = {id(blob) for blob in self.hidden()}
-        tops = {id(top): (top.bytes, at, top) for at in self.connections for top in at.top if id(top) not in hidden}
-        params = {id(blob): blob.bytes for at in self.connections for blob in at.layer.blobs if blob.owns_memory}
-        total = sum(params.values()) + sum(size for size, _, top in tops.values() if top.owns_memory)
-        try:
-            memory.check(total, "for parameters and blobs of the net in total")
-        except OutOfMemoryError as error:
-            if not tops:
-                raise
-            _, at, top = max(
-                tops.values(), key=lambda one: (memory_advice.largest_option(one[1].layer) is not None, one[0])
-            )
-            raise memory_advice.error_of(at.layer, "forward", at.bottom, at.top, OutOfMemoryError(
-                f"{memory.format_bytes(top.bytes)}, of {error}", top)) from error  # fmt: skip
-        self._fits = True
 
     def reshape(self) -> bool:
         """Reshape all blobs after an input was reshaped. Returns whether any shape changed."""
@@ -180,27 +159,3 @@ class Engine:
         """Set the number of threads. Has no effect in this engine."""
         if count < 1:
             raise ValueError(f"the number of threads must be at least 1, got {count}")
-
-
-def guarded(layer: Layer, method: str, *args: Any) -> None:
-    """Call a method of a layer and convert Python errors to LayerErrors that name the layer."""
-    try:
-        getattr(layer, method)(*args)
-    except Exception as error:
-        bottom, top = reversed(args[::2]) if method == "backward" else args
-        if memory.is_lacking(error) and not (isinstance(error, OutOfMemoryError) and error.in_layer):
-            raise memory_advice.error_of(layer, method, bottom, top, error) from error
-        if isinstance(error, NetlibError):
-            raise
-        for name, blob in zip(layer.spec.bottom, bottom):
-            if not blob.count and layer.type != "Python":  # the author of a Python layer needs its own error
-                raise layer.fail(f"bottom {name!r} {blob.shape} is empty; {layer.type} expects values") from error
-        raise layer.fail(f"{method} failed: {type(error).__name__}: {error}{_place(error)}") from error
-
-
-def _place(error: BaseException) -> str:
-    """`` (file:line)`` of the innermost call that failed."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    return f" ({Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno})" if trace else ""

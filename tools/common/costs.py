@@ -75,10 +75,10 @@ def time_passes(net: Net, iterations: int) -> tuple[float, float]:
 
 def memory_of(net: Net) -> list[tuple[str, int]]:
     """Bytes that are stored (parameters, whole blobs, blobs of shards), then bytes that are not."""
-    hidden = {id(blob) for blob in net.executor.hidden()}
+    hidden = set(net.executor.hidden())
     rows = [("parameters and their diffs", sum(2 * p.blob.data.nbytes for p in net.learnable))]
     for name, blob in net.blobs.items():
-        if id(blob) not in hidden:
+        if blob not in hidden:
             stored = sum(array.nbytes for array in (blob._data, blob._diff) if array is not None)
             rows.append((f"blob {name} {'x'.join(map(str, blob.shape))}", stored))
     kept: dict[int, int] = {}
@@ -89,9 +89,9 @@ def memory_of(net: Net) -> list[tuple[str, int]]:
             for at in piece:
                 for blob in [*at.bottom, *at.top]:
                     if blob._data is not None:
-                        kept[id(blob)] = blob._data.nbytes
+                        kept[blob] = blob._data.nbytes
     rows.append(("hidden blobs kept for backward, all shards", sum(kept.values())))
-    whole = sum(2 * blob.count * blob.dtype.itemsize for blob in net.blobs.values() if id(blob) in hidden)
+    whole = sum(2 * blob.count * blob.dtype.itemsize for blob in net.blobs.values() if blob in hidden)
     rows.append(("not stored: the whole of the hidden blobs", whole))
     return rows
 
