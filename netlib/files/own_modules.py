@@ -25,6 +25,7 @@ OTHERS = ("tools", "export", "exercises", "experiments", "models", "benchmarks")
 _known: dict[str, ModuleType] = {}  # results of own_module
 _aside: dict[str, ModuleType] = {}  # our modules that are not in sys.modules, by name
 _lock = lock()
+_depth = [0]  # of in_place
 
 
 def own_module(name: str) -> ModuleType:
@@ -61,9 +62,11 @@ def in_place() -> Iterator[None]:
         displaced = [top for top in NAMES if top in _aside or (top in sys.modules and not is_ours(sys.modules[top]))]
         theirs = {name: module for top in displaced for name, module in _take(top).items()}
         sys.modules.update(_aside)
+        _depth[0] += 1
         try:
             yield
         finally:
+            _depth[0] -= 1
             for top in displaced:
                 _aside.update(_take(top))
             sys.modules.update(theirs)
@@ -89,10 +92,14 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     ) -> importlib.machinery.ModuleSpec | None:
         """Spec of the script's own module, or of ours that is set aside."""
         top, _, inner = name.partition(".")
+        if _depth[0]:  # ours are in sys.modules, so what is imported below them is found beside them
+            return None
         if top not in NAMES + OTHERS or (inner and not is_ours(sys.modules.get(top))):
             return None
         if not inner and (theirs := importlib.machinery.PathFinder.find_spec(name, folders())) and _has_code(theirs):
             return theirs
+        if inner and top in NAMES and name not in _aside:
+            _import_aside(name)
         return importlib.machinery.ModuleSpec(name, self) if name in _aside else None
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
@@ -105,6 +112,12 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         """Restore the module's own spec, which the import system has replaced."""
         assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state
+
+
+def _import_aside(name: str) -> None:
+    """Import a module of ours, if it exists, that no one imported before the names were yielded."""
+    with in_place(), contextlib.suppress(ModuleNotFoundError):
+        importlib.import_module(name)
 
 
 def _has_code(spec: importlib.machinery.ModuleSpec) -> bool:

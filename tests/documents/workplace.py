@@ -14,6 +14,7 @@ from unittest import mock
 import numpy as np
 
 import netlib
+from netlib.files import own_modules
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = [
@@ -98,6 +99,8 @@ def at_work_in(folder: Path) -> Iterator[None]:
             sys.modules["matplotlib.pyplot"].close("all")
         os.chdir(before)
         sys.path[:], sys.meta_path[:], sys.argv[:] = path, finders, argv
+        sys.modules.update(own_modules._aside)  # install_as_caffe takes them out, and its finder is gone now
+        own_modules._aside.clear()
         for name in set(sys.modules) - modules:
             file = getattr(sys.modules[name], "__file__", None) or ""
             if name.split(".")[0] == "caffe" or file.startswith(f"{folder}{os.sep}"):
