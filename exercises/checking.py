@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,8 @@ ADVICE = (
     "The part passed the earlier steps on small examples but fails in the network: a size, an option or a second batch "
     "that the examples do not cover. Look for values that your code keeps from one call to the next."
 )
+# NumPy's messages about shapes that do not fit.
+SHAPES = re.compile(r"could not be broadcast|could not broadcast|mismatch in its core dimension|shapes .* not aligned")
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,11 @@ def _explain_error(case: Case, failure: Failure, outline: Outline | None) -> Ite
     yield f"{where or 'error'}: {failure.text}"
     if failure.assigns:
         yield "data and diff are arrays that other layers share: write into them, with [...] = on the left."
+    if SHAPES.search(failure.text):
+        yield (
+            "The shapes do not fit. Write the axes of each array next to it: a factor may need a transpose, "
+            "swapaxes(1, 2) if the first axis is the group or the image, or another axis in a sum."
+        )
     if outline and not where:
         yield f"It was raised outside {outline.path}: check what your code returns and how it changes its arguments."
     if case.title:

@@ -294,6 +294,15 @@ class ImageByImage(Convolution):
 # ---------------------------------------------------------------------------------------------- pooling, inner_product
 
 
+class NoTranspose(Convolution):
+    """A reader's forward with the weights transposed where they must not be."""
+
+    def forward(self, bottom: Any, top: Any) -> None:
+        w = self.by_group(self.weight.data).swapaxes(1, 2)
+        for image, out in zip(bottom[0].data, top[0].data):
+            out[...] = (w @ self.by_group(self.im2col(image, out.shape))).reshape(out.shape)
+
+
 class PoolingByWindow(Pooling):
     """A reader's backward with loops over the windows."""
 
@@ -342,6 +351,7 @@ ANSWERS = [
     ("convolution", changed(WindowByWindow, assigned=("db",)), "db is assigned inside the loop over the windows"),
     ("convolution", changed(WindowByWindow, assigned=("dx",)), "The loop over output maps and windows assigns to dx"),
     ("convolution", changed(WindowByWindow, keeps_padding=True), "Cut the padding off"),
+    ("convolution", NoTranspose, "a factor may need a transpose"),
     ("pooling", changed(PoolingByWindow, assigned=True), "The loop over the windows of AVE assigns to dx"),
     ("pooling", changed(PoolingByWindow, keeps_padding=True), "Cut the padding off"),
     ("inner_product", changed(ItemByItem, assigned=("dw",)), "dw[...] = inside the loop over the items"),
