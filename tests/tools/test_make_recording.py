@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import pkgutil
 import signal
@@ -17,6 +18,7 @@ from handpose.output.tracks.json_file import read_track
 from handpose.scoring.tracks import score
 from handpose.sequences.recordings import SyntheticRecording
 from netlib.files import atomic
+from tests.support import json_schema
 from tests.support.running import run_tool
 
 SHORT = ["--camera", "icvl", "--seconds", "0.4", "--rate", "10"]
@@ -50,6 +52,7 @@ def test_options() -> None:
     """--hand and --clean take effect, and existing files are replaced only with --force."""
     run_tool("make_recording", "rest", *SHORT, "--hand", "left", "--clean", "--out", "a.npz")
     assert read_track("a.truth.json").frames[0].hands[0].hand == "left"
+    assert not json_schema.faults(json.loads(Path("a.truth.json").read_text()))
     first, last = list(open_recording("a.npz"))[:: len(list(open_recording("a.npz"))) - 1]
     np.testing.assert_array_equal(first.depth, last.depth)
     done = run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=1)

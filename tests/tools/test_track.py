@@ -20,6 +20,7 @@ from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.tracking.tracker import Tracker, load_tracker
+from tests.support import json_schema
 from tests.support.running import run_tool
 from tools import track
 
@@ -95,6 +96,7 @@ def test_lines_for_another_program() -> None:
     header, *frames = (json.loads(line) for line in out.splitlines())
     assert header["format"] == "handpose" and header["source"] == "takes/take.npz"
     assert [frame["number"] for frame in frames] == list(range(COUNT)) and "hands" in frames[0]
+    assert not json_schema.faults(header, "header") and not any(json_schema.faults(frame, "frame") for frame in frames)
     assert said.startswith("takes/take.npz: ") and "frames/s" in said and "0 right" in said
     assert files() == []
 
