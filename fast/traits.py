@@ -26,6 +26,7 @@ from layers.common.shuffle_channel import ShuffleChannel
 from layers.common.softmax import Softmax
 from layers.common.split import Split
 from layers.normalization.batch_norm import BatchNorm
+from layers.normalization.bn import BN
 from layers.normalization.lrn import LRN
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
@@ -98,6 +99,10 @@ def _bias(layer: Bias) -> LayerTraits:
     return LayerTraits(batchwise=own, reads_bottom=False, reads_top=False)
 
 
+def _bn(layer: BN) -> LayerTraits:
+    return LayerTraits(batchwise=not layer.of_batch, reads_bottom=False, reads_top=False)
+
+
 def _batch_norm(layer: BatchNorm) -> LayerTraits:
     return LayerTraits(batchwise=layer.uses_sums, reads_bottom=False, reads_top=False)
 
@@ -126,6 +131,7 @@ def _dropout(layer: Dropout) -> LayerTraits:
 
 # Traits of a layer type, or a function of the layer if they depend on its options.
 TABLE: dict[type[Layer], LayerTraits | Callable[..., LayerTraits]] = {
+    BN: _bn,
     BatchNorm: _batch_norm,
     Bias: _bias,
     Concat: _concat,

@@ -14,6 +14,7 @@ LAYER_TYPES = LayerTable(
         "Accuracy": "loss.accuracy.Accuracy",
         "ArgMax": "common.argmax.ArgMax",
         "Axpy": "common.axpy.Axpy",  # from SENet
+        "BN": "normalization.bn.BN",  # from SegNet and PSPNet
         "BNLL": "activation.bnll.BNLL",
         "BatchNorm": "normalization.batch_norm.BatchNorm",
         "BatchReindex": "common.batch_reindex.BatchReindex",

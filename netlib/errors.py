@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable
 
 MAX_LENGTH = 2000  # characters of a message
-FORK_NAMES = ("BN", "bn_param")  # a layer type of some forks of Caffe, and its options
+FORK_NAMES = ("BN",)  # layer types of forks of Caffe that the older formats do not have
 
 
 class NetlibError(RuntimeError):  # pycaffe raises RuntimeError
@@ -69,8 +69,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 def option_advice(name: str, known: Iterable[str]) -> str:
     """Like ``did_you_mean``, for a field, layer type or value of a prototxt; also recognizes names of Caffe's forks."""
     if name in FORK_NAMES:
-        return (" (the layer BN and its bn_param belong to forks of Caffe such as SegNet's; "
-                "expected two layers, BatchNorm and Scale with bias_term: true)")  # fmt: skip
+        return ' (the layer BN of SegNet and PSPNet needs the current format: layer { type: "BN" bn_param { ... } })'
     return did_you_mean(name, known)
 
 

@@ -26,6 +26,18 @@ def batch_norm(graph: Graph, at: Place) -> list[str]:
     return [graph.op("BatchNormalization", at.values[0], *constants, epsilon=layer.param.eps)]
 
 
+def bn(graph: Graph, at: Place) -> list[str]:
+    layer: Any = at.layer
+    if layer.of_batch or len(at.top) > 1:
+        raise layer.fail("the statistics of a batch cannot be exported; expected bn_mode: INFERENCE", "bn_mode")
+    scale, bias, *averages = (blob.data.reshape(-1) for blob in layer.blobs)
+    mean, variance = averages or (np.zeros_like(scale), np.ones_like(scale))
+    parts = {"scale": scale, "bias": bias, "mean": mean, "variance": variance}
+    constants = [graph.constant(values, what) for what, values in parts.items()]
+    epsilon = layer.eps if layer.averages else 0.0
+    return [graph.op("BatchNormalization", at.values[0], *constants, epsilon=epsilon)]
+
+
 def lrn(graph: Graph, at: Place) -> list[str]:
     p, x = at.layer.param, at.values[0]
     if p.norm_region == "ACROSS_CHANNELS":

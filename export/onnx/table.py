@@ -14,6 +14,7 @@ LAYERS: dict[str, Translation] = {
     "AbsVal": activation.of_each("Abs"),
     "ArgMax": common.arg_max,
     "Axpy": common.axpy,
+    "BN": normalization.bn,
     "BNLL": activation.of_each("Softplus"),
     "BatchNorm": normalization.batch_norm,
     "BatchReindex": common.batch_reindex,

@@ -25,6 +25,7 @@ and bias are in the layer Scale. Kept for backward: ``y``, because the next laye
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -51,6 +52,9 @@ class BatchNorm(Layer):
     param_type = BatchNormParameter
     bottoms = tops = (1, 1)
     moving = True
+    rejected_blocks: ClassVar[dict[str, str]] = {
+        "bn_param": 'bn_param belongs to the type BN; expected batch_norm_param, or type: "BN"'
+    }
     stored = ("s", "y")
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

@@ -220,7 +220,7 @@ def type_advice(name: str, known: Iterable[str]) -> str:
     A similar name is often another layer (ReLU6, Deconvolution), so a misspelling has the letters of a known type with
     other capitals, or from six letters on one wrong, missing, additional or exchanged letter.
     """
-    if name in FORK_NAMES:
+    if name in FORK_NAMES and name not in known:
         return option_advice(name, ())
     if name in TYPES:
         return f" (a layer of {TYPES[name]} fork of Caffe, which is not supported)"

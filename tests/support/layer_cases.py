@@ -27,6 +27,11 @@ def different(*shape: int) -> np.ndarray:
 CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "AbsVal": ("", lambda N: [off_zero(N, 3)], {}),
     "Accuracy": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [False, False]}),
+    "BN": (
+        'bn_param { bn_mode: LEARN scale_filler { type: "gaussian" } }',
+        lambda N: [off_zero(N, 3, 2, 4)],
+        {},
+    ),
     "BNLL": ("", lambda N: [off_zero(N, 3)], {}),
     "Bias": ("", lambda N: [off_zero(N, 2, 3)], {}),
     "Clip": ("clip_param { min: -2 max: 0.1 }", lambda N: [off_zero(N, 3)], {}),

@@ -48,13 +48,19 @@ POOLS = {count: parallel.Workers(count - 1, "netlib") for count in (1, 4)}  # st
 # Kinds of layers, and weights of their choice.
 ELEMENTWISE = {"relu": "ReLU", "leaky": "ReLU", "relu6": "ReLU6", "tanh": "TanH", "sigmoid": "Sigmoid",
                "power": "Power", "scale": "Scale", "bnll": "BNLL", "dropout": "Dropout", "lrn": "LRN",
-               "norm": "BatchNorm", "prelu": "PReLU", "bias": "Bias", "softmax": "Softmax",
+               "norm": "BatchNorm", "bn": "BN", "prelu": "PReLU", "bias": "Bias", "softmax": "Softmax",
                "unit": "Normalize"}  # fmt: skip
 KINDS = dict.fromkeys(ELEMENTWISE, 1) | {
     "relu": 5, "power": 2, "conv": 5, "two bottoms": 1, "shared": 1, "strided": 1, "max": 4, "ave": 1, "eltwise": 1,
     "concat": 1, "product": 1, "shuffle": 1, "depthwise": 1, "interp": 1, "nearest": 1, "unpool": 1,
     "permute": 1,
 }  # fmt: skip
+BN_OPTIONS = [
+    "bn_mode: LEARN scale_filler { value: 2 }",
+    "bn_mode: INFERENCE scale_filler { value: 2 }",
+    "momentum: 0.9 slope_filler { value: 2 }",
+    "frozen: true slope_filler { value: 2 }",
+]
 LOSS = """layer { name: "l%s" type: "Reduction" bottom: "%s" top: "l%s" loss_weight: %d
     reduction_param { operation: SUMSQ } }"""
 
@@ -156,6 +162,7 @@ class NetText:
             "power": f"power_param {{ scale: {rng.choice([-1, 0.5, 1])} shift: {rng.choice([0, 0.5])} "
                      f"power: {rng.choice([1, 1, 2])} }}",
             "scale": 'scale_param { bias_term: true filler { type: "uniform" min: -1 max: 2 } }',
+            "bn": f"bn_param {{ {rng.choice(BN_OPTIONS)} }}",
             "dropout": "dropout_param { dropout_ratio: 0.3 }",
             "norm": rng.choice(["", "batch_norm_param { use_global_stats: true }"]),
             "unit": f"norm_param {{ across_spatial: {rng.choice(['true', 'false'])} channel_shared: false eps: 0.1 }}",

@@ -33,6 +33,8 @@ def files(tmp_path, monkeypatch):
             if layer.type == "BatchNorm":
                 layer.blobs[1].data[...] = abs(layer.blobs[1].data)
                 layer.blobs[2].data[...] = 3
+            if layer.type == "BN" and len(layer.blobs) == 4:
+                layer.blobs[3].data[...] = abs(layer.blobs[3].data)
         net.save("net.caffemodel.h5")
         return "net.prototxt", "net.caffemodel.h5"
 

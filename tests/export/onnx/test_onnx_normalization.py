@@ -7,6 +7,11 @@ import pytest
 from tests.support.onnx_nets import IMAGE, Cases, check, examples, types_of
 
 CASES: Cases = {
+    "BN": [
+        (IMAGE, "bn_param { bn_mode: INFERENCE }", 1),
+        (IMAGE, "bn_param { momentum: 0.95 eps: 0.1 }", 1),
+        (IMAGE, "bn_param { frozen: true }", 1),
+    ],
     "BatchNorm": [(IMAGE, "", 1), ([(1, 5)], "batch_norm_param { eps: 0.1 }", 1)],
     "LRN": [
         ([(1, 7, 3, 2)], "lrn_param { local_size: 3 alpha: 2 beta: 0.6 k: 1.5 }", 1),

@@ -121,7 +121,6 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
         ("ROIpooling", "did you mean 'ROIPooling'"),
         ("PSROIPooling", "a layer of Intel's fork of Caffe, which is not supported"),
         ("MultiBoxLoss", "a layer of SSD's fork of Caffe, which is not supported"),
-        ("BN", "the layer BN and its bn_param belong to forks"),
     ],
 )  # fmt: skip
 def test_advice_on_unknown_types(name: str, advice: str) -> None:

@@ -1,0 +1,117 @@
+"""BN of SegNet and PSPNet."""
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib import gradcheck
+
+pytestmark = pytest.mark.both_engines
+
+FILLERS = 'scale_filler { type: "gaussian" } shift_filler { type: "gaussian" }'
+PSPNET = 'slope_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
+
+
+def text(options):
+    """Return a layer with these options."""
+    return f'type: "BN" bn_param {{ {options} }}'
+
+
+def normalized(x, eps):
+    m, v = x.mean(axis=(0, 2, 3), keepdims=True), x.var(axis=(0, 2, 3), keepdims=True)
+    return (x - m) / np.sqrt(v + eps), m, v
+
+
+@pytest.mark.parametrize("phase", ["TRAIN", "TEST"])
+def test_segnet_learns_with_the_statistics_of_the_batch(run, rng, phase):
+    """With LEARN, both phases normalize by the batch, and two more tops have its mean and variance."""
+    x = rng.normal(3, 2, size=(2, 3, 4, 5))
+    scale, bias = rng.normal(size=(2, 1, 3, 1, 1))
+    done = run(text("bn_mode: LEARN"), x, tops=3, phase=phase, params=[scale, bias])
+    z, m, v = normalized(x, 1e-9)
+    assert np.allclose(done.ys[0], scale * z + bias)
+    assert np.allclose(done.ys[1], m)
+    assert np.allclose(done.ys[2], v)
+    assert [blob.shape for blob in done.layer.blobs] == [(1, 3, 1, 1)] * 2
+
+
+def test_segnet_infers_with_scale_and_bias_only(run, rng):
+    """With INFERENCE, the statistics are part of scale and bias."""
+    x = rng.normal(3, 2, size=(2, 2, 1, 2))
+    done = run(text("bn_mode: INFERENCE"), x, params=[[[[[2.0]], [[3.0]]]], [[[[-1.0]], [[1.0]]]]])
+    assert np.allclose(done.y[:, 0], 2 * x[:, 0] - 1)
+    assert np.allclose(done.y[:, 1], 3 * x[:, 1] + 1)
+    assert np.allclose(done.backward(np.ones_like(x))[0][:, 1], 3)
+
+
+def test_pspnet_learns_and_averages(run, rng):
+    """In TRAIN, the moving averages follow the mean and the variance of the batch, without a correction."""
+    x = rng.normal(3, 2, size=(2, 3, 4, 5))
+    done = run(text("momentum: 0.75"), x, params=[[[[[1]]] * 3], np.zeros((1, 3, 1, 1)), [[[[8]]] * 3], [[[[4]]] * 3]])
+    z, m, v = normalized(x, 1e-5)
+    assert np.allclose(done.y, z)
+    assert np.allclose(done.layer.blobs[2].data, 0.75 * 8 + 0.25 * m)
+    assert np.allclose(done.layer.blobs[3].data, 0.75 * 4 + 0.25 * v)
+    assert [param.lr_mult for param in done.layer.spec.param] == [1, 1, 0, 0]
+
+
+@pytest.mark.parametrize(("options", "phase"), [("momentum: 0.9", "TEST"), ("frozen: true", "TRAIN")])
+def test_pspnet_tests_with_its_averages(run, rng, options, phase):
+    """In TEST, or if frozen, it normalizes by the averages, which do not change."""
+    x = rng.normal(size=(2, 3, 4, 5))
+    scale, bias, mean = rng.normal(size=(3, 1, 3, 1, 1))
+    variance = rng.uniform(0.5, 2, size=(1, 3, 1, 1))
+    done = run(text(f"{options} eps: 0.01"), x, phase=phase, params=[scale, bias, mean, variance])
+    assert np.allclose(done.y, scale * (x - mean) / np.sqrt(variance + 0.01) + bias)
+    assert np.array_equal(done.layer.blobs[2].data, mean)
+    assert [param.lr_mult for param in done.layer.spec.param] == [0 if "frozen" in options else 1] * 2 + [0, 0]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        f"bn_mode: LEARN {FILLERS}",
+        f"bn_mode: INFERENCE {FILLERS}",
+        f"frozen: true {PSPNET}",
+        f"momentum: 1 {PSPNET}",
+    ],
+)
+@pytest.mark.parametrize("in_place", [False, True])
+def test_gradient(rng, options, in_place):
+    """The gradients of x, scale and bias agree with differences; the averages have none."""
+    x = rng.normal(size=(3, 2, 2, 3))
+    found = list(gradcheck.gradients(gradcheck.make_layer(text(options), [x]), [x], in_place=in_place))
+    for gradient in found:
+        if gradient.number < 2:
+            assert np.allclose(gradient.analytic, gradient.differences(), rtol=0, atol=1e-6)
+    assert {(gradient.kind, gradient.number) for gradient in found} >= {
+        ("bottom", 0),
+        ("parameter", 0),
+        ("parameter", 1),
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "shape", "tops", "message"),
+    [
+        ("", (1, 1, 2, 2), 1, r"expected options of SegNet's BN \(bn_mode, .*\) or of PSPNet's \(.*\), found neither"),
+        ("bn_mode: LEARN eps: 1", (1, 1, 2, 2), 1, "found bn_mode and eps"),
+        ("eps: 1", (1, 1, 2, 2), 2, "has 2 tops, but only SegNet's BN has tops for mean and variance"),
+        ("bn_mode: LEARN", (1, 2), 1, r"bottom 'bottom0' has shape \(1, 2\), expected \(N, C, H, W\)"),
+        ("bn_mode: LEARN", (0, 2, 2, 2), 1, "has no values, so no mean exists"),
+    ],
+)
+def test_mistakes(run, options, shape, tops, message):
+    """Options of both forks, or of none, and wrong shapes raise an error."""
+    with pytest.raises(netlib.LayerError, match=f"layer 'it': .*{message}"):
+        run(text(options), np.zeros(shape), tops=tops)
+
+
+def test_its_options_in_a_batch_norm(net_of):
+    """BatchNorm does not read bn_param."""
+    with pytest.raises(
+        netlib.LayerError, match='bn_param belongs to the type BN; expected batch_norm_param, or type: "BN"'
+    ):
+        net_of(
+            'input: "x" input_shape { dim: 1 dim: 2 } layer { name: "b" type: "BatchNorm" bottom: "x" bn_param { } }'
+        )
