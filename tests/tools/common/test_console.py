@@ -90,7 +90,8 @@ def nasty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 name: {name}
 layer {{ name: {name} type: "DummyData" top: {name} top: "t"
         dummy_data_param {{ shape {{ dim: 2 dim: 3 }} shape {{ dim: 2 dim: 1 }} }} }}
-layer {{ name: "ip" type: "InnerProduct" bottom: {name} top: "y" inner_product_param {{ num_output: 1 }} }}
+layer {{ name: "ip" type: "InnerProduct" bottom: {name} top: "y"
+        inner_product_param {{ num_output: 1 weight_filler {{ value: 1 }} }} }}
 layer {{ name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "l\\033" }}
 """)
     (tmp_path / "solver.prototxt").write_text(
