@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,47 +25,51 @@ def tracked_hand(
     smooth   use the smoothed pose
     surface  include the surface
     """
-    likely, side = track.side_confidence, track.hand
-    hand = _as_side(track, track.best, likely, estimator, readings, smooth=smooth, surface=surface)
-    others = [seen for other, seen in track.sides.items() if other != side and seen.time == track.time]
-    if not others:
-        return hand
-    other = _as_side(track, others[0], 1 - likely, estimator, readings, smooth=smooth, surface=surface)
-    return dataclasses.replace(hand, other=other)
+    others = [seen for side, seen in track.sides.items() if side != track.hand and seen.time == track.time]
+    chances = (track.side_confidence, 1 - track.side_confidence)
+    hand, *other = _as_sides(track, [track.best, *others], chances, estimator, readings, smooth=smooth, surface=surface)
+    return dataclasses.replace(hand, other=other[0]) if other else hand
 
 
-def _as_side(
-    track: HandTrack, seen: SideState, likely: float, estimator: PoseEstimator, readings: NDArray[np.float32], *,
-    smooth: bool, surface: bool,
-) -> TrackedHand:  # fmt: skip
-    """The hand in the state of one side, of this probability."""
-    model = estimator.fitter.model
-    estimate, side = seen.estimate, seen.estimate.region.side
-    mirror = mirror_of(side)
-    x = estimator.converter.variables(seen.smooth if smooth else estimate.body, estimate.center_mm)[None]
+def _as_sides(
+    track: HandTrack, sides: Sequence[SideState], chances: Sequence[float], estimator: PoseEstimator,
+    readings: NDArray[np.float32], *, smooth: bool, surface: bool,
+) -> list[TrackedHand]:  # fmt: skip
+    """The hand in the states of its sides, of these probabilities."""
+    model, fits = estimator.fitter.model, [seen.estimate.fit for seen in sides]
+    center = np.stack([seen.estimate.center_mm for seen in sides])
+    mirror = np.stack([mirror_of(seen.estimate.region.side) for seen in sides])
+    x = np.stack([
+        estimator.converter.variables(seen.smooth if smooth else seen.estimate.body, seen.estimate.center_mm)
+        for seen in sides
+    ])  # fmt: skip
     if track.size is not None:
-        x[0, SIZE] = np.log(track.size)  # the known size, instead of a filtered one
-    joints = model.joints(x)[0]
-    capsules = model.capsules(x, estimate.center_mm[None]).mirrored(mirror)
-    xyz = (joints + estimate.center_mm) * mirror
-    error_mm, confidence = float(estimate.fit.error_mm[0]), float(estimate.fit.confidence[0])
-    if np.isfinite(error_mm):  # the errors of the network were measured
+        x[:, SIZE] = np.log(track.size)  # the known size, instead of a filtered one
+    joints = model.joints(x)
+    capsules = model.capsules(x, center).mirrored(mirror)
+    xyz = (joints + center[:, None]) * mirror[:, None]
+    error_mm, confidence = (np.array([getattr(fit, name)[0] for fit in fits]) for name in ("error_mm", "confidence"))
+    if np.isfinite(error_mm).all():  # the errors of the network were measured
         found = support(capsules, model.surface.limbs, readings, estimator.camera)
-        lag = np.linalg.norm(joints - estimate.fit.joints[0], axis=1).mean(keepdims=True)
-        depths, deep = joint_depths(xyz[None], readings, estimator.camera), model.surface.mean_penetration(capsules)
-        signs = pose_signs(estimate.fit.signs, depths, deep)
-        error_mm, confidence = (float(values[0]) for values in judged(signs, lag, found))
-    return TrackedHand(
-        id=track.id,
-        hand=side,
-        confidence=likely * confidence,
-        error_mm=error_mm,
-        inputs=model.inputs_of(x)[0],
-        bones=model.skeleton.bones * float(np.exp(x[0, SIZE])),
-        origin_mm=estimate.center_mm * mirror,
-        xyz=xyz,
-        center_uvd=estimate.region.center_uvd,
-        cube_mm=estimator.cube_mm,
-        capsules=capsules if surface else None,
-        side_confidence=likely,
-    )
+        lag = np.linalg.norm(joints - np.stack([fit.joints[0] for fit in fits]), axis=2).mean(axis=1)
+        depths, deep = joint_depths(xyz, readings, estimator.camera), model.surface.mean_penetration(capsules)
+        signs = pose_signs(np.concatenate([fit.signs for fit in fits]), depths, deep)
+        error_mm, confidence = judged(signs, lag, found)
+    inputs = model.inputs_of(x)
+    return [
+        TrackedHand(
+            id=track.id,
+            hand=seen.estimate.region.side,
+            confidence=chances[n] * float(confidence[n]),
+            error_mm=float(error_mm[n]),
+            inputs=inputs[n],
+            bones=model.skeleton.bones * float(np.exp(x[n, SIZE])),
+            origin_mm=seen.estimate.center_mm * mirror[n],
+            xyz=xyz[n],
+            center_uvd=seen.estimate.region.center_uvd,
+            cube_mm=estimator.cube_mm,
+            capsules=capsules.frames(slice(n, n + 1)) if surface else None,
+            side_confidence=chances[n],
+        )
+        for n, seen in enumerate(sides)
+    ]
