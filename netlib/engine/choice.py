@@ -37,6 +37,7 @@ def prepare() -> str:
     return note
 
 
+@functools.cache
 def has_fast() -> bool:
     """Whether the fast engine is available."""
     return (ROOT / "fast" / "engine.py").is_file()
