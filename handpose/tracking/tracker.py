@@ -111,24 +111,41 @@ class Tracker:
 
         Raises UnitError for the first frame with readings if these are in metres or negative.
         """
-        depth, time = np.asarray(depth_image(frame.depth), dtype=np.float32), frame.time
-        check_size(depth, self.camera)
-        if not self._read:
-            check_unit(depth, np.inf)
-            self._read = bool((depth > 0).any())
-        if not time > self._time:
-            raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
-        readings, depth, refused = depth, self.camera.in_range(depth), []
-        self._follow(depth, readings, time)
-        after_gap, self._time = time - self._time > COAST, time
+        readings, depth, time = self._accept(frame)
+        pause = time - self._time
+        self._follow(depth, readings, time, pause)
+        self._time = time
         self._drop_doubles()
         self._drop_other_objects(depth, readings, time)
+        refused = self._search(depth, time, after_gap=pause > COAST)
+        return self._report(frame.number, readings, time, refused)
+
+    def _accept(self, frame: DepthFrame) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
+        """Check a frame; returns its readings (H, W) in mm, those that the camera can measure, and its time."""
+        readings, time = np.asarray(depth_image(frame.depth), dtype=np.float32), frame.time
+        check_size(readings, self.camera)
+        if not self._read:
+            check_unit(readings, np.inf)
+            self._read = bool((readings > 0).any())
+        if not time > self._time:
+            raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
+        return readings, self.camera.in_range(readings), time
+
+    def _search(self, depth: NDArray[np.float32], time: float, after_gap: bool) -> list[RefusedPlace]:
+        """Search for hands that are not tracked: one, after a gap in time all at once. Returns the refused places."""
+        refused: list[RefusedPlace] = []
         while (count := self._count(time)) < self.limit:
             refused += self._detect(depth, time)
             self._drop_doubles()
             if not after_gap or self._count(time) == count:
                 break
-            self.detector.restart()  # after a gap in time, search for all hands at once
+            self.detector.restart()
+        return refused
+
+    def _report(
+        self, number: int, readings: NDArray[np.float32], time: float, refused: list[RefusedPlace]
+    ) -> TrackedFrame:
+        """The hands that were seen in this frame, and those that are lost."""
         hands = []
         for track in sorted(self.tracks, key=lambda one: one.id):
             if track.time == time:
@@ -142,22 +159,22 @@ class Tracker:
             for id, known in sorted(self.known.items())
             if all(id != hand.id for hand in hands)
         )
-        return TrackedFrame(frame.number, time, tuple(hands), lost, tuple(refused))
+        return TrackedFrame(number, time, tuple(hands), lost, tuple(refused))
 
     def _count(self, time: float) -> int:
         """The number of hands that are tracked and not covered."""
         return sum(track.time == time or not track.covered for track in self.tracks)
 
-    def _follow(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
-        """Find every hand where it is expected; after a gap in time it is dropped.
+    def _follow(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float, pause: float) -> None:
+        """Find every hand where it is expected; after a long pause, in s since the last frame, it is dropped.
 
         readings  the image with those readings that are nearer than the camera measures
         """
         for track in list(self.tracks):
-            if track.given_up(time) or time - self._time > COAST:
+            if track.given_up(time) or pause > COAST:
                 self.tracks.remove(track)
-                if time - self._time > COAST:
-                    self.known[track.id].reason = f"no frame for {time - self._time:.1f} s, and not found again"
+                if pause > COAST:
+                    self.known[track.id].reason = f"no frame for {pause:.1f} s, and not found again"
         for track in self.tracks:
             track.likely = self._size_beside(track.id)
         regions = {track.id: track.regions(time) for track in self.tracks}
