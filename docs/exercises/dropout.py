@@ -8,7 +8,8 @@ TRAIN  y = x keep / (1 - p),   dx = dy keep / (1 - p)      keep = 1 with probabi
 TEST   y = x,                  dx = dy
 
 Kept for backward: ``factor`` = keep / (1 - p). The scale in TRAIN preserves the mean, so TEST needs none. With
-``scale_train: false`` (Fast R-CNN), TEST scales instead: y = x keep in TRAIN, y = x (1 - p) in TEST.
+``scale_train: false`` (Fast R-CNN), TEST scales instead: y = x keep in TRAIN, y = x (1 - p) in TEST. With
+``sample_weights_test`` (Bayesian SegNet), TEST computes what TRAIN does.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ class DropoutParameter:
 
     dropout_ratio: float = numbered(1, 0.5)  # p, the probability that a value is dropped
     scale_train: bool = numbered(2, True)  # from Fast R-CNN's fork of Caffe; false: scale in TEST
+    sample_weights_test: bool = numbered(1002, False)  # from SegNet's fork, where its number is 2
 
 
 class Dropout(Layer):
@@ -41,8 +43,9 @@ class Dropout(Layer):
         p = self.param.dropout_ratio
         if not 0 <= p < 1:
             raise self.fail(f"dropout_ratio {p:g} must be at least 0 and less than 1", "dropout_ratio")
-        self.active = self.phase == TRAIN and p > 0
-        scales_now = self.phase == TRAIN or self.param.scale_train
+        drops = self.phase == TRAIN or self.param.sample_weights_test
+        self.active = drops and p > 0
+        scales_now = drops or self.param.scale_train
         self.in_training = self.dtype.type(1 / (1 - p) if self.param.scale_train else 1)
         self.in_test = self.dtype.type(1 if scales_now else 1 - p)
 

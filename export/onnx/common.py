@@ -32,6 +32,8 @@ def parameter(graph: Graph, at: Place) -> list[str]:
 
 def dropout(graph: Graph, at: Place) -> list[str]:
     layer: Any = at.layer
+    if layer.active:
+        raise layer.fail("sample_weights_test draws random numbers, which cannot be exported", "sample_weights_test")
     return [graph.affine(at.values[0], float(layer.in_test), 0)]
 
 

@@ -68,3 +68,14 @@ def test_mistakes(run, ratio):
         netlib.LayerError, match=f"layer 'it': dropout_ratio {ratio:g} must be at least 0 and less than 1"
     ):
         run(f'type: "Dropout" dropout_param {{ dropout_ratio: {ratio} }}', np.ones(3))
+
+
+def test_sampling_in_test(run):
+    """With ``sample_weights_test``, TEST drops and scales like TRAIN."""
+    x = np.ones(4000)
+    sampled = 'type: "Dropout" dropout_param { dropout_ratio: 0.25 sample_weights_test: true }'
+    done = run(sampled, x, phase="TEST")
+    assert set(np.unique(done.y)) == {0, 1 / 0.75}
+    assert np.array_equal(done.y, run(sampled, x, phase="TRAIN").y)
+    assert np.array_equal(done.backward(x)[0], done.y)
+    assert np.array_equal(run(sampled.replace("true", "false"), x, phase="TEST").y, x)
