@@ -23,7 +23,7 @@ class Text:
         self.lines = [f'layer {{ name: "data" type: "Input" top: "data" input_param {{ shape {{ {sizes} }} }} }}']
 
     def add(self, type_: str, bottoms: Sequence[str], options: str = "", top: str = "") -> str:
-        """Add a layer; by default with a new top of its own name."""
+        """Add a layer; by default with a new top that has its name."""
         name = f"n{len(self.lines)}"
         blobs = " ".join([*(f'bottom: "{bottom}"' for bottom in bottoms), f'top: "{top or name}"'])
         self.lines.append(f'layer {{ name: "{name}" type: "{type_}" {blobs} {options} }}')

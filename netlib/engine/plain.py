@@ -24,7 +24,7 @@ BackwardHook = Callable[["Layer | None"], None]
 """Called during a backward pass: with a layer once it and all later layers are done, and with None in between."""
 
 
-@dataclass(eq=False)  # each is a key by itself
+@dataclass(eq=False)  # each is its own key
 class Connection:
     """A layer of a net with its bottom and top blobs."""
 

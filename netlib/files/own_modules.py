@@ -92,7 +92,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     ) -> importlib.machinery.ModuleSpec | None:
         """Spec of the script's own module, or of ours that is set aside."""
         top, _, inner = name.partition(".")
-        if _depth[0]:  # ours are in sys.modules, so what is imported below them is found beside them
+        if _depth[0]:  # ours are in sys.modules, so what is imported below them is found there
             return None
         if top not in NAMES + OTHERS or (inner and not is_ours(sys.modules.get(top))):
             return None
