@@ -1,5 +1,6 @@
 /* A page within a document asks for the height that it needs; the document's script,
-   docs/making/site/assets/embedded.js, knows the frame by its window. A document from the disk could not measure the page itself. */
+   docs/making/site/assets/embedded.js, knows the frame by its window. A document from the disk could not measure
+   the page itself. */
 
 export function askForHeight() {
   if (window.parent === window) return;
