@@ -2,7 +2,7 @@
 # make demo    set up, find and fit hands in rendered depth frames with the packaged weights (seconds)
 # make train   set up, render the training data, train the paper's network for a few minutes, show the result
 # make person  the same for a person instead of a hand, in ten minutes; make arm: for a planar arm, in one
-# make test    set up and run the tests (OPTIONS='--order random': in random order)
+# make test    set up and run the tests (ORDER=random: in random order, with a seed to repeat it)
 # make kernels the tests of fits, layers and documents again, with the slowest BLAS kernels and NumPy's SIMD off
 # make faults  fault injection: tens of thousands of cases with kills, damaged files, full disks (half an hour; CASES=100: short)
 # make table1  the paper's Table 1: runs the missing training runs (days; HOURS=8 limits the time), writes docs/results
@@ -69,7 +69,7 @@ ranks: .venv/mpi
 	$(RUN) benchmarks/ranks.py $(OPTIONS)
 
 test: .venv/test
-	$(RUN) -m pytest -n auto --dist worksteal $(OPTIONS)
+	$(RUN) -m pytest -n auto --dist worksteal $(if $(ORDER),--order $(ORDER))
 
 # As on a processor without AVX. NumPy refuses names of features that it does not have, so it is asked for those.
 # test_processors.py chooses kernels by itself.

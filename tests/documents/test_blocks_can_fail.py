@@ -215,7 +215,7 @@ def test_nothing_of_a_document_stays(reported) -> None:
         np.get_printoptions(),
         workplace.state(),
     )
-    drawn = np.random.get_state()[1].copy()
+    drawn, modules = np.random.get_state()[1].copy(), set(sys.modules)
     text = "<!-- file: mine.py -->\n" + block("python", "w = 1") + block(
         "python", "import os, sys, mine, netlib", "import numpy as np", "netlib.install_as_caffe()", "import caffe",
         "os.environ['MINE'] = '1'", "sys.path.append('x')", "np.set_printoptions(precision=2)", "np.random.seed(3)",
@@ -225,7 +225,7 @@ def test_nothing_of_a_document_stays(reported) -> None:
     assert reported(text) == []
     now = (Path.cwd(), dict(os.environ), list(sys.path), list(sys.meta_path), np.get_printoptions(), workplace.state())
     assert now == before
-    assert not {"mine", "caffe"} & set(sys.modules)
+    assert not {"mine", "caffe"} & (set(sys.modules) - modules)
     assert (np.random.get_state()[1] == drawn).all()
 
 
