@@ -127,8 +127,6 @@ def _looks(data: bytes) -> str:
     """Guess what a file of the wrong kind is, for an error message."""
     if not data:
         return "; the file is empty"
-    if data.startswith(b"version https://git-lfs"):
-        return "; it is a Git LFS pointer, not the file itself: run git lfs pull"
     if all(byte in b"\t\n\r" or 32 <= byte < 127 for byte in data[:256]):
         return "; it looks like a text file"
     return ""

@@ -43,8 +43,16 @@ def state_of(phase: schema.Phase, *states: NetState) -> NetState:
 
 
 def type_of(p: SolverParameter) -> str:
-    """Type of a solver; ``solver_type`` of older files takes precedence."""
-    return p.type if p.solver_type is None else OLD_TYPES[p.solver_type]
+    """Type of a solver, which older files give as ``solver_type``. Raises PrototxtError if both differ."""
+    if p.solver_type is None:
+        return p.type
+    old = OLD_TYPES[p.solver_type]
+    if schema.is_given(p, "type") and p.type != old:
+        raise PrototxtError(
+            schema.position_of(p, "solver_type"),
+            f"solver_type {p.solver_type} contradicts type {p.type!r}, which Caffe reads; expected one of them",
+        )
+    return old
 
 
 def checked(p: SolverParameter) -> SolverParameter:

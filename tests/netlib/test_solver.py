@@ -758,3 +758,5 @@ def test_a_net_beside_the_solver_is_found(work: Path, monkeypatch: pytest.Monkey
 def test_the_older_solver_type_field(solver_of: MakeSolver) -> None:
     """``solver_type: ADAM`` is read as ``type: "Adam"``."""
     assert solver_of(ONE_WEIGHT % "", "solver_type: ADAM").param.type == "Adam"
+    with pytest.raises(netlib.PrototxtError, match="solver_type ADAM contradicts type 'SGD'"):
+        solver_of(ONE_WEIGHT % "", 'solver_type: ADAM type: "SGD"')

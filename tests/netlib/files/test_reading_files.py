@@ -24,6 +24,21 @@ def test_bytes_and_text(tmp_path: Path) -> None:
     assert files.read_bytes(path, "the list", first=3) == b"\xef\xbb\xbf"
 
 
+def test_a_git_lfs_pointer_is_named(tmp_path: Path) -> None:
+    """Every way of reading rejects the small text that stands for a file in a clone without Git LFS."""
+    path = tmp_path / "net.prototxt"
+    path.write_text(f"version https://git-lfs.github.com/spec/v1\noid sha256:{'a' * 64}\nsize 123\n")
+    for read in (
+        lambda: files.read_text(path, "the net"),
+        lambda: files.read_bytes(path, "the net", first=2),
+        lambda: files.read_content(path, "the net"),
+        lambda: list(files.read_pieces(path, "the net")),
+        lambda: reading.Source(path, "the net"),
+    ):
+        with pytest.raises(DataError, match=r"net\.prototxt: cannot read the net: it is a Git LFS pointer"):
+            read()
+
+
 def test_folders_are_made(tmp_path: Path) -> None:
     """make_folder creates parent folders; an error names a file or device in the way."""
     for _ in range(2):
