@@ -71,6 +71,7 @@ OPTIONS: dict[str, dict[str, Option]] = {
         "negative_slope": Option(INTEL),  # without relu it has no effect
         "fusion_type": Option(INTEL, "NONE_FUSION", "adds another blob", "a layer Eltwise after it"),
         "coeff": Option(INTEL),  # without fusion_type it has no effect
+        **dict.fromkeys(("hole", "hole_h", "hole_w"), Option(DEEPLAB, "1", "spaces the kernel's elements", "dilation")),
     },
     "DataParameter": {
         "threads": Option(NVIDIA),

@@ -37,7 +37,7 @@ def test_no_option_is_declared_twice(message: str) -> None:
     ("message", "text"),
     [
         ("ConvolutionParameter", 'conv_algorithm: "winograd" cudnn_convolution_algo_seeker: GET relu: false'),
-        ("ConvolutionParameter", 'conv_algos_override: "7,5,7" fusion_type: NONE_FUSION engine: MKLDNN'),
+        ("ConvolutionParameter", 'conv_algos_override: "7,5,7" fusion_type: NONE_FUSION hole: 1 engine: MKLDNN'),
         ("PoolingParameter", "torch_pooling: false avg_include_pad: true axis: 1 engine: MKL2017"),
         ("BatchNormParameter", "engine: CUDNN scale_bias: false stats_batch_size: 0 use_weight_bias: false"),
         ("LRNParameter", "engine: MKLDNN"),
@@ -66,6 +66,7 @@ def test_options_without_effect_are_ignored(message: str, text: str) -> None:
          "result: it adds a learned scale and bias; expected a layer Scale with bias_term: true after it"),
         ("ConvolutionParameter", "relu: 1", "'relu' of Intel's fork, which .*: it replaces negative values by 0; "
          "expected false, or a layer ReLU after it"),
+        ("ConvolutionParameter", "hole: 2", "'hole' of DeepLab's fork, .*: it spaces .*; expected 1, or dilation$"),
         ("PoolingParameter", "torch_pooling: true", "'torch_pooling' of NV.*; expected false, or round_mode: FLOOR"),
         ("PoolingParameter", "avg_include_pad: false", "'avg_include_pad' of Intel's .* in a mean; expected true$"),
         ("PoolingParameter", "kernel_size_3d: 3", "'kernel_size_3d' of Intel's fork, .*: it pools over three axes$"),
