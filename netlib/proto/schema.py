@@ -270,9 +270,11 @@ def value_of(item: Field, kind: Any) -> Any:
     if result is None:
         where = value.position
         names = list(enum_of(kind))
-        if names and value.kind != "string":
+        if names:
             advise = forks.type_advice if item.name == "type" else option_advice
             advice = advise(value.text, names) or f"; known values: {', '.join(names)}"
+            if value.kind == "string":
+                raise PrototxtError(where, f"{item.name!r} expects a name without quotes, found {value}{advice}")
             raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
         raise PrototxtError(where, f"{item.name!r} expects {expected(kind)}, found {value}")
     return result

@@ -112,7 +112,7 @@ def test_default_floats_have_32_bits_too() -> None:
         ("needed: 2", "f:1:11: error: field 'needed' is given twice, but is not a repeated field"),
         ("pool: MAXX", "f:1:17: error: unknown value MAXX of 'pool' (did you mean 'MAX'?)"),
         ("pool: 7", "unknown value 7 of 'pool'; known values: MAX, AVE"),
-        ('pool: "MAX"', "'pool' expects MAX or AVE, found \"MAX\""),
+        ('pool: "MAX"', "'pool' expects a name without quotes, found \"MAX\" (did you mean 'MAX'?)"),
         ("inner: 1", "'inner' is a message: expected inner { ... }, found 1"),
         ("inner { x: 5 } inner: 1", "f:1:26: error: 'inner' is a message: expected inner { ... }, found 1"),
         ("ratio { }", "'ratio' is not a message: expected 'ratio: a number'"),

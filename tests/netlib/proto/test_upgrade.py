@@ -120,6 +120,7 @@ def test_padding_layers_take_the_place_of_a_pad(
     [
         ('layers { type: RELU } layer { type: "ReLU" }', "1:1: error: this net has both 'layer' and 'layers'"),
         ("layers { type: POOLIN }", r"1:16: error: unknown value POOLIN of 'type' \(did you mean 'POOLING'\?\)"),
+        ('layers { type: "InnerProduct" }', "expects a name without quotes, .* mean 'INNER_PRODUCT'"),
         ("layers { type: PRELU }", "1:16: error: unknown value PRELU of 'type'; known values: NONE, ACCURACY"),
         ("layers { blob_lr: 1 }", r"1:10: error: unknown field 'blob_lr' \(did you mean 'blobs_lr'\?\)"),
         ("layers: 1", "1:1: error: 'layers' is a message"),
