@@ -110,7 +110,8 @@ function valueOf(field, kind) {
     throw new PrototxtError(value.place, `unknown value ${value.text} of '${field.name}'; known values: ${known}`);
   }
   const found = value.kind === "string" ? JSON.stringify(value.text) : value.text;
-  throw new PrototxtError(value.place, `'${field.name}' expects ${EXPECTED[kind]}, found ${found}`);
+  const expected = kind === "axis" ? "a name without quotes" : EXPECTED[kind];
+  throw new PrototxtError(value.place, `'${field.name}' expects ${expected}, found ${found}`);
 }
 
 /* The value of a scalar, or null if it is not of that kind. */

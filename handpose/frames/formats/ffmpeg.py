@@ -33,13 +33,15 @@ def library() -> Any:
 def complaints() -> Iterator[list[str]]:
     """The errors that FFmpeg logs within the block in this thread, one line each."""
     logging = library().logging
-    before, lines = logging.get_level(), list[str]()
+    before, skips, lines = logging.get_level(), logging.get_skip_repeated(), list[str]()
     logging.set_level(logging.ERROR)
+    logging.set_skip_repeated(False)  # the same error of an earlier file counts, too
     try:
         with logging.Capture(True) as logs:
             yield lines
     finally:
         logging.set_level(before)
+        logging.set_skip_repeated(skips)
         lines.extend(" ".join(message.split()) for _, _, message in logs)
 
 

@@ -54,7 +54,7 @@ class _Video(Contained):
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
         with ffmpeg.opened(self._path) as container:
             stream = container.streams[self._stream]
-            for frame in ffmpeg.frames(container, stream):
+            for frame in self._frames(container, stream):
                 if frame.format.name != stream.codec_context.format.name:
                     raise ValueError(f"the frame after it has {frame.format.name} pixels")
                 if frame.pts is None:
@@ -62,6 +62,13 @@ class _Video(Contained):
                 yield float(frame.pts * frame.time_base), _values(frame, self._dtype)
         if missing := ffmpeg.missing(self._path):
             raise EOFError(missing)
+
+    def _frames(self, container: Any, stream: Any) -> Iterator[Any]:
+        """The decoded frames. If the file ends before they do, the error says how much of it is missing, if known."""
+        try:
+            yield from ffmpeg.frames(container, stream)
+        except EOFError as error:
+            raise EOFError(ffmpeg.missing(self._path) or str(error)) from None
 
 
 def _only_stream(container: Any, path: Path) -> Any:
