@@ -1,11 +1,11 @@
 """Hand pose from depth images: data sets, synthetic frames, predictors, fits, trackers and their scores.
 
-predictor = handpose.load_predictor()
-hand = predictor(image, handpose.NYU)[0]
+hand = handpose.load_predictor(handpose.KINECT2).in_frame(depth)
+hand.xyz, hand.confidence
 
-tracker = handpose.load_tracker(recording.camera)
-for frame in handpose.open_recording("takes/wave"):
-    hands = tracker.step(frame)
+with handpose.open_recording("takes/wave") as recording:
+    for frame in handpose.load_tracker(recording.camera).follow(recording):
+        frame.hands
 
 In the order in which a frame passes them: frames, body, datasets, fit, estimate, tracking, output. Besides these,
 synthetic renders single frames, sequences renders recordings, and scoring compares results with labels.

@@ -27,8 +27,8 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose import NYU, load_predictor
-from handpose.estimate.prediction import percent
 from handpose.output.drawing import hands, strokes, surface
+from handpose.output.drawing.labels import percent
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
@@ -62,15 +62,14 @@ def run(args: argparse.Namespace) -> int:
             frame = np.rint(depth).astype(np.uint16)
             outputs.write_image(args.out / f"frame_{n}.png", frame)
             found = predictor.in_frame(frame)
-            assert found.fit is not None  # load_predictor enables the fit
             uvd, cube = found.center_uvd, found.cube_mm
             images += [
                 hands.overlay(found.crop, found.joints, predictor.skeleton, None, uvd, cube, NYU, zoom=2),
-                surface.over_crop(found.crop, found.fit.capsules, uvd, cube, NYU, zoom=2),
+                surface.over_crop(found.crop, found.capsules(), uvd, cube, NYU, zoom=2),
                 hands.view_3d(found.joints, predictor.skeleton, size=256),
             ]
             off = float(mean_errors_14(found.xyz[None], truth[None])[0])
-            titles += [f"{found.hand}, {percent(found.fit.confidence)} sure", f"expected {found.fit.error_mm:.0f} mm",
+            titles += [f"{found.hand}, {percent(found.confidence)} sure", f"expected {found.error_mm:.0f} mm",
                        f"true error {off:.0f} mm"]  # fmt: skip
             frames.append({"image": f"frame_{n}.png", **frame_values(n, found, predictor.skeleton)})
             frames[-1]["hands"][0]["true_error_mm"] = round(off, 1)

@@ -43,8 +43,8 @@ from numpy.typing import NDArray
 from handpose import NYU, Camera, CameraInfo, load_predictor
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SOUGHT_SIDES
+from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import predictor_of
-from handpose.estimate.prediction import Prediction
 from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.search import PLANS
 from handpose.frames.images import UnitError, read_crop, read_frame
@@ -110,11 +110,11 @@ def run(args: argparse.Namespace) -> int:
     middles = args.center or [None]
     centers = middles if len(middles) > 1 else middles * len(args.images)
     places = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
-    frames, hands = list[dict[str, Any]](), list[tuple[str, Prediction]]()
+    frames, hands = list[dict[str, Any]](), list[tuple[str, Hand]]()
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image, given) if whole else predictor.in_crop(depth)
         if found.in_frame and predictor.is_hand:
-            print_warnings(image, depth, found.camera, given.unit_mm, found.fit.confidence if found.fit else 0.0)
+            print_warnings(image, depth, found.camera, given.unit_mm, 0.0 if found.fit is None else found.confidence)
         hands.append((image, found))
         findings.draw(place, found, predictor)
         if args.json:
@@ -144,7 +144,7 @@ def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
     return predictor_of(model, args.weights, camera, fit=args.fit, hand=args.hand, **options)
 
 
-def _in_frame(predictor: Predictor, depth: NDArray[Any], middle: Any, image: str, given: CameraInfo) -> Prediction:
+def _in_frame(predictor: Predictor, depth: NDArray[Any], middle: Any, image: str, given: CameraInfo) -> Hand:
     """Predict the hand in a frame. Raises DataError with the image's name and advice."""
     try:
         return predictor.in_frame(depth, middle)

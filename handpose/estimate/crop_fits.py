@@ -27,7 +27,8 @@ def fit_crops(
     hands: HandCrops,
     plan: Plan,
     *,
-    size: float | None = None,
+    size: float | Array | None = None,
+    before: Array | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> DepthFit:
     """Predict the hands in crops and fit them to the depth; results are in mirrored axes for left hands.
@@ -35,14 +36,23 @@ def fit_crops(
     Raises NetlibError.
 
     hands     with cubes of twice the fitter's unit
-    size      of the hands relative to the skeleton, if it is known
+    size      of the hands relative to the skeleton, one or (N,), if it is known
+    before    x (N, V) expected from earlier frames, as for ``DepthFitter.fit``
     progress  called with the number of further crops that are done
     """
     found = []
     for rows in blocks(len(hands), MAX_CROPS):
         part = hands.take(rows)
         starts = fit_starts(net, fitter.model, part.as_right, plan.quarters)
-        found.append(fitter.fit(part.observe(plan.points), starts, plan, size=size))
+        found.append(
+            fitter.fit(
+                part.observe(plan.points),
+                starts,
+                plan,
+                size=None if size is None else np.broadcast_to(size, len(hands))[rows],
+                before=None if before is None else before[rows],
+            )
+        )
         progress(len(part))
     return DepthFit.concatenate(found)
 

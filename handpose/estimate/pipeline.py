@@ -6,27 +6,23 @@
     fit         moves the pose until it explains the depth (``handpose.fit``)
     selection   between places by rejection score and the locator's odds; between sides by the uncertainty of the fit
 
-The network and the capsule model know right hands. A left hand is mirrored once, by ``HandCrops``, and the
-results are mirrored back once, in ``HandPipeline.predict``.
+Network and fit are those of a ``HandEstimator``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import SIDES, Side
-from handpose.estimate.crop_fits import fit_crops
+from handpose.body.sides import Side
+from handpose.estimate.estimator import Candidate, HandEstimator
+from handpose.estimate.hand import Hand
 from handpose.estimate.locator import recenter
 from handpose.estimate.nets import hand_layer, network_joints
-from handpose.estimate.prediction import HandFit, Prediction
-from handpose.fit.body import THICKNESS
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
-from handpose.fit.rejection import rejection_score
 from handpose.fit.search import FAST, Plan
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import clear_crop
@@ -39,18 +35,6 @@ from netlib.net import Net
 MAX_MOVE_MM = 60.0
 KEPT_PLACES = 3  # places that are fitted by the plan, after a fast fit of all
 ODDS_MM = 4.0  # mm of rejection score that one unit of the locator's log-odds is worth
-
-
-class Candidate(NamedTuple):
-    """A crop (128, 128) in [-1, 1], its centre (3,) in px, px, mm, and the side of the hand that is assumed in it.
-
-    log_odds  of a hand there, by the locator
-    """
-
-    crop: NDArray[np.float32]
-    center_uvd: Array
-    side: Side
-    log_odds: float = 0.0
 
 
 class HandPipeline:
@@ -72,17 +56,18 @@ class HandPipeline:
         if layer is None:
             raise NetlibError(f"{net.source}: no HandModel layer, so the skeleton is unknown")
         self.net, self.skeleton, self.cube_mm, self.sides = net, layer.skeleton, cube_mm, sides
-        self.refine, self.fitter, self.plan = refine, fitter, plan
+        self.refine, self.plan = refine, plan
+        self.estimator = HandEstimator(net, cube_mm, fitter)
 
-    def in_crop(self, crop: NDArray[np.float32], camera: Camera, center_uvd: Array) -> Prediction:
+    def in_crop(self, crop: NDArray[np.float32], camera: Camera, center_uvd: Array) -> Hand:
         """The hand in one crop (128, 128), of the side whose fit is least uncertain. Raises NetlibError."""
         candidates = [Candidate(crop, center_uvd, side) for side in self.sides]
-        return min(self.predict(candidates, camera, self.plan), key=_uncertainty)
+        return min(self.estimator.estimate(candidates, camera, self.plan), key=_uncertainty)
 
     def in_frame(
         self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], log_odds: Sequence[float], *,
         search: bool,
-    ) -> list[Prediction]:  # fmt: skip
+    ) -> list[Hand]:  # fmt: skip
         """The hands at the best of some places in a frame (height, width) in mm, the best first.
 
         starts    (3,) px, px, mm each
@@ -99,52 +84,6 @@ class HandPipeline:
             raise DataError(f"a pose is predicted in which a joint is at a depth of {hands[0].xyz[:, 2].min():.0f} mm, "
                             "behind the camera")  # fmt: skip
         return in_front
-
-    def predict(self, candidates: Sequence[Candidate], camera: Camera, plan: Plan | None) -> list[Prediction]:
-        """The hands in all candidates of one camera; ``plan`` None: by the network alone. Raises NetlibError."""
-        found: dict[int, Prediction] = {}
-        for side in SIDES:
-            rows = [i for i, candidate in enumerate(candidates) if candidate.side == side]
-            if rows:
-                found |= zip(rows, self._predict([candidates[i] for i in rows], side, camera, plan))
-        return [found[i] for i in range(len(candidates))]
-
-    def _predict(
-        self, candidates: Sequence[Candidate], side: Side, camera: Camera, plan: Plan | None
-    ) -> list[Prediction]:
-        """``predict`` for candidates of one side."""
-        crops, centers = np.stack([c.crop for c in candidates]), np.stack([c.center_uvd for c in candidates])
-        hands = HandCrops.of_sides(crops, centers, camera, self.cube_mm, side)
-        if self.fitter is None or plan is None:
-            network = joints = np.stack([network_joints(self.net, crop) for crop in hands.as_right])
-            fits: Sequence[HandFit | None] = [None] * len(hands)
-        else:
-            fit = fit_crops(self.net, self.fitter, hands, plan)
-            half = self.cube_mm / 2
-            joints, network, model = fit.joints / half, fit.network / half, self.fitter.model
-            surface = model.capsules(fit.x, np.zeros((len(hands), 3))).mirrored(hands.mirror)
-            whole, thickness = model.whole_inputs_of(fit.x), np.exp(fit.x[:, THICKNESS])
-            score = rejection_score(model, fit, hands)
-            fits = [
-                HandFit(
-                    inputs=fit.inputs[n],
-                    whole=whole[n],
-                    size=float(fit.size[n]),
-                    thickness=float(thickness[n]),
-                    cost=float(fit.cost[n]),
-                    uncertainty=float(fit.uncertainty[n]),
-                    rejection_score=float(score[n]),
-                    error_mm=float(fit.error_mm[n]),
-                    confidence=float(fit.confidence[n]),
-                    capsules=surface.frames(slice(n, n + 1)),
-                )
-                for n in range(len(hands))
-            ]
-        joints, network = joints * hands.mirror[:, None], network * hands.mirror[:, None]
-        return [
-            Prediction(joints[n], network[n], c.crop, self.cube_mm, side, fits[n], camera, c.center_uvd)
-            for n, c in enumerate(candidates)
-        ]
 
     def _candidates(
         self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], log_odds: Sequence[float],
@@ -193,11 +132,11 @@ class HandPipeline:
             candidate = candidate._replace(crop=crop, center_uvd=palm)
         return candidate
 
-    def _select(self, candidates: list[Candidate], camera: Camera, search: bool) -> list[Prediction]:
+    def _select(self, candidates: list[Candidate], camera: Camera, search: bool) -> list[Hand]:
         """The best hands: of the ``KEPT_PLACES`` best places in a ``search``, otherwise of one."""
         if self.plan is None or len(candidates) == 1:
-            return self.predict(candidates[:1], camera, self.plan)
-        fast = sorted(zip(self.predict(candidates, camera, FAST), candidates), key=_place_score)
+            return self.estimator.estimate(candidates[:1], camera, self.plan)
+        fast = sorted(zip(self.estimator.estimate(candidates, camera, FAST), candidates), key=_place_score)
         best: dict[tuple[float, ...], Candidate] = {}
         for _, candidate in fast:
             best.setdefault(tuple(candidate.center_uvd), candidate)
@@ -205,7 +144,7 @@ class HandPipeline:
         hands = {_key(candidate): hand for hand, candidate in fast} if self.plan is FAST else {}
         sides = [[place._replace(side=side) for side in self.sides] for place in places]
         left = [candidate for both in sides for candidate in both if _key(candidate) not in hands]
-        hands |= zip(map(_key, left), self.predict(left, camera, self.plan))
+        hands |= zip(map(_key, left), self.estimator.estimate(left, camera, self.plan))
         of_places = [min((hands[_key(candidate)] for candidate in both), key=_uncertainty) for both in sides]
         return [hand for hand, _ in sorted(zip(of_places, places), key=_place_score)]
 
@@ -215,16 +154,16 @@ def _key(candidate: Candidate) -> tuple[object, ...]:
     return (*candidate.center_uvd, candidate.side)
 
 
-def _place_score(found: tuple[Prediction, Candidate]) -> float:
+def _place_score(found: tuple[Hand, Candidate]) -> float:
     """The score that chooses between places, lower is better: by the fit, and by the locator."""
     hand, candidate = found
-    return (hand.fit.rejection_score if hand.fit else 0.0) - ODDS_MM * candidate.log_odds
+    return (0.0 if hand.fit is None else hand.rejection_score) - ODDS_MM * candidate.log_odds
 
 
-def _uncertainty(hand: Prediction) -> float:
+def _uncertainty(hand: Hand) -> float:
     """The score that chooses between a right and a left hand in one crop.
 
     On 1,024 frames the uncertainty of a fast fit finds the right side in 99%, its cost in 93%; of an accurate fit
     either finds it in 99.6%.
     """
-    return hand.fit.uncertainty if hand.fit else 0.0
+    return 0.0 if hand.fit is None else hand.uncertainty

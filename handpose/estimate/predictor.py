@@ -3,7 +3,7 @@
 predictor = load_predictor(KINECT2)   # the packaged weights, and the fit to the depth
 found = predictor.in_frame(depth)     # depth (424, 512) in mm, 0 where there is no reading
 found.xyz                             # (K, 3) mm in camera axes
-found.fit.confidence                  # probability that their mean error is below 30 mm
+found.confidence                      # probability that their mean error is below 30 mm
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
+from handpose.estimate.hand import Hand
 from handpose.estimate.locator import Locator, depth_around, find_hand
 from handpose.estimate.nets import cube_of, hand_layer, is_hand
 from handpose.estimate.pipeline import HandPipeline
-from handpose.estimate.prediction import Prediction
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.search import PLANS, Fit
@@ -96,7 +96,7 @@ class Predictor:
     def locator(self, locator: Locator | None) -> None:
         self._locator = locator
 
-    def in_crop(self, depth: NDArray[np.floating]) -> Prediction:
+    def in_crop(self, depth: NDArray[np.floating]) -> Hand:
         """The hand in a crop (128, 128) in [-1, 1]; masked pixels are background. Raises DataError, NetlibError."""
         image = numbers(depth, "crop", 1)
         if image.shape != (SIZE, SIZE):
@@ -112,7 +112,7 @@ class Predictor:
         center = np.array([camera.u0, camera.v0, CROP_DEPTH_MM * max(1.0, self.cube_mm / CUBE_MM)])
         return dataclasses.replace(self.pipeline.in_crop(crop, camera, center), in_frame=False)
 
-    def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Prediction:
+    def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Hand:
         """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
 
         center  where to start, as for ``start``. Without it, and with a locator and a fit, all places that the locator
@@ -131,9 +131,7 @@ class Predictor:
             return self.pipeline.in_frame(depth, camera, starts, list(located.odds), search=True)[0]
         return self.pipeline.in_frame(depth, camera, [self._start(depth, center)], [0.0], search=False)[0]
 
-    def hands_at(
-        self, depth: NDArray[np.generic], starts: Sequence[Array], log_odds: Sequence[float]
-    ) -> list[Prediction]:
+    def hands_at(self, depth: NDArray[np.generic], starts: Sequence[Array], log_odds: Sequence[float]) -> list[Hand]:
         """The hands at places that a locator found, as ``in_frame`` fits them, the best first.
 
         starts    (3,) px, px, mm each

@@ -15,6 +15,7 @@ Lengths here are in mm: those of the skeleton times ``unit_mm``.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -96,6 +97,11 @@ class CapsuleModel:
         self._turns = whole.turns[self._order].astype(np.float32)
         alone = ~np.isin(whole.driven, self.free[self.root])
         self.rigid = np.flatnonzero(~(with_joint | unlike)[:, alone].any(axis=1))
+
+    @cached_property
+    def root_motion(self) -> RootMotion:
+        """The motion of the body as a whole. Raises NetlibError for a root that ``RootMotion`` does not accept."""
+        return RootMotion(self)
 
     @property
     def variables(self) -> int:
@@ -194,6 +200,7 @@ class RootMotion:
     matrix, and converts it to the variables last.
 
     columns  (6,) of x: three translations along x, y, z, and three rotations in their order
+    others   (V - 6,) the other variables
 
     Raises NetlibError for a skeleton whose root does not translate along x, y, z and rotate about three different axes,
     with a free DoF each.
@@ -213,6 +220,7 @@ class RootMotion:
             )
         ordered = [slides[axis] for axis in range(3)] + turns
         self.columns = np.array([column[m.dof] for m in ordered])
+        self.others = np.setdiff1d(np.arange(model.variables), self.columns)
         self._signs = np.array([m.sign for m in ordered], dtype=float)
         self._signs[:3] *= model.unit_mm
         self._initial = np.array([whole.initial[m.dof] for m in ordered])

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fit.body import SIZE, CapsuleModel, RootMotion
+from handpose.fit.body import SIZE, CapsuleModel
 from handpose.fit.levenberg_marquardt import minimise
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
@@ -64,7 +64,7 @@ def aligned(model: CapsuleModel, x: Array, joints: Array) -> Array:
     """
     x = x.copy()
     try:
-        root = RootMotion(model)
+        root = model.root_motion
     except NetlibError:
         return x
     limbs = ~np.isin(model.skeleton.driven, model.free[model.root])

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import mirror_of
+from handpose.estimate.hand import Hand
 from handpose.estimate.predictor import Predictor
 from handpose.fit.search import ACCURATE, FAST, Plan
 from handpose.tracking.detector import Detector
 from handpose.tracking.hand_track import ENOUGH
-from handpose.tracking.pose_estimator import LIKELY, Estimate, PoseEstimator, SearchRegion
+from handpose.tracking.pose_estimator import LIKELY, PoseEstimator, SearchRegion
 from handpose.tracking.reasons import NO_HAND
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -30,7 +30,7 @@ REJECT_NEW_MM, REJECT_FIRST_MM, REJECT_MM = 100.0, 120.0, 135.0
 class Offer(NamedTuple):
     """The poses found at a place, as hands of each side; without any, the reason."""
 
-    estimates: list[Estimate]
+    estimates: list[Hand]
     reason: str = ""
 
 
@@ -46,17 +46,17 @@ class Acceptance:
         A fast prediction at the place itself comes first. It rejects most of the other objects before the slow search.
         """
         start = self.predictor.camera.project(place)
-        score = min(map(self.estimator.rejection_score, self._sides_at(depth, start, FAST)), default=np.inf)
+        score = min((hand.rejection_score for hand in self._sides_at(depth, start, FAST)), default=np.inf)
         if score > REJECT_FIRST_MM:
             return Offer([], _unlike(score, REJECT_FIRST_MM))
         try:
             found = self.predictor.hands_at(depth, [start], [0.0])[0]
         except DataError:
             return Offer([], "it is out of sight")
-        if found.fit is None or found.fit.rejection_score > REJECT_MM:
-            return Offer([], _unlike(found.fit.rejection_score if found.fit else np.inf, REJECT_MM))
+        if found.rejection_score > REJECT_MM:
+            return Offer([], _unlike(found.rejection_score, REJECT_MM))
         seen = self._sides_at(depth, found.center_uvd, ACCURATE)
-        confidence = max((estimate.confidence for estimate in seen), default=0.0)
+        confidence = max((estimate.chance for estimate in seen), default=0.0)
         if confidence < ENOUGH:
             return Offer([], f"the pose is uncertain (confidence {confidence:.0%})")
         best = min(seen, key=lambda estimate: estimate.uncertainty)
@@ -64,21 +64,21 @@ class Acceptance:
         return Offer([] if reason else seen, reason)
 
     def doubt(
-        self, depth: NDArray[np.float32], estimate: Estimate, limit_mm: float = REJECT_MM, *, needs_both: bool = False
+        self, depth: NDArray[np.float32], estimate: Hand, limit_mm: float = REJECT_MM, *, needs_both: bool = False
     ) -> str:
         """Why an estimate is no hand; empty if it is one.
 
         needs_both  the place must be probable whatever the score
         """
-        score = self.estimator.rejection_score(estimate)
+        score = estimate.rejection_score
         if score >= limit_mm:
             return _unlike(score, limit_mm)
         if not needs_both and score < REJECT_NEW_MM:
             return ""
-        chance = self.detector.probability(depth, estimate.center_mm * mirror_of(estimate.region.side))
+        chance = self.detector.probability(depth, estimate.center_mm)
         return "" if chance >= LIKELY else f"{NO_HAND} (probability {chance:.0%}, rejection score {score:.0f} mm)"
 
-    def _sides_at(self, depth: NDArray[np.float32], center_uvd: Array, plan: Plan) -> list[Estimate]:
+    def _sides_at(self, depth: NDArray[np.float32], center_uvd: Array, plan: Plan) -> list[Hand]:
         """The poses in a crop about a centre (3,), as a hand of each side; none if it is outside the image."""
         regions = [SearchRegion(center_uvd, side) for side in self.predictor.sides]
         return [estimate for estimate in self.estimator.estimate(depth, regions, plan) if estimate is not None]

@@ -8,9 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import SIDES, Side
-from handpose.tracking.body_pose import Motion, WorldPose, motion_between, moved
-from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
+from handpose.estimate.hand import Hand
+from handpose.fit.world_pose import WorldPose
+from handpose.tracking.body_motion import Motion, motion_between, moved
+from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
+from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter
+from netlib.blob import Array
 
 ENOUGH = 0.3  # minimum confidence of a hand
 SURE = 0.985  # confidence below which a full fit is run
@@ -38,7 +42,7 @@ REVISED, SETTLED = 2.0, 4.0  # sum of ratios that changes a decided side; maximu
 class SideState:
     """The state of a hand as one side: its last pose, its motion, and its filter."""
 
-    def __init__(self, estimate: Estimate, time: float) -> None:
+    def __init__(self, estimate: Hand, time: float) -> None:
         self.estimate, self.time = estimate, time
         self.motion: Motion | None = None
         self.filter = PoseFilter()
@@ -50,9 +54,9 @@ class SideState:
             return self.estimate.body
         return moved(self.estimate.body, self.motion, KEPT * min(time - self.time, COAST))
 
-    def take(self, estimate: Estimate, time: float) -> None:
+    def take(self, estimate: Hand, time: float) -> None:
         """Add a pose. A jump to another pose does not change the motion."""
-        if estimate.goes_on:
+        if estimate.is_tracked:
             new = motion_between(self.estimate.body, estimate.body, time - self.time)
             old = self.motion or new
             self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, old)))
@@ -61,38 +65,59 @@ class SideState:
 
 
 class HandTrack:
-    """A tracked hand.
+    """One hand of a recording: its state while it is tracked, and what is kept while it is lost.
 
-    id          of the hand
+    id          of the hand; -1 until it has one
+    is_tracked  False while it is lost
     sides       state for each side; both until the side is decided
     time        s, of its last pose
     covered     True if another object covered it in the last frame, or nothing was read of it
     rejections  number of consecutive checks that rejected it
     checked     s, time of the last check
     size        relative to the skeleton, once it is known
+    sizes       estimates the size
     likely      assumed size until then, or None
+    decided     the side that was decided last, or None
+    place       (3,) mm, where it was seen last as a hand whose side was decided, or None
+    since       s, when it was reported last
+    reason      why it was lost
     """
 
     def __init__(
         self,
-        id: int,
         estimator: PoseEstimator,
-        estimates: Sequence[Estimate],
+        estimates: Sequence[Hand],
         time: float,
-        size: float | None,
+        size: float | None = None,
         side_prior: float = 0.0,
     ) -> None:
         """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
-        self.id, self.time, self.size = id, time, size
+        self.id, self.is_tracked, self.time, self.since = -1, True, time, time
+        self.size, self.sizes = size, SizeKeeper(estimator)
         self.likely: float | None = None
+        self.decided: Side | None = None
+        self.place: Array | None = None
+        self.reason = ""
         self.covered, self.rejections, self.checked = False, 0, time
         self._estimator = estimator
-        self.sides = {estimate.region.side: SideState(estimate, time) for estimate in estimates}
+        self.sides = {estimate.hand: SideState(estimate, time) for estimate in estimates}
         self._asked = self._looked = time
         self._pause, self._missed = PAUSE, False
         self._usual = min(estimate.selection_cost for estimate in estimates)
         self._evidence, self._compared, self._begun = side_prior, 0, time
         self._compare(_best(estimates), time)
+        self._keep_side()
+
+    def identify(self, id: int, before: HandTrack | None = None) -> None:
+        """Give the hand its id; if it is one that was lost, with what is known of it."""
+        self.id = id
+        if before is not None:
+            self.size, self.sizes, self.place = before.size, before.sizes, before.place
+            self.decided = self.decided or before.decided
+
+    def end(self, reason: str = "") -> None:
+        """Stop tracking the hand; without a reason, that of the last frame in which it was not found."""
+        self.is_tracked, self.reason = False, reason or self.reason
 
     @property
     def hand(self) -> Side:
@@ -127,25 +152,28 @@ class HandTrack:
     @property
     def is_sure(self) -> bool:
         """True if the side is decided and the confidence is high."""
-        return self.is_decided and self.best.estimate.confidence >= SURE
+        return self.is_decided and self.best.estimate.chance >= SURE
 
     def regions(self, time: float) -> list[SearchRegion]:
         """The search regions in a frame; with and without the network, whose last use is recorded."""
         troubled = self._missed or self.best.estimate.selection_cost > TROUBLE * self._usual
         asked = troubled or not self.is_decided or time - self._asked >= ASK
         self._asked = time if asked else self._asked
-        regions = [self._region(side, seen.expected(time)) for side, seen in self.sides.items()]
-        return regions if asked else [region._replace(moved_mm=self._moved(region.side)) for region in regions]
+        regions = []
+        for side, seen in self.sides.items():
+            region = self._region(side, seen.expected(time))
+            regions.append(region if asked else region._replace(moved_mm=seen.estimate.moved_mm))
+        return regions
 
     def other_regions(
-        self, depth: NDArray[np.float32], estimates: Sequence[Estimate | None], time: float
+        self, depth: NDArray[np.float32], estimates: Sequence[Hand | None], time: float
     ) -> list[SearchRegion]:
         """Further search regions for a full fit, if the pose or the side is uncertain.
 
         These are the last pose, and the hand found by the locator, or else the palm predicted by the network, there as
         either side: a side decided in bad conditions may be wrong.
         """
-        sure = max((estimate.confidence for estimate in estimates if estimate is not None), default=0.0)
+        sure = max((estimate.chance for estimate in estimates if estimate is not None), default=0.0)
         alarmed = (
             min((estimate.selection_cost for estimate in estimates if estimate is not None), default=np.inf)
             > ALARM * self._usual
@@ -155,7 +183,7 @@ class HandTrack:
             return []
         self._looked = time
         regions = []
-        for side, estimate in ((estimate.region.side, estimate) for estimate in estimates if estimate is not None):
+        for side, estimate in ((estimate.hand, estimate) for estimate in estimates if estimate is not None):
             center = self._estimator.hand_near(depth, estimate)
             regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self._size))
             if self.is_decided:
@@ -163,7 +191,7 @@ class HandTrack:
                 regions += [SearchRegion(center, other, None, self._size) for other in others]
         return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
 
-    def take(self, estimates: Sequence[Estimate | None], others: Sequence[Estimate | None], time: float) -> bool:
+    def take(self, estimates: Sequence[Hand | None], others: Sequence[Hand | None], time: float) -> bool:
         """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
         first, second = _best(estimates), _best(others)
         if self.is_decided:
@@ -174,15 +202,16 @@ class HandTrack:
         own = [best[side] for side in self.sides if side in best]
         if second and self.is_decided:
             # The accurate plan expects smaller errors of the same pose, so only another pose can be a better one.
-            better = any(not estimate.goes_on and estimate.selection_cost < BETTER * before for estimate in own)
+            better = any(not estimate.is_tracked and estimate.selection_cost < BETTER * before for estimate in own)
             doubted = self._evidence > 0  # it may be a hand of the other side
             self._pause = SOON if doubted else PAUSE if better else min(2 * self._pause, MAX_PAUSE)
-        self._missed = not own or max(estimate.confidence for estimate in own) < ENOUGH
+        self._missed = not own or max(estimate.chance for estimate in own) < ENOUGH
         if self._missed:
             return False
         for estimate in own:
-            self.sides[estimate.region.side].take(estimate, time)
+            self.sides[estimate.hand].take(estimate, time)
         self.time = time
+        self._keep_side()
         self._usual += HABIT * (self.best.estimate.selection_cost - self._usual)
         if self.is_sure:
             self._pause = PAUSE
@@ -192,6 +221,10 @@ class HandTrack:
         """True if it was lost for too long."""
         return time - self.time > (MAX_COVERED_S if self.covered else COAST)
 
+    def _keep_side(self) -> None:
+        if self.is_decided:
+            self.decided = self.hand
+
     def _region(self, side: Side, body: WorldPose) -> SearchRegion:
         return SearchRegion(self._estimator.center_of(body, side), side, body, self._size)
 
@@ -199,11 +232,7 @@ class HandTrack:
     def _size(self) -> float | None:
         return self.likely if self.size is None else self.size
 
-    def _moved(self, side: Side) -> float:
-        """The distance of the last fit from the network's joints, mm."""
-        return float(self.sides[side].estimate.fit.signs[0, -1])
-
-    def _compare(self, best: dict[Side, Estimate], time: float) -> None:
+    def _compare(self, best: dict[Side, Hand], time: float) -> None:
         """Add the evidence of a frame while the side is undecided, and decide it."""
         ratio = _log_ratio(best)
         if self.is_decided or ratio is None:
@@ -216,7 +245,7 @@ class HandTrack:
             self.sides = {self.hand: self.best}
             self._evidence = 0.0
 
-    def _reconsider(self, best: dict[Side, Estimate]) -> None:
+    def _reconsider(self, best: dict[Side, Hand]) -> None:
         """Sum up the evidence for the other side, less that for this one."""
         ratio = _log_ratio(best)
         if ratio is None:
@@ -228,23 +257,22 @@ class HandTrack:
             self._evidence = 0.0
 
 
-def _best(estimates: Sequence[Estimate | None]) -> dict[Side, Estimate]:
+def _best(estimates: Sequence[Hand | None]) -> dict[Side, Hand]:
     """The best pose of each side."""
-    best: dict[Side, Estimate] = {}
+    best: dict[Side, Hand] = {}
     for estimate in estimates:
         if estimate is not None and (
-            estimate.region.side not in best or estimate.selection_cost < best[estimate.region.side].selection_cost
+            estimate.hand not in best or estimate.selection_cost < best[estimate.hand].selection_cost
         ):
-            best[estimate.region.side] = estimate
+            best[estimate.hand] = estimate
     return best
 
 
-def _log_ratio(best: dict[Side, Estimate]) -> float | None:
+def _log_ratio(best: dict[Side, Hand]) -> float | None:
     """The evidence of one frame for a right hand; None without a visible hand of either side."""
-    if len(best) < 2 or max(estimate.confidence for estimate in best.values()) < ENOUGH:
+    if len(best) < 2 or max(estimate.chance for estimate in best.values()) < ENOUGH:
         return None
     right, left = (
-        np.log(np.clip(best[side].fit.cost[0] if np.isfinite(best[side].uncertainty) else np.inf, 1e-9, 1e9))
-        for side in SIDES
+        np.log(np.clip(best[side].cost if np.isfinite(best[side].uncertainty) else np.inf, 1e-9, 1e9)) for side in SIDES
     )
     return float(np.clip(left - right, -MAX_RATIO, MAX_RATIO))

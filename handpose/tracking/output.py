@@ -12,6 +12,7 @@ from handpose.body.sides import mirror_of
 from handpose.fit.body import SIZE
 from handpose.fit.pose_confidence import judged, pose_signs
 from handpose.fit.support import joint_depths, support
+from handpose.fit.world_pose import variables_of
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.track import TrackedHand
@@ -36,40 +37,39 @@ def _as_sides(
     readings: NDArray[np.float32], *, smooth: bool, surface: bool,
 ) -> list[TrackedHand]:  # fmt: skip
     """The hand in the states of its sides, of these probabilities."""
-    model, fits = estimator.fitter.model, [seen.estimate.fit for seen in sides]
-    center = np.stack([seen.estimate.center_mm for seen in sides])
-    mirror = np.stack([mirror_of(seen.estimate.region.side) for seen in sides])
-    x = np.stack([
-        estimator.converter.variables(seen.smooth if smooth else seen.estimate.body, seen.estimate.center_mm)
-        for seen in sides
-    ])  # fmt: skip
+    model, found = estimator.model, [seen.estimate for seen in sides]
+    center = np.stack([hand.mirrored_center_mm for hand in found])
+    mirror = np.stack([mirror_of(hand.hand) for hand in found])
+    poses = [seen.smooth if smooth else seen.estimate.body for seen in sides]
+    x = np.stack([variables_of(model, *pose) for pose in zip(poses, center)])
     if track.size is not None:
         x[:, SIZE] = np.log(track.size)  # the known size, instead of a filtered one
     joints = model.joints(x)
     capsules = model.capsules(x, center).mirrored(mirror)
     xyz = (joints + center[:, None]) * mirror[:, None]
-    error_mm, confidence = (np.array([getattr(fit, name)[0] for fit in fits]) for name in ("error_mm", "confidence"))
+    error_mm, confidence = (np.array([getattr(hand, name) for hand in found]) for name in ("error_mm", "confidence"))
     if np.isfinite(error_mm).all():  # the errors of the network were measured
-        found = support(capsules, model.surface.limbs, readings, estimator.camera)
-        lag = np.linalg.norm(joints - np.stack([fit.joints[0] for fit in fits]), axis=2).mean(axis=1)
+        seen = support(capsules, model.surface.limbs, readings, estimator.camera)
+        fitted = np.stack([hand.joints_mm for hand in found])
+        lag = np.linalg.norm(joints * mirror[:, None] - fitted, axis=2).mean(axis=1)
         depths, deep = joint_depths(xyz, readings, estimator.camera), model.surface.mean_penetration(capsules)
-        signs = pose_signs(np.concatenate([fit.signs for fit in fits]), depths, deep)
-        error_mm, confidence = judged(signs, lag, found)
+        signs = pose_signs(np.stack([hand.signs for hand in found]), depths, deep)
+        error_mm, confidence = judged(signs, lag, seen)
     inputs = model.inputs_of(x)
     return [
         TrackedHand(
             id=track.id,
-            hand=seen.estimate.region.side,
+            hand=hand.hand,
             confidence=chances[n] * float(confidence[n]),
             error_mm=float(error_mm[n]),
             inputs=inputs[n],
             bones=model.skeleton.bones * float(np.exp(x[n, SIZE])),
-            origin_mm=seen.estimate.center_mm * mirror[n],
+            origin_mm=hand.center_mm,
             xyz=xyz[n],
-            center_uvd=seen.estimate.region.center_uvd,
+            center_uvd=hand.center_uvd,
             cube_mm=estimator.cube_mm,
             capsules=capsules.frames(slice(n, n + 1)) if surface else None,
             side_confidence=chances[n],
         )
-        for n, seen in enumerate(sides)
+        for n, hand in enumerate(found)
     ]

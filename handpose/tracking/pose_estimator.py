@@ -6,6 +6,7 @@ would be overhead.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,17 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import Side, mirror_of
-from handpose.estimate.crop_fits import fit_starts
+from handpose.estimate.estimator import Candidate, HandEstimator
+from handpose.estimate.hand import Hand
 from handpose.estimate.locator import recenter
 from handpose.estimate.predictor import Predictor
-from handpose.fit.depth_fit import DepthFit
-from handpose.fit.observation import HandCrops
-from handpose.fit.rejection import rejection_score
 from handpose.fit.search import Plan
 from handpose.fit.support import Support, support
+from handpose.fit.world_pose import WorldPose, variables_of, world_pose
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import clear_crop
-from handpose.tracking.body_pose import PoseConverter, WorldPose
 from handpose.tracking.reasons import Expected
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -50,81 +49,41 @@ class SearchRegion(NamedTuple):
     moved_mm: float | None = None
 
 
-class Estimate(NamedTuple):
-    """The pose found in a search region.
-
-    region      the search region
-    center_mm   (3,) centre of the crop, mirrored for left hands
-    crop        (128, 128) in [-1, 1], not mirrored
-    fit         of this body alone
-    body        in space
-    goes_on     True if the fit started from the expected body
-    """
-
-    region: SearchRegion
-    center_mm: Array
-    crop: NDArray[np.float32]
-    fit: DepthFit
-    body: WorldPose
-    goes_on: bool = False
-
-    @property
-    def uncertainty(self) -> float:
-        """The uncertainty of the fit."""
-        return float(self.fit.uncertainty[0])
-
-    @property
-    def selection_cost(self) -> float:
-        """Compares poses of different plans: the expected error in mm, or the cost if it is unknown."""
-        return float(np.nan_to_num(self.error_mm, nan=self.fit.cost[0]))
-
-    @property
-    def error_mm(self) -> float:
-        """The expected error of the joints; NaN if it was not measured."""
-        return float(self.fit.error_mm[0])
-
-    @property
-    def confidence(self) -> float:
-        """Probability that the error of the joints is below 30 mm; 1 or 0 if it was not measured."""
-        known = float(self.fit.confidence[0])
-        return known if np.isfinite(known) else float(np.isfinite(self.uncertainty))
-
-
 class PoseEstimator:
     """Predicts and fits hands with the network, the fitter and the plan of a predictor."""
 
     def __init__(self, predictor: Predictor, camera: Camera) -> None:
         assert predictor.fitter is not None and predictor.plan is not None
-        self.net, self.fitter, self.camera = predictor.net, predictor.fitter, camera
+        self.fitter, self.model, self.camera = predictor.fitter, predictor.fitter.model, camera
         self.cube_mm, self.plan, self.sides = predictor.cube_mm, predictor.plan, predictor.sides
         assert predictor.locator is not None
         self.locator = predictor.locator
-        self.converter = PoseConverter(self.fitter.model)
+        self.hands = HandEstimator(predictor.net, self.cube_mm, self.fitter)
         self._middle = self._middle_of_crops()
 
     def estimate(
         self, depth: NDArray[np.float32], regions: Sequence[SearchRegion], plan: Plan | None = None
-    ) -> list[Estimate | None]:
-        """The pose in each region; None if it is outside the image. Raises NetlibError.
+    ) -> list[Hand | None]:
+        """The hand in each region; None if it is outside the image. Raises NetlibError.
 
         plan  of the fit; by default the predictor's
         """
-        crops: list[NDArray[np.float32] | None] = []
-        alike: dict[tuple[bool, bool], list[int]] = {}
+        candidates: dict[int, Candidate] = {}
         for i, region in enumerate(regions):
-            try:
-                crops.append(clear_crop(depth, region.center_uvd, self.cube_mm, self.camera))
-            except DataError:
-                crops.append(None)
-                continue
-            kind = (region.size is not None, region.moved_mm is not None)
-            alike.setdefault(kind, []).append(i)
-        found: list[Estimate | None] = [None] * len(regions)
-        for own in alike.values():
-            shown = np.stack([seen for i in own if (seen := crops[i]) is not None])
-            for i, estimate in zip(own, self._estimate([regions[i] for i in own], shown, plan or self.plan)):
-                found[i] = estimate
-        return found
+            with contextlib.suppress(DataError):  # outside the image
+                candidates[i] = self._candidate(depth, region)
+        found = dict(zip(candidates, self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan)))
+        return [found.get(i) for i in range(len(regions))]
+
+    def _candidate(self, depth: NDArray[np.float32], region: SearchRegion) -> Candidate:
+        """The crop of a region. Raises DataError outside the image."""
+        crop, before = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera), None
+        if region.before is not None:
+            center = self.camera.unproject(region.center_uvd) * mirror_of(region.side)
+            before = variables_of(self.model, region.before, center)
+        return Candidate(
+            crop, region.center_uvd, region.side, before=before, size=region.size, moved_mm=region.moved_mm
+        )
 
     def center_of(self, body: WorldPose, side: Side) -> Array:
         """The crop centre (3,) of a body, px, px, mm."""
@@ -133,8 +92,8 @@ class PoseEstimator:
 
     def expected(self, depth: NDArray[np.float32], body: WorldPose, side: Side) -> Expected:
         """A body as a hand that is expected in an image, with all readings, mm."""
-        center, mirror, model = body.place, mirror_of(side), self.fitter.model
-        x = self.converter.variables(body, center)[None]
+        center, mirror, model = body.place, mirror_of(side), self.model
+        x = variables_of(model, body, center)[None]
         capsules = model.capsules(x, center[None]).mirrored(mirror)
         return Expected(
             (model.joints(x)[0] + center) * mirror,
@@ -142,78 +101,36 @@ class PoseEstimator:
             support(capsules, model.surface.limbs, depth, self.camera),
         )
 
-    def support(self, depth: NDArray[np.float32], estimate: Estimate) -> Support:
+    def support(self, depth: NDArray[np.float32], hand: Hand) -> Support:
         """The support of a pose by an image with all readings, mm."""
-        model = self.fitter.model
-        capsules = model.capsules(estimate.fit.x, estimate.center_mm[None]).mirrored(mirror_of(estimate.region.side))
-        return support(capsules, model.surface.limbs, depth, self.camera)
+        return support(hand.capsules(in_space=True), self.model.surface.limbs, depth, self.camera)
 
-    def hand_near(self, depth: NDArray[np.float32], estimate: Estimate) -> Array:
+    def hand_near(self, depth: NDArray[np.float32], hand: Hand) -> Array:
         """The crop centre (3,) by the locator, px, px, mm; otherwise by the network, if it was run."""
-        middle, side = self.camera.unproject(estimate.region.center_uvd)[None], estimate.region.side
+        middle = hand.center_mm[None]
         for _ in range(TIMES):
             chance, middle = self.locator.at(depth, middle, self.camera)
             if not len(chance) or chance[0] < LIKELY:
                 break
         else:
             return self.camera.project(middle[0])
-        if estimate.region.moved_mm is not None:
-            return estimate.region.center_uvd
-        joints = estimate.fit.network[0] / (self.cube_mm / 2)
-        return recenter(joints, self.fitter.model.skeleton, estimate.region.center_uvd, self.cube_mm, self.camera, side)
+        if not hand.is_predicted:
+            return hand.center_uvd
+        joints = hand.network_mm * mirror_of(hand.hand) / (self.cube_mm / 2)
+        return recenter(joints, self.model.skeleton, hand.center_uvd, self.cube_mm, self.camera, hand.hand)
 
-    def rejection_score(self, estimate: Estimate) -> float:
-        """The rejection score of the fit in mm: how unlike a hand the place is."""
-        hand = self._hands([estimate.region], estimate.crop[None])
-        known_size = estimate.region.size is not None
-        return float(rejection_score(self.fitter.model, estimate.fit, hand, known_size=known_size)[0])
-
-    def arm(self, estimate: Estimate) -> Array:
+    def arm(self, hand: Hand) -> Array:
         """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the forearm of a hand."""
-        model = self.fitter.model
-        capsules, limbs = model.capsules(estimate.fit.x, estimate.center_mm[None]), model.surface.limbs
+        capsules, limbs = hand.capsules(in_space=True), self.model.surface.limbs
         a, b = capsules.a[0, limbs], capsules.b[0, limbs]
         places = a[:, None] + np.linspace(0, 1, ARM_PLACES)[:, None] * (b - a)[:, None]
-        return np.asarray(places.reshape(-1, 3) * mirror_of(estimate.region.side))
+        return np.asarray(places.reshape(-1, 3))
 
     def _middle_of_crops(self) -> Array:
         """The crop centre (3,) in mm, from the root's position and in its axes."""
-        model, far = self.fitter.model, np.array([0.0, 0.0, 1000.0])
+        model, far = self.model, np.array([0.0, 0.0, 1000.0])
         x = np.zeros((1, model.variables))
-        root = self.converter.world_pose(x[0], far)
+        root = world_pose(model, x[0], far)
         uvd = self.camera.project(far)
         center = recenter(model.joints(x)[0] / (self.cube_mm / 2), model.skeleton, uvd, self.cube_mm, self.camera)
         return np.asarray(root.rotation.T @ (self.camera.unproject(center) - root.place))
-
-    def _hands(self, regions: Sequence[SearchRegion], crops: NDArray[np.float32]) -> HandCrops:
-        """The crops (N, S, S) of these regions."""
-        uvd = np.stack([region.center_uvd for region in regions])
-        return HandCrops.of_sides(crops, uvd, self.camera, self.cube_mm, [region.side for region in regions])
-
-    def _estimate(self, regions: Sequence[SearchRegion], crops: NDArray[np.float32], plan: Plan) -> list[Estimate]:
-        """``estimate`` for regions of which all or none have a size, and all or none run the network."""
-        hands = self._hands(regions, crops)
-        seen, centers = hands.observe(plan.points), hands.center_mm
-        model = self.fitter.model
-        known = np.array([region.before is not None for region in regions])
-        nothing = np.full(model.variables, np.nan)
-        expected = [
-            nothing if region.before is None else self.converter.variables(region.before, center)
-            for region, center in zip(regions, centers)
-        ]
-        before = np.clip(np.stack(expected), model.lower, model.upper) if known.any() else None
-        sizes = np.array([region.size for region in regions]) if regions[0].size is not None else None
-        goes_on = known
-        if before is not None and regions[0].moved_mm is not None:
-            fit = self.fitter.follow(seen, before, np.array([region.moved_mm for region in regions]), plan, size=sizes)
-        else:
-            starts = fit_starts(self.net, model, hands.as_right, plan.quarters)
-            fit = self.fitter.fit(seen, starts, plan, size=sizes, before=before)
-            goes_on = known & (fit.start == len(plan.quarters))
-        estimates = []
-        for i, (region, center) in enumerate(zip(regions, centers)):
-            own = fit.take(slice(i, i + 1))
-            estimates.append(
-                Estimate(region, center, crops[i], own, self.converter.world_pose(own.x[0], center), bool(goes_on[i]))
-            )
-        return estimates

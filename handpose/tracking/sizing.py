@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from handpose.estimate.hand import Hand
 from handpose.fit.body import SIZE, SIZE_LIMIT
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import FAST
 from handpose.fit.size_calibration import calibrate_size
-from handpose.tracking.pose_estimator import Estimate, PoseEstimator
+from handpose.tracking.pose_estimator import PoseEstimator
 from netlib.errors import DataError
 
 FRAMES = 32  # number of poses collected
@@ -36,24 +37,24 @@ class SizeKeeper:
 
     def __init__(self, estimator: PoseEstimator) -> None:
         self._estimator = estimator
-        self._estimates: list[Estimate] = []
+        self._estimates: list[Hand] = []
         self._time = -np.inf
         self.thickness = 1.0
 
-    def take(self, estimate: Estimate, time: float) -> float | None:
+    def take(self, estimate: Hand, time: float) -> float | None:
         """The size, relative to the skeleton, as soon as it is known, otherwise None."""
-        if estimate.confidence < CONFIDENT or time - self._time < EVERY:
+        if estimate.chance < CONFIDENT or time - self._time < EVERY:
             return None
-        self._estimates = [*(one for one in self._estimates if one.region.side == estimate.region.side), estimate]
+        self._estimates = [*(one for one in self._estimates if one.hand == estimate.hand), estimate]
         self._time = time
         if len(self._estimates) < FRAMES:
             return None
         estimates, estimator = sorted(self._estimates, key=lambda one: one.uncertainty)[:BEST], self._estimator
         self._estimates = []
-        crops, uvd = (np.stack(values) for values in zip(*((s.crop, s.region.center_uvd) for s in estimates)))
-        hands = HandCrops.of_sides(crops, uvd, estimator.camera, estimator.cube_mm, estimate.region.side)
+        crops, uvd = (np.stack(values) for values in zip(*((s.crop, s.center_uvd) for s in estimates)))
+        hands = HandCrops.of_sides(crops, uvd, estimator.camera, estimator.cube_mm, estimate.hand)
         seen = hands.observe(FAST.points)
-        x = np.concatenate([s.fit.x for s in estimates])
+        x = np.stack([s.x for s in estimates])
         size = float(np.exp(np.median(x[:, SIZE])))
         for _ in range(TIMES):
             middle = np.clip(np.log(size), -SIZE_LIMIT - NEAR[0], SIZE_LIMIT - NEAR[-1])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from handpose.tracking.body_pose import WorldPose
+from handpose.fit.world_pose import WorldPose
 from handpose.tracking.one_euro import Cutoff, OneEuro, OneEuroRotation
 
 # Chosen on synthetic movements with three cameras that are in no reported result.

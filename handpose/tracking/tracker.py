@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import Side
+from handpose.estimate.hand import Hand
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_whole
@@ -30,9 +31,9 @@ from handpose.tracking.acceptance import Acceptance
 from handpose.tracking.detector import NOWHERE, Detector
 from handpose.tracking.hand_track import COAST, HandTrack
 from handpose.tracking.output import tracked_hand
-from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
+from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
 from handpose.tracking.reasons import Expected, reason
-from handpose.tracking.sizing import SizeKeeper, checked
+from handpose.tracking.sizing import checked
 from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
@@ -52,18 +53,6 @@ MAX_REJECTIONS = 2  # number of consecutive rejections that end a track
 def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tracker:
     """A tracker with the packaged weights; for the options see ``Tracker``. Raises NetlibError."""
     return Tracker(load_predictor(camera, fit=fit), **options)  # type: ignore[arg-type]
-
-
-@dataclasses.dataclass
-class Known:
-    """The state of a hand that is kept even while it is lost."""
-
-    hand: Side | None
-    since: float
-    reason: str
-    sizes: SizeKeeper
-    size: float | None
-    place: Array | None = None  # (3,) mm, where it was seen last as a hand whose side was decided
 
 
 class Tracker:
@@ -92,10 +81,14 @@ class Tracker:
         self.estimator = PoseEstimator(predictor, self.camera)
         self.detector = Detector(predictor.locator, self.camera)
         self.acceptance = Acceptance(predictor, self.estimator, self.detector)
-        self.tracks: list[HandTrack] = []
-        self.known: dict[int, Known] = {}
+        self.known: dict[int, HandTrack] = {}  # all hands of the recording by their ids
         self._time = -np.inf
         self._read = False  # True once a frame had a reading
+
+    @property
+    def tracks(self) -> list[HandTrack]:
+        """The hands that are tracked."""
+        return [track for track in self.known.values() if track.is_tracked]
 
     def header(self, source: str) -> TrackHeader:
         """The header of the track."""
@@ -146,20 +139,17 @@ class Tracker:
         self, number: int, readings: NDArray[np.float32], time: float, refused: list[RefusedPlace]
     ) -> TrackedFrame:
         """The hands that were seen in this frame, and those that are lost."""
-        hands = []
-        for track in sorted(self.tracks, key=lambda one: one.id):
-            if track.time == time:
-                self._measure(track, time)
-                self.known[track.id].since = time
-                if track.is_decided:
-                    self.known[track.id].place = self._middle(track)
-                hands.append(tracked_hand(track, self.estimator, readings, smooth=self.smooth, surface=self.surface))
-        lost = tuple(
-            LostHand(id, known.hand, known.since, known.reason)
-            for id, known in sorted(self.known.items())
-            if all(id != hand.id for hand in hands)
-        )
-        return TrackedFrame(number, time, tuple(hands), lost, tuple(refused))
+        hands, lost = [], []
+        for id, track in sorted(self.known.items()):
+            if not (track.is_tracked and track.time == time):
+                lost.append(LostHand(id, track.decided, track.since, track.reason))
+                continue
+            track.since = time
+            if track.is_decided:
+                track.place = self._middle(track)
+                track.size = track.size or track.sizes.take(track.best.estimate, time)
+            hands.append(tracked_hand(track, self.estimator, readings, smooth=self.smooth, surface=self.surface))
+        return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(refused))
 
     def _count(self, time: float) -> int:
         """The number of hands that are tracked and not covered."""
@@ -170,34 +160,34 @@ class Tracker:
 
         readings  the image with those readings that are nearer than the camera measures
         """
-        for track in list(self.tracks):
-            if track.given_up(time) or pause > COAST:
-                self.tracks.remove(track)
-                if pause > COAST:
-                    self.known[track.id].reason = f"no frame for {pause:.1f} s, and not found again"
         for track in self.tracks:
+            if pause > COAST:
+                track.end(f"no frame for {pause:.1f} s, and not found again")
+            elif track.given_up(time):
+                track.end()
+        tracks = self.tracks
+        for track in tracks:
             track.likely = self._size_beside(track.id)
-        regions = {track.id: track.regions(time) for track in self.tracks}
+        regions = {track.id: track.regions(time) for track in tracks}
         estimates = self._estimates(depth, regions)
-        others = {track.id: track.other_regions(depth, estimates[track.id], time) for track in self.tracks}
+        others = {track.id: track.other_regions(depth, estimates[track.id], time) for track in tracks}
         again = self._estimates(depth, others, AGAIN)
-        for track in list(self.tracks):
-            known, seen, more = self.known[track.id], estimates[track.id], again[track.id]
+        for track in tracks:
+            seen, more = estimates[track.id], again[track.id]
             least = min((one.selection_cost for one in [*seen, *more] if one is not None), default=np.inf)
             if track.covered or least > MAX_UNCOVERED * track.usual_cost:
                 track.covered = bool(self._expected(readings, track, time).support.covered[0] > MAX_COVERED)
             if track.covered:
                 seen, more = ([one for one in found if self._goes_on(readings, track, one)] for found in (seen, more))
             if track.take(seen, more, time):
-                known.hand = track.hand if track.is_decided else known.hand
                 continue
-            confidence = max((one.confidence for one in [*seen, *more] if one is not None), default=0.0)
+            confidence = max((one.chance for one in [*seen, *more] if one is not None), default=0.0)
             expected = self._expected(readings, track, time)
-            known.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
+            track.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
 
     def _estimates(
         self, depth: NDArray[np.float32], regions: dict[int, list[SearchRegion]], plan: Plan | None = None
-    ) -> dict[int, list[Estimate | None]]:
+    ) -> dict[int, list[Hand | None]]:
         """The poses in regions of several hands, by their ids."""
         estimates = iter(self.estimator.estimate(depth, [region for own in regions.values() for region in own], plan))
         return {id: [next(estimates) for _ in own] for id, own in regions.items()}
@@ -205,18 +195,15 @@ class Tracker:
     def _drop_doubles(self) -> None:
         """Drop one of two tracks of the same hand: the one lost earlier, otherwise the worse one."""
         for track in sorted(self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)):
-            if track not in self.tracks:
-                continue
-            for other in list(self.tracks):
+            for other in self.tracks if track.is_tracked else []:
                 if other is not track and np.linalg.norm(self._middle(track) - self._middle(other)) < SAME_MM:
-                    self.tracks.remove(other)
-                    self.known[other.id].reason = "another hand is tracked at its position"
+                    other.end("another hand is tracked at its position")
 
     def _expected(self, readings: NDArray[np.float32], track: HandTrack, time: float) -> Expected:
         """A hand where it is expected."""
         return self.estimator.expected(readings, track.best.expected(time), track.hand)
 
-    def _goes_on(self, readings: NDArray[np.float32], track: HandTrack, found: Estimate | None) -> bool:
+    def _goes_on(self, readings: NDArray[np.float32], track: HandTrack, found: Hand | None) -> bool:
         """True if a pose explains readings in front of the expected one: the hand itself has moved towards the camera.
 
         Otherwise the pose is a guess from the rest of a covered hand, or the object that covers it.
@@ -227,7 +214,7 @@ class Tracker:
 
     def _drop_other_objects(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
         """Drop tracks of objects that are not hands, which network and fit may resemble."""
-        for track in list(self.tracks):
+        for track in self.tracks:
             pause = CHECK if track.is_sure else SUSPECT
             if track.time < time or time - track.checked < pause:
                 continue
@@ -235,9 +222,8 @@ class Tracker:
             doubt = self.acceptance.doubt(depth, track.best.estimate)
             track.rejections = track.rejections + 1 if doubt else 0
             if track.rejections >= MAX_REJECTIONS:
-                self.tracks.remove(track)
                 expected = self._expected(readings, track, time)
-                self.known[track.id].reason = reason(readings, self.camera, self.estimator.cube_mm, expected, doubt)
+                track.end(reason(readings, self.camera, self.estimator.cube_mm, expected, doubt))
 
     def _detect(self, depth: NDArray[np.float32], time: float) -> list[RefusedPlace]:
         """Search for a hand that is not tracked. Returns the place that was refused, if any."""
@@ -254,13 +240,11 @@ class Tracker:
             x, y, z = place.tolist()
             return [RefusedPlace((x, y, z), why)]
         returned = self._just_lost(place, time)
-        seen = [estimate for estimate in seen if estimate.region.side in returned] or seen
-        track = HandTrack(-1, self.estimator, seen, time, self.size, self._side_prior(time))
-        track.id = self._id_of(track.hand, time)
-        known = self.known.setdefault(track.id, Known(None, time, "", SizeKeeper(self.estimator), self.size))
-        known.since, track.size = time, known.size
-        known.hand = track.hand if track.is_decided else known.hand
-        self.tracks = [other for other in self.tracks if other.id != track.id] + [track]
+        seen = [estimate for estimate in seen if estimate.hand in returned] or seen
+        track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time))
+        id = self._id_of(track.hand, time)
+        track.identify(id, self.known.get(id))
+        self.known[id] = track
         return []
 
     def _covers(self, place: Array, track: HandTrack, time: float) -> bool:
@@ -274,36 +258,29 @@ class Tracker:
 
     def _missing(self, time: float) -> list[int]:
         """The ids of known hands that are not found in this frame."""
-        seen = {track.id for track in self.tracks if track.time == time}
-        return [id for id in self.known if id not in seen]
+        return [id for id, track in self.known.items() if not (track.is_tracked and track.time == time)]
 
     def _just_lost(self, place: Array, time: float) -> set[Side]:
         """The sides of hands lost recently near a place (3,) in mm, because a hand does not change its side."""
         known = [self.known[id] for id in self._missing(time) if time - self.known[id].since < RETURN]
         near = [one for one in known if one.place is not None and np.linalg.norm(one.place - place) < RETURN_MM]
-        return {one.hand for one in near if one.hand is not None}
+        return {one.decided for one in near if one.decided is not None}
 
     def _side_prior(self, time: float) -> float:
         """Prior evidence for a right hand (1) or a left one (-1): lost hands return."""
-        sides = [self.known[id].hand for id in self._missing(time)]
+        sides = [self.known[id].decided for id in self._missing(time)]
         return float("right" in sides) - float("left" in sides)
 
     def _id_of(self, side: Side, time: float) -> int:
         """The id of a new hand: that of the last lost hand of this side, otherwise a new one."""
-        lost = [id for id in self._missing(time) if self.known[id].hand in (side, None)]
+        lost = [id for id in self._missing(time) if self.known[id].decided in (side, None)]
         return max(lost, key=lambda id: self.known[id].since) if lost else len(self.known)
 
     def _size_beside(self, id: int) -> float | None:
         """The size of another hand, if known: both hands are usually of one person."""
         return next((known.size for other, known in self.known.items() if other != id and known.size), None)
 
-    def _measure(self, track: HandTrack, time: float) -> None:
-        """Estimate the hand's size as soon as possible."""
-        known = self.known[track.id]
-        if track.size is None and track.is_decided:
-            track.size = known.size = known.sizes.take(track.best.estimate, time)
-
     def _middle(self, track: HandTrack) -> Array:
         """The hand's position (3,) in mm, camera axes."""
         estimate = track.best.estimate
-        return self.camera.unproject(self.estimator.center_of(estimate.body, estimate.region.side))
+        return self.camera.unproject(self.estimator.center_of(estimate.body, estimate.hand))

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from handpose.fit.body import CapsuleModel
+from layers.hand import skeleton
+
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"  # real frames, on machines that have them
 
 
@@ -15,3 +18,9 @@ def nyu_data() -> Path:
     if not (SHARED / "nyu").is_dir():
         pytest.skip("needs real NYU frames")
     return SHARED / "nyu"
+
+
+@pytest.fixture(scope="session")
+def model() -> CapsuleModel:
+    """The packaged hand in NYU's cube."""
+    return CapsuleModel(skeleton.load(), 150.0)

@@ -12,11 +12,12 @@ import numpy as np
 from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.body.joint_formats.frames import hand_frames
 from handpose.body.sides import as_right
+from handpose.estimate.hand import Hand
 from handpose.estimate.nets import hand_inputs
-from handpose.estimate.prediction import Prediction, percent
 from handpose.estimate.predictor import Predictor
 from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, strokes, surface
+from handpose.output.drawing.labels import percent
 from handpose.output.drawing.page.assembly import page
 from handpose.output.drawing.page.content import content, hand
 from handpose.output.drawing.tracks import Painter
@@ -31,7 +32,7 @@ from tools.common import outputs
 from tools.common.console import DONE, say
 
 
-def table(found: Prediction, predictor: Predictor, joints: FormatName | None) -> tuple[str, list[str]]:
+def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple[str, list[str]]:
     """A summary of a prediction, and lines of its joints, or of those in another format. Raises DataError."""
     words = f"{in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
     if joints:
@@ -40,9 +41,7 @@ def table(found: Prediction, predictor: Predictor, joints: FormatName | None) ->
     return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own]
 
 
-def write_csv(
-    path: Path, hands: Sequence[tuple[str, Prediction]], predictor: Predictor, joints: FormatName | None
-) -> None:
+def write_csv(path: Path, hands: Sequence[tuple[str, Hand]], predictor: Predictor, joints: FormatName | None) -> None:
     """Write a table with a row for each image and its prediction. Raises DataError, OSError."""
     rows = [[image, *_row(found, predictor, joints)] for image, found in hands]
     content = csv_file.rows_of([["image", *_columns(predictor, joints)], *rows])
@@ -55,17 +54,17 @@ def _columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
     return ["hand", "confidence", "error_mm", *own]
 
 
-def _row(found: Prediction, predictor: Predictor, joints: FormatName | None) -> list[str]:
+def _row(found: Hand, predictor: Predictor, joints: FormatName | None) -> list[str]:
     """The values of a prediction, one for each column; empty if unknown. Raises DataError."""
-    skeleton, fit = predictor.skeleton, found.fit
+    skeleton, fitted = predictor.skeleton, found.fit is not None
     about: list[str] = [found.hand if predictor.is_hand else ""]
-    about += csv_file.quality(fit.confidence, fit.error_mm) if fit else ["", ""]
+    about += csv_file.quality(found.confidence, found.error_mm) if fitted else ["", ""]
     xyz, whole = _positions(found), found.in_frame
     camera, cube = found.camera if whole else None, None if whole else found.cube_mm
     if joints:
         frames = hand_frames(skeleton, found.hand, xyz)
         return about + joint_values.numbers(joints, skeleton, found.hand, xyz, camera, frames, cube)
-    theta = skeleton.theta(fit.inputs)[_angles(predictor)] if fit else np.zeros(0)
+    theta = skeleton.theta(found.inputs)[_angles(predictor)] if fitted else np.zeros(0)
     return about + csv_file.model_numbers(xyz, theta)
 
 
@@ -74,29 +73,29 @@ def _angles(predictor: Predictor) -> list[int]:
     return [int(d) for d in angles.free_dofs(predictor.skeleton).angles] if predictor.fitter else []
 
 
-def _positions(found: Prediction) -> Array:
+def _positions(found: Hand) -> Array:
     """Joints (K, 3) in mm, camera axes; from the crop's centre if there is no frame."""
     return found.xyz if found.in_frame else found.joints_mm
 
 
-def in_words(found: Prediction, predictor: Predictor) -> str:
+def in_words(found: Hand, predictor: Predictor) -> str:
     """Summary of a prediction on one line."""
     words = f"{found.hand} hand" if predictor.is_hand else predictor.skeleton.name
-    if found.fit and not math.isnan(found.fit.error_mm):
-        words += f", {percent(found.fit.confidence)} sure, {found.fit.error_mm:.0f} mm of error expected"
+    if not math.isnan(found.error_mm):
+        words += f", {percent(found.confidence)} sure, {found.error_mm:.0f} mm of error expected"
     if not found.in_frame:
         return f"{words}; joints in mm from the crop's centre"
     return words + "; at {:.0f}, {:.0f}, {:.0f} mm, joints in mm from the camera".format(*found.center_mm)
 
 
-def _in_format(found: Prediction, predictor: Predictor, name: FormatName) -> dict[str, Any]:
+def _in_format(found: Hand, predictor: Predictor, name: FormatName) -> dict[str, Any]:
     """JSON values in another format. Raises DataError for bodies other than hands."""
     if found.in_frame:
         return joint_values.hand_values(name, predictor.skeleton, found.hand, found.xyz, found.camera)
     return joint_values.hand_values(name, predictor.skeleton, found.hand, found.joints_mm, None, found.cube_mm)
 
 
-def _format_lines(found: Prediction, name: FormatName, values: dict[str, Any]) -> list[str]:
+def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list[str]:
     """Tables of a format's joints and of the angles; each line shows the ``values`` of one joint."""
     center = "from the camera" if found.in_frame else "from the crop's centre"
     about = "about its mean" if name == "mediapipe" else center
@@ -109,17 +108,17 @@ def _format_lines(found: Prediction, name: FormatName, values: dict[str, Any]) -
     return [*lines, *(f"  {angle:<28}{degrees:8.1f} deg" for angle, degrees in values[joint_values.ANGLES_KEY].items())]
 
 
-def draw(picture: Path, found: Prediction, predictor: Predictor) -> None:
+def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
     """Draw the skeleton on the crop and in space, and between them the surface, if there was a fit."""
     place: dict[str, Any] = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
     drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **(place if found.in_frame else {}))]
-    if found.fit:
-        drawn.append(surface.over_crop(found.crop, found.fit.capsules, **place))
+    if found.fit is not None:
+        drawn.append(surface.over_crop(found.crop, found.capsules(), **place))
     drawn.append(hands.view_3d(found.joints, predictor.skeleton))
     outputs.write_image(picture, strokes.sheet(drawn, len(drawn)))
 
 
-def write_page(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predictor) -> None:
+def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predictor) -> None:
     """Write one page for all images, with a list to select from. Raises OSError, NetlibError."""
     hands = [_on_page(image, prediction, predictor) for image, prediction in found]
     sampler = BodySampler()
@@ -129,9 +128,9 @@ def write_page(path: Path, found: Sequence[tuple[str, Prediction]], predictor: P
     atomic.replace_text(path, page(title if predictor.is_hand else f"{predictor.skeleton.name}, predicted", data))
 
 
-def _on_page(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]:
-    if found.fit:
-        inputs, size, thickness = found.fit.whole, found.fit.size, found.fit.thickness
+def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
+    if found.fit is not None:
+        inputs, size, thickness = found.whole_inputs, found.size, found.thickness
     else:
         inputs, size, thickness = hand_inputs(predictor.net, as_right(found.crop, found.hand)[None])[0], 1.0, 1.0
     words = in_words(found, predictor).partition(";")[0]

@@ -10,7 +10,6 @@ import math
 import cv2
 import numpy as np
 
-from handpose.estimate.prediction import percent
 from handpose.output.drawing import strokes
 from handpose.output.drawing.strokes import Colour, Image
 from handpose.tracking.track import LostHand, TrackedHand
@@ -33,6 +32,11 @@ _BESIDE = 6  # pixels of background left and right of the text
 def colour_of(id: int) -> Colour:
     """The colour of the hand with this id."""
     return _COLOURS[id % len(_COLOURS)]
+
+
+def percent(confidence: float) -> str:
+    """``93%``; ``>99%`` for what would be rounded to 100%, since no estimate is certain."""
+    return ">99%" if confidence >= 0.995 else f"{confidence:.0%}"
 
 
 def spoken(hand: TrackedHand) -> str:

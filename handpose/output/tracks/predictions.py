@@ -11,26 +11,26 @@ from typing import Any
 import numpy as np
 
 from handpose.body.joint_formats.formats import FormatName
+from handpose.estimate.hand import Hand
 from handpose.estimate.nets import is_hand
-from handpose.estimate.prediction import Prediction
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 
 
-def tracked(found: Prediction, skeleton: Skeleton) -> TrackedHand:
+def tracked(found: Hand, skeleton: Skeleton) -> TrackedHand:
     """A prediction as a hand of a track. Values that only a fit determines are NaN without one.
 
     Without a frame, positions are from the crop's centre.
     """
-    fit, nan = found.fit, math.nan
+    fitted, nan = found.fit is not None, math.nan
     return TrackedHand(
         id=0,
         hand=found.hand,
-        confidence=fit.confidence if fit else nan,
-        error_mm=fit.error_mm if fit else nan,
-        inputs=fit.inputs if fit else np.full(len(skeleton.dof_names), nan),
-        bones=skeleton.bones * (fit.size if fit else nan),
+        confidence=found.confidence,
+        error_mm=found.error_mm,
+        inputs=found.inputs if fitted else np.full(len(skeleton.dof_names), nan),
+        bones=skeleton.bones * found.size,
         origin_mm=found.center_mm if found.in_frame else np.zeros(3),
         xyz=found.xyz if found.in_frame else found.joints_mm,
         center_uvd=found.center_uvd if found.in_frame else np.full(3, nan),
@@ -39,9 +39,7 @@ def tracked(found: Prediction, skeleton: Skeleton) -> TrackedHand:
     )
 
 
-def frame_values(
-    number: int, found: Prediction, skeleton: Skeleton, joints: FormatName | None = None
-) -> dict[str, Any]:
+def frame_values(number: int, found: Hand, skeleton: Skeleton, joints: FormatName | None = None) -> dict[str, Any]:
     """The frame of one prediction, with ``joints`` also in another format. Raises DataError."""
     values = FrameValues(_header("", found, skeleton), joints, in_frames=found.in_frame)
     frame = values.values(TrackedFrame(number, math.nan, (tracked(found, skeleton),)))
@@ -51,7 +49,7 @@ def frame_values(
 
 
 def document(
-    source: str, found: Sequence[Prediction], frames: Sequence[dict[str, Any]], skeleton: Skeleton,
+    source: str, found: Sequence[Hand], frames: Sequence[dict[str, Any]], skeleton: Skeleton,
     joints: FormatName | None = None,
 ) -> str:  # fmt: skip
     """The JSON text of predictions, at least one, and of their frames (``frame_values``)."""
@@ -64,5 +62,5 @@ def document(
     return f'{head[:-1]}, "frames": [\n{lines}\n], "complete": true}}'
 
 
-def _header(source: str, found: Prediction, skeleton: Skeleton) -> TrackHeader:
+def _header(source: str, found: Hand, skeleton: Skeleton) -> TrackHeader:
     return TrackHeader(source, found.camera, skeleton, found.cube_mm / 2, smoothed=False)

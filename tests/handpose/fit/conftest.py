@@ -13,7 +13,6 @@ from handpose.fit.residuals import Residuals
 from handpose.frames.cameras import NYU
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
-from layers.hand import skeleton
 
 
 class Scene(NamedTuple):
@@ -24,12 +23,6 @@ class Scene(NamedTuple):
     truth: np.ndarray
     joints: np.ndarray
     seen: Observation
-
-
-@pytest.fixture(scope="session")
-def model() -> CapsuleModel:
-    """The packaged hand in NYU's cube."""
-    return CapsuleModel(skeleton.load(), 150.0)
 
 
 @pytest.fixture(scope="session")

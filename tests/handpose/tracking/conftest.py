@@ -8,7 +8,6 @@ import pytest
 
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
-from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import ICVL
 from handpose.frames.recording import DepthFrame
 from handpose.scoring.tracks import TrackScores, score
@@ -18,7 +17,6 @@ from handpose.sequences.scripts import Role, Script
 from handpose.tracking import sizing
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import Tracker
-from layers.hand import skeleton
 
 RATE = 15.0
 
@@ -56,12 +54,6 @@ def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
             done.reported.append(tracker.step(frame))
             done.sizes.append({id: known.size for id, known in tracker.known.items()})
     return done
-
-
-@pytest.fixture(scope="session")
-def model() -> CapsuleModel:
-    """The packaged hand in NYU's cube."""
-    return CapsuleModel(skeleton.load(), 150.0)
 
 
 @pytest.fixture(scope="session")

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.body.sides import SIDES
+from handpose.body.sides import SIDES, Side
+from handpose.estimate.hand import Hand
 from handpose.fit.depth_fit import DepthFit
-from handpose.tracking.body_pose import WorldPose
+from handpose.fit.world_pose import WorldPose
+from handpose.frames.cameras import NYU
 from handpose.tracking.hand_track import HandTrack
-from handpose.tracking.pose_estimator import Estimate, SearchRegion
 
 FRAME = 1 / 30
 
@@ -21,11 +22,11 @@ class FakeEstimator:
 
     sides = SIDES
 
-    def center_of(self, body: WorldPose, side: str) -> np.ndarray:
+    def center_of(self, body: WorldPose, side: Side) -> np.ndarray:
         """The place of the body."""
         return body.place
 
-    def hand_near(self, depth: np.ndarray, estimate: Estimate) -> np.ndarray:
+    def hand_near(self, depth: np.ndarray, estimate: Hand) -> np.ndarray:
         """The place, 7 mm to the right."""
         return estimate.body.place + (7, 0, 0)
 
@@ -34,36 +35,43 @@ ESTIMATOR: Any = FakeEstimator()
 DEPTH = np.zeros((1, 1), np.float32)  # unused by the fake estimator
 
 
+class AtPlace(Hand):
+    """A hand of which only the place is known."""
+
+    def __init__(self, body: WorldPose, fit: DepthFit, side: Side, is_tracked: bool) -> None:
+        crop = np.zeros((128, 128), np.float32)
+        super().__init__(side, crop, body.place, 300.0, NYU, np.zeros((1, 3)), fit, is_tracked=is_tracked)
+        vars(self)["body"] = body
+
+
 def estimate(
-    side: str = "right",
+    side: Side = "right",
     x: float = 0.0,
     cost: float = 1.0,
     confidence: float = 1.0,
     error: float = 5.0,
     goes_on: bool = True,
-) -> Estimate:
+) -> Hand:
     """An estimate of a hand at x mm."""
     one, none = np.ones(1), np.zeros((1, 3))
     fit = DepthFit(none, one, none, none, cost * one, cost * one, error * one, confidence * one, none,
                    np.full((1, 5), 3.0), one)  # fmt: skip
     body = WorldPose(np.array([x, 0, 600]), np.eye(3), np.zeros(4))
-    return Estimate(SearchRegion(body.place, side), body.place, np.zeros((128, 128), np.float32), fit, body, goes_on)
+    return AtPlace(body, fit, side, goes_on)
 
 
-def both(x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float) -> list[Estimate]:
+def both(x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float) -> list[Hand]:
     """Estimates of one place as a right and as a left hand, with these costs."""
     return [estimate("right", x, right, **said), estimate("left", x, left, **said)]
 
 
-def followed(
-    one: HandTrack, estimates: list[list[Estimate]], first: int = 1, beside: list[Estimate] | None = None
-) -> None:
+def followed(one: HandTrack, estimates: list[list[Hand]], first: int = 1, beside: list[Hand] | None = None) -> None:
     """Add a frame of each estimate, at 30 per second; ``beside`` are second estimates for every frame."""
     for n, seen in enumerate(estimates, first):
-        assert one.take([own for own in seen if own.region.side in one.sides], beside or [], n * FRAME)
+        assert one.take([own for own in seen if own.hand in one.sides], beside or [], n * FRAME)
 
 
-def compared(one: HandTrack, seen: list[list[Estimate]], first: int = 1) -> None:
+def compared(one: HandTrack, seen: list[list[Hand]], first: int = 1) -> None:
     """Add estimates of both sides, one pair per frame, as first and as second ones."""
     for n, own in enumerate(seen, first):
         followed(one, [own], n, own)
@@ -76,12 +84,12 @@ SECOND = 31  # frames of the first comparison and of one second
 
 
 @pytest.mark.parametrize(("right", "left", "side"), [(1.0, 9.0, "right"), (9.0, 1.0, "left")])
-def test_which_hand_is_decided_and_kept(right: float, left: float, side: str) -> None:
+def test_which_hand_is_decided_and_kept(right: float, left: float, side: Side) -> None:
     """Both sides are tracked for a second; afterwards single estimates do not change the decision."""
-    one = HandTrack(0, ESTIMATOR, both(right=right, left=left), 0.0, None)
+    one = HandTrack(ESTIMATOR, both(right=right, left=left), 0.0, None)
     compared(one, [both(right=right, left=left)] * (SECOND - 2))
     assert set(one.sides) == set(SIDES) and not one.is_decided and 0.5 < one.side_confidence < 1
-    assert one.best.estimate.region.side == side and {region.side for region in one.regions(1.0)} == set(SIDES)
+    assert one.best.estimate.hand == side and {region.side for region in one.regions(1.0)} == set(SIDES)
     compared(one, [both(right=right, left=left)], SECOND - 1)
     assert list(one.sides) == [side] and {region.side for region in one.regions(1.1)} == {side}
     assert one.is_decided and one.side_confidence == 1
@@ -92,16 +100,16 @@ def test_which_hand_is_decided_and_kept(right: float, left: float, side: str) ->
 
 def test_the_mean_decides() -> None:
     """No single estimate decides, however low its cost; most estimates are for the right hand."""
-    one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    one = HandTrack(ESTIMATOR, both(), 0.0, None)
     compared(one, [both(right=1e9, left=1e-9)])
-    assert not one.is_decided and one.best.estimate.region.side == "left"
+    assert not one.is_decided and one.best.estimate.hand == "left"
     compared(one, [both(left=1.3)] * SECOND, 2)
     assert list(one.sides) == ["right"]
 
 
 def test_small_differences_take_longer() -> None:
     """A small mean difference decides only after three seconds."""
-    one = HandTrack(0, ESTIMATOR, both(right=1.01), 0.0, None)
+    one = HandTrack(ESTIMATOR, both(right=1.01), 0.0, None)
     compared(one, [both(right=1.01)] * 88)
     assert not one.is_decided
     compared(one, [both(right=1.01)] * 3, 89)
@@ -110,7 +118,7 @@ def test_small_differences_take_longer() -> None:
 
 def test_a_decided_side_may_be_wrong() -> None:
     """If all later estimates contradict a decided side, the side changes."""
-    one = HandTrack(0, ESTIMATOR, both(right=9), 0.0, None)
+    one = HandTrack(ESTIMATOR, both(right=9), 0.0, None)
     compared(one, [both(right=9)] * SECOND)
     assert list(one.sides) == ["left"]
     compared(one, [both(left=9)], SECOND + 1)
@@ -120,21 +128,21 @@ def test_a_decided_side_may_be_wrong() -> None:
 
 
 @pytest.mark.parametrize(("side_prior", "side"), [(1.0, "right"), (-1.0, "left")])
-def test_what_else_is_known(side_prior: float, side: str) -> None:
+def test_what_else_is_known(side_prior: float, side: Side) -> None:
     """The prior of the side decides where the images do not."""
-    one = HandTrack(0, ESTIMATOR, both(), 0.0, None, side_prior)
-    assert one.best.estimate.region.side == side
+    one = HandTrack(ESTIMATOR, both(), 0.0, None, side_prior)
+    assert one.best.estimate.hand == side
     compared(one, [both()] * 91)
     assert list(one.sides) == [side]
 
 
 def test_a_side_that_is_not_seen_says_nothing() -> None:
     """A side out of sight is no evidence; a side whose crop shows no hand counts against that side."""
-    one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    one = HandTrack(ESTIMATOR, both(), 0.0, None)
     followed(one, [[estimate("left")]] * 29)
     assert one.side_confidence == 0.5
     compared(one, [[estimate("right", cost=np.inf, confidence=0), estimate("left")]], 30)
-    assert one.best.estimate.region.side == "left"
+    assert one.best.estimate.hand == "left"
     nothing = both(right=np.inf, left=np.inf, confidence=0)
     for n in range(31, 99):
         assert not one.take(nothing, nothing, n * FRAME)
@@ -145,7 +153,7 @@ def test_a_side_that_was_right_for_long() -> None:
     """The more estimates support the side, the more are needed to change it."""
     needed = []
     for looks in (0, 2, 20):
-        one = HandTrack(0, ESTIMATOR, both(left=9), 0.0, None)
+        one = HandTrack(ESTIMATOR, both(left=9), 0.0, None)
         compared(one, [both(left=9)] * SECOND)
         assert one.is_decided and one.hand == "right"
         compared(one, [both(left=9)] * looks, SECOND + 1)
@@ -159,8 +167,8 @@ def test_a_side_that_was_right_for_long() -> None:
 
 def test_only_one_side_is_looked_for() -> None:
     """If only one side is tracked, it is decided from the start."""
-    one = HandTrack(3, ESTIMATOR, [estimate("left")], 0.0, 1.1)
-    assert one.is_decided and one.id == 3 and [region.size for region in one.regions(FRAME)] == [1.1]
+    one = HandTrack(ESTIMATOR, [estimate("left")], 0.0, 1.1)
+    assert one.is_decided and one.decided == "left" and [region.size for region in one.regions(FRAME)] == [1.1]
 
 
 # --------------------------------------------------------------------------------------------- where next
@@ -168,7 +176,7 @@ def test_only_one_side_is_looked_for() -> None:
 
 def test_where_to_look_next() -> None:
     """The first region is at the hand; later ones are extrapolated, by no more than its velocity."""
-    one = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
+    one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     (region,) = one.regions(FRAME)
     np.testing.assert_array_equal(region.center_uvd, [0, 0, 600])
     assert region.before is one.best.estimate.body
@@ -185,7 +193,7 @@ def test_where_to_look_next() -> None:
 
 def test_the_network_is_asked_now_and_then() -> None:
     """The network runs in some frames while the fit is good, and in all others; in between its last error is reused."""
-    one = HandTrack(0, ESTIMATOR, [estimate()], 0.0, None)
+    one = HandTrack(ESTIMATOR, [estimate()], 0.0, None)
     asked = []
     for n in range(1, 31):
         (region,) = one.regions(n * FRAME)
@@ -196,13 +204,13 @@ def test_the_network_is_asked_now_and_then() -> None:
     for n in range(31, 40):
         followed(one, [[estimate(confidence=0.7, error=30)]], n)
         assert not one.is_sure and one.regions((n + 1) * FRAME)[0].moved_mm is None
-    undecided = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    undecided = HandTrack(ESTIMATOR, both(), 0.0, None)
     assert all(region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME))
 
 
 def test_a_second_look() -> None:
     """An uncertain hand gets regions for both sides where the locator sees one, or at its last place."""
-    one = HandTrack(0, ESTIMATOR, [estimate(x=5)], 0.0, 0.9)
+    one = HandTrack(ESTIMATOR, [estimate(x=5)], 0.0, 0.9)
     assert one.other_regions(DEPTH, [estimate()], 1.0) == []
     unsure = [estimate(x=20, confidence=0.6)]
     first = one.other_regions(DEPTH, unsure, 1.0)
@@ -214,7 +222,7 @@ def test_a_second_look() -> None:
 
 def test_a_second_look_at_both_sides() -> None:
     """While the side is undecided, both sides get a second region, however certain the estimates are."""
-    one = HandTrack(0, ESTIMATOR, both(x=5), 0.0, None)
+    one = HandTrack(ESTIMATOR, both(x=5), 0.0, None)
     regions = one.other_regions(DEPTH, both(x=20), 1.0)
     assert sorted((region.center_uvd[0], region.side) for region in regions) == [(27, "left"), (27, "right")]
     assert all(region.before is one.sides[region.side].estimate.body for region in regions)
@@ -227,7 +235,7 @@ def test_a_second_look_at_both_sides() -> None:
 )
 def test_second_looks_are_rare(error: float, goes_on: bool, least: int, most: int) -> None:
     """Of 300 uncertain frames in ten seconds few get a second estimate, fewer if it finds no better pose."""
-    one, looks = HandTrack(0, ESTIMATOR, [estimate()], 0.0, None), 0
+    one, looks = HandTrack(ESTIMATOR, [estimate()], 0.0, None), 0
     for n in range(1, 301):
         seen = [estimate(confidence=0.6)]
         regions = one.other_regions(DEPTH, seen, n * FRAME)
@@ -238,7 +246,7 @@ def test_second_looks_are_rare(error: float, goes_on: bool, least: int, most: in
 
 def test_the_other_hand_is_looked_for_soon() -> None:
     """If second estimates favour the other side, the side changes within 0.6 s."""
-    one = HandTrack(0, ESTIMATOR, [estimate("left")], 0.0, None)
+    one = HandTrack(ESTIMATOR, [estimate("left")], 0.0, None)
     for n in range(1, 200):
         seen = [estimate("left", confidence=0.6, error=15)]
         regions = one.other_regions(DEPTH, seen, n * FRAME)
@@ -251,7 +259,7 @@ def test_the_other_hand_is_looked_for_soon() -> None:
 
 def test_a_hand_in_trouble() -> None:
     """If a hand fits much worse than usual, the network runs again, and a second estimate follows soon."""
-    one = HandTrack(0, ESTIMATOR, [estimate(error=4)], 0.0, None)
+    one = HandTrack(ESTIMATOR, [estimate(error=4)], 0.0, None)
     followed(one, [[estimate(error=4)]] * 9)
     assert one.other_regions(DEPTH, [estimate(error=5)], 10 * FRAME) == []
     bad = [estimate(error=30)]
@@ -260,14 +268,14 @@ def test_a_hand_in_trouble() -> None:
     assert one.other_regions(DEPTH, bad, 10 * FRAME + 0.2)
     followed(one, [bad], 10)
     assert one.is_sure and all(one.regions((11 + n) * FRAME)[0].moved_mm is None for n in range(3))
-    often = HandTrack(0, ESTIMATOR, [estimate(error=30)], 0.0, None)
+    often = HandTrack(ESTIMATOR, [estimate(error=30)], 0.0, None)
     followed(often, [bad] * 30)
     assert often.other_regions(DEPTH, bad, 9.0) == []
 
 
 def test_of_several_looks_the_best_counts() -> None:
     """The estimate with the least expected error is used; a side without an estimate keeps its pose."""
-    one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    one = HandTrack(ESTIMATOR, both(), 0.0, None)
     assert one.take(
         [estimate("right", 1, error=9), None], [estimate("right", 2, error=4), estimate("right", 3, error=6)], FRAME
     )
@@ -279,9 +287,9 @@ def test_of_several_looks_the_best_counts() -> None:
 
 
 @pytest.mark.parametrize("seen", [[], [None, None], [estimate(confidence=0.1), None]], ids=["nothing", "out", "unlike"])
-def test_losing(seen: list[Estimate | None]) -> None:
+def test_losing(seen: list[Hand | None]) -> None:
     """A frame without the hand does not end its track; the hand is given up after two seconds."""
-    one = HandTrack(0, ESTIMATOR, [estimate()], 0.0, None)
+    one = HandTrack(ESTIMATOR, [estimate()], 0.0, None)
     followed(one, [[estimate(x=1)]])
     assert not one.take(seen, seen, 2 * FRAME)
     assert one.time == FRAME and one.best.estimate.body.place[0] == 1 and not one.given_up(2 * FRAME)
@@ -291,7 +299,7 @@ def test_losing(seen: list[Estimate | None]) -> None:
 
 def test_smoothing_begins_with_the_first_pose() -> None:
     """Smoothing starts at the first pose, and ignores frames without the hand."""
-    one = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
+    one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     assert one.best.smooth.place[0] == 0
     followed(one, [[estimate(x=10)], [estimate(x=10)]])
     before = one.best.smooth.place[0]
@@ -302,19 +310,19 @@ def test_smoothing_begins_with_the_first_pose() -> None:
 
 def test_a_jump_is_no_movement() -> None:
     """A pose found anew elsewhere does not change the velocity."""
-    one = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
+    one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     followed(one, [[estimate(x=10.0 * n)] for n in range(1, 10)])
     followed(one, [[estimate(x=250.0, goes_on=False)]], 10)
     (region,) = one.regions(11 * FRAME)
     assert 256 < region.center_uvd[0] <= 260
-    rests = HandTrack(0, ESTIMATOR, [estimate(x=0)], 0.0, None)
+    rests = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     followed(rests, [[estimate(x=0)], [estimate(x=0)], [estimate(x=80, goes_on=False)]])
     assert rests.regions(4 * FRAME)[0].center_uvd[0] == 80
 
 
 def test_a_likely_size() -> None:
     """The likely size is used until the hand's own size is known."""
-    one = HandTrack(0, ESTIMATOR, both(), 0.0, None)
+    one = HandTrack(ESTIMATOR, both(), 0.0, None)
     assert {region.size for region in one.regions(FRAME)} == {None}
     one.likely = 0.9
     assert {region.size for region in one.regions(2 * FRAME)} == {0.9}

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from handpose.body.render import render
-from handpose.body.sides import mirror_of
+from handpose.body.sides import Side, mirror_of
+from handpose.estimate.hand import Hand
 from handpose.fit.body import SIZE, CapsuleModel
 from handpose.frames.cameras import NYU
-from handpose.tracking.body_pose import PoseConverter
 from handpose.tracking.output import tracked_hand
-from handpose.tracking.pose_estimator import Estimate, SearchRegion
 from handpose.tracking.track import joints_of
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
@@ -31,9 +30,7 @@ def image(model: CapsuleModel) -> np.ndarray:
 @pytest.fixture(scope="module")
 def estimator(model: CapsuleModel) -> Any:
     """The used attributes of an estimator."""
-    return SimpleNamespace(
-        fitter=SimpleNamespace(model=model), converter=PoseConverter(model), cube_mm=300.0, camera=NYU
-    )
+    return SimpleNamespace(model=model, cube_mm=300.0, camera=NYU)
 
 
 def variables(model: CapsuleModel) -> np.ndarray:
@@ -44,24 +41,23 @@ def variables(model: CapsuleModel) -> np.ndarray:
 
 
 def track(
-    model: CapsuleModel, estimator: Any, side: str = "right", size: float | None = None, *, apart: float = 6.0,
+    model: CapsuleModel, estimator: Any, side: Side = "right", size: float | None = None, *, apart: float = 6.0,
     error_mm: float = 7.0,
 ) -> Any:  # fmt: skip
     """A track with this pose, smoothed to one ``apart`` mm farther along x."""
-    center = NYU.unproject(CENTER) * mirror_of(side)
-    body = estimator.converter.world_pose(variables(model), center)
+    x = variables(model)[None]
     fit: Any = SimpleNamespace(
         confidence=np.array([0.9]), error_mm=np.array([error_mm]), signs=np.array([[30.0, 2, 0.2, 5, 10]]),
-        joints=model.joints(variables(model)[None]),
+        joints=model.joints(x), x=x,
     )  # fmt: skip
-    seen = Estimate(SearchRegion(CENTER, side), center, np.zeros((128, 128), np.float32), fit, body)
-    smooth = body._replace(place=body.place + (apart, 0, 0))
+    seen = Hand(side, np.zeros((128, 128), np.float32), CENTER, 300.0, NYU, np.zeros((31, 3)), fit, model)
+    smooth = seen.body._replace(place=seen.body.place + (apart, 0, 0))
     best = SimpleNamespace(estimate=seen, smooth=smooth)
     return SimpleNamespace(id=4, size=size, best=best, hand=side, sides={side: best}, side_confidence=1.0, time=0.0)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_a_hand(model: CapsuleModel, estimator: Any, side: str) -> None:
+def test_a_hand(model: CapsuleModel, estimator: Any, side: Side) -> None:
     """The joints are those of the body and of the reported inputs; all else is as estimated."""
     hand = tracked_hand(track(model, estimator, side), estimator, EMPTY, smooth=False, surface=False)
     mirror = mirror_of(side)
@@ -76,7 +72,7 @@ def test_a_hand(model: CapsuleModel, estimator: Any, side: str) -> None:
 
 
 @pytest.mark.parametrize(("side", "x"), [("right", 6), ("left", -6)])
-def test_smoothed(model: CapsuleModel, estimator: Any, side: str, x: float) -> None:
+def test_smoothed(model: CapsuleModel, estimator: Any, side: Side, x: float) -> None:
     """The smoothed pose is reported, about the same crop, for a left hand mirrored."""
     one = track(model, estimator, side)
     raw, smooth = (tracked_hand(one, estimator, EMPTY, smooth=smooth, surface=False) for smooth in (False, True))
@@ -91,7 +87,7 @@ def test_a_known_size(model: CapsuleModel, estimator: Any) -> None:
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_surface(model: CapsuleModel, estimator: Any, side: str) -> None:
+def test_surface(model: CapsuleModel, estimator: Any, side: Side) -> None:
     """The surface surrounds the reported joints."""
     hand = tracked_hand(track(model, estimator, side), estimator, EMPTY, smooth=True, surface=True)
     assert hand.capsules is not None

@@ -9,17 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.body.sides import MIRROR, mirror_of
+from handpose.body.sides import MIRROR
+from handpose.estimate import crop_fits
+from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
 from handpose.fit.search import ACCURATE
+from handpose.fit.world_pose import WorldPose
 from handpose.frames.cameras import ICVL, Camera
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import Role, Script
-from handpose.tracking import pose_estimator
-from handpose.tracking.body_pose import WorldPose
-from handpose.tracking.pose_estimator import Estimate, PoseEstimator, SearchRegion
+from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
 from tests.handpose.tracking.conftest import Take
 
 FAR_OFF = np.array([-900.0, 120, 700])  # px, px, mm: no part of its cube is in the image
@@ -44,24 +45,18 @@ def center(shown: Take) -> np.ndarray:
     return shown.truth[20].hands[0].center_uvd
 
 
-def joints(estimator: PoseEstimator, estimate: Estimate | None) -> np.ndarray:
-    """The joints (K, 3) in mm, camera axes."""
-    assert estimate is not None
-    mirror = mirror_of(estimate.region.side)
-    return (estimator.fitter.model.joints(estimate.fit.x)[0] + estimate.center_mm) * mirror
-
-
-def error(estimator: PoseEstimator, estimate: Estimate | None, shown: Take) -> float:
+def error(estimate: Hand | None, shown: Take) -> float:
     """The mean error of all joints in mm."""
-    return float(np.linalg.norm(joints(estimator, estimate) - shown.truth[20].hands[0].xyz, axis=1).mean())
+    assert estimate is not None
+    return float(np.linalg.norm(estimate.xyz - shown.truth[20].hands[0].xyz, axis=1).mean())
 
 
 def test_a_hand_is_seen(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, shown: Take) -> None:
     """A hand is estimated with a small error, a high confidence and a low rejection score, by both plans."""
     for plan in (None, ACCURATE):
         (estimate,) = estimator.estimate(depth, [SearchRegion(center, "right")], plan)
-        assert estimate is not None and error(estimator, estimate, shown) < 15
-        assert estimate.confidence > 0.7 and estimate.selection_cost < 15 and estimator.rejection_score(estimate) < 90
+        assert estimate is not None and error(estimate, shown) < 15
+        assert estimate.confidence > 0.7 and estimate.selection_cost < 15 and estimate.rejection_score < 90
         np.testing.assert_allclose(estimate.center_mm, ICVL.unproject(center))
 
 
@@ -77,7 +72,7 @@ def test_no_hand_is_strange(estimator: PoseEstimator, depth: np.ndarray, center:
         depth, [SearchRegion(center, "right"), SearchRegion(center + (0, 75, 0), "right")]
     )
     assert there is not None and beside is not None
-    assert estimator.rejection_score(beside) > estimator.rejection_score(there) + 15
+    assert beside.rejection_score > there.rejection_score + 15
 
 
 def test_places_of_all_kinds_together(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
@@ -98,15 +93,15 @@ def test_places_of_all_kinds_together(estimator: PoseEstimator, depth: np.ndarra
     assert [estimate is None for estimate in together] == [True] + [False] * 6 + [True]
     for region, estimate in zip(regions[1:-1], together[1:-1]):
         (alone,) = estimator.estimate(depth, [region])
-        assert estimate is not None and estimate.region is region
-        np.testing.assert_allclose(joints(estimator, estimate), joints(estimator, alone), atol=3)
+        assert estimate is not None and alone is not None and estimate.hand == region.side
+        np.testing.assert_allclose(estimate.xyz, alone.xyz, atol=3)
     assert estimator.estimate(depth, []) == [] and estimator.estimate(depth, regions[:1]) == [None]
 
 
 def test_a_known_size(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
     """Each region can have its own known size."""
     estimates = estimator.estimate(depth, [SearchRegion(center, "right", size=size) for size in (0.9, 1.1)])
-    assert [float(estimate.fit.size[0]) for estimate in estimates if estimate] == pytest.approx([0.9, 1.1], abs=5e-3)
+    assert [estimate.size for estimate in estimates if estimate] == pytest.approx([0.9, 1.1], abs=5e-3)
 
 
 def test_from_the_pose_before(
@@ -115,27 +110,28 @@ def test_from_the_pose_before(
     """From a previous pose, also about another centre, the network does not run if its last error is given."""
     (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert first is not None
-    monkeypatch.setattr(pose_estimator, "fit_starts", None)  # any call raises an error
+    monkeypatch.setattr(crop_fits, "fit_starts", None)  # any call raises an error
     where = ((0, 0, 0), (0, 0, 0), (8, -6, 20))
     regions = [
         SearchRegion(center + by, "right", first.body, None, moved) for by, moved in zip(where, (1.0, 25.0, 25.0))
     ]
     near, far, aside = estimator.estimate(depth, regions)
     assert near is not None and far is not None and aside is not None
-    assert not first.goes_on and near.goes_on and far.goes_on and aside.goes_on
-    assert max(error(estimator, estimate, shown) for estimate in (near, far, aside)) < 15
-    assert near.fit.signs[0, -1] >= 1 and far.fit.signs[0, -1] >= 25 and far.uncertainty > near.uncertainty
+    assert not first.is_tracked and near.is_tracked and far.is_tracked and aside.is_tracked
+    assert first.is_predicted and not near.is_predicted
+    assert max(error(estimate, shown) for estimate in (near, far, aside)) < 15
+    assert near.moved_mm >= 1 and far.moved_mm >= 25 and far.uncertainty > near.uncertainty
     with pytest.raises(TypeError):
         estimator.estimate(depth, [SearchRegion(center, "right", first.body)])
 
 
 def test_does_it_go_on(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """``goes_on`` is true only if the previous pose wins against the network's."""
+    """``is_tracked`` is true only if the previous pose wins against the network's."""
     (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert first is not None
     far = first.body._replace(others=-first.body.others, rotation=first.body.rotation @ np.diag([-1.0, 1, -1]))
-    goes_on, anew = estimator.estimate(depth, [SearchRegion(center, "right", body) for body in (first.body, far)])
-    assert goes_on is not None and goes_on.goes_on and anew is not None and not anew.goes_on
+    again, anew = estimator.estimate(depth, [SearchRegion(center, "right", body) for body in (first.body, far)])
+    assert again is not None and again.is_tracked and anew is not None and not anew.is_tracked
 
 
 def test_a_left_hand_is_the_mirror_image() -> None:
@@ -151,8 +147,8 @@ def test_a_left_hand_is_the_mirror_image() -> None:
     (one,) = right.estimate(depth, [SearchRegion(center, "right")])
     (other,) = left.estimate(np.ascontiguousarray(depth[:, ::-1]), [SearchRegion(place, "left")])
     assert one is not None and other is not None
-    assert np.linalg.norm(joints(left, other) * MIRROR - joints(right, one), axis=1).mean() < 4
-    assert left.rejection_score(other) == pytest.approx(right.rejection_score(one), rel=0.25)
+    assert np.linalg.norm(other.xyz * MIRROR - one.xyz, axis=1).mean() < 4
+    assert other.rejection_score == pytest.approx(one.rejection_score, rel=0.25)
     np.testing.assert_allclose(left.center_of(other.body, "left")[1:], right.center_of(one.body, "right")[1:], atol=5)
 
 
@@ -167,7 +163,7 @@ def test_where_the_next_crop_is(estimator: PoseEstimator, depth: np.ndarray, cen
 @given(place=st.tuples(st.floats(-200, 200), st.floats(-150, 150), st.floats(400, 900)))
 def test_crops_move_with_the_body(estimator: PoseEstimator, place: tuple[float, ...]) -> None:
     """The centre moves as far as the body, and is mirrored for a left hand."""
-    body = WorldPose(np.array(place), np.eye(3), np.zeros(len(estimator.converter.others)))
+    body = WorldPose(np.array(place), np.eye(3), np.zeros(len(estimator.model.root_motion.others)))
     moved = body._replace(place=body.place + (10, 20, -30))
     first, second = (ICVL.unproject(estimator.center_of(one, "right")) for one in (body, moved))
     np.testing.assert_allclose(second - first, (10, 20, -30), atol=1e-6)
@@ -182,19 +178,6 @@ def test_where_the_locator_sees_no_hand(
     (estimate,) = estimator.estimate(depth, [SearchRegion(center, side)])
     assert estimate is not None
     monkeypatch.setattr(estimator.locator, "look", lambda crops: (np.zeros(len(crops)), np.ones((len(crops), 3))))
-    beside = dataclasses.replace(estimate.fit, network=estimate.fit.network + (10, 20, 30))
-    first, second = (
-        ICVL.unproject(estimator.hand_near(depth, estimate._replace(fit=fit))) for fit in (estimate.fit, beside)
-    )
-    np.testing.assert_allclose(second - first, np.array((10, 20, 30)) * mirror_of(side), atol=1e-3)
-
-
-def test_what_nobody_measured(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """Without a table of errors the selection cost is the fit's cost, and the confidence of a visible hand is 1."""
-    (estimate,) = estimator.estimate(depth, [SearchRegion(center, "right")])
-    assert estimate is not None
-    unknown = np.full(1, np.nan)
-    estimate = estimate._replace(fit=dataclasses.replace(estimate.fit, error_mm=unknown, confidence=unknown))
-    assert estimate.confidence == 1 and estimate.selection_cost == estimate.fit.cost[0]
-    empty = estimate._replace(fit=dataclasses.replace(estimate.fit, uncertainty=np.full(1, np.inf)))
-    assert empty.confidence == 0
+    beside = dataclasses.replace(estimate, network_mm=estimate.network_mm + (10, 20, 30))
+    first, second = (ICVL.unproject(estimator.hand_near(depth, hand)) for hand in (estimate, beside))
+    np.testing.assert_allclose(second - first, (10, 20, 30), atol=1e-3)

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from handpose.body.render import normalise_depth, render_crop
+from handpose.body.sides import Side
+from handpose.estimate.hand import Hand
 from handpose.fit.body import SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.frames.cameras import NYU
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.recipes import recipe
-from handpose.tracking.pose_estimator import Estimate, SearchRegion
 from handpose.tracking.sizing import POPULATION, SizeKeeper
 
 TRUE, COUNT = 0.93, 60
@@ -40,22 +41,24 @@ def hands(model: CapsuleModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return normalise_depth(depth, uvd[:, 2], 300.0), uvd, fitted
 
 
-def estimates(hands: tuple[np.ndarray, np.ndarray, np.ndarray], side: str, confidence: float = 1.0) -> list[Estimate]:
+def estimates(
+    model: CapsuleModel, hands: tuple[np.ndarray, np.ndarray, np.ndarray], side: Side, confidence: float = 1.0
+) -> list[Hand]:
     """Estimates of these hands, or of their mirror images."""
     found = []
     for crop, uvd, x in zip(*hands):
         if side == "left":
             crop, uvd = crop[:, ::-1], np.array([2 * NYU.u0 - uvd[0], *uvd[1:]])
         fit: Any = SimpleNamespace(x=x[None], confidence=np.array([confidence]), uncertainty=np.ones(1))
-        found.append(Estimate(SearchRegion(uvd, side), np.zeros(3), crop, fit, None))  # type: ignore[arg-type]
+        found.append(Hand(side, crop, uvd, 300.0, NYU, np.zeros((31, 3)), fit, model))
     return found
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_the_size_of_a_hand(estimator: Any, hands: Any, side: str) -> None:
+def test_the_size_of_a_hand(model: CapsuleModel, estimator: Any, hands: Any, side: Side) -> None:
     """The size is returned once, after more than five frames."""
     keeper, reported = SizeKeeper(estimator), []
-    for n, estimate in enumerate(estimates(hands, side)):
+    for n, estimate in enumerate(estimates(model, hands, side)):
         reported.append(keeper.take(estimate, n / 5))
         if reported[-1] is not None:
             break
@@ -69,31 +72,31 @@ def test_the_population_is_that_of_the_training_frames() -> None:
     assert prior.scale_std / prior.scale_mean == pytest.approx(POPULATION, abs=0.001)
 
 
-def test_a_size_far_from_what_was_expected(estimator: Any, hands: Any) -> None:
+def test_a_size_far_from_what_was_expected(model: CapsuleModel, estimator: Any, hands: Any) -> None:
     """The true size is found although the hands were fitted with one a fifth smaller."""
     crops, uvd, x = hands
     wrong = x.copy()
     wrong[:, SIZE] = np.log(0.8)
     keeper, reported = SizeKeeper(estimator), []
-    for n, estimate in enumerate(estimates((crops, uvd, wrong), "right")):
+    for n, estimate in enumerate(estimates(model, (crops, uvd, wrong), "right")):
         reported.append(keeper.take(estimate, n / 5))
     assert [one for one in reported if one] == [pytest.approx(TRUE, abs=0.03)]
 
 
-def test_sights_as_the_other_hand_say_nothing(estimator: Any, hands: Any) -> None:
+def test_sights_as_the_other_hand_say_nothing(model: CapsuleModel, estimator: Any, hands: Any) -> None:
     """After the side has changed, earlier estimates of the other side are ignored."""
     keeper, reported = SizeKeeper(estimator), []
-    for n, estimate in enumerate([*estimates(hands, "left")[:20], *estimates(hands, "right")]):
+    for n, estimate in enumerate([*estimates(model, hands, "left")[:20], *estimates(model, hands, "right")]):
         reported.append(keeper.take(estimate, n / 5))
         if reported[-1] is not None:
             break
     assert reported[-1] == pytest.approx(TRUE, abs=0.02)
 
 
-def test_frames_that_say_nothing(estimator: Any, hands: Any) -> None:
+def test_frames_that_say_nothing(model: CapsuleModel, estimator: Any, hands: Any) -> None:
     """Estimates that are uncertain, or follow one another too soon, are ignored."""
     keeper = SizeKeeper(estimator)
-    assert [keeper.take(estimate, n / 5) for n, estimate in enumerate(estimates(hands, "right", 0.3))] == [None] * COUNT
-    assert [keeper.take(estimate, 10 + n / 1000) for n, estimate in enumerate(estimates(hands, "right"))] == [
-        None
-    ] * COUNT
+    doubtful = estimates(model, hands, "right", 0.3)
+    assert [keeper.take(estimate, n / 5) for n, estimate in enumerate(doubtful)] == [None] * COUNT
+    soon = estimates(model, hands, "right")
+    assert [keeper.take(estimate, 10 + n / 1000) for n, estimate in enumerate(soon)] == [None] * COUNT

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.tracking.body_pose import PoseConverter
+from handpose.fit.world_pose import variables_of, world_pose
 from handpose.tracking.smoothing import PoseFilter
 
 TIMES = np.arange(90) / 30
@@ -15,9 +15,9 @@ CENTER = np.array([20.0, -30, 700])
 
 def smoothed(model: CapsuleModel, poses: np.ndarray) -> np.ndarray:
     """Smoothed joints (N, K, 3) in mm, from variables (N, V)."""
-    converter, one = PoseConverter(model), PoseFilter()
+    one = PoseFilter()
     found = [
-        converter.variables(one(converter.world_pose(x, CENTER), float(time)), CENTER) for x, time in zip(poses, TIMES)
+        variables_of(model, one(world_pose(model, x, CENTER), float(time)), CENTER) for x, time in zip(poses, TIMES)
     ]
     return model.joints(np.array(found))
 
@@ -66,14 +66,13 @@ def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:
 
 def test_a_pose_that_is_not_sure_moves_little(model: CapsuleModel, trembling: np.ndarray) -> None:
     """A larger expected error gives a smaller weight, which is never 0; an unknown error counts as a small one."""
-    converter = PoseConverter(model)
     other = trembling[0].copy()
     other[model.limbs] += 0.5
     ways = []
     for error in (float("nan"), 3.0, 30.0, 52.0, 75.0, 600.0):
         one = PoseFilter()
-        first = one(converter.world_pose(trembling[0], CENTER), 0.0, 4.0)
-        second = one(converter.world_pose(other, CENTER), 1 / 30, error)
+        first = one(world_pose(model, trembling[0], CENTER), 0.0, 4.0)
+        second = one(world_pose(model, other, CENTER), 1 / 30, error)
         ways.append(np.abs(second.others - first.others).max())
     assert ways[0] == ways[1] == ways[2] > 1.5 * ways[3] > 1.5 * ways[4] > 0
     assert ways[4] == ways[5]

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
 from handpose.frames.cameras import ICVL, NYU
@@ -198,7 +199,7 @@ def test_what_does_not_look_like_a_hand_is_dropped(
     tracker = begun(predictor, shown)
     monkeypatch.setattr(tracker.detector, "probability", lambda depth, middle: 0.0)
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
-    monkeypatch.setattr(tracker.estimator, "rejection_score", lambda estimate: 120.0)
+    monkeypatch.setattr(Hand, "rejection_score", 120.0)
     reported = [tracker.step(frame) for frame in shown.frames[6:24]]
     assert reported[0].hands and not reported[-1].hands
     assert reported[-1].lost[0].reason.startswith(NO_HAND)
@@ -269,7 +270,7 @@ def test_a_second_hand_is_taken_to_be_as_large(two: Take, predictor: Predictor) 
             break
     else:
         pytest.fail("no second hand whose size is not known yet")
-    tracker.known[0].size = tracker.tracks[0].size = 0.97
+    tracker.known[0].size = 0.97
     later = two.frames[two.frames.index(frame) + 1]
     by_id = {hand.id: hand for hand in tracker.step(later).hands}
     np.testing.assert_allclose(by_id[1].bones, 0.97 * predictor.skeleton.bones, rtol=2e-3)
@@ -288,8 +289,8 @@ def test_one_hand_is_not_two(shown: Take, predictor: Predictor) -> None:
     """If two tracks come to the same place, one continues and the other is lost."""
     tracker = begun(predictor, shown)
     last = tracker.tracks[0].best.estimate
-    tracker.tracks.append(HandTrack(1, tracker.estimator, [last], shown.frames[5].time, None))
-    tracker.known[1] = dataclasses.replace(tracker.known[0])
+    tracker.known[1] = HandTrack(tracker.estimator, [last], shown.frames[5].time)
+    tracker.known[1].identify(1)
     reported = tracker.step(shown.frames[6])
     assert len(reported.hands) == len(reported.lost) == 1 and reported.hands[0].id != reported.lost[0].id
     assert reported.lost[0].reason == "another hand is tracked at its position"

@@ -8,8 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.estimate.prediction import percent
-from handpose.output.drawing.labels import HEIGHT, Tags, colour_of, spoken, spoken_loss
+from handpose.output.drawing.labels import HEIGHT, Tags, colour_of, percent, spoken, spoken_loss
 from handpose.tracking.track import LostHand
 from tests.support.tracked_hands import tracked
 

@@ -1,4 +1,4 @@
-"""handpose/tracking/body_pose.py"""
+"""handpose/tracking/body_motion.py"""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.fit.body import CapsuleModel
-from handpose.tracking.body_pose import PoseConverter, WorldPose, motion_between, moved
+from handpose.fit.world_pose import WorldPose, world_pose
+from handpose.tracking.body_motion import motion_between, moved
 
-CENTERS = st.tuples(*(st.floats(-500, 500),) * 3)
 SEEDS = st.integers(0, 10**6)
 
 
@@ -20,26 +20,10 @@ def any_x(model: CapsuleModel, seed: int) -> np.ndarray:
     return x
 
 
-def check_round_trip(model: CapsuleModel, x: np.ndarray, first: np.ndarray, second: np.ndarray) -> None:
-    """Assert that the joints in space are the same about another centre."""
-    converter = PoseConverter(model)
-    body = converter.world_pose(x, first)
-    again = converter.variables(body, second)
-    np.testing.assert_allclose(model.joints(again[None])[0] + second, model.joints(x[None])[0] + first, atol=1e-3)
-    np.testing.assert_array_equal(again[converter.others], x[converter.others])
-
-
-@given(seed=SEEDS, first=CENTERS, second=CENTERS)
-def test_there_and_back(model: CapsuleModel, seed: int, first: tuple[float, ...], second: tuple[float, ...]) -> None:
-    """Any pose of the hand is converted between any two centres."""
-    check_round_trip(model, any_x(model, seed), np.array(first), np.array(second))
-
-
 @given(seed=SEEDS, seconds=st.floats(0.01, 2))
 def test_motion_leads_there(model: CapsuleModel, seed: int, seconds: float) -> None:
     """The motion leads from one pose to the other; half the time is half the way, and no time is no motion."""
-    converter, center = PoseConverter(model), np.zeros(3)
-    first, second = (converter.world_pose(any_x(model, seed + i), center) for i in range(2))
+    first, second = (world_pose(model, any_x(model, seed + i), np.zeros(3)) for i in range(2))
     motion = motion_between(first, second, seconds)
     there, half, stay = (moved(first, motion, part * seconds) for part in (1, 0.5, 0))
     for found, expected in ((there, second), (stay, first)):

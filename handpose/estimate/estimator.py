@@ -1,0 +1,113 @@
+"""Estimate hands in crops: the network predicts a pose in every crop, and the fit moves it until it explains the depth.
+
+The network and the capsule model know right hands. A left hand is mirrored once, by ``HandCrops``, and mirrored back by
+``Hand``. Many crops are processed together, because the arrays of one are so small that most of the time would be
+overhead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.sides import Side, mirror_of
+from handpose.estimate.crop_fits import fit_crops
+from handpose.estimate.hand import Hand
+from handpose.estimate.nets import network_joints
+from handpose.fit.depth_fit import DepthFit, DepthFitter
+from handpose.fit.observation import HandCrops
+from handpose.fit.search import Plan
+from handpose.frames.cameras import Camera
+from netlib.blob import Array
+from netlib.net import Net
+
+
+class Candidate(NamedTuple):
+    """A crop in which a hand may be.
+
+    crop        (128, 128) in [-1, 1]
+    center_uvd  (3,) px, px, mm: its centre
+    side        assumed side of the hand
+    log_odds    of a hand there, by the locator
+    before      (V,) the variables expected from earlier frames, about this centre, or None
+    size        of the hand, if known
+    moved_mm    distance of the last fit from the network's joints; None runs the network again
+    """
+
+    crop: NDArray[np.float32]
+    center_uvd: Array
+    side: Side
+    log_odds: float = 0.0
+    before: Array | None = None
+    size: float | None = None
+    moved_mm: float | None = None
+
+
+class HandEstimator:
+    """Predicts and fits hands in crops.
+
+    net      with the input blob depth and a HandModel
+    cube_mm  edge of the crops' cubes
+    fitter   of the net's body; None leaves the joints to the network
+    """
+
+    def __init__(self, net: Net, cube_mm: float, fitter: DepthFitter | None) -> None:
+        self.net, self.cube_mm, self.fitter = net, cube_mm, fitter
+
+    def estimate(self, candidates: Sequence[Candidate], camera: Camera, plan: Plan | None) -> list[Hand]:
+        """The hands in crops of one camera's frames; ``plan`` None: by the network alone. Raises NetlibError."""
+        if plan is None or self.fitter is None:
+            return [self._predicted(candidate, camera) for candidate in candidates]
+        alike: dict[tuple[bool, bool], list[int]] = {}
+        for i, candidate in enumerate(candidates):
+            alike.setdefault((candidate.size is not None, candidate.moved_mm is not None), []).append(i)
+        found: dict[int, Hand] = {}
+        for rows in alike.values():
+            found |= zip(rows, self._fitted([candidates[i] for i in rows], camera, self.fitter, plan))
+        return [found[i] for i in range(len(candidates))]
+
+    def _predicted(self, candidate: Candidate, camera: Camera) -> Hand:
+        """The hand by the network alone."""
+        shown = self._crops([candidate], camera)
+        joints = network_joints(self.net, shown.as_right[0]) * (self.cube_mm / 2) * shown.mirror[0]
+        return Hand(candidate.side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, joints)
+
+    def _fitted(self, candidates: Sequence[Candidate], camera: Camera, fitter: DepthFitter, plan: Plan) -> list[Hand]:
+        """The hands in crops of which all or none have a size, and all or none run the network."""
+        hands, first = self._crops(candidates, camera), candidates[0]
+        known = np.array([candidate.before is not None for candidate in candidates])
+        sizes = None if first.size is None else np.array([candidate.size for candidate in candidates])
+        before = self._expected(candidates, fitter) if known.any() else None
+        if before is not None and first.moved_mm is not None:
+            moved = np.array([candidate.moved_mm for candidate in candidates])
+            fit = fitter.follow(hands.observe(plan.points), before, moved, plan, size=sizes)
+            is_tracked = known
+        else:
+            fit = fit_crops(self.net, fitter, hands, plan, size=sizes, before=before)
+            is_tracked = known & (fit.start == len(plan.quarters))
+        return [
+            self._hand(candidate, camera, fit.take(slice(n, n + 1)), fitter, bool(is_tracked[n]))
+            for n, candidate in enumerate(candidates)
+        ]
+
+    def _hand(self, candidate: Candidate, camera: Camera, fit: DepthFit, fitter: DepthFitter, is_tracked: bool) -> Hand:
+        mirror = mirror_of(candidate.side)
+        return Hand(
+            candidate.side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, fit.network[0] * mirror, fit,
+            fitter.model, known_size=candidate.size is not None, is_tracked=is_tracked,
+            is_predicted=candidate.moved_mm is None,
+        )  # fmt: skip
+
+    def _expected(self, candidates: Sequence[Candidate], fitter: DepthFitter) -> Array:
+        """The expected variables (N, V) within their limits; NaN where nothing is expected."""
+        model = fitter.model
+        nothing = np.full(model.variables, np.nan)
+        expected = [nothing if candidate.before is None else candidate.before for candidate in candidates]
+        return np.clip(np.stack(expected), model.lower, model.upper)
+
+    def _crops(self, candidates: Sequence[Candidate], camera: Camera) -> HandCrops:
+        crops, centers = np.stack([c.crop for c in candidates]), np.stack([c.center_uvd for c in candidates])
+        return HandCrops.of_sides(crops, centers, camera, self.cube_mm, [c.side for c in candidates])

@@ -1,0 +1,180 @@
+"""A hand as it is estimated in one crop: predicted by a network, and fitted to the depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.render import Capsules
+from handpose.body.sides import Side, mirror_of
+from handpose.fit.body import THICKNESS, CapsuleModel
+from handpose.fit.depth_fit import DepthFit
+from handpose.fit.observation import HandCrops
+from handpose.fit.rejection import rejection_score
+from handpose.fit.world_pose import WorldPose, world_pose
+from handpose.frames.cameras import Camera
+from netlib.blob import Array
+
+
+@dataclass(frozen=True)
+class Hand:
+    """One hand, or one other body, in one crop of a depth image.
+
+    hand        "right" or "left"; "right" for other bodies
+    crop        (128, 128) in [-1, 1], not mirrored
+    center_uvd  (3,) px, px, mm: the crop's centre
+    cube_mm     edge of the crop's cube
+    camera      of the frame
+    network_mm  (K, 3) mm from the crop's centre, camera axes: the joints predicted by the network alone
+    fit         of this body alone; in mirrored axes for a left hand. None without a fit
+    model       of the fit
+    known_size  True if the fit was given the size
+    is_tracked  True if the fit started from the pose expected from earlier frames
+    is_predicted  False if the network was not run; then ``network_mm`` are the joints expected from earlier frames
+    in_frame    False for a crop without its frame: then camera and centre are assumed
+
+    The values of the fit are NaN, and its surface and pose are errors, without a fit.
+    """
+
+    hand: Side
+    crop: NDArray[np.float32]
+    center_uvd: Array
+    cube_mm: float
+    camera: Camera
+    network_mm: Array
+    fit: DepthFit | None = None
+    model: CapsuleModel | None = None
+    known_size: bool = False
+    is_tracked: bool = False
+    is_predicted: bool = True
+    in_frame: bool = True
+
+    # ---------------------------------------------------------------------------------------- where it is
+
+    @cached_property
+    def center_mm(self) -> Array:
+        """(3,) crop centre in mm, camera axes."""
+        return self.camera.unproject(self.center_uvd)
+
+    @cached_property
+    def joints_mm(self) -> Array:
+        """(K, 3) mm from the crop's centre, camera axes."""
+        return self.network_mm if self.fit is None else self.fit.joints[0] * mirror_of(self.hand)
+
+    @property
+    def joints(self) -> Array:
+        """(K, 3) half-cubes from the crop's centre: x right, y up, z away from the camera."""
+        return np.asarray(self.joints_mm / (self.cube_mm / 2))
+
+    @property
+    def xyz(self) -> Array:
+        """(K, 3) joints in mm, camera axes."""
+        return np.asarray(self.center_mm + self.joints_mm)
+
+    # ------------------------------------------------------------------------------------- how sure it is
+
+    @property
+    def confidence(self) -> float:
+        """Probability that the mean error of the joints is below 30 mm; NaN if it was not measured for the network."""
+        return self._of_fit("confidence")
+
+    @property
+    def chance(self) -> float:
+        """The confidence; if it was not measured, 1 for a visible hand and otherwise 0."""
+        known = self.confidence
+        return known if np.isfinite(known) else float(np.isfinite(self.uncertainty))
+
+    @property
+    def error_mm(self) -> float:
+        """The expected mean error of the joints; NaN likewise."""
+        return self._of_fit("error_mm")
+
+    @property
+    def uncertainty(self) -> float:
+        """The uncertainty of the fit (``handpose.fit.network_errors``)."""
+        return self._of_fit("uncertainty")
+
+    @property
+    def cost(self) -> float:
+        """The cost of the fit: the sum of all terms."""
+        return self._of_fit("cost")
+
+    @property
+    def signs(self) -> Array:
+        """(5,) the signs that determine the uncertainty, as in ``DepthFit``."""
+        return np.asarray(self._the_fit.signs[0])
+
+    @property
+    def moved_mm(self) -> float:
+        """The mean distance of the fit from the joints that the network predicted last."""
+        return float(self.signs[-1])
+
+    @property
+    def selection_cost(self) -> float:
+        """Compares poses of different plans: the expected error in mm, or the cost if it is unknown."""
+        error = self.error_mm
+        return self.cost if np.isnan(error) else error
+
+    @cached_property
+    def rejection_score(self) -> float:
+        """How unlike a hand the place is, in mm (``handpose.fit.rejection``)."""
+        crops = HandCrops.of_sides(self.crop[None], self.center_uvd, self.camera, self.cube_mm, self.hand)
+        return float(rejection_score(self._the_model, self._the_fit, crops, known_size=self.known_size)[0])
+
+    # ------------------------------------------------------------------------------------- what was fitted
+
+    @property
+    def size(self) -> float:
+        """The scale relative to the skeleton: of bones, offsets and radii."""
+        return self._of_fit("size")
+
+    @property
+    def thickness(self) -> float:
+        """The additional scale of the radii."""
+        return float(np.exp(self.x[THICKNESS]))
+
+    @property
+    def x(self) -> Array:
+        """(V,) the variables of the model; for a left hand, those of its mirror image."""
+        return np.asarray(self._the_fit.x[0])
+
+    @property
+    def inputs(self) -> Array:
+        """(D,) of the skeleton; for a left hand, those of its mirror image."""
+        return np.asarray(self._the_fit.inputs[0])
+
+    @property
+    def whole_inputs(self) -> Array:
+        """(D',) of the whole body, likewise: ``inputs`` and the degrees of freedom of the surface alone."""
+        return np.asarray(self._the_model.whole_inputs_of(self._the_fit.x)[0])
+
+    @property
+    def mirrored_center_mm(self) -> Array:
+        """(3,) crop centre in mm, in the axes of the fit, which are mirrored for a left hand."""
+        return np.asarray(self.center_mm * mirror_of(self.hand))
+
+    @cached_property
+    def body(self) -> WorldPose:
+        """The pose in space, in the axes of the fit. Raises NetlibError for bodies that cannot be followed."""
+        return world_pose(self._the_model, self.x, self.mirrored_center_mm)
+
+    def capsules(self, *, in_space: bool = False) -> Capsules:
+        """The surface in mm, camera axes, from the crop's centre, or from the camera."""
+        origin = self.mirrored_center_mm if in_space else np.zeros(3)
+        return self._the_model.capsules(self._the_fit.x, origin[None]).mirrored(mirror_of(self.hand))
+
+    @property
+    def _the_fit(self) -> DepthFit:
+        assert self.fit is not None, "a hand without a fit"
+        return self.fit
+
+    @property
+    def _the_model(self) -> CapsuleModel:
+        assert self.model is not None, "a hand without a fit"
+        return self.model
+
+    def _of_fit(self, name: str) -> float:
+        return float("nan") if self.fit is None else float(getattr(self.fit, name)[0])

@@ -1,0 +1,80 @@
+"""handpose/estimate/hand.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.body.sides import MIRROR, SIDES, Side, mirror_of
+from handpose.estimate.hand import Hand
+from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
+from handpose.fit.depth_fit import DepthFit
+from handpose.frames.cameras import NYU
+
+CENTER = np.array([NYU.u0 + 40, NYU.v0, 700.0])
+CROP = np.zeros((128, 128), np.float32)
+
+
+def fitted(model: CapsuleModel, side: Side, **said: float) -> Hand:
+    """A hand with a fit of a random pose, of 0.95 times the size and 1.1 times the thickness."""
+    x = np.random.default_rng(0).uniform(0, 0.4, (1, model.variables))
+    x[0, SIZE], x[0, THICKNESS] = np.log([0.95, 1.1])
+    numbers = {"cost": 2.5, "uncertainty": 3.5, "error_mm": 12.0, "confidence": 0.8} | said
+    fit = DepthFit(
+        inputs=model.inputs_of(x), size=np.exp(x[:, SIZE]), joints=model.joints(x), network=model.joints(x) + 4, x=x,
+        signs=np.array([[1.0, 2, 3, 4, 5]]), start=np.zeros(1, int),
+        **{name: np.array([n]) for name, n in numbers.items()},
+    )  # fmt: skip
+    return Hand(side, CROP, CENTER, 300.0, NYU, fit.network[0] * mirror_of(side), fit, model)
+
+
+def test_a_hand_in_three_units() -> None:
+    """Joints are in half-cubes and in mm from the crop's centre, and in mm in front of the camera."""
+    joints_mm = np.array([[0.0, 0, 0], [150, -75, 37.5]])
+    found = Hand("right", CROP, np.array([NYU.u0, NYU.v0, 700]), 300.0, NYU, joints_mm)
+    np.testing.assert_allclose(found.joints, [[0, 0, 0], [1, -0.5, 0.25]])
+    np.testing.assert_allclose(found.joints_mm, joints_mm)
+    np.testing.assert_allclose(found.center_mm, [0, 0, 700])
+    np.testing.assert_allclose(found.xyz, [[0, 0, 700], [150, -75, 737.5]])
+
+
+def test_without_a_fit() -> None:
+    """The network alone says nothing of errors and sizes: all values of a fit are NaN."""
+    found = Hand("right", CROP, CENTER, 300.0, NYU, np.zeros((31, 3)))
+    values = [found.confidence, found.error_mm, found.uncertainty, found.cost, found.size, found.selection_cost]
+    assert np.isnan(values).all()
+    with pytest.raises(AssertionError):
+        found.capsules()
+
+
+def test_values_of_the_fit(model: CapsuleModel) -> None:
+    """A hand has the values of its fit, and the model's scales."""
+    found = fitted(model, "right")
+    assert (found.cost, found.uncertainty, found.error_mm, found.confidence) == (2.5, 3.5, 12.0, 0.8)
+    assert found.size == pytest.approx(0.95) and found.thickness == pytest.approx(1.1) and found.moved_mm == 5
+    np.testing.assert_array_equal(found.inputs, found.whole_inputs[: len(model.skeleton.initial)])
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_left_hand_is_mirrored_back(model: CapsuleModel, side: Side) -> None:
+    """Joints and surface are in camera axes; the pose in space is in the axes of the fit."""
+    found, right = fitted(model, side), fitted(model, "right")
+    mirror = MIRROR if side == "left" else np.ones(3)
+    np.testing.assert_allclose(found.joints_mm, right.joints_mm * mirror)
+    np.testing.assert_allclose(found.network_mm, right.network_mm * mirror)
+    np.testing.assert_allclose(found.capsules().a, right.capsules().a * mirror)
+    np.testing.assert_allclose(found.capsules(in_space=True).a, found.capsules().a + found.center_mm, atol=1e-6)
+    np.testing.assert_allclose(found.body.others, right.body.others)
+    np.testing.assert_allclose(
+        (found.body.place - found.mirrored_center_mm), right.body.place - right.center_mm, atol=1e-9
+    )
+
+
+def test_errors_that_were_not_measured(model: CapsuleModel) -> None:
+    """Without a table of errors the selection cost is the fit's cost, and the chance of a visible hand is 1."""
+    unknown = {"error_mm": np.nan, "confidence": np.nan}
+    found, empty = fitted(model, "right", **unknown), fitted(model, "right", uncertainty=np.inf, **unknown)
+    assert np.isnan(found.confidence) and found.chance == 1 and found.selection_cost == found.cost
+    assert empty.chance == 0
+    known = fitted(model, "right")
+    assert known.chance == known.confidence and known.selection_cost == known.error_mm
