@@ -114,10 +114,10 @@ class Solver:
         """Build the net with this number."""
         which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
         log.info("Creating %s net file: %s", which, name)
-        hooks = [callback.layer_hook for callback in self.callbacks if callback.layer_hook and phase == "TRAIN"]
+        hooks = (callback.layer_hook for callback in self.callbacks if callback.layer_hook and phase == "TRAIN")
         net = self.net_class(
             param, state=solver_parameter.state_of(phase, param.state, state), seed=self.seed + number,
-            engine=self.engine.name, python_layers=self.python_layers, layer_hook=next(iter(hooks), None),
+            engine=self.engine.name, python_layers=self.python_layers, layer_hook=next(hooks, None),
         )  # fmt: skip
         net.source = name
         return net
@@ -256,8 +256,8 @@ class Solver:
         for left in reversed(range(self.param.iter_size)):
             loss = self.net.run_forward(report.debug_forward) if is_shown else self.net.run_forward()
             total += self._finite(loss)
-            hooks = [] if left else [hook for callback in self.callbacks if (hook := callback.backward_hook())]
-            self.net.run_backward(next(iter(hooks), None), report.debug_backward if is_shown else None)
+            hooks = (hook for callback in self.callbacks if not left and (hook := callback.backward_hook()))
+            self.net.run_backward(next(hooks, None), report.debug_backward if is_shown else None)
         return self._agreed(total / self.param.iter_size)
 
     def _last_loss(self) -> float:

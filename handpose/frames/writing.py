@@ -143,7 +143,7 @@ class StackWriter:
 
     def _fill(self, fresh: Path) -> None:
         shape = (len(self._times), self._camera.height, self._camera.width)
-        said = camera_file.to_text(CameraInfo(self._camera, unit_mm=self._unit, rate=self._rate))
+        said = camera_file.to_text(CameraInfo(self._camera, unit_mm=self._unit, rate=self._rate, time_unit="s"))
         with zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED, compresslevel=FASTEST) as archive:
             for name, small in (("time", np.array(self._times)), ("camera", np.array(said))):
                 with archive.open(f"{name}.npy", "w") as out:

@@ -17,31 +17,27 @@ class LayerTable(MutableMapping[K, Any]):
     """
 
     def __init__(self, places: Mapping[K, str]) -> None:
-        self._places: dict[K, str | None] = dict(places)
-        self._classes: dict[K, Any] = {}
+        self._entries: dict[K, Any] = dict(places)  # places until they are looked up, then classes
 
     def __getitem__(self, key: K) -> Any:
         """The class; its file is imported if necessary."""
-        if key not in self._classes:
-            place = self._places[key]
-            assert place is not None
-            module, _, name = place.rpartition(".")
-            self._classes[key] = getattr(own_module(f"layers.{module}"), name)
-        return self._classes[key]
+        entry = self._entries[key]
+        if isinstance(entry, str):
+            module, _, name = entry.rpartition(".")
+            entry = self._entries[key] = getattr(own_module(f"layers.{module}"), name)
+        return entry
 
     def __setitem__(self, key: K, cls: Any) -> None:
-        self._places.setdefault(key, None)
-        self._classes[key] = cls
+        self._entries[key] = cls
 
     def __delitem__(self, key: K) -> None:
-        del self._places[key]
-        self._classes.pop(key, None)
+        del self._entries[key]
 
     def __contains__(self, key: object) -> bool:
-        return key in self._places
+        return key in self._entries
 
     def __iter__(self) -> Iterator[K]:
-        return iter(self._places)
+        return iter(self._entries)
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._entries)

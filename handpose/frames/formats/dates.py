@@ -15,8 +15,8 @@ from datetime import datetime, timedelta
 from typing import NamedTuple
 
 from handpose.frames.formats import time_units
+from handpose.frames.formats.time_units import NANO
 
-NANO = 10**9
 DAY_ONE = datetime(2000, 1, 1)
 MINUTE, DAY = 60 * NANO, 86400 * NANO
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")

@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from handpose.frames.formats import dates, time_units
-from handpose.frames.formats.time_units import FRAMES, TICKS
+from handpose.frames.formats.time_units import FRAMES, NANO, TICKS
 
 NAMED_UNITS = {"us": "us", "ms": "ms", "ns": "ns", "usec": "us", "msec": "ms", "nsec": "ns"}
 SAYS_UNIT = re.compile(r"(?<!\d)(\d{1,18})(us|ms|ns|usec|msec|nsec)(?![A-Za-z])")
 FRACTION = re.compile(r"(?<!\d)(\d{1,13})([.,])(\d{1,20})(?!\d)")
 PAIR = re.compile(r"(?<!\d)(\d{9,10})([-_])(\d{1,9})(?!\d)")  # seconds since 1970, and a fraction
-NANO = 10**9
 SAME_MOMENT = 2  # s; maximum difference of two clocks in a name
 
 

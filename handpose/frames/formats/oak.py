@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens
-from handpose.frames.live import WAIT_S, WAITS, DeviceFrame, LiveRecording
+from handpose.frames.live import WAIT_S, DeviceFrame, LiveRecording, calibrated, first_of, not_started
 from handpose.frames.recording import CameraInfo, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
@@ -39,9 +38,7 @@ def open_live(serial: str | None, given: CameraInfo) -> Recording:
             queue = _depth_of(dai, pipeline).createOutputQueue(maxSize=1, blocking=False)  # keeps the newest
             pipeline.start()
         except RuntimeError as error:
-            raise DataError(f"oak: {f'device {serial}' if serial else 'a device'} cannot be started: "
-                            f"{reason_of(error)}; connected: {', '.join(_connected(dai)) or 'none'} (no other program "
-                            "may use it)") from error  # fmt: skip
+            raise not_started("oak", "device", serial, error, _connected(dai)) from error
         stack.callback(pipeline.stop)
         device = _Device(f"{board.getDeviceName()} {board.getDeviceId()}", board, pipeline, queue)
         stack.pop_all()
@@ -81,14 +78,11 @@ class _Device:
 
     def __init__(self, name: str, board: Any, pipeline: Any, queue: Any) -> None:
         self.name, self._board, self._pipeline, self._queue = name, board, pipeline, queue
-        first = next((frame for _ in range(WAITS) if (frame := self._depth()) is not None), None)
+        first = first_of(self._depth)
         if first is None:
             raise DataError(f"{name}: no frame of depth; has it two cameras?")
         (fx, _, u0), (_, fy, v0), _ = np.asarray(first.getTransformation().getIntrinsicMatrix(), np.float64).tolist()
-        try:
-            camera = Camera(name, fx, fy, u0, v0, first.getWidth(), first.getHeight())
-        except ValueError as error:  # not calibrated
-            raise DataError(f"{name}: {error}") from None
+        camera = calibrated(name, fx, fy, u0, v0, first.getWidth(), first.getHeight())
         self.info = CameraInfo(camera, Lens(), UNIT_MM, RATE, name)  # the pair is rectified
 
     def _depth(self) -> Any:

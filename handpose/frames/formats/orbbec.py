@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens, lens_of
-from handpose.frames.live import WAITS, CaptureThread, DeviceFrame, LiveRecording
+from handpose.frames.live import CaptureThread, DeviceFrame, LiveRecording, calibrated, first_of, not_started
 from handpose.frames.recording import CameraInfo, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
@@ -39,9 +38,7 @@ def open_live(serial: str | None, given: CameraInfo) -> Recording:
         config.enable_stream(profile)
         pipeline.start(config)
     except (ob.OBError, RuntimeError) as error:
-        raise DataError(f"orbbec: {f'camera {serial}' if serial else 'a camera'} cannot be started: "
-                        f"{reason_of(error)}; connected: {', '.join(_connected(ob)) or 'none'} (no other program may "
-                        "use it)") from error  # fmt: skip
+        raise not_started("orbbec", "camera", serial, error, _connected(ob)) from error
     with contextlib.ExitStack() as stack:
         stack.callback(pipeline.stop)
         about = pipeline.get_device().get_device_info()
@@ -73,7 +70,7 @@ class _Device:
 
     def __init__(self, ob: Any, name: str, pipeline: Any, profile: Any) -> None:
         self.name, self._ob, self._pipeline = name, ob, pipeline
-        first = next((frame for _ in range(WAITS) if (frame := self._depth()) is not None), None)
+        first = first_of(self._depth)
         if first is None:
             raise DataError(f"{name}: no frame of depth; is another program using it?")
         if first.get_format() not in (ob.OBFormat.Y16, ob.OBFormat.Z16):
@@ -82,10 +79,7 @@ class _Device:
         if (said.height, said.width) != self._shape:
             raise DataError(f"{name}: frames of {self._shape[1]} x {self._shape[0]} pixels; its camera has "
                             f"{said.width} x {said.height}")  # fmt: skip
-        try:
-            camera = Camera(name, said.fx, said.fy, said.cx, said.cy, said.width, said.height)
-        except ValueError as error:  # not calibrated
-            raise DataError(f"{name}: {error}") from None
+        camera = calibrated(name, said.fx, said.fy, said.cx, said.cy, said.width, said.height)
         unit_mm = float(f"{first.get_depth_scale():.6g}")  # mm; 0.1 as a float of 32 bits is not 0.1
         self.info = CameraInfo(camera, _lens(profile.get_distortion(), name), unit_mm, float(profile.get_fps()), name)
 

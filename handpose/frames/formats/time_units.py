@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second
+NANO = TICKS["ns"]
 FRAMES = "frames"  # the unit of numbers that count frames
 EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 CAMERA_RATES = (4, 250)  # frames per second of depth cameras
@@ -64,13 +65,13 @@ def counts_ms(numbers: Sequence[int]) -> bool:
 
 
 def in_seconds(times: NDArray[np.float64], given: str | None, rate: float) -> tuple[NDArray[np.float64], str]:
-    """Times in s, and how their unit was found; empty if they are seconds, which is the rule.
+    """Times in s, and how their unit was found; empty if they are seconds.
 
     given  the unit, if it is known; "frames" for numbers of frames, of which there are ``rate`` per second
     """
     if given is not None:
         ticks = rate if given == FRAMES else TICKS[given]
-        return times / ticks, f"times in {given}, as given"
+        return times / ticks, "" if given == "s" else f"times in {given}, as given"
     numbers = times.tolist()
     unit = since_1970(numbers) or by_steps(numbers) or "s"
     return times / TICKS[unit], "" if unit == "s" else f"times in {unit}, by their size or steps; --time-unit if wrong"

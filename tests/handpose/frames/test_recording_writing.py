@@ -78,6 +78,16 @@ def test_to_the_last_value(
 
 
 @pytest.mark.parametrize("name", ["take", "take.npz"])
+def test_times_are_not_guessed(tmp_path: Path, name: str) -> None:
+    """Steps of 4 s are not taken for 4 ms, the period of a fast camera."""
+    pictures = [DepthFrame(n, 4.0 * n, np.full((3, 4), 500, np.float32)) for n in range(3)]
+    write(tmp_path / name, pictures, 1.0)
+    recording = open_recording(tmp_path / name)
+    assert [frame.time for frame in recording] == [0, 4, 8]
+    assert not any("by their size or steps" in remark for remark in recording.remarks)
+
+
+@pytest.mark.parametrize("name", ["take", "take.npz"])
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseException]) -> None:
     """After Ctrl-C or an error in the block, the frames so far are kept."""

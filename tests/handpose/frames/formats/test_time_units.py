@@ -1,4 +1,4 @@
-"""handpose/frames/formats/time_units.py: units of clocks, and numbers that are none."""
+"""handpose/frames/formats/time_units.py: the units of clocks, and numbers that are not times."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_units(unit: str, ticks: int) -> None:
         assert how == ("" if unit == "s" else f"times in {unit}, by their size or steps; --time-unit if wrong")
     seconds, how = in_seconds(CLOCK * ticks, unit, 30.0)
     np.testing.assert_allclose(seconds, CLOCK)
-    assert how == f"times in {unit}, as given"
+    assert how == ("" if unit == "s" else f"times in {unit}, as given")
 
 
 def test_what_shows_no_unit() -> None:
