@@ -8,13 +8,13 @@ solver.step(10)
 """
 
 import os
+from typing import TYPE_CHECKING
 
 from netlib import engine
 
 BLAS_NOTE = engine.prepare()  # must run before NumPy is imported
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # OpenCV reads this once, when it is imported
 
-from netlib import gradcheck  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402
 from netlib.building import python_layer  # noqa: E402
 from netlib.errors import (  # noqa: E402
@@ -29,15 +29,32 @@ from netlib.files import own_modules  # noqa: E402
 from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
 from netlib.net import Net, set_random_seed  # noqa: E402
 from netlib.proto.options import layer_types  # noqa: E402
-from netlib.solver import Solver, get_solver  # noqa: E402
 from netlib.system import aliases  # noqa: E402
 from netlib.system.once import once  # noqa: E402
+
+if TYPE_CHECKING:
+    from netlib import gradcheck as gradcheck
+    from netlib.solver import Solver as Solver
+    from netlib.solver import get_solver as get_solver
 
 __all__ = [
     "BLAS_NOTE", "TEST", "TRAIN", "Blob", "Blobs", "DataError", "DivergenceError", "Layer", "LayerError", "Net",
     "NetlibError", "PrototxtError", "Solver", "WeightsError", "get_solver", "gradcheck", "install_as_caffe",
     "layer_type_list", "set_mode_cpu", "set_mode_gpu", "set_random_seed", "set_threads", "threads",
 ]  # fmt: skip
+
+
+def __getattr__(name: str) -> object:
+    """Import what only trainings and tests need when it is first used. Raises AttributeError for unknown names."""
+    if name == "gradcheck":
+        import netlib.gradcheck as checks
+
+        return checks
+    if name in ("Solver", "get_solver"):
+        import netlib.solver as solvers
+
+        return getattr(solvers, name)
+    raise AttributeError(f"module 'netlib' has no attribute {name!r}")
 
 
 def layer_type_list() -> list[str]:

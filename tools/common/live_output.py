@@ -1,4 +1,4 @@
-"""The options --serve and --udp: live output of a track to browsers and programs."""
+"""Live output of a track to browsers and programs, for the options --serve and --udp."""
 
 from __future__ import annotations
 
@@ -22,30 +22,13 @@ from handpose.output.live.messages import LINES, VIEWS, Messages
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
-from tools.common import arguments
-from tools.common.arguments import name_in
 from tools.common.console import say
 
 if TYPE_CHECKING:
     from handpose.output.live.server import LiveServer
 
-LIVE = ("serve", "udp")
-LOCAL = "127.0.0.1"
 TOKEN = "HANDPOSE_TOKEN"  # environment variable
 _CHECK_S = 0.1  # interval between checks for a request to stop
-
-
-def add_live_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for live output."""
-    parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
-                        help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
-                             f"(default: {LOCAL}, which other machines do not reach, and any free port)")  # fmt: skip
-    parser.add_argument("--addresses", metavar="FILE.json", type=name_in(".json"),
-                        help="with --serve: write the addresses, which contain the token, to a file that only you can "
-                             "read; removed at the end")  # fmt: skip
-    parser.add_argument(
-        "--udp", metavar="HOST:PORT", type=arguments.address(), help="a datagram of JSON per frame to this address"
-    )
 
 
 class LiveOutput:
@@ -151,8 +134,3 @@ def _written(path: Path, server: LiveServer) -> Iterator[None]:
         yield
     finally:
         path.unlink(missing_ok=True)
-
-
-def _served(text: str) -> tuple[str, int]:
-    """Parse HOST:PORT, or a port on the loopback interface."""
-    return arguments.address(0)(f"{LOCAL}:{text}" if text.isdigit() else text)

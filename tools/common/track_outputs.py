@@ -21,19 +21,21 @@ from handpose.frames.formats.folder import PICTURES, FolderRecording
 from handpose.output.tracks.writing import TrackWriter, open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError
-from tools.common import outputs
+from tools.common import arguments, outputs
 from tools.common.arguments import name_in
 from tools.common.hand_arguments import add_joints_option
-from tools.common.live_output import LIVE, LiveOutput, add_live_options
 
 if TYPE_CHECKING:  # imported when an output is drawn
     from handpose.output.drawing.rerun_view import RerunView
     from handpose.output.drawing.sheets import ContactSheet
     from handpose.output.drawing.tracks import Painter
     from handpose.output.drawing.video_file import VideoFile
+    from tools.common.live_output import LiveOutput
 
 FILES = ("json", "csv", "bvh")
 DRAWN = ("video", "sheet", "rerun")
+LIVE = ("serve", "udp")
+LOCAL = "127.0.0.1"
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
@@ -56,6 +58,24 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     add_live_options(parser)
     parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="only report on the first frames, and draw the first hand")  # fmt: skip
+
+
+def add_live_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for live output."""
+    parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
+                        help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
+                             f"(default: {LOCAL}, which other machines do not reach, and any free port)")  # fmt: skip
+    parser.add_argument("--addresses", metavar="FILE.json", type=name_in(".json"),
+                        help="with --serve: write the addresses, which contain the token, to a file that only you can "
+                             "read; removed at the end")  # fmt: skip
+    parser.add_argument(
+        "--udp", metavar="HOST:PORT", type=arguments.address(), help="a datagram of JSON per frame to this address"
+    )
+
+
+def _served(text: str) -> tuple[str, int]:
+    """Parse HOST:PORT, or a port on the loopback interface."""
+    return arguments.address(0)(f"{LOCAL}:{text}" if text.isdigit() else text)
 
 
 def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
@@ -114,7 +134,11 @@ class Outputs:
         self._view: RerunView | None = None
         if is_drawn(args):
             self._begin_drawing(args, header, rate)
-        self._live = LiveOutput(args, header) if any(getattr(args, name) is not None for name in LIVE) else None
+        self._live: LiveOutput | None = None
+        if any(getattr(args, name) is not None for name in LIVE):
+            from tools.common.live_output import LiveOutput
+
+            self._live = LiveOutput(args, header)
         paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
         self._writers: list[TrackWriter] = [
             open_writer(path, header, rate, args.joints, args.gestures) for path in paths

@@ -12,8 +12,6 @@ from types import TracebackType
 from typing import Protocol
 
 from handpose.body.joint_formats.formats import FormatName
-from handpose.output.tracks.bvh_file import BvhWriter
-from handpose.output.tracks.csv_file import CsvWriter
 from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import DataError
@@ -57,8 +55,12 @@ def open_writer(
         case ".jsonl":
             return JsonLinesWriter(path, header, joints, gestures)
         case ".csv":
+            from handpose.output.tracks.csv_file import CsvWriter
+
             return CsvWriter(path, header, joints, gestures)
         case ".bvh":
+            from handpose.output.tracks.bvh_file import BvhWriter
+
             return BvhWriter(path, header, rate)
     raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl, .csv or .bvh, "
                     "or - for standard output")  # fmt: skip

@@ -23,8 +23,9 @@ from handpose.tracking.track import TrackedFrame
 from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER, seen, tracked
 from tools.common import live_output
-from tools.common.live_output import LiveOutput, add_live_options
+from tools.common.live_output import LiveOutput
 from tools.common.stopper import StoppedError
+from tools.common.track_outputs import add_live_options
 
 COUNT = 6
 ROOT = Path(__file__).resolve().parents[3]
