@@ -25,7 +25,7 @@ import tools
 tools.begin(__name__)
 
 from handpose import Recording, RecordingWriter
-from handpose.frames.inspection import inspect
+from handpose.frames.inspection import Inspection, inspect
 from netlib.errors import NetlibError
 from tools.common import outputs
 from tools.common.arguments import count, parser_of, real, seconds
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         print_inspection(seen)
         try:
             with Stopper() as stopper:
-                seconds = _write(recording, writer, stopper, args.seconds, args.frames)
+                seconds = _write(recording, seen, writer, stopper, args.seconds, args.frames)
         except StoppedError:
             say(f"stopped; {args.out} has {writer.count} frames", file=sys.stderr)
             return 128 + stopper.signum
@@ -78,12 +78,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write(
-    recording: Recording, writer: RecordingWriter, stopper: Stopper, seconds: float | None, frames: int | None
-) -> float:
+    recording: Recording, seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None,
+    frames: int | None,
+) -> float:  # fmt: skip
     """Write frames up to the limits; returns the time in s from the first to the last. Raises StoppedError."""
     first = last = None
     with writer, ProgressBar(total_of(recording, frames), what="recording") as progress:
-        for frame in recording:
+        for frame in seen.all_frames(recording):
             stopper.check()
             first = frame.time if first is None else first
             if seconds is not None and frame.time - first >= seconds:

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from handpose import Recording, Tracker, load_predictor
 from handpose.body.sides import SOUGHT_SIDES
-from handpose.frames.inspection import inspect
+from handpose.frames.inspection import Inspection, inspect
 from handpose.tracking import sizing
 from handpose.tracking.lookahead import Lookahead
 from handpose.tracking.summary import Summary
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
         try:
             with Stopper() as stopper:
-                _track(recording, tracker, outputs, summary, stopper, args.frames)
+                _track(recording, seen, tracker, outputs, summary, stopper, args.frames)
         except StoppedError:
             say(f"stopped after {summary.frames} frames" if summary.frames else "stopped", file=sys.stderr)
             status = 128 + stopper.signum
@@ -106,8 +106,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _track(
-    recording: Recording, tracker: Tracker, outputs: Outputs, summary: Summary, stopper: Stopper, frames: int | None
-) -> None:
+    recording: Recording, seen: Inspection, tracker: Tracker, outputs: Outputs, summary: Summary, stopper: Stopper,
+    frames: int | None,
+) -> None:  # fmt: skip
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
     held = Lookahead[NDArray[np.float32]]()
 
@@ -119,7 +120,7 @@ def _track(
     with outputs, ProgressBar(total_of(recording, frames), what="tracking") as progress:
         outputs.begin(recording, stopper.check)
         try:
-            for frame in islice(recording, frames):
+            for frame in islice(seen.all_frames(recording), frames):
                 stopper.check()
                 with errors_of(f"{recording.name}: frame {frame.number}"):
                     found = tracker.step(frame)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 
 import cv2
 import numpy as np
@@ -46,6 +46,7 @@ class Inspection:
 
     name, count, rate, live, camera, unit_mm, remarks  of the recording
     frames    the first ones, which were inspected
+    rest      those after them; of a live camera none
     depth_mm  the 1st, 50th and 99th percentile of the depths; None without a reading
     zeros     share of pixels without a reading
     view      (2,) angle of view in degrees, horizontal and vertical
@@ -62,6 +63,7 @@ class Inspection:
     unit_mm: float
     remarks: tuple[str, ...]
     frames: tuple[DepthFrame, ...]
+    rest: Iterator[DepthFrame]
     depth_mm: tuple[float, float, float] | None
     zeros: float
     view: tuple[float, float]
@@ -69,10 +71,15 @@ class Inspection:
     warnings: tuple[str, ...]
     doubt: str
 
+    def all_frames(self, recording: Recording) -> Iterator[DepthFrame]:
+        """The frames of the inspected recording, once, without reading the first ones again; new ones of a camera."""
+        return iter(recording) if self.live else chain(self.frames, self.rest)
+
 
 def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
     """Inspect the first frames of a recording. Raises DataError if none can be read."""
-    seen = tuple(islice(recording, frames))
+    iterator = iter(recording)
+    seen = tuple(islice(iterator, frames))
     if not seen:
         raise DataError(f"{recording.name}: no frame in it{recording.cut and f': {recording.cut}'}")
     camera = recording.camera
@@ -95,6 +102,7 @@ def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
         unit_mm=recording.unit_mm,
         remarks=recording.remarks,
         frames=seen,
+        rest=iter(()) if recording.live else iterator,
         depth_mm=(low, middle, high) if len(values) else None,
         zeros=1 - len(values) / sum(frame.depth.size for frame in seen),
         view=_view_of(camera),

@@ -95,6 +95,17 @@ def test_only_the_first_frames_are_read() -> None:
     assert len(inspect(Taken(moving()), frames=2).frames) == 2
 
 
+def test_every_frame_is_read_once() -> None:
+    """The frames that were inspected are not read again; those of a camera are not kept."""
+    taken = Taken(moving() * 4)
+    seen = inspect(taken, frames=2)
+    assert [frame.number for frame in seen.all_frames(taken)] == list(range(12))
+    camera = Taken(moving())
+    camera.live = True
+    seen = inspect(camera, frames=2)
+    assert [frame.number for frame in seen.all_frames(camera)] == [0, 1, 2] and list(seen.rest) == []
+
+
 def test_no_frames() -> None:
     """A recording without frames raises an error."""
     with pytest.raises(DataError, match="take: no frame in it"):
