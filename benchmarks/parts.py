@@ -49,9 +49,17 @@ from tools.common.console import DONE, guarded
 Off = Callable[[], contextlib.AbstractContextManager[Any]]
 
 
-def without_fast_class(plain: type) -> Off:
-    """Use the plain layer instead of its fast counterpart."""
-    return lambda: mock.patch.dict(FAST_CLASSES, {plain: plain})
+def without_fast_class(place: str) -> Off:
+    """Use the plain layer at this place in layers/ instead of its fast counterpart."""
+    return lambda: without(FAST_CLASSES, place)
+
+
+@contextlib.contextmanager
+def without(table: dict[str, str], key: str) -> Iterator[None]:
+    """Remove an entry from a table."""
+    with mock.patch.dict(table):
+        del table[key]
+        yield
 
 
 def patched(target: Any, name: str, value: Any) -> Off:
@@ -73,7 +81,9 @@ def one_thread() -> Iterator[None]:
 ELSEWHERE = ("HandAugment", "Kinematics")  # not in this network
 PARTS: dict[str, Off] = {
     **{
-        f"fast {plain.__name__}": without_fast_class(plain) for plain in FAST_CLASSES if plain.__name__ not in ELSEWHERE
+        f"fast {name}": without_fast_class(place)
+        for place in FAST_CLASSES
+        if (name := place.rpartition(".")[2]) not in ELSEWHERE
     },
     "slices of the batch": patched(
         fast.executor, "plan", lambda connections, stored: [whole(at) for at in connections]

@@ -14,42 +14,10 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from fast import parallel
-from fast.augment import FastHandAugment
-from fast.convolution import (
-    FastConvolution,
-    FastConvolutionDepthwise,
-    FastDeconvolution,
-    FastDepthwiseConvolution,
-)
-from fast.eltwise import FastEltwise
 from fast.executor import SlicedExecutor
-from fast.hdf5_data import FastHDF5Data
-from fast.inner_product import FastInnerProduct
-from fast.kinematics import FastHandModel, FastKinematics, FastSizedHandModel
-from fast.lrn import FastLRN
-from fast.per_channel import FastBatchNorm, FastBias, FastPReLU, FastScale
-from fast.pooling import FastPooling
-from fast.relu import FastReLU, FastReLU6
 from fast.tiles import FastBlob
-from layers.activation.bias import Bias
-from layers.activation.prelu import PReLU
-from layers.activation.relu import ReLU
-from layers.activation.relu6 import ReLU6
-from layers.activation.scale import Scale
-from layers.common.eltwise import Eltwise
-from layers.common.inner_product import InnerProduct
-from layers.data.hdf5_data import HDF5Data
-from layers.hand.augment import HandAugment
-from layers.hand.hand_model import HandModel
-from layers.hand.kinematics import Kinematics
-from layers.hand.sized_hand_model import SizedHandModel
-from layers.normalization.batch_norm import BatchNorm
-from layers.normalization.lrn import LRN
-from layers.vision.convolution import Convolution
-from layers.vision.deconvolution import Deconvolution
-from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseConvolution
-from layers.vision.pooling import Pooling
 from netlib.blob import Array, Blob
+from netlib.building.layer_table import class_at, place_of
 from netlib.engine.plain import Connection, Engine, Executor
 from netlib.system.memory import blocks
 
@@ -57,26 +25,27 @@ T = TypeVar("T")
 LARGE = 1 << 20  # bytes; larger copies take longer than starting jobs on threads (about 0.1 ms)
 COPIES = 16  # parts of a large copy, and so the maximum number of threads that share it
 
-FAST_CLASSES: dict[type, type] = {
-    BatchNorm: FastBatchNorm,
-    Bias: FastBias,
-    Convolution: FastConvolution,
-    ConvolutionDepthwise: FastConvolutionDepthwise,
-    Deconvolution: FastDeconvolution,
-    DepthwiseConvolution: FastDepthwiseConvolution,
-    Eltwise: FastEltwise,
-    HandAugment: FastHandAugment,
-    HandModel: FastHandModel,
-    HDF5Data: FastHDF5Data,
-    InnerProduct: FastInnerProduct,
-    Kinematics: FastKinematics,
-    LRN: FastLRN,
-    PReLU: FastPReLU,
-    Pooling: FastPooling,
-    ReLU: FastReLU,
-    ReLU6: FastReLU6,
-    Scale: FastScale,
-    SizedHandModel: FastSizedHandModel,
+# The places of plain classes in layers/ and of their fast classes here; files are imported when a net needs them.
+FAST_CLASSES: dict[str, str] = {
+    "activation.bias.Bias": "per_channel.FastBias",
+    "activation.prelu.PReLU": "per_channel.FastPReLU",
+    "activation.relu.ReLU": "relu.FastReLU",
+    "activation.relu6.ReLU6": "relu.FastReLU6",
+    "activation.scale.Scale": "per_channel.FastScale",
+    "common.eltwise.Eltwise": "eltwise.FastEltwise",
+    "common.inner_product.InnerProduct": "inner_product.FastInnerProduct",
+    "data.hdf5_data.HDF5Data": "hdf5_data.FastHDF5Data",
+    "hand.augment.HandAugment": "augment.FastHandAugment",
+    "hand.hand_model.HandModel": "kinematics.FastHandModel",
+    "hand.kinematics.Kinematics": "kinematics.FastKinematics",
+    "hand.sized_hand_model.SizedHandModel": "kinematics.FastSizedHandModel",
+    "normalization.batch_norm.BatchNorm": "per_channel.FastBatchNorm",
+    "normalization.lrn.LRN": "lrn.FastLRN",
+    "vision.convolution.Convolution": "convolution.FastConvolution",
+    "vision.deconvolution.Deconvolution": "convolution.FastDeconvolution",
+    "vision.depthwise_convolution.ConvolutionDepthwise": "convolution.FastConvolutionDepthwise",
+    "vision.depthwise_convolution.DepthwiseConvolution": "convolution.FastDepthwiseConvolution",
+    "vision.pooling.Pooling": "pooling.FastPooling",
 }
 
 
@@ -87,7 +56,9 @@ class FastEngine(Engine):
 
     def implementation(self, cls: type[T]) -> type[T]:
         """The fast class for ``cls``, or ``cls`` if there is none."""
-        return FAST_CLASSES.get(cls, cls)
+        place = FAST_CLASSES.get(place_of(cls))
+        fast: type[T] = cls if place is None else class_at("fast", place)
+        return fast if issubclass(fast, cls) else cls  # a user's class may have the same name
 
     def blob(self, dtype: DTypeLike) -> Blob:
         """Create a blob that can be hidden."""

@@ -8,34 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from fast.fast_layer import FastLayer
-from layers.activation.bias import Bias
-from layers.activation.power import Power
-from layers.activation.prelu import PReLU
-from layers.activation.relu import ReLU
-from layers.activation.relu6 import ReLU6
-from layers.activation.scale import Scale
-from layers.activation.sigmoid import Sigmoid
-from layers.activation.tanh import TanH
-from layers.common.concat import Concat
-from layers.common.dropout import Dropout
-from layers.common.eltwise import Eltwise
-from layers.common.permute import Permute
-from layers.common.shuffle_channel import ShuffleChannel
-from layers.common.softmax import Softmax
-from layers.common.split import Split
-from layers.normalization.batch_norm import BatchNorm
-from layers.normalization.bn import BN
-from layers.normalization.lrn import LRN
-from layers.vision.convolution import Convolution
-from layers.vision.deconvolution import Deconvolution
-from layers.vision.im2col import Im2col
-from layers.vision.interp import Interp
-from layers.vision.nearest_upsample import NearestUpsample
-from layers.vision.pooling import Pooling
-from layers.vision.upsample import Upsample
+from netlib.building.layer_table import PACKAGE, class_at, place_of
 from netlib.layer import Layer
+
+if TYPE_CHECKING:
+    from layers.activation.bias import Bias
+    from layers.activation.relu import ReLU
+    from layers.activation.relu6 import ReLU6
+    from layers.activation.scale import Scale
+    from layers.common.concat import Concat
+    from layers.common.dropout import Dropout
+    from layers.common.eltwise import Eltwise
+    from layers.common.permute import Permute
+    from layers.common.softmax import Softmax
+    from layers.normalization.batch_norm import BatchNorm
+    from layers.normalization.bn import BN
+    from layers.vision.convolution import Convolution
+    from layers.vision.im2col import Im2col
+    from layers.vision.interp import Interp
+    from layers.vision.pooling import Pooling
 
 
 @dataclass(frozen=True)
@@ -129,38 +123,40 @@ def _dropout(layer: Dropout) -> LayerTraits:
     return LayerTraits(batchwise=not layer.active, reads_bottom=False, reads_top=False)
 
 
-# Traits of a layer type, or a function of the layer if they depend on its options.
-TABLE: dict[type[Layer], LayerTraits | Callable[..., LayerTraits]] = {
-    BN: _bn,
-    BatchNorm: _batch_norm,
-    Bias: _bias,
-    Concat: _concat,
-    Convolution: _convolution,
-    Deconvolution: _convolution,
-    Dropout: _dropout,
-    Eltwise: _eltwise,
-    Im2col: _im2col,
-    Interp: _interp,
-    LRN: LayerTraits(batchwise=True, reads_top=False),
-    NearestUpsample: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
-    PReLU: LayerTraits(batchwise=True, reads_top=False),
-    Permute: _permute,
-    Pooling: _pooling,
-    Power: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
-    ReLU: _relu,
-    ReLU6: _relu,
-    Scale: _scale,
-    ShuffleChannel: LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
-    Sigmoid: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
-    Softmax: _softmax,
-    Split: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False, reads_top=False),
-    TanH: LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
-    Upsample: LayerTraits(batchwise=True, reads_top=False),
+# Traits of the class at a place in layers/, or a function of the layer if they depend on its options.
+TABLE: dict[str, LayerTraits | Callable[..., LayerTraits]] = {
+    "activation.bias.Bias": _bias,
+    "activation.power.Power": LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
+    "activation.prelu.PReLU": LayerTraits(batchwise=True, reads_top=False),
+    "activation.relu.ReLU": _relu,
+    "activation.relu6.ReLU6": _relu,
+    "activation.scale.Scale": _scale,
+    "activation.sigmoid.Sigmoid": LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
+    "activation.tanh.TanH": LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
+    "common.concat.Concat": _concat,
+    "common.dropout.Dropout": _dropout,
+    "common.eltwise.Eltwise": _eltwise,
+    "common.permute.Permute": _permute,
+    "common.shuffle_channel.ShuffleChannel": LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
+    "common.softmax.Softmax": _softmax,
+    "common.split.Split": LayerTraits(batchwise=True, elementwise=True, reads_bottom=False, reads_top=False),
+    "normalization.batch_norm.BatchNorm": _batch_norm,
+    "normalization.bn.BN": _bn,
+    "normalization.lrn.LRN": LayerTraits(batchwise=True, reads_top=False),
+    "vision.convolution.Convolution": _convolution,
+    "vision.deconvolution.Deconvolution": _convolution,
+    "vision.im2col.Im2col": _im2col,
+    "vision.interp.Interp": _interp,
+    "vision.nearest_upsample.NearestUpsample": LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
+    "vision.pooling.Pooling": _pooling,
+    "vision.upsample.Upsample": LayerTraits(batchwise=True, reads_top=False),
 }
 
 
 def traits_of(layer: Layer) -> LayerTraits:
     """The traits of a layer's type, or of the plain type that it implements."""
-    lineage = type(layer).__mro__ if isinstance(layer, FastLayer) else [type(layer)]  # a user's subclass may differ
-    found = next((TABLE[cls] for cls in lineage if cls in TABLE), LayerTraits())
+    cls = type(layer)
+    lineage = cls.__mro__ if isinstance(layer, FastLayer) else [cls]  # a user's subclass may differ
+    places = (place for one in lineage if (place := place_of(one)) in TABLE and class_at(PACKAGE, place) is one)
+    found = TABLE.get(next(places, ""), LayerTraits())
     return found if isinstance(found, LayerTraits) else found(layer)

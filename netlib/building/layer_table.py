@@ -1,4 +1,4 @@
-"""A table of layer classes whose files are imported when a net needs them."""
+"""Tables of layer classes whose files are imported when a net needs them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,18 @@ from typing import Any, TypeVar
 from netlib.files.own_modules import own_module
 
 K = TypeVar("K")
+PACKAGE = "layers"
+
+
+def class_at(package: str, place: str) -> Any:
+    """The class at a place in a package of this project: ``layers`` and ``vision.pooling.Pooling``."""
+    module, _, name = place.rpartition(".")
+    return getattr(own_module(f"{package}.{module}"), name)
+
+
+def place_of(cls: type) -> str:
+    """The place of a class in the package ``layers``; of a class elsewhere one that no class of ours has."""
+    return f"{cls.__module__}.{cls.__qualname__}".removeprefix(f"{PACKAGE}.")
 
 
 class LayerTable(MutableMapping[K, Any]):
@@ -23,8 +35,7 @@ class LayerTable(MutableMapping[K, Any]):
         """The class; its file is imported if necessary."""
         entry = self._entries[key]
         if isinstance(entry, str):
-            module, _, name = entry.rpartition(".")
-            entry = self._entries[key] = getattr(own_module(f"layers.{module}"), name)
+            entry = self._entries[key] = class_at(PACKAGE, entry)
         return entry
 
     def __setitem__(self, key: K, cls: Any) -> None:

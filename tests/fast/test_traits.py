@@ -5,24 +5,30 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fast.engine import FAST_CLASSES
+from fast.engine import FAST_CLASSES, FastEngine
 from fast.traits import TABLE, LayerTraits, traits_of
 from layers import BY_BOTTOMS, LAYER_TYPES
 from layers.activation.relu import ReLU
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
+from netlib.building.layer_table import PACKAGE, class_at
+from netlib.layer import Layer
 from tests.support.layer_cases import CASES, forward, made
 
 
 def test_every_entry_is_a_layer_type() -> None:
     """Every entry of the table is the class of a layer type; others would never be used."""
-    assert set(TABLE) <= {*LAYER_TYPES.values(), *BY_BOTTOMS.values()}
+    assert {class_at(PACKAGE, place) for place in TABLE} <= {*LAYER_TYPES.values(), *BY_BOTTOMS.values()}
 
 
 def test_a_fast_class_is_its_plain_class_with_another_computation() -> None:
     """A fast class inherits options and messages, and has the traits of its plain class."""
-    for plain, fast in FAST_CLASSES.items():
-        assert issubclass(fast, plain)
+    for place, fast in FAST_CLASSES.items():
+        plain = class_at(PACKAGE, place)
+        assert (
+            issubclass(class_at("fast", fast), plain)
+            and FastEngine().implementation(plain).__name__ == f"Fast{plain.__name__}"
+        )
     assert traits_of(gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])).monotone
 
 
@@ -34,6 +40,18 @@ def test_a_users_subclass_of_a_known_type_is_not_taken_for_it() -> None:
 
     layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
     assert traits_of(Own(layer.spec, "TRAIN", layer.rng, np.float64)) == LayerTraits()
+
+
+def test_a_users_class_of_the_same_name_is_not_taken_for_ours() -> None:
+    """A class of a user's own module ``layers`` keeps its computation and the default traits."""
+
+    class ReLU(Layer):
+        """A layer that computes something else."""
+
+    ReLU.__module__, ReLU.__qualname__ = "layers.activation.relu", "ReLU"
+    layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
+    assert FastEngine().implementation(ReLU) is ReLU
+    assert traits_of(ReLU(layer.spec, "TRAIN", layer.rng, np.float64)) == LayerTraits()
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if traits_of(made(name)[0]).batchwise])
