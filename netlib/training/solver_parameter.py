@@ -26,7 +26,11 @@ MAX_AVERAGE = 10**6  # limit of average_loss, whose losses are kept in memory
 
 def read(path: str | Path, **changes: Any) -> SolverParameter:
     """Read the options from a file and apply ``changes``. Raises NetlibError."""
-    tree = prototxt.parse_file(path)
+    return parameter_of(prototxt.parse_file(path), **changes)
+
+
+def parameter_of(tree: Message, **changes: Any) -> SolverParameter:
+    """The options of a parsed file, with ``changes``. Raises PrototxtError."""
     if {"layer", "layers", "input"} & {item.name for item in tree.fields}:
         raise PrototxtError(tree.position, 'this is a net; expected a solver, which names it: net: "FILE"')
     return schema.with_values(schema.read(tree, SolverParameter, "solver"), **changes)

@@ -96,12 +96,13 @@ def new_solver(
     **changes: Any,
 ) -> Solver:
     """Create the solver for ``train`` and log it; ``changes`` replace fields of its file. Raises NetlibError."""
-    solver_parameter.read(solver_file)  # errors come before a long text
-    log.info("Initializing solver from parameters: \n%s", prototxt.parse_file(solver_file))
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))
+    tree = prototxt.parse_file(solver_file)
+    param = solver_parameter.parameter_of(tree, **changes)  # errors come before a long text
+    log.info("Initializing solver from parameters: \n%s", tree)
     with on_missing_data():
-        solver = netlib.get_solver(solver_file, seed, engine, callbacks=callbacks_of(ranks), **changes)
+        solver = Solver(param, str(solver_file), seed, engine, callbacks=callbacks_of(ranks))
     _describe(solver)
     if snapshot is None:
         _warn_of_zeros(solver)
