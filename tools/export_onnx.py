@@ -10,7 +10,8 @@ size: that of the prototxt, or --size. Inputs and outputs have the names of the 
 metadata (docs/onnx.md).
 
 --check runs it in onnxruntime on random inputs and compares with netlib. It fails if an output differs by more than
-1e-5 of its largest value. Requires pip install onnx onnxruntime.
+1e-5 of its largest value. Of a detector it compares locations, confidences, and what is selected from the same ones.
+Requires pip install onnx onnxruntime.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB")
     if not args.check:
         return DONE
-    worst = differences(args.out.read_bytes(), net, BATCHES, args.blob)
+    worst = differences(args.out.read_bytes(), net, BATCHES)
     for name, difference in worst.items():
         say(f"{name}: largest difference {difference:.1e} of its largest value, batch sizes "
             f"{' and '.join(map(str, BATCHES))}")  # fmt: skip

@@ -6,8 +6,9 @@ Text becomes Markdown cells, ``python`` and ``pycon`` blocks become code cells w
 chapter shows below them. Blocks of other kinds and those that are marked as not run stay text. A statement that should
 raise is in a separate cell, tagged ``raises-exception``, so that the cells after it run.
 
-Links and pictures are relative to the notebook; a link to a chapter leads to its notebook. Jupyter, VS Code and code
-hosts give headings different anchors, so a heading that a chapter links to has a separate anchor.
+Links are relative to the notebook; a link to a chapter leads to its notebook. Pictures are copied to build/book/images,
+because Jupyter serves only the folder in which it was started. Jupyter, VS Code and code hosts give headings different
+anchors, so a heading that a chapter links to has a separate anchor.
 """
 
 from __future__ import annotations
@@ -27,15 +28,17 @@ from netlib.files import atomic
 from netlib.files.paths import ROOT
 
 PLACE = ROOT / "build" / "book"
-# Jupyter and VS Code start a notebook in its own folder; the paths of the chapters are those of the project.
+PICTURES = PLACE / "images"
+# Jupyter and VS Code start a notebook in its own folder.
 FIRST = """\
+# Run this cell first: the code of the chapter runs in the project's folder.
 import os, sys
 from pathlib import Path
 
 folders = [Path.cwd(), *Path.cwd().parents]
 project = next((str(folder) for folder in folders if (folder / "docs" / "book").is_dir()), None)
 if project is None:
-    raise FileNotFoundError("no folder above this notebook is the project (it has docs/book): keep it in build/book")
+    raise FileNotFoundError("no docs/book above this notebook: keep it in build/book")
 os.chdir(project)
 sys.path.insert(0, project)"""
 RAISES = "raises-exception"  # a tag of Jupyter's
@@ -92,7 +95,10 @@ def _without_prompts(body: str) -> Iterator[Cell]:
 def notebook(text: str, document: Path) -> dict[str, Any]:
     """The chapter at ``document`` as a notebook of version 4.5."""
     here = with_links(_with_anchors(text, document), lambda link: _from_notebook(link, document))
-    found = [Cell("code", FIRST), *cells(here)]
+    found = [*cells(here)]
+    if any(cell.kind != "markdown" for cell in found):
+        title, heading, rest = found[0].text.partition("\n## ")
+        found[:1] = [Cell("markdown", title.rstrip()), Cell("code", FIRST), Cell("markdown", (heading + rest).lstrip())]
     return {
         "nbformat": 4, "nbformat_minor": 5,
         "metadata": {
@@ -113,6 +119,8 @@ def _from_notebook(link: Link, document: Path) -> str:
     if not name:
         return link.target
     path = document.parent / name
+    if path.suffix == ".svg":
+        return f"images/{path.name}"
     target = PLACE / f"{path.stem}.ipynb" if path in _chapters() else Path(os.path.normpath(path))
     return Path(os.path.relpath(target, PLACE)).as_posix() + mark + anchor
 
@@ -159,6 +167,10 @@ def main() -> int:
             text = json.dumps(made, ensure_ascii=False, indent=1)
             atomic.replace_text(path, text + "\n")
             print(f"wrote {path.relative_to(ROOT)}")
+        for picture in sorted((ROOT / "docs" / "images" / "book").glob("*.svg")):
+            atomic.replace_bytes(PICTURES / picture.name, picture.read_bytes())
+        print("Open them in VS Code, or in Jupyter, started in this folder:\n"
+              ".venv/bin/pip install jupyterlab && .venv/bin/jupyter lab")  # fmt: skip
     except OSError as error:
         print(f"error: {reason_of(error)}", file=sys.stderr)
         return 1

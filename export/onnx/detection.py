@@ -112,7 +112,7 @@ def _not_suppressed(graph: Graph, at: Place, boxes: str, scores: str, K: int, k:
 
 
 def _zeros_like(graph: Graph, value: str) -> str:
-    return graph.op("ConstantOfShape", graph.op("Shape", value))  # zeros by default
+    return graph.op("Expand", graph.constant([0.0], "nought"), graph.op("Shape", value))
 
 
 def _rows(graph: Graph, flags: str, boxes: str, scores: str, labels: list[int], k: int) -> str:
@@ -130,5 +130,5 @@ def _no_rows(graph: Graph, flags: str) -> str:
     limits = [graph.constant(0, "first"), graph.op("Squeeze", count), graph.constant(1, "step")]
     items = graph.reshaped(graph.floats(graph.op("Range", *limits)), ("N", 1))
     rows = graph.op("Pad", items, graph.constant([0, 0, 0, 6], "pads"), graph.constant(-1.0, "nothing"))
-    none = graph.op("Equal", graph.op("ReduceSum", flags, keepdims=0), graph.constant(0.0, "zero"))
-    return graph.op("Compress", rows, graph.op("Expand", none, count), axis=0)
+    none = graph.whole(graph.op("Equal", graph.op("ReduceSum", flags, keepdims=0), graph.constant(0.0, "zero")))
+    return graph.op("Slice", rows, graph.constant([0], "start"), graph.op("Mul", count, none))  # of N rows all or none

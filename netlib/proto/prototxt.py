@@ -146,6 +146,8 @@ def parse_file(path: str | Path) -> Message:
     Files of this project are found from any working directory by a name such as ``prototxt/x.prototxt``.
     """
     path = find(str(path), None)
+    if str(path).endswith((".caffemodel", ".caffemodel.h5")):
+        raise NetlibError(f"{path}: found weights, expected a .prototxt; a net stands before its weights")
     text = files.read_text(path, "the prototxt", NetlibError)
     return parse(text, str(path))
 

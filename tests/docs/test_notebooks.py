@@ -62,6 +62,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(notebooks, "ROOT", folder)
         patch.setattr(notebooks, "PLACE", folder / "build" / "book")
+        patch.setattr(notebooks, "PICTURES", folder / "build" / "book" / "images")
         assert main() == 0
     return folder / "build" / "book"
 
@@ -75,14 +76,15 @@ def test_every_chapter_is_written(written: Path) -> None:
 
 
 def test_every_link_and_picture_of_a_notebook_leads_somewhere(written: Path) -> None:
-    """Relative links lead to files, links to headings to anchors that every viewer has, chapters to notebooks."""
+    """Links lead to files, to anchors that every viewer has and to notebooks; pictures are beside the notebooks."""
     texts = {path.name: "\n".join(markdown_of(path)) for path in written.glob("*.ipynb")}
     pictures = 0
     for name, text in texts.items():
         for link in links(text):
             target, _, anchor = link.target.partition("#")
             assert not target or (written / target).is_file(), f"{name}: {link.target}"
-            pictures += target.endswith(".svg")
+            pictures += target.startswith("images/")
+            assert not target.endswith(".svg") or target.startswith("images/"), f"{name}: Jupyter cannot serve {target}"
             if anchor and (not target or target.endswith(".ipynb")):
                 assert f'<a id="{anchor}"></a>\n\n#' in texts[target or name], f"{name}: {link.target}"
         assert not re.search(r"\]\([0-9]\w+\.md", text)

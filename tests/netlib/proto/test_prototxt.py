@@ -91,6 +91,13 @@ def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, messag
     assert str(error.value).startswith(f"{path}: {message}")
 
 
+@pytest.mark.parametrize("name", ["net.caffemodel", "net.caffemodel.h5"])
+def test_weights_in_place_of_a_net(name: str) -> None:
+    """Weights where a prototxt is expected, as with exchanged arguments, are named."""
+    with pytest.raises(netlib.NetlibError, match=f"^{name}: found weights, expected a .prototxt; a net stands before"):
+        netlib.Net(name, "net.prototxt", netlib.TEST)
+
+
 # ---------------------------------------------------------------------------------------------- any tree
 
 NOWHERE = Position("", 1, 1)
