@@ -16,7 +16,7 @@ from handpose.frames.json_fields import parsed
 from netlib import files
 from netlib.errors import NetlibError
 from netlib.files import atomic
-from netlib.files.paths import ROOT, command, exists
+from netlib.files.paths import command, exists
 
 PASSED = Path(".exercises.json")
 
@@ -34,12 +34,11 @@ def write_new(path: Path, text: str) -> None:
 
 
 def to_check(exercise: Exercise) -> Path:
-    """Return the solution in the working directory, else the project's. Raises ExerciseError if there is neither."""
-    here, there = place(exercise), ROOT / "docs" / "exercises" / f"{exercise.name}.py"
-    for path in (here, there):
-        if exists(path):
-            return path
-    raise ExerciseError(f"{here}: not found; run {command('exercise')} {exercise.name} --start to create it")
+    """Return the solution in the working directory. Raises ExerciseError if there is none."""
+    path = place(exercise)
+    if exists(path):
+        return path
+    raise ExerciseError(f"{path}: not found; run {command('exercise')} {exercise.name} --start to create it")
 
 
 def mark(exercise: Exercise, passed: dict[str, Any]) -> str:

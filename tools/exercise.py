@@ -48,8 +48,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--bare", action="store_true", help="with --start: omit formulas and hints")
     parser.add_argument("--bug", type=count, metavar="N",
                         help="write NAME_bugN.py, the project's file with the Nth mistake to find")  # fmt: skip
-    parser.add_argument("--file", metavar="FILE",
-                        help="file to check (default: NAME.py here, else in docs/exercises)")  # fmt: skip
+    parser.add_argument("--file", metavar="FILE", help="file to check (default: NAME.py here)")
     parser.add_argument("--iterations", type=whole(0, MAX_COUNT), default=20, metavar="N",
                         help="iterations of the network in the last step (default: %(default)s)")  # fmt: skip
     parser.add_argument("--limit", type=seconds, default=300.0, metavar="S",

@@ -1,7 +1,7 @@
 """Make all of the documents that is made from the code, where it is no longer current.
 
 make docs                                   or: python -m docs.making
-python -m docs.making exercises --check     one part, and nothing is written: status 1 if it is not current
+python -m docs.making documents --check     one part, and nothing is written: status 1 if it is not current
 """
 
 from __future__ import annotations
@@ -9,15 +9,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from docs.making import documents, exercises, figures, frames, hand_page, pages, pictures
+from docs.making import documents, figures, frames, hand_page, pages, pictures
 from docs.making.made import Made
 from netlib.errors import NetlibError
 from netlib.files.paths import ROOT
 from tools.common.arguments import parser_of
 
+# Pages for the browser are not in git, as they contain copies of web/; all else is, as code hosts show it.
+BUILT: dict[str, Callable[[], Iterator[Made]]] = {"hand_page": hand_page.made, "pages": pages.made}
 PIECES: dict[str, Callable[[], Iterator[Made]]] = {
-    "documents": documents.made, "figures": figures.made, "pictures": pictures.made, "exercises": exercises.made,
-    "hand_page": hand_page.made, "pages": pages.made, "frames": frames.made,
+    "documents": documents.made, "figures": figures.made, "pictures": pictures.made, "frames": frames.made, **BUILT,
 }  # fmt: skip
 
 

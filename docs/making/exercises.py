@@ -1,4 +1,4 @@
-"""The exercises: their stubs, made of our own source, and in docs/exercises/README.md the list of them and an example.
+"""The list of the exercises and an example in docs/exercises/README.md.
 
 Between ``<!-- exercises: NAME -->`` and ``<!-- end -->`` stands what NAME makes: ``list`` or ``example``.
 """
@@ -11,28 +11,15 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
-from docs.making.made import Made, place_of
+from docs.making.made import place_of
 from docs.making.markdown import title_of
 from exercises.checking import steps
-from exercises.exercise import Exercise
 from exercises.relu import OneAtZero
 from exercises.runner import LocalRunner
-from exercises.stubs import stub
 from exercises.table import EXERCISES
 from netlib.files.paths import ROOT
 
-FOLDER = ROOT / "docs" / "exercises"
 MARK = re.compile(r"^<!-- exercises: (\w+) -->\n(?:.*?^(<!-- end -->)\n)?", re.MULTILINE | re.DOTALL)
-
-
-def made() -> Iterator[Made]:
-    """Every stub."""
-    for exercise in EXERCISES.values():
-        yield Made(FOLDER / f"{exercise.name}.py", functools.partial(_stub, exercise))
-
-
-def _stub(exercise: Exercise) -> bytes:
-    return stub(exercise).encode()
 
 
 def current(text: str, document: Path) -> str:
@@ -56,7 +43,7 @@ def _list() -> Iterator[str]:
     yield "|---|---|---|---|"
     for number, e in enumerate(EXERCISES.values(), 1):
         names = ", ".join(f"`{name.rpartition('.')[2]}`" for name in e.to_do)
-        yield f"| {number} | [{e.name}]({e.name}.py) | {e.title} ({names}) | {_chapter(e.chapter)} |"
+        yield f"| {number} | {e.name} | {e.title} ({names}) | {_chapter(e.chapter)} |"
 
 
 def _chapter(number: int) -> str:

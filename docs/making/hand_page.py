@@ -15,7 +15,6 @@ from layers.hand.skeleton_file import SkeletonParameter
 from netlib.files.paths import ROOT
 from netlib.proto import prototxt, schema
 
-PLACE = ROOT / "docs" / "hand.html"
 PERSON_UNIT_MM = 1200.0
 # The arm of chapters 8 and 9: two bones in a plane, in numbers for pencil and paper.
 ARM = """name: "arm"
@@ -28,7 +27,7 @@ joint { name: "wrist" parent: "elbow" rotate { axis: Z dof: "elbow" } bone { axi
 
 def made() -> Iterator[Made]:
     """The page."""
-    yield Made(PLACE, _page)
+    yield Made(ROOT / "docs" / "hand.html", _page)
 
 
 def _page() -> bytes:

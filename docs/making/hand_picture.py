@@ -8,8 +8,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from docs.making import chromium
-from docs.making.hand_page import PLACE
+from docs.making import chromium, hand_page
 from netlib.files.paths import ROOT
 
 if TYPE_CHECKING:
@@ -30,13 +29,11 @@ SHOWN = """async () => {
 
 def taken(browser: Browser) -> bytes:
     """The picture as PNG."""
-    tab = browser.new_page(viewport=SIZE, color_scheme="light")
-    tab.goto(PLACE.as_uri())
-    tab.evaluate(SHOWN)
-    try:
+    (made,) = hand_page.made()
+    with browser.new_page(viewport=SIZE, color_scheme="light") as tab:
+        tab.set_content(made.make().decode())
+        tab.evaluate(SHOWN)
         return tab.screenshot()
-    finally:
-        tab.close()
 
 
 def main() -> int:

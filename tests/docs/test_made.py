@@ -1,4 +1,4 @@
-"""The generated parts of documents are up to date: ``make docs`` has been run."""
+"""The generated parts of documents that are in git are up to date: ``make docs`` has been run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from docs.making.made import Made
 from netlib.files.paths import ROOT
 from tests.support.running import run_tool
 
-FILES = [made for piece in making.PIECES.values() for made in piece()]
+FILES = [made for name, piece in making.PIECES.items() if name not in making.BUILT for made in piece()]
 
 
 @pytest.mark.parametrize("made", FILES, ids=lambda made: str(made.path.relative_to(ROOT)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from docs.making import hand_picture
+from docs.making import hand_picture, pages
 from docs.making.pages import BROWSER, PAGES, small_net, windows
-from netlib.files.paths import ROOT
 from netlib.proto import schema
 from netlib.proto.messages import SolverParameter
 from netlib.updates import RULES
@@ -21,18 +21,27 @@ from tests.support.chromium_tabs import browser, visit
 
 __all__ = ["browser", "visit"]  # fixtures
 Visit = Callable[..., Any]
+PageOf = Callable[[str], Path]
 PHONE = {"viewport": {"width": 360, "height": 740}}
 LARGEST = 250_000  # bytes of a page
 LONGEST = 260  # lines of a source
 
 
-def page_of(name: str) -> Any:
-    """Return the path of a page."""
-    return ROOT / "docs" / f"{name}.html"
+@pytest.fixture(scope="module")
+def page_of(tmp_path_factory: pytest.TempPathFactory) -> PageOf:
+    """``page_of("momentum")``: the path of a page."""
+    folder = tmp_path_factory.mktemp("pages")
+    made = {one.path.stem: one for one in pages.made()}
+
+    def path(name: str) -> Path:
+        replace(made[name], path=folder / made[name].path.name).update()
+        return folder / made[name].path.name
+
+    return path
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_page_fits_a_phone_and_names_its_controls(visit: Visit, name: str) -> None:
+def test_a_page_fits_a_phone_and_names_its_controls(visit: Visit, page_of: PageOf, name: str) -> None:
     """No page is wider than a phone's window, and every control has a name."""
     tab = visit(page_of(name), **PHONE)
     assert tab.evaluate("document.documentElement.scrollWidth") <= 360
@@ -62,7 +71,7 @@ def test_the_picture_of_the_hand(browser: Any, monkeypatch: pytest.MonkeyPatch, 
 # ---------------------------------------------------------------------------------------------- momentum
 
 
-def test_paths_and_roots_are_those_of_the_rule(visit: Visit) -> None:
+def test_paths_and_roots_are_those_of_the_rule(visit: Visit, page_of: PageOf) -> None:
     """For random curvatures, rates and momenta the page computes netlib's steps, and the roots of the polynomial."""
     tab, rng = visit(page_of("momentum")), np.random.default_rng(0)
     rule, count = RULES["SGD"]
@@ -79,7 +88,7 @@ def test_paths_and_roots_are_those_of_the_rule(visit: Visit) -> None:
         assert abs(found[0]) >= abs(found[1]) - 1e-12
 
 
-def test_momentum_in_use(visit: Visit) -> None:
+def test_momentum_in_use(visit: Visit, page_of: PageOf) -> None:
     """The keyboard moves a slider, divergence and its limit are reported, a double root is named, and the start is
     chosen by a click.
     """
@@ -111,7 +120,7 @@ def test_momentum_in_use(visit: Visit) -> None:
 
 
 @pytest.mark.parametrize("number", range(len(windows.LAYERS)), ids=list(windows.LAYERS))
-def test_the_page_computes_what_the_layer_does(visit: Visit, number: int) -> None:
+def test_the_page_computes_what_the_layer_does(visit: Visit, page_of: PageOf, number: int) -> None:
     """For random numbers, some of them equal, the page and the layer compute the same y, dx, dw and db."""
     tab, rng = visit(page_of("windows")), np.random.default_rng(number)
     entry, (kind, options) = windows.data()["layers"][number], list(windows.LAYERS.values())[number]
@@ -130,7 +139,7 @@ def test_the_page_computes_what_the_layer_does(visit: Visit, number: int) -> Non
         np.testing.assert_allclose(found[name], blob.diff.ravel())
 
 
-def test_windows_in_use(visit: Visit) -> None:
+def test_windows_in_use(visit: Visit, page_of: PageOf) -> None:
     """An output highlights its window, an input its consumers; arrow keys move between values and skip padding."""
     tab = visit(page_of("windows"))
     tab.locator("#y button").nth(5).hover()
@@ -152,7 +161,7 @@ def test_windows_in_use(visit: Visit) -> None:
     assert tab.locator("#formula").inner_text().startswith("dx[0, 0] = ")
 
 
-def test_numbers_are_changed_and_played(visit: Visit) -> None:
+def test_numbers_are_changed_and_played(visit: Visit, page_of: PageOf) -> None:
     """An edited number changes all that depends on it, a weight shows dw as a sum, and Play stamps one dy at a time."""
     tab = visit(page_of("windows"))
     tab.locator("#b button").click()
@@ -182,7 +191,7 @@ def test_numbers_are_changed_and_played(visit: Visit) -> None:
 # ---------------------------------------------------------------------------------------------- the small net
 
 
-def test_the_passes_are_those_of_the_net(visit: Visit) -> None:
+def test_the_passes_are_those_of_the_net(visit: Visit, page_of: PageOf) -> None:
     """For random numbers the page and netlib compute the same loss, values and gradients."""
     tab, rng = visit(page_of("small_net")), np.random.default_rng(0)
     for _ in range(5):
@@ -205,7 +214,7 @@ def test_the_passes_are_those_of_the_net(visit: Visit) -> None:
                 np.testing.assert_allclose(diff, blob.diff, atol=1e-12)
 
 
-def test_the_small_net_in_use(visit: Visit) -> None:
+def test_the_small_net_in_use(visit: Visit, page_of: PageOf) -> None:
     """Steps show the numbers of chapter 5, an edited weight repeats the pass, and an update lowers the loss."""
     tab = visit(page_of("small_net"))
     for _ in range(3):

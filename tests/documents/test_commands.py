@@ -78,7 +78,7 @@ RUN = {
     },
     "table1": Run("OPTIONS=--list", "one_hand"),
     "faults": Run("CASES=1 SEED=1 ONLY=camera.json", "camera.json: 1 "),
-    "docs": Run("OPTIONS='--check exercises'"),  # the other parts are compared by tests/docs/test_made.py
+    "docs": Run("OPTIONS='--check documents'"),  # the other parts are compared by tests/docs/test_made.py
 }
 # Only the commands of these targets are parsed.
 NOT_RUN = {

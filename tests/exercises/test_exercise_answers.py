@@ -13,6 +13,7 @@ from exercises.checking import Step, in_network, steps
 from exercises.exercise import Exercise, Mistake
 from exercises.reading import ReadersFile
 from exercises.runner import LocalRunner
+from exercises.stubs import stub
 from exercises.table import EXERCISES
 from layers import LAYER_TYPES
 from netlib.blob import Blobs
@@ -63,9 +64,10 @@ def test_the_advice_is_short_and_never_the_same(exercise: Exercise) -> None:
 
 
 @exercises
-def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise) -> None:
-    """The report of a stub names the file in docs/exercises, the function to write first and its line."""
-    reader = ReadersFile(exercise, ROOT / "docs" / "exercises" / f"{exercise.name}.py")
+def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise, tmp_path: Path) -> None:
+    """The report of a stub names the file, the function to write first and its line."""
+    (tmp_path / f"{exercise.name}.py").write_text(stub(exercise), encoding="utf-8")
+    reader = ReadersFile(exercise, tmp_path / f"{exercise.name}.py")
     assert set(reader.outline.to_do) == set(exercise.to_do)
     step = last_step(exercise, reader.part, ITERATIONS, reader)
     assert not step.passed

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from exercises import solutions
 from exercises.checking import steps
 from exercises.reading import ReadersFile
 from exercises.runner import LocalRunner
-from exercises.stubs import bugs
+from exercises.stubs import bugs, stub
 from exercises.table import EXERCISES
 from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
@@ -33,10 +32,10 @@ def test_the_list(work: Path) -> None:
 
 @pytest.mark.parametrize("name", EXERCISES)
 def test_start(name: str, work: Path) -> None:
-    """``start`` copies the stub of docs/exercises to the working folder and never overwrites a file."""
+    """``start`` writes the stub into the working folder and never overwrites a file."""
     done = run_tool("exercise", name, "--start")
     path = work / f"{name}.py"
-    assert path.read_bytes() == (ROOT / "docs" / "exercises" / path.name).read_bytes()
+    assert path.read_text(encoding="utf-8") == stub(EXERCISES[name])
     assert done.out.startswith(f"wrote {name}.py: ")
     path.write_text("mine")
     done = run_tool("exercise", name, "--start", status=1)
@@ -118,18 +117,12 @@ def test_a_file_that_is_not_right(work: Path) -> None:
     assert rest[-1].startswith("    See Split.backward, mine.py:")
 
 
-def test_the_file_here_comes_first(work: Path) -> None:
-    """The file in the working folder precedes that in docs/exercises; without either, the error says how to get one."""
-    assert f"({ROOT / 'docs/exercises/relu.py'})" in run_tool("exercise", "relu", status=1).out
-    (work / "relu.py").write_text("x = 1\n")
-    assert run_tool("exercise", "relu", status=1).err.startswith("relu.py: ReLU.setup")
-
-
-def test_no_file_at_all(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without docs/, as in an installed copy, the error says how to get a file."""
-    monkeypatch.setattr(solutions, "ROOT", work)
+def test_the_file_here_is_checked(work: Path) -> None:
+    """The file in the working folder is checked; without one, the error says how to get it."""
     done = run_tool("exercise", "relu", status=1)
     assert done.err == "relu.py: not found; run python tools/exercise.py relu --start to create it\n"
+    (work / "relu.py").write_text("x = 1\n")
+    assert run_tool("exercise", "relu", status=1).err.startswith("relu.py: ReLU.setup")
 
 
 @pytest.mark.parametrize(

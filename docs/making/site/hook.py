@@ -23,6 +23,7 @@ from mkdocs.structure.pages import Page  # noqa: E402
 from pygments import highlight  # noqa: E402
 from pygments.formatters import HtmlFormatter  # noqa: E402
 
+from docs.making import hand_page, pages  # noqa: E402
 from docs.making.markdown import anchor_of, with_links  # noqa: E402
 from docs.making.site import folders, github, sources  # noqa: E402
 from docs.making.site.published import DOCUMENTS, Published, published  # noqa: E402
@@ -36,7 +37,9 @@ SITE: dict[str, Published] = {}  # of this build: MkDocs keeps one module for al
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Find what is to be published."""
+    """Write the pages for the browser, and find what is to be published."""
+    for page in (*hand_page.made(), *pages.made()):
+        page.update()
     SITE["now"] = published(ROOT, **({"code": config.extra["code"]} if "code" in config.extra else {}))
     _text.cache_clear()
     config.mdx_configs.setdefault("toc", {})["slugify"] = anchor_of

@@ -17,8 +17,8 @@ from docs.making import markdown
 from docs.making.code_blocks import shown_files
 from netlib.files.paths import ROOT
 
-DOCUMENTS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/book/*.md", "docs/exercises/**/*.md",
-             "docs/results/*.md")  # fmt: skip
+DOCUMENTS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "web/*.md", "docs/*.md", "docs/book/*.md",
+             "docs/exercises/**/*.md", "docs/results/*.md")  # fmt: skip
 AS_THEY_ARE = ("docs/*.html", "docs/images/**/*")  # besides what documents show
 # Folders of which all source files are shown.
 CODE = (
@@ -32,7 +32,6 @@ CODE = (
     "tools",
     "prototxt",
     "web",
-    "docs/exercises",
 )
 TESTED = ("layers/", "netlib/", "fast/")  # whose tests are shown too
 SHOWN = {".py", ".prototxt", ".toml", ".cfg", ".txt", ".yml", ".yaml", ".sh", ".js", ".css", ".json"}
@@ -112,7 +111,7 @@ def published(root: Path = ROOT, code: Iterable[str] = CODE) -> Published:
     for folder in code:
         sources = set(_sources(root, folder))
         site.sources |= sources
-        site.folders |= {parent.as_posix() for path in sources for parent in Path(path).parents} - {".", "docs"}
+        site.folders |= {parent.as_posix() for path in sources for parent in Path(path).parents} - {"."}
     of_the_net = [path for path in site.sources if path.startswith(TESTED)]
     site.sources |= {test for path in of_the_net for test in its_tests(root, path)}
     waiting = [path.relative_to(root).as_posix() for pattern in DOCUMENTS for path in sorted(root.glob(pattern))]

@@ -19,7 +19,7 @@ __all__ = ["browser"]
 pytest.importorskip("mkdocs", reason="the site needs: pip install -e '.[docs]'")
 pytest.importorskip("material", reason="the site needs: pip install -e '.[docs]'")
 # Pages of all documents, the files they link to, and these folders; other pages are made alike and take the longest.
-CODE = ["layers/hand", "layers/common", "prototxt", "docs/exercises"]
+CODE = ["layers/hand", "layers/common", "prototxt"]
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_the_search_works_from_the_disk(site: Path) -> None:
 def test_code_scrolls_on_a_narrow_screen(site: Path, browser: Any) -> None:
     """No page is wider than a phone, even with long lines of prototxt, Python sessions, tables or source files."""
     tab = browser.new_page(viewport={"width": 400, "height": 800})
-    for name in ("index", "docs/book/1_blob", "docs/book/8_hand", "docs/fit", "docs/exercises/relu.py"):
+    for name in ("index", "docs/book/1_blob", "docs/book/8_hand", "docs/fit"):
         tab.goto((site / f"{name}.html").as_uri())
         root = "document.documentElement"
         assert tab.evaluate(f"{root}.scrollWidth - {root}.clientWidth") == 0, name

@@ -64,5 +64,5 @@ def test_the_page_of_a_folder(project: Path) -> None:
 
 
 def test_the_folders_of_code_are_there() -> None:
-    """All code folders exist, since a renamed one would silently be missing; fast/ or docs/exercises may be absent."""
-    assert [folder for folder in CODE if not (ROOT / folder).is_dir()] in ([], ["fast"], ["docs/exercises"])
+    """All code folders exist, since a renamed one would silently be missing; fast/ may be absent."""
+    assert [folder for folder in CODE if not (ROOT / folder).is_dir()] in ([], ["fast"])

@@ -87,7 +87,7 @@ def test_the_sources_are_short_and_all_used() -> None:
 
 
 def test_pages_are_the_same_every_time() -> None:
-    """Two builds are equal byte for byte, so that the page in docs/ can be compared."""
+    """Two builds are equal byte for byte."""
     data = content(skeleton.load())
     assert page("x", data) == page("x", data)
     (made,) = hand_page.made()

@@ -11,11 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from docs.making.hand_page import PLACE
+from docs.making import hand_page
 from layers.hand.kinematics import Kinematics
 from tests.handpose.output.drawing.page.page_reading import HAND, colours, inputs_in, joints_in, joints_of, slider, tip
 
 Visit = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def packaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of the documents, with three bodies."""
+    (made,) = hand_page.made()
+    path = tmp_path_factory.mktemp("packaged") / "hand.html"
+    path.write_bytes(made.make())
+    return path
 
 
 def test_there_is_a_labelled_slider_for_every_free_dof(visit: Visit, bare: Path) -> None:
@@ -159,7 +168,7 @@ def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
     assert tab.locator("#under").inner_text() == ""
 
 
-def test_the_whole_reach_is_in_the_picture(visit: Visit) -> None:
+def test_the_whole_reach_is_in_the_picture(visit: Visit, packaged: Path) -> None:
     """No joint of the hand or of the book's arm leaves the picture in any pose within the limits."""
     outside = """() => {
       const { body, stage: { viewer } } = hand, { lower, upper } = body.whole;
@@ -176,13 +185,13 @@ def test_the_whole_reach_is_in_the_picture(visit: Visit) -> None:
       return most;
     }"""
     for name in ("hand", "arm"):
-        tab = visit(PLACE, fragment=f"body={name}")
+        tab = visit(packaged, fragment=f"body={name}")
         assert 0.4 < tab.evaluate(outside) < 1
 
 
-def test_an_address_sets_body_pose_and_force(visit: Visit) -> None:
+def test_an_address_sets_body_pose_and_force(visit: Visit, packaged: Path) -> None:
     """An address as in chapters 6 and 7 sets their arm, its wrist at (3, 6), and torques of 0 and -300 N mm."""
-    tab = visit(PLACE, fragment="body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0&nose=1&force=wrist,2")
+    tab = visit(packaged, fragment="body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0&nose=1&force=wrist,2")
     np.testing.assert_allclose(joints_in(tab)[:, 3:], [[3, 4, 0], [3, 6, 0]], atol=1e-4)
     assert tab.locator(".torque").all_inner_texts() == ["0.0 N mm", "-300 N mm"]
     assert tab.locator("#bodies").input_value() == "arm"
