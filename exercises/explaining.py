@@ -54,7 +54,10 @@ def _what_differs(found: Difference) -> str:
     index = ", ".join(f"{a}={i}" for a, i in zip(letters, found.index)) if named else ", ".join(map(str, found.index))
     got, wanted = _distinct(float(found.got[found.index]), float(found.wanted[found.index]))
     place = f"{found.name}[{index}]" if index else found.name
-    others = "" if found.got.size == 1 else f"; the first of {found.count} elements of {found.got.size} that differ"
+    size, others = found.got.size, ""
+    if size > 1:
+        others = f"; the first of {found.count} elements of {size} that differ" if found.count > 1 else \
+            f"; the only one of {size} elements that differs"  # fmt: skip
     return f"{place} is {got}, {case.source} {wanted}{others}{where}."
 
 
@@ -169,6 +172,7 @@ def where_wrong(found: Difference) -> str | None:
     places = [
         place
         for k, size in enumerate(wrong.shape)
+        if wrong.sum() > 1  # otherwise the message has its index
         if (place := _along(letters[k] if len(letters) == wrong.ndim else f"axis {k}", wrong, k, size))
     ]
     of_images = tuple(letters[-2:]) == ("h", "w") and min(wrong.shape[-2:]) > 2

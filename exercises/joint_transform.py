@@ -298,8 +298,7 @@ EXERCISE = Exercise(
         "joint starts at its parent's pose.joints and pose.frames (a root, whose skeleton.parents "
         "is -1: at 0, with the identity). Apply skeleton.motions[j] in their order: motion.kind, "
         ".axis, .sign, .dof. Then write pose.joints[:, j] and pose.frames[:, j]; skeleton.bones "
-        "and .bone_axes describe each joint's bone; bones, if given, replaces the lengths.\
-"
+        "and .bone_axes describe each joint's bone; bones, if given, replaces the lengths. "
         "Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion "
         "is applied: its axis in world coordinates, with the sign, and the current point p of the "
         "joint. backward needs them.",

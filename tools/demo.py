@@ -3,19 +3,22 @@
 
     python tools/demo.py --out demo
 
-writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm), runs the same prediction on them
-as tools/predict.py, and draws demo/hands.png: the crop of each frame with the skeleton, the fitted surface, and the
-hand in space; above them the confidence of the fit, its expected error and its true error. demo/hands.json has the
-numbers in the format of a track, and for each hand its true error in mm (``true_error_mm``).
+writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm; scenes with an arm nearer than its
+minimum range are left out), runs the same prediction on them as tools/predict.py, and draws demo/hands.png: the crop of
+each frame with the skeleton, the fitted surface, and the hand in space; above them the confidence of the fit, its
+expected error and its true error. demo/hands.json has the numbers in the format of a track, and for each hand its true
+error in mm (``true_error_mm``).
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import shlex
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -32,6 +35,7 @@ from handpose.output.drawing.labels import percent
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
+from netlib.blob import Array
 from netlib.files import atomic
 from netlib.files.paths import command, is_subcommand
 from tools.common import outputs
@@ -54,11 +58,11 @@ def run(args: argparse.Namespace) -> int:
     """Render, predict and draw. Raises NetlibError."""
     outputs.make_folder(args.out)
     predictor = load_predictor(NYU)
-    scenes = draw_scenes(np.random.default_rng(args.seed), args.frames)
+    scenes = measurable_scenes(args.seed)
     images, titles, predictions, frames = [], [], [], []
     begun = time.perf_counter()
     with ProgressBar(args.frames) as progress:
-        for n, (depth, truth) in enumerate(zip(scenes.depth, scenes.joints)):
+        for n, (depth, truth) in enumerate(itertools.islice(scenes, args.frames)):
             frame = np.rint(depth).astype(np.uint16)
             outputs.write_image(args.out / f"frame_{n}.png", frame)
             found = predictor.in_frame(frame)
@@ -84,6 +88,15 @@ def run(args: argparse.Namespace) -> int:
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
     say(f"For your own camera: {shlex.join([*program, *options])}")
     return DONE
+
+
+def measurable_scenes(seed_number: int) -> Iterator[tuple[Array, Array]]:
+    """Depth frames (mm) and their true joints (31, 3), without those that the camera is too near to measure."""
+    rng = np.random.default_rng(seed_number)
+    for n in itertools.count():
+        [depth], _, [joints], _ = draw_scenes(rng, 1, first=n)
+        if not NYU.is_too_near(depth).any():
+            yield depth, joints
 
 
 def _from_here(path: str) -> str:

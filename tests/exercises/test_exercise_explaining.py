@@ -45,6 +45,8 @@ def test_the_first_element_that_differs_is_named() -> None:
     assert shown == "Found: [[1, 2, 3.00001], [4, 0, 6.5]]; expected: [[1, 2, 3], [4, 5, 6.5]]."
     assert first == "y[n=0, c=2] is 3.00001, Caffe has 3; the first of 2 elements of 6 that differ (some options)."
     assert second.startswith("This is not a known mistake.")
+    assert report(changed((0, 2), 9))[0] == "y[n=0, c=2] is 9, Caffe has 3; the only one of 6 elements that differs " \
+        "(some options)."  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -70,6 +72,7 @@ def test_what_numbers_look_like(got: np.ndarray, said: str) -> None:
     ("wrong", "said"),
     [
         ((0,), "Only elements with n=0, the first are wrong."),
+        ((0, 0, 0, 0), None),
         ((slice(1, None),), "Only elements with n=1 and after are wrong."),
         ((slice(None), 1), "Only elements with c=1, the last are wrong."),
         ((slice(None), slice(None), [0, -1]), "Only elements with h in 0, 4 are wrong."),
