@@ -21,7 +21,7 @@ and selects the one that matches the depth better; use --hand left or right if i
 (docs/bodies.md) needs --weights and --model of its net, --cube, and for full frames --center.
 
 Joints are in mm, x right, y up, z away, from the camera, and without --camera from the crop's centre. The percentage is
-the probability that their mean error is below 30 mm. --json prints the format of a track with one frame per image.
+the probability that their mean error is below 30 mm. --json has the format of a track, with one frame per image.
 --html also writes a page for the browser that shows the hands with the depth points; they can be rotated and bent.
 """
 
@@ -49,7 +49,6 @@ from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.search import PLANS
 from handpose.frames.images import UnitError, read_crop, read_frame
 from handpose.frames.inspection import doubt_of
-from handpose.output.tracks.predictions import document, frame_values
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, hand_arguments, outputs
@@ -80,8 +79,9 @@ def main(argv: list[str] | None = None) -> int:
     arguments.add_engine(parser)
     hand_arguments.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
     parser.add_argument("--csv", metavar="FILE.csv", type=arguments.name_in(".csv"), help="write one row per image")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    args = parser.parse_args(argv)
+    parser.add_argument("--json", metavar="FILE.json", type=arguments.name_in(".json", "-"),
+                        help="write JSON; without a name or with -, print it instead of a table")  # fmt: skip
+    args = parser.parse_args(arguments.with_dash(argv, "--json", ".json"))
     if args.model and not args.weights:
         parser.error("--model needs --weights")
     if args.fit == "no" and args.hand == "either":
@@ -103,24 +103,21 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     outputs.make_folder(out)
     own = args.camera if isinstance(args.camera, Path) else None
-    for file in filter(None, (args.html, args.csv)):
+    for file in {args.html, args.csv, args.json} - {None, "-"}:
         outputs.check_place(Path(file), [*args.images, own, args.weights, args.model])
     whole = args.camera is not None
     depths = [read_frame(image, given) if whole else read_crop(image) for image in args.images]
     middles = args.center or [None]
     centers = middles if len(middles) > 1 else middles * len(args.images)
     places = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
-    frames, hands = list[dict[str, Any]](), list[tuple[str, Hand]]()
+    hands = list[tuple[str, Hand]]()
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image, given) if whole else predictor.in_crop(depth)
         if found.in_frame and predictor.is_hand:
             print_warnings(image, depth, found.camera, given.unit_mm, 0.0 if found.fit is None else found.confidence)
         hands.append((image, found))
         findings.draw(place, found, predictor)
-        if args.json:
-            values = frame_values(len(frames), found, predictor.skeleton, args.joints)
-            frames.append({"image": image, "picture": str(place), **values})
-        else:
+        if args.json != "-":
             words, lines = findings.table(found, predictor, args.joints)
             for line in (f"{image}: {words}; picture {place}", *lines):
                 say(line)
@@ -129,8 +126,7 @@ def run(args: argparse.Namespace) -> int:
     if args.csv:
         findings.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:
-        source = args.images[0] if len(args.images) == 1 else f"{len(args.images)} images"
-        print(document(source, [found for _, found in hands], frames, predictor.skeleton, args.joints))
+        findings.write_json(args.json, hands, places, predictor, args.joints)
     return DONE
 
 

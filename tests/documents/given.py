@@ -194,7 +194,7 @@ def classifier(folder: Path) -> Names:
 
 
 BY_DOCUMENT: dict[str, tuple[CameraInfo, ...]] = {
-    "README.md": (frames, frame, crop, weights, data),
+    "README.md": (frames, frame, weights, data),
     "docs/caffe.md": (nets,),
     "docs/caffe_nets.md": (classifier,),
     "docs/caffe_tools.md": (pictures,),

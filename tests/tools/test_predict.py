@@ -82,6 +82,15 @@ def test_json_of_crops(snapshot):
         read_track("a.json")
 
 
+def test_json_to_a_file(snapshot):
+    """--json FILE.json writes what --json prints, beside the table; an image may follow --json."""
+    printed = run_tool("predict", *OWN, "--out", "p", "--json", "crop.png").out
+    table = run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "hands.json").out
+    assert table.startswith("crop.png: ") and Path("hands.json").read_text() == printed
+    assert run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "-").out == printed
+    assert "is read in this run" in run_tool("predict", *OWN, "c.json", "--json", "c.json", "--out", "p", status=1).err
+
+
 def test_json_of_frames_is_read_as_a_track(frame):
     """Frames are read like those of a track, with NaN for what only a fit determines; their sizes may differ."""
     cv2.imwrite("smaller.png", frame[:-8])

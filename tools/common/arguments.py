@@ -147,6 +147,15 @@ def named_file(text: str) -> tuple[str, str]:
     return name.strip(), path
 
 
+def with_dash(argv: Sequence[str] | None, option: str, suffix: str) -> list[str]:
+    """Return the arguments (None: of the process) with ``-`` as value of an option that no file name follows."""
+    given = list(sys.argv[1:] if argv is None else argv)
+    for i, (word, following) in enumerate(zip(given, [*given[1:], ""])):
+        if word == option and following != "-" and Path(following).suffix.lower() != suffix:
+            given[i] = f"{option}=-"
+    return given
+
+
 def name_in(*endings: str) -> Callable[[str], str]:
     """Return a parser of file names with one of these suffixes."""
 

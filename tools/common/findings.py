@@ -22,6 +22,7 @@ from handpose.output.drawing.page.assembly import page
 from handpose.output.drawing.page.content import content, hand
 from handpose.output.drawing.tracks import Painter
 from handpose.output.tracks import angles, csv_file, joint_values
+from handpose.output.tracks.predictions import document, frame_values
 from handpose.sequences.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import TrackedFrame, TrackHeader
@@ -46,6 +47,26 @@ def write_csv(path: Path, hands: Sequence[tuple[str, Hand]], predictor: Predicto
     rows = [[image, *_row(found, predictor, joints)] for image, found in hands]
     content = csv_file.rows_of([["image", *_columns(predictor, joints)], *rows])
     atomic.replace(path, lambda fresh: fresh.write_bytes(content))
+
+
+def write_json(
+    file: str, hands: Sequence[tuple[str, Hand]], pictures: Sequence[Path], predictor: Predictor,
+    joints: FormatName | None,
+) -> None:  # fmt: skip
+    """Write the images, pictures and predictions as a track with one frame per image, or print it for the name ``-``.
+
+    Raises DataError, OSError.
+    """
+    source = hands[0][0] if len(hands) == 1 else f"{len(hands)} images"
+    frames = [
+        {"image": image, "picture": str(picture), **frame_values(number, found, predictor.skeleton, joints)}
+        for number, ((image, found), picture) in enumerate(zip(hands, pictures))
+    ]
+    text = document(source, [found for _, found in hands], frames, predictor.skeleton, joints)
+    if file == "-":
+        print(text)
+    else:
+        atomic.replace_text(Path(file), text + "\n")
 
 
 def _columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
