@@ -11,14 +11,22 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from docs.making import palette
+from docs.making.figures.learning import START, STEEP, STEPS
 from docs.making.made import Made
-from docs.making.pages import momentum, small_net, windows
+from docs.making.pages import small_net, windows
 from handpose.output.drawing.page.assembly import assembled, script_of, source
 from netlib.files.paths import ROOT
 
 BROWSER = ROOT / "web" / "book"
+
+
+def _momentum() -> dict[str, Any]:
+    """The valley and the start of chapter 6, and the number of steps; the browser computes the paths."""
+    return {"start": START, "kappa": float(STEEP[1] / STEEP[0]), "steps": STEPS}
+
+
 PAGES: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {  # name of the file: (title, a function of its data)
-    "momentum": ("Momentum", momentum.data),
+    "momentum": ("Momentum", _momentum),
     "windows": ("Convolution and pooling", windows.data),
     "small_net": ("A small net, step by step", small_net.data),
 }
