@@ -184,8 +184,8 @@ def _second_history(solver: Solver) -> Back:
 
 
 def _mixed_up(solver: Solver) -> Back:
-    """The histories are assigned to the wrong parameters. state.history holds the first histories of all parameters,
-    then the second ones: entry i is history i // count of parameter i % count.
+    """The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first histories
+    of all parameters, then the second ones: entry i is history i // count of parameter i % count.
     """
 
     def back() -> None:

@@ -35,13 +35,13 @@ function writerOf(n, name) {
 }
 
 const boxes = [], labels = [], svg = shape("svg", {
-  viewBox: `0 0 ${WIDE} ${TALL * Math.max(...Object.values(depth)) + 86}`, role: "img", "aria-label": "The net",
+  viewBox: `-12 0 ${WIDE + 12} ${TALL * Math.max(...Object.values(depth)) + 86}`, role: "img", "aria-label": "The net",
 });
 data.layers.forEach((layer, n) => {
   layer.bottom.forEach((name) => {
     const from = writerOf(n, name), [x0, y0] = places[from], [x1, y1] = places[n];
     const aside = y1 - y0 > 1.5 * TALL; // t goes around the layers between
-    const way = aside ? `M${x0 - BOX[0] / 2} ${y0}H10V${y1}H${x1 - BOX[0] / 2}`
+    const way = aside ? `M${x0 - BOX[0] / 2} ${y0}H-6V${y1}H${x1 - BOX[0] / 2}`
       : `M${x0} ${y0 + BOX[1] / 2}L${x1} ${y1 - BOX[1] / 2}`;
     svg.append(shape("path", { class: "wire", d: way }));
   });
@@ -58,7 +58,7 @@ data.layers.forEach((layer, n) => {
     // Under the box of its writer; the copies of a Split over the boxes of their readers.
     const reader = data.layers.findIndex((other, m) => m > n && other.bottom.includes(top));
     const split = layer.type === "Split", side = top === "t";
-    const [lx, ly] = split ? [places[reader][0], places[reader][1] - 34] : side ? [20, y + 20]
+    const [lx, ly] = split ? [places[reader][0], places[reader][1] - 34] : side ? [4, y + 20]
       : [Math.min(x + 6, WIDE - 76), y + 28];
     const anchor = split ? "middle" : "start";
     const attributes = { x: lx, "text-anchor": anchor, "data-blob": `${n}.${i}` };
