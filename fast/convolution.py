@@ -23,7 +23,7 @@ from fast.row_tiles import RowTiles
 from fast.rows import Rows
 from fast.tiles import FastBlob, pitch_of, tile_of
 from fast.window_tiles import WindowTiles
-from fast.winograd import Winograd
+from fast.winograd import SIDE, Winograd
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
 from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseConvolution
@@ -57,11 +57,19 @@ def is_depthwise(s: Sizes) -> bool:
     return len(s.sizes) == 2 and s.geometry.group > s.inputs == 1
 
 
-def is_wide_3x3(s: Sizes) -> bool:
-    """3 x 3, with enough channels and tiles to make the time of the transforms small. Up to 1.6 times as fast."""
-    channels = s.inputs * s.outputs >= 54 * (s.inputs + s.outputs)
-    dense = s.geometry.is_dense and s.geometry.kernel == (3, 3)
-    return dense and channels and s.images * math.prod(s.windows) >= 500
+def is_wide(s: Sizes, tiles: int = 48) -> bool:
+    """3 x 3 or 5 x 5, with enough channels to make the time of the transforms small, and enough tiles to make that of
+    the weights small. Up to twice as fast."""
+    if not s.geometry.is_dense or s.geometry.kernel not in ((3, 3), (5, 5)):
+        return False
+    side = SIDE + 1 - s.geometry.kernel[0]  # of a tile
+    channels = s.inputs * s.outputs >= 12 * (s.inputs + s.outputs)
+    return channels and s.images * math.prod(-(-n // side) for n in s.windows) >= tiles
+
+
+def is_wide_batch(s: Sizes) -> bool:
+    """For dw with more tiles, because each block adds four times as many values as the weights have."""
+    return is_wide(s, tiles=96)
 
 
 def has_few_outputs(s: Sizes) -> bool:
@@ -85,7 +93,7 @@ def is_any(s: Sizes) -> bool:
 # Algorithm, its sizes for y and dx, its sizes for dw
 ALGORITHMS: tuple[tuple[Algorithm, Callable[[Sizes], bool], Callable[[Sizes], bool]], ...] = (
     (Depthwise(), is_depthwise, is_depthwise),
-    (Winograd(), is_wide_3x3, is_wide_3x3),
+    (Winograd(), is_wide, is_wide_batch),
     (Rows(), has_few_outputs, has_small_kernel),
     (Columns(), is_any, is_any),
 )

@@ -15,6 +15,7 @@ import numpy as np
 
 from fast import parallel
 from fast.fast_layer import FastLayer
+from fast.parallel import scratch
 from layers.common.inner_product import InnerProduct
 from netlib.blob import Blobs
 from netlib.system.memory import blocks
@@ -22,6 +23,7 @@ from netlib.system.memory import blocks
 MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
 FEW_ITEMS = 8  # up to this number, items are faster one at a time (measured by benchmarks/parts.py)
 CACHED_BYTES = 1 << 20  # size of a block's weights, so that they stay in the cache between items
+SUM_VALUES = 1 << 18  # of dw computed before they are added, so that they are in the cache
 ALIGNED = 64  # outputs; blocks of multiples of this size round like one product of all outputs
 
 
@@ -52,7 +54,9 @@ class FastInnerProduct(FastLayer, InnerProduct):
         dw = self.output_first(self.weight.diff)
 
         def weight_job(o: slice) -> None:
-            dw[o] += dy[:, o].T @ x
+            for i in blocks(self.inputs, max(SUM_VALUES // max(o.stop - o.start, 1), 1)):
+                out = scratch("result", (o.stop - o.start, i.stop - i.start), dw.dtype)
+                dw[o, i] += np.matmul(dy[:, o].T, x[:, i], out=out)
             if self.param.bias_term:
                 self.bias.diff[o] += dy[:, o].sum(axis=0, dtype=np.float64)
 
