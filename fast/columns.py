@@ -25,6 +25,7 @@ COLUMN_BYTES = 8 << 20  # of a block; smaller ones take more calls, larger ones 
 MIN_COLUMNS = 512  # of a block, because BLAS copies the weights for every product
 MIN_WINDOWS = 8  # per output, from which flipping the kernel takes less time than adding instead of copying columns
 MIN_IMAGE = 128  # positions of an image from which a 1 x 1 convolution reads x in place, without joining images
+MIN_ROW = 16  # outputs; copying shorter rows takes as long if their values are not adjacent
 COPY = 16  # multiplications that take as long as copying a value
 
 
@@ -56,6 +57,13 @@ class Columns:
         for images, rows in _blocks(g, x, dy.shape):
             columns = lower(g, x[images], rows, dy.shape[2:])
             _gradient(g, columns, _by_channel(dy[images, :, rows]), dw)
+
+    def correlate_and_gradient(self, g: Geometry, x: Array, w: Array, dy: Array, y: Array, dw: Array) -> None:
+        """Write y and add to dw, from the same columns."""
+        for images, rows in _blocks(g, x, y.shape):
+            columns = lower(g, x[images], rows, y.shape[2:])
+            _gradient(g, columns, _by_channel(dy[images, :, rows]), dw)
+            _correlate(g, w, After(), columns, y[images, :, rows])
 
 
 def _correlate(g: Geometry, w: Array, after: After, columns: Array, y: Array) -> None:
@@ -134,7 +142,8 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
     by_channel, inside, sizes = g.band(x.swapaxes(0, 1), rows)
     shape = (C, *g.kernel, n, rows.stop - rows.start, *outputs[1:])
     columns = scratch("columns", shape, x.dtype)
-    step = g.stride[-1] if g.kernel[-1] > g.stride[-1] else 1  # values of every column are adjacent in a split map
+    is_split = g.kernel[-1] > g.stride[-1] and outputs[-1] >= MIN_ROW
+    step = g.stride[-1] if is_split else 1  # values of every column are adjacent in a split map
     direct = step == 1 and not any(g.pad)
     padded = scratch("padded", (C, n, *sizes[:-1], step, -(-sizes[-1] // step)), x.dtype)
 

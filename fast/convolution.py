@@ -261,9 +261,13 @@ class FastDeconvolution(FastLayer, Deconvolution):
             return
         for x, y, down in zip(bottom, top, propagate_down):
             dy = self.images(y.diff)
-            self.algorithm.gradient.gradient(self.geometry, dy, self.images(x.data), self.weight.diff)
             if self.param.bias_term:
                 self.bias.diff[...] += sum_by_channel(dy)
+            if down and max(self.geometry.stride) > 1:  # one set of columns takes less time than two fast algorithms
+                arrays = self.images(x.data), self.images(x.diff), self.weight.diff
+                Columns().correlate_and_gradient(self.geometry, dy, self.weight.data, *arrays)
+                continue
+            self.algorithm.gradient.gradient(self.geometry, dy, self.images(x.data), self.weight.diff)
             if down:
                 self.algorithm.correlate.correlate(self.geometry, dy, self.weight.data, After(), self.images(x.diff))
 

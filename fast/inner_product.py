@@ -23,7 +23,7 @@ from netlib.system.memory import blocks
 MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
 FEW_ITEMS = 8  # up to this number, items are faster one at a time (measured by benchmarks/parts.py)
 CACHED_BYTES = 1 << 20  # size of a block's weights, so that they stay in the cache between items
-SUM_VALUES = 1 << 18  # of dw computed before they are added, so that they are in the cache
+SUM_VALUES = 1 << 21  # of dw computed before they are added, in memory that is used again
 ALIGNED = 64  # outputs; blocks of multiples of this size round like one product of all outputs
 
 

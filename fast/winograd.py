@@ -24,7 +24,7 @@ scaleAdd multiplies and adds in one pass, in half of the time of NumPy's additio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import cv2
@@ -163,7 +163,7 @@ def _spread(y: Array, out: Array, temporary: Array) -> None:
 
 def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
     """Bᵀ d B of the tiles of these rows, V (36, C, tiles), from x (n, C, H, W)."""
-    n, C, H, W = x.shape
+    n, C = x.shape[:2]
     m = SIDE + 1 - g.kernel[0]
     R, T, more = rows.stop - rows.start, -(-outputs[1] // m), -(-SIDE // m) - 1
     padded = scratch("padded", (C, n, R + more, m, m * (T + more)), x.dtype)
