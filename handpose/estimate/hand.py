@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import THICKNESS, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.observation import HandCrops
+from handpose.fit.pose_confidence import judged_poses, side_chance
 from handpose.fit.rejection import rejection_score
 from handpose.fit.world_pose import WorldPose, world_pose
 from handpose.frames.cameras import Camera
@@ -34,6 +35,8 @@ class Hand:
     known_size  True if the fit was given the size
     is_tracked  True if the fit started from the pose expected from earlier frames
     is_predicted  False if the network was not run; then ``network_mm`` are the joints expected from earlier frames
+    other       the same crop fitted as a hand of the other side, if both sides were tried
+    quality     expected error in mm and confidence by the whole frame (``judged``); None: those of the fit
     in_frame    False for a crop without its frame: then camera and centre are assumed
 
     The values of the fit are NaN, and its surface and pose are errors, without a fit.
@@ -51,6 +54,8 @@ class Hand:
     is_tracked: bool = False
     is_predicted: bool = True
     in_frame: bool = True
+    other: Hand | None = None
+    quality: tuple[float, float] | None = None
 
     # ---------------------------------------------------------------------------------------- where it is
 
@@ -79,7 +84,7 @@ class Hand:
     @property
     def confidence(self) -> float:
         """Probability that the mean error of the joints is below 30 mm; NaN if it was not measured for the network."""
-        return self._of_fit("confidence")
+        return self.quality[1] if self.quality else self._of_fit("confidence")
 
     @property
     def chance(self) -> float:
@@ -90,7 +95,27 @@ class Hand:
     @property
     def error_mm(self) -> float:
         """The expected mean error of the joints; NaN likewise."""
-        return self._of_fit("error_mm")
+        return self.quality[0] if self.quality else self._of_fit("error_mm")
+
+    def judged(self, readings: NDArray[np.generic]) -> Hand:
+        """This hand with the error and the confidence of its pose in its frame (height, width) in mm.
+
+        If both sides were fitted, the confidence is multiplied by the probability of this one, and the expected error
+        is that of this side or the distance of the other's joints, weighted by the probabilities. Unchanged without a
+        fit, or if the errors of the network were not measured.
+        """
+        if self.fit is None or np.isnan(self.error_mm):
+            return self
+        errors, confidences = judged_poses(
+            self._the_model, self.fit.x, self.mirrored_center_mm[None], mirror_of(self.hand)[None], self.fit.signs,
+            self.fit.joints, np.asarray(readings, np.float32), self.camera,
+        )  # fmt: skip
+        error_mm, confidence = float(errors[0]), float(confidences[0])
+        if self.other is not None:
+            chance = side_chance(self.cost, self.other.cost)
+            apart = float(np.linalg.norm(self.xyz - self.other.xyz, axis=1).mean())
+            error_mm, confidence = chance * error_mm + (1 - chance) * max(apart, error_mm), chance * confidence
+        return replace(self, quality=(error_mm, confidence))
 
     @property
     def uncertainty(self) -> float:

@@ -12,6 +12,7 @@ Network and fit are those of a ``HandEstimator``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class HandPipeline:
     def in_crop(self, crop: NDArray[np.float32], camera: Camera, center_uvd: Array) -> Hand:
         """The hand in one crop (128, 128), of the side whose fit is least uncertain. Raises NetlibError."""
         candidates = [Candidate(crop, center_uvd, side) for side in self.sides]
-        return min(self.estimator.estimate(candidates, camera, self.plan), key=_uncertainty)
+        return _likelier(self.estimator.estimate(candidates, camera, self.plan))
 
     def in_frame(
         self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], log_odds: Sequence[float], *,
@@ -145,7 +146,7 @@ class HandPipeline:
         sides = [[place._replace(side=side) for side in self.sides] for place in places]
         left = [candidate for both in sides for candidate in both if _key(candidate) not in hands]
         hands |= zip(map(_key, left), self.estimator.estimate(left, camera, self.plan))
-        of_places = [min((hands[_key(candidate)] for candidate in both), key=_uncertainty) for both in sides]
+        of_places = [_likelier([hands[_key(candidate)] for candidate in both]) for both in sides]
         return [hand for hand, _ in sorted(zip(of_places, places), key=_place_score)]
 
 
@@ -158,6 +159,12 @@ def _place_score(found: tuple[Hand, Candidate]) -> float:
     """The score that chooses between places, lower is better: by the fit, and by the locator."""
     hand, candidate = found
     return (0.0 if hand.fit is None else hand.rejection_score) - ODDS_MM * candidate.log_odds
+
+
+def _likelier(sides: Sequence[Hand]) -> Hand:
+    """The less uncertain hand of those of one crop, with the other side's, if any, as ``other``."""
+    best, *others = sorted(sides, key=_uncertainty)
+    return replace(best, other=others[0]) if others else best
 
 
 def _uncertainty(hand: Hand) -> float:

@@ -119,6 +119,8 @@ class Predictor:
                 finds are fitted by the fast plan, and the best of them by the plan. Between the sides in one crop the
                 uncertainty of the fit decides, between places its rejection score and the locator's odds
 
+        The hand's error and confidence are judged in the whole frame (``Hand.judged``).
+
         Raises UnitError for depths that cannot be mm, DataError, NetlibError.
         """
         depth = self._readings(depth)
@@ -128,8 +130,9 @@ class Predictor:
         if center is None and self.locator is not None:
             located = self.locator.hands(depth, camera)
             starts = list(camera.project(located.center))
-            return self.pipeline.in_frame(depth, camera, starts, list(located.odds), search=True)[0]
-        return self.pipeline.in_frame(depth, camera, [self._start(depth, center)], [0.0], search=False)[0]
+            return self.pipeline.in_frame(depth, camera, starts, list(located.odds), search=True)[0].judged(depth)
+        start = self._start(depth, center)
+        return self.pipeline.in_frame(depth, camera, [start], [0.0], search=False)[0].judged(depth)
 
     def hands_at(self, depth: NDArray[np.generic], starts: Sequence[Array], log_odds: Sequence[float]) -> list[Hand]:
         """The hands at places that a locator found, as ``in_frame`` fits them, the best first.

@@ -25,10 +25,13 @@ has the frames from which the weights were computed, and the results on others.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from handpose.fit.body import CapsuleModel
 from handpose.fit.network_errors import GOOD_MM, LOST_MM
 from handpose.fit.network_errors import SIGNS as FIT_SIGNS
-from handpose.fit.support import JointDepths, Support
+from handpose.fit.support import JointDepths, Support, joint_depths, support
+from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
 SIGNS = (*FIT_SIGNS, "behind", "before", "penetration")
@@ -37,6 +40,9 @@ CONSTANT = -0.29
 SPREAD = 0.4  # between the deviation in the sequences of the regression, 0.32, and in each when it is left out, 0.54
 # Share of the surface that faces the camera and was not seen at its place; factors of confidence and expected error.
 UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (0.15, 0.3, 0.45, 0.6), (1.0, 0.7, 0.3, 0.1), (1.0, 1.3, 2.0, 3.0)
+# The side of a hand is judged by the log-ratio of the costs of the fits as either side.
+MAX_RATIO = 0.5  # maximum contribution of one frame
+SIDE_SLOPE = 8.0  # of the log-odds of a side by the mean ratio
 MAX_SIGN = 1e6  # instead of the infinite signs of an empty crop
 
 
@@ -53,6 +59,32 @@ def judged(signs: Array, lag_mm: Array, support: Support) -> tuple[Array, Array]
     error = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
     confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
     return np.minimum(error, LOST_MM), confidence
+
+
+def judged_poses(
+    model: CapsuleModel, x: Array, center_mm: Array, mirror: Array, fit_signs: Array, fit_joints: Array,
+    readings: NDArray[np.floating], camera: Camera,
+) -> tuple[Array, Array]:  # fmt: skip
+    """``judged`` for N poses in one image (height, width) in mm, 0 without a reading.
+
+    x           (N, V) variables of the poses
+    center_mm   (N, 3) their origins, in the axes of the fits
+    mirror      (N, 3) factors of these axes: those of the camera if all are 1
+    fit_signs   (N, 5) of their fits
+    fit_joints  (N, K, 3) of their fits, in mm from the origins, in the axes of the fits
+    """
+    joints = model.joints(x)
+    capsules = model.capsules(x, center_mm).mirrored(mirror)
+    seen = support(capsules, model.surface.limbs, readings, camera)
+    lag = np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1)
+    depths = joint_depths((joints + center_mm[:, None]) * mirror[:, None], readings, camera)
+    return judged(pose_signs(fit_signs, depths, model.surface.mean_penetration(capsules)), lag, seen)
+
+
+def side_chance(cost: float, other_cost: float) -> float:
+    """The probability of the side of a fit with a cost, against that of the fit as the other side, in one image."""
+    ratio = np.clip(np.log(max(other_cost, 1e-9) / max(cost, 1e-9)), -MAX_RATIO, MAX_RATIO)
+    return float(1 / (1 + np.exp(-SIDE_SLOPE * ratio)))
 
 
 def _normal(x: Array) -> Array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import SIDES, Side
 from handpose.estimate.hand import Hand
+from handpose.fit.pose_confidence import MAX_RATIO, SIDE_SLOPE
 from handpose.fit.world_pose import WorldPose
 from handpose.tracking.body_motion import Motion, motion_between, moved
 from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
@@ -31,10 +32,8 @@ NEW = 0.6  # weight of the last two frames in the velocity
 COMPARE = 0.1  # s between comparisons of the sides, until the side is decided
 # The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
 # has the right sign in 64% to 100% of the frames, and the mean of the first second always.
-MAX_RATIO = 0.5  # maximum contribution of one frame
 MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6  # s of comparisons: at least, at most; minimum number
 CLEAR = 0.1  # mean ratio that decides before the maximum
-SIDE_SLOPE = 8.0  # of the log-odds of the more likely side by the mean ratio
 MAX_SIDE_CONFIDENCE = 0.99  # of a side that is not decided
 REVISED, SETTLED = 2.0, 4.0  # sum of ratios that changes a decided side; maximum for that side, which delays a change
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import mirror_of
 from handpose.fit.body import SIZE
-from handpose.fit.pose_confidence import judged, pose_signs
-from handpose.fit.support import joint_depths, support
+from handpose.fit.pose_confidence import judged_poses
 from handpose.fit.world_pose import variables_of
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.pose_estimator import PoseEstimator
@@ -45,17 +44,14 @@ def _as_sides(
     if track.size is not None:
         x[:, SIZE] = np.log(track.size)  # the known size, instead of a filtered one
     joints = model.joints(x)
-    capsules = model.capsules(x, center).mirrored(mirror)
     xyz = (joints + center[:, None]) * mirror[:, None]
     error_mm, confidence = (np.array([getattr(hand, name) for hand in found]) for name in ("error_mm", "confidence"))
     if np.isfinite(error_mm).all():  # the errors of the network were measured
-        seen = support(capsules, model.surface.limbs, readings, estimator.camera)
-        fitted = np.stack([hand.joints_mm for hand in found])
-        lag = np.linalg.norm(joints * mirror[:, None] - fitted, axis=2).mean(axis=1)
-        depths, deep = joint_depths(xyz, readings, estimator.camera), model.surface.mean_penetration(capsules)
-        signs = pose_signs(np.stack([hand.signs for hand in found]), depths, deep)
-        error_mm, confidence = judged(signs, lag, seen)
+        fitted = np.stack([hand.joints_mm for hand in found]) * mirror[:, None]
+        signs = np.stack([hand.signs for hand in found])
+        error_mm, confidence = judged_poses(model, x, center, mirror, signs, fitted, readings, estimator.camera)
     inputs = model.inputs_of(x)
+    capsules = model.capsules(x, center).mirrored(mirror) if surface else None
     return [
         TrackedHand(
             id=track.id,
@@ -68,7 +64,7 @@ def _as_sides(
             xyz=xyz[n],
             center_uvd=hand.center_uvd,
             cube_mm=estimator.cube_mm,
-            capsules=capsules.frames(slice(n, n + 1)) if surface else None,
+            capsules=None if capsules is None else capsules.frames(slice(n, n + 1)),
             side_confidence=chances[n],
         )
         for n, hand in enumerate(found)

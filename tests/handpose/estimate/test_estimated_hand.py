@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,20 @@ def test_errors_that_were_not_measured(model: CapsuleModel) -> None:
     assert empty.chance == 0
     known = fitted(model, "right")
     assert known.chance == known.confidence and known.selection_cost == known.error_mm
+
+
+def test_the_side_lowers_the_confidence(model: CapsuleModel) -> None:
+    """A side no cheaper than the other is at most half as sure, and may be as wrong as the other is far away."""
+    hand, other = fitted(model, "right"), fitted(model, "left")
+    readings = np.full((NYU.height, NYU.width), 700.0)
+    alone, doubtful = hand.judged(readings), replace(hand, other=other).judged(readings)
+    assert doubtful.confidence == pytest.approx(alone.confidence / 2)
+    apart = np.linalg.norm(hand.xyz - other.xyz, axis=1).mean()
+    assert doubtful.error_mm == pytest.approx((alone.error_mm + max(apart, alone.error_mm)) / 2)
+    assert (alone.cost, alone.uncertainty) == (hand.cost, hand.uncertainty) and alone.error_mm != hand.error_mm
+
+
+def test_nothing_is_judged_that_was_not_measured(model: CapsuleModel) -> None:
+    """Without a fit, or for a network whose errors were not measured, the values stay NaN."""
+    unknown = fitted(model, "right", error_mm=np.nan, confidence=np.nan)
+    assert unknown.judged(np.full((NYU.height, NYU.width), 700.0)) is unknown
