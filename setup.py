@@ -35,5 +35,6 @@ setup(
     long_description_content_type="text/markdown",
     packages=[name for top in IMPORTED for name in folders_in(top)] + [f"netlib.share.{name}" for name in shared],
     package_dir={f"netlib.share.{top}": top for top in (*SHARED, "docs")},
+    exclude_package_data={"netlib.share.docs": ["*.html"]},  # the pages for the browser, where make docs has been run
     package_data={"": ["*.schema.json", "*.prototxt", "*.md", "*.h5", "*.npz", "*.html", "*.css", "*.js", "py.typed"]},
 )

@@ -6,7 +6,7 @@ are sums of long vectors, one per element of the kernel: the maps of an image ar
 product to the outputs, which stay in the cache. The gradient of x is added to these vectors, and that of w is the sum
 of their products with dy.
 
-Large maps with stride 1 are filtered by OpenCV, one channel at a time.
+Large maps are filtered by OpenCV, one channel at a time; with a stride, the windows are chosen afterwards.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ import cv2
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import Geometry, at, run_parts
-from fast.last_axis import Maps, shape_of
+from fast.geometry import Geometry, run_parts
+from fast.last_axis import Maps, map_first, map_last, shape_of
 from fast.parallel import scratch
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
 ALL = slice(None)
-FILTERED = 2500  # values of a padded map from which calls of filter2D take less time
+FILTERED = 1200  # values of a map, per window, from which calls of filter2D take less time
+ACTIVATED = 1 << 15  # values of the outputs to which an activation is applied at a time
 MAX_VALUES = 1 << 18  # of the maps of a block
 MIN_CHANNELS = 32  # of a block
 BAND_VALUES = 1 << 15  # of the rows of outputs in one call
@@ -42,7 +43,7 @@ class Depthwise:
             w = w * after.gain[:, None, None, None]
         kernels, target = _by_input(C, w, 0), _by_input(C, y, 1)
         biases = (np.zeros(len(w), w.dtype) if after.bias is None else after.bias).reshape(C, -1)
-        filtered = set(g.stride) == {1} and np.prod(g.padded(x.shape[2:])) >= FILTERED
+        filtered = is_filtered(g, x.shape[2:], y.shape[2:])
 
         def job(part: slice) -> None:
             if filtered:
@@ -61,8 +62,8 @@ class Depthwise:
         """Write dx."""
         C = dx.shape[1]
         kernels, gradient = _by_input(C, w, 0), _by_input(C, dy, 1)
-        filtered = set(g.stride) == {1} and np.prod(g.padded(dx.shape[2:])) >= FILTERED
-        if filtered and len(w) == C and g.is_turnable(dx.shape, dy.shape):
+        turned = len(w) == C and g.is_turnable(dx.shape, dy.shape)
+        if turned and is_filtered(g.turned, dy.shape[2:], dx.shape[2:]):
             self.correlate(g.turned, dy, w[:, :, ::-1, ::-1], after, dx)
             return
 
@@ -95,25 +96,35 @@ class Depthwise:
         run_parts(job, C, C, dy.size * dw[0].size * VALUE)
 
 
+def is_filtered(g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]) -> bool:
+    """Whether filter2D computes all windows of a map, with the padding as its border, and takes less time."""
+    reach = zip(outputs, sizes, g.stride, g.kernel, g.pad, g.dilation)
+    inside = all((o - 1) * s < n and p <= d * (k - 1) for o, n, s, k, p, d in reach)
+    return inside and math.prod(sizes) >= FILTERED * math.prod(g.stride)
+
+
 def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, y: Array) -> None:
-    """Write y (N, C, outputs of a channel, Ho, Wo) by OpenCV's filter2D, whose windows start at each value."""
-    (N, C, H, W), Wp = x.shape, x.shape[3] + 2 * g.pad[1]
+    """Write y (N, C, outputs of a channel, Ho, Wo) by OpenCV's filter2D.
+
+    Its result at i is the sum over the window that begins at i - pad, which is the output i / stride.
+    """
     extent = [d * (k - 1) + 1 for d, k in zip(g.dilation, g.kernel)]
     spread = np.zeros((*kernels.shape[:2], *extent), x.dtype)
     spread[:, :, :: g.dilation[0], :: g.dilation[1]] = kernels
-    for images in blocks(N, max(MAX_VALUES // (H * W), 1)):
-        n = images.stop - images.start
-        padded = scratch("maps", (n, *g.padded((H, W))), x.dtype)
-        out = scratch("filtered", padded.shape, x.dtype)
-        padded[...] = 0
-        inside, valid = padded[at(ALL, g.inside((H, W)))[1:]], out[:, : y.shape[3], : y.shape[4]]
-        source, target = padded.reshape(-1, Wp), out.reshape(-1, Wp)
-        for c in range(C):
-            inside[...] = x[images, c]
-            for m in range(kernels.shape[1]):
-                cv2.filter2D(source, -1, spread[c, m], target, (0, 0), 0, cv2.BORDER_CONSTANT)
-                result = np.add(valid, biases[c, m], out=y[images, c, m])
-                after.activate(result, result)
+    anchor = g.pad[1], g.pad[0]
+    whole = set(g.stride) == {1} and y.shape[3:] == x.shape[2:]
+    full = scratch("filtered", x.shape[2:], x.dtype)
+    (down, right), (Ho, Wo) = g.stride, y.shape[3:]
+    chosen = full[: (Ho - 1) * down + 1 : down, : (Wo - 1) * right + 1 : right]
+    each = max(1, ACTIVATED // (y.shape[2] * Ho * Wo))
+    for image, outputs in zip(x, y):
+        for part in blocks(len(image), each):
+            for source, own, added, targets in zip(image[part], spread[part], biases[part].tolist(), outputs[part]):
+                for kernel, bias, target in zip(own, added, targets):
+                    cv2.filter2D(source, -1, kernel, target if whole else full, anchor, bias, cv2.BORDER_CONSTANT)
+                    if not whole:
+                        target[...] = chosen
+            after.activate(outputs[part], outputs[part])
 
 
 def _by_input(channels: int, array: Array, axis: int) -> Array:
@@ -140,37 +151,43 @@ class Sums:
         out[...] = kernel.transpose(1, 2, 0)[:, :, None, None]
         return out.reshape(*kernel.shape[1:], self.rows, -1)
 
-    def _bands(self) -> Iterator[tuple[slice, Array]]:
-        """The rows of outputs of each call, and working memory for them, (rows, Wo, c)."""
+    def _outputs(self) -> Array:
+        """Working memory for all outputs, (Ho, Wo, c)."""
+        return scratch("filtered", (self.high, self.wide, self.channels), self.maps.values.dtype)
+
+    def _bands(self, outputs: Array) -> Iterator[tuple[slice, Array]]:
+        """The rows of outputs of each call, as (rows, Wo c)."""
+        by_row = outputs.reshape(self.high, -1)
         for rows in blocks(self.high, self.rows):
-            shape = rows.stop - rows.start, self.wide, self.channels
-            yield rows, scratch("filtered", shape, self.maps.values.dtype)
+            yield rows, by_row[rows]
 
     def correlate(self, weights: Array, bias: Array, after: After, y: Array) -> None:
         """Write y (c, Ho, Wo) for repeated kernels."""
-        for rows, out in self._bands():
-            out[...] = bias
-            sums = out.reshape(len(out), -1)
+        out = self._outputs()
+        out[...] = bias
+        for rows, sums in self._bands(out):
             for element, vectors in self.maps.vectors(rows):
                 cv2.accumulateProduct(vectors, weights[element][: len(sums)], sums)
-            after.activate(out, out)
-            y[:, rows] = out.transpose(2, 0, 1)
+            after.activate(sums, sums)
+        map_first(out, y)
 
     def transpose(self, dy: Array, weights: Array) -> None:
         """Add dy (c, Ho, Wo), times each element of repeated kernels, at the places under it."""
-        for rows, own in self._bands():
-            own[...] = dy[:, rows].transpose(1, 2, 0)
-            gradient = own.reshape(len(own), -1)
+        for rows, gradient in self._bands(self._read(dy)):
             for element, vectors in self.maps.vectors(rows):
-                cv2.accumulateProduct(gradient, weights[element][: len(own)], vectors)
+                cv2.accumulateProduct(gradient, weights[element][: len(gradient)], vectors)
 
     def gradient(self, dy: Array, sums: Array) -> None:
         """Add dy (c, Ho, Wo) times the values under each element of the kernel to sums (kh, kw, rows, Wo c)."""
-        for rows, own in self._bands():
-            own[...] = dy[:, rows].transpose(1, 2, 0)
-            gradient = own.reshape(len(own), -1)
+        for rows, gradient in self._bands(self._read(dy)):
             for element, vectors in self.maps.vectors(rows):
-                cv2.accumulateProduct(vectors, gradient, sums[element][: len(own)])
+                cv2.accumulateProduct(vectors, gradient, sums[element][: len(gradient)])
+
+    def _read(self, dy: Array) -> Array:
+        """The gradient dy (c, Ho, Wo) as (Ho, Wo, c)."""
+        gradient = self._outputs()
+        map_last(dy, gradient)
+        return gradient
 
 
 def _blocks(g: Geometry, x: Array, y: Array, part: slice) -> Iterator[tuple[slice, Maps, Sums]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
 
 from fast.geometry import Geometry
@@ -41,24 +42,29 @@ class Maps:
 
     def read(self, x: Array) -> None:
         """Copy x (M, H, W) to the maps."""
-        for inside, places in self._phases(x.transpose(1, 2, 0)):
+        by_place = scratch("by place", (*x.shape[1:], len(x)), x.dtype)
+        map_last(x, by_place)
+        for inside, places in self._phases(by_place):
             places[...] = inside
 
     def write(self, x: Array) -> None:
         """Copy the maps to x (M, H, W)."""
-        for inside, places in self._phases(x.transpose(1, 2, 0)):
+        by_place = scratch("by place", (*x.shape[1:], len(x)), x.dtype)
+        for inside, places in self._phases(by_place):
             inside[...] = places
+        map_first(by_place, x)
 
     def vectors(self, rows: slice | None = None) -> Iterator[tuple[tuple[int, ...], Array]]:
         """For each element of a window, the values under it for these rows of outputs, (rows, Wo M)."""
-        rows = rows or slice(0, self.outputs[0])
-        (step, H, _, M), R = self.values.shape, rows.stop - rows.start
-        by_row = self.values.reshape(step, H, -1)
-        for i, j in np.ndindex(*self.g.kernel):
-            first = rows.start * self.g.stride[0] + i * self.g.dilation[0]
-            under = slice(first, first + (R - 1) * self.g.stride[0] + 1, self.g.stride[0])
-            column, phase = divmod(j * self.g.dilation[1], step)
-            yield (i, j), by_row[phase, under, column * M : (column + self.outputs[1]) * M]
+        start, stop = (rows.start, rows.stop) if rows else (0, self.outputs[0])
+        (step, H, _, M), down = self.values.shape, self.g.stride[0]
+        length, last = self.outputs[1] * M, (stop - start - 1) * down + 1
+        phases = list(self.values.reshape(step, H, -1))
+        for i in range(self.g.kernel[0]):
+            first = start * down + i * self.g.dilation[0]
+            for j in range(self.g.kernel[1]):
+                column, phase = divmod(j * self.g.dilation[1], step)
+                yield (i, j), phases[phase][first : first + last : down, column * M : column * M + length]
 
     def reduce(self, op: np.ufunc, out: Array) -> Array:
         """Write ``op`` over all elements of each window to out (Ho, Wo M): first over rows, then over columns."""
@@ -80,6 +86,17 @@ class Maps:
             else:
                 op(out, vector, out=out)
         return out
+
+
+def map_last(x: Array, out: Array) -> None:
+    """Copy x (M, H, W) to out (H, W, M), by blocks that stay in the cache."""
+    cv2.transpose(x.reshape(len(x), -1), out.reshape(-1, len(x)))
+
+
+def map_first(x: Array, out: Array) -> None:
+    """Copy x (H, W, M) to out (M, H, W), of which each map is contiguous, by blocks that stay in the cache."""
+    rows = np.lib.stride_tricks.as_strided(out, (len(out), out[0].size), (out.strides[0], out.itemsize))
+    cv2.transpose(x.reshape(-1, len(out)), rows)
 
 
 def shape_of(g: Geometry, sizes: Pair, outputs: Pair) -> tuple[int, int, int]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import gc
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -644,18 +645,19 @@ def stacks(draw: st.DrawFn) -> str:
     return text
 
 
-@pytest.fixture(scope="module")
-def tiny_slices() -> Iterator[None]:
-    """Limit slices to two items, so that a few items give several slices."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(slices, "MAX_SLICE", 2)
-        yield
-
-
 @settings(max_examples=300)
 @given(text=stacks(), items=st.integers(0, 5))
-def test_any_stack_of_layers_gives_the_same_in_slices(tiny_slices: None, text: str, items: int) -> None:
-    """Outputs, gradients and then all blobs agree with the plain engine up to rounding in float64."""
+def test_any_stack_of_layers_gives_the_same_in_slices(text: str, items: int) -> None:
+    """Outputs, gradients and then all blobs agree with the plain engine up to rounding in float64.
+
+    Slices are limited to two items, so that a few items give several slices.
+    """
+    with mock.patch.object(slices, "MAX_SLICE", 2):
+        check_stack(text, items)
+
+
+def check_stack(text: str, items: int) -> None:
+    """Compare a stack of layers in slices with the plain engine."""
     tree = prototxt.parse(text)
     try:
         sliced, plain = (

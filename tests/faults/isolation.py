@@ -83,8 +83,9 @@ class Worker:
         """Run one case; returns its outcome."""
         child = self._child or self._start()
         assert child.stdin is not None
-        child.stdin.write(json.dumps([module, name, seed, number]).encode() + b"\n")
-        child.stdin.flush()
+        with contextlib.suppress(BrokenPipeError):  # it has died since the last case, which is a crash, too
+            child.stdin.write(json.dumps([module, name, seed, number]).encode() + b"\n")
+            child.stdin.flush()
         ready, _, _ = select.select([self._answers], [], [], self.limit_s)
         if not ready:
             self._end()
@@ -158,8 +159,9 @@ def _serve(answers: int) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     hdf5_helper.SECONDS = 60.0
     for order in sys.stdin:
-        signal.alarm(LONGEST_S)  # limits the time that it can outlive its parent
+        signal.alarm(LONGEST_S)  # limits the time that a case can outlive the parent
         outcome = outcome_of(*json.loads(order))
+        signal.alarm(0)
         text = outcome.detail.encode("utf-8", "backslashreplace").decode()
         os.write(answers, json.dumps([outcome.kind, text]).encode() + b"\n")
 

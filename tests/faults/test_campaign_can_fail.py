@@ -56,6 +56,18 @@ def test_what_goes_wrong_is_one_failure_and_ends_nothing() -> None:
     assert found["memory"].detail.startswith("MemoryError")
 
 
+def test_a_worker_that_dies_between_two_cases_is_a_crash_of_the_next_one() -> None:
+    """A worker may wait for the next case as long as it takes; one that has died meanwhile is replaced."""
+    with Worker() as worker:
+        assert worker.run(HERE, "good", 0, 0).kind == "held"
+        assert worker._child is not None
+        os.kill(worker._child.pid, signal.SIGKILL)
+        worker._child.wait()
+        found = worker.run(HERE, "good", 0, 0)
+        assert (found.kind, found.detail) == ("CRASH", "the process ended by SIGKILL")
+        assert worker.run(HERE, "good", 4, 5) == Outcome("held", "4 5")
+
+
 # ---------------------------------------------------------------------------------------------- readers
 
 

@@ -37,9 +37,7 @@ SITE: dict[str, Published] = {}  # of this build: MkDocs keeps one module for al
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Write the pages for the browser, and find what is to be published."""
-    for page in (*hand_page.made(), *pages.made()):
-        page.update()
+    """Find what is to be published."""
     SITE["now"] = published(ROOT, **({"code": config.extra["code"]} if "code" in config.extra else {}))
     _text.cache_clear()
     config.mdx_configs.setdefault("toc", {})["slugify"] = anchor_of
@@ -59,6 +57,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         made.append(_file(config, path, InclusionLevel.INCLUDED if path in in_nav else InclusionLevel.NOT_IN_NAV))
     for path in sorted(site.as_they_are):
         made.append(_file(config, path, InclusionLevel.NOT_IN_NAV))
+    for page in (*hand_page.made(), *pages.made()):
+        path = page.path.relative_to(ROOT).as_posix()
+        made.append(File.generated(config, path, content=page.make(), inclusion=InclusionLevel.NOT_IN_NAV))
     for asset in sorted(path for path in (HERE / "assets").rglob("*") if path.is_file()):
         path = asset.relative_to(HERE).as_posix()
         made.append(File(path, str(HERE), config.site_dir, config.use_directory_urls))
