@@ -98,9 +98,8 @@ class Depthwise:
 
 def is_filtered(g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]) -> bool:
     """Whether filter2D computes all windows of a map, with the padding as its border, and takes less time."""
-    reach = zip(outputs, sizes, g.stride, g.kernel, g.pad, g.dilation)
-    inside = all((o - 1) * s < n and p <= d * (k - 1) for o, n, s, k, p, d in reach)
-    return inside and math.prod(sizes) >= FILTERED * math.prod(g.stride)
+    inside = all((o - 1) * s < n and p < k for o, n, s, k, p in zip(outputs, sizes, g.stride, g.kernel, g.pad))
+    return inside and set(g.dilation) == {1} and math.prod(sizes) >= FILTERED * math.prod(g.stride)
 
 
 def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, y: Array) -> None:
@@ -108,9 +107,6 @@ def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, 
 
     Its result at i is the sum over the window that begins at i - pad, which is the output i / stride.
     """
-    extent = [d * (k - 1) + 1 for d, k in zip(g.dilation, g.kernel)]
-    spread = np.zeros((*kernels.shape[:2], *extent), x.dtype)
-    spread[:, :, :: g.dilation[0], :: g.dilation[1]] = kernels
     anchor = g.pad[1], g.pad[0]
     whole = set(g.stride) == {1} and y.shape[3:] == x.shape[2:]
     full = scratch("filtered", x.shape[2:], x.dtype)
@@ -119,7 +115,7 @@ def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, 
     each = max(1, ACTIVATED // (y.shape[2] * Ho * Wo))
     for image, outputs in zip(x, y):
         for part in blocks(len(image), each):
-            for source, own, added, targets in zip(image[part], spread[part], biases[part].tolist(), outputs[part]):
+            for source, own, added, targets in zip(image[part], kernels[part], biases[part].tolist(), outputs[part]):
                 for kernel, bias, target in zip(own, added, targets):
                     cv2.filter2D(source, -1, kernel, target if whole else full, anchor, bias, cv2.BORDER_CONSTANT)
                     if not whole:
