@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from experiments.table1.settings import NEAR, Setting
 from experiments.table1.store import DRAWN, JOINTS, THRESHOLDS_MM, Figures, Shown
 from handpose.body import nyu
-from handpose.estimate.nets import crops_of
 from handpose.fit.joints import angles
 from handpose.fit.joints.fit_joints import fit_joints
 from handpose.scoring import metrics
 from handpose.scoring.held_out import Predictions, figures_of
+from handpose.scoring.test_sets import crops_of
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

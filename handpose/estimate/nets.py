@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM
-from handpose.datasets import labels
 from handpose.fit.search import Fit
-from handpose.frames.cameras import NYU, Camera
-from layers.data.hdf5_data import HDF5Data
 from layers.hand.hand_model import HandModel
 from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton
 from netlib import fillers
 from netlib.blob import Array, Blob
-from netlib.errors import DataError, NetlibError
+from netlib.errors import NetlibError
 from netlib.files import Content
 from netlib.fillers import Filler
 from netlib.graph import LayerHook
@@ -54,14 +51,6 @@ def trained(model: str | Path, weights: str | Path | Content, engine: str | None
     net = Net(model, TEST, engine=engine, layer_hook=Unfilled())
     net.copy_from(weights, strict=True)
     return net
-
-
-def data_layer(net: Net) -> HDF5Data:
-    """The HDF5Data layer of a test net. Raises NetlibError if there is none."""
-    for layer in net.layers:
-        if isinstance(layer, HDF5Data):
-            return layer
-    raise NetlibError(f"{net.source}: no HDF5Data layer in phase TEST; expected a net that reads a test set")
 
 
 def hand_layer(net: Net) -> HandModel | None:
@@ -118,25 +107,6 @@ def _refuse_bones(net: Net, hand: HandModel) -> None:
         raise NetlibError(f"{net.source}: layer {hand.name!r} takes the bones of each hand from blob "
                           f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
                           "layer one bottom, or two with a size")  # fmt: skip
-
-
-def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
-    """The crops (size, size) of frames of a test net's data set, by number. Raises NetlibError."""
-    data = data_layer(net)
-    depth = data.spec.top.index("depth")
-    return [data.row(int(frame))[depth][0] for frame in frames]
-
-
-def centers_of(net: Net, frames: NDArray[np.int_]) -> tuple[Array | None, Camera]:
-    """The crop centres (n, 3) in px, px, mm of frames of a test net's data set, and the camera.
-
-    The centres are None if the files do not have them.
-    """
-    try:
-        centers, camera = labels.read_crop_centers(data_layer(net).files)
-    except DataError:
-        return None, NYU
-    return np.asarray(centers[frames]), camera
 
 
 class HandPoses(NamedTuple):

@@ -12,11 +12,12 @@ import numpy as np
 from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.datasets import labels
 from handpose.estimate.crop_fits import MAX_CROPS, fit_crops
-from handpose.estimate.nets import crops_of, data_layer, hand_layer, skeleton_to_fit
+from handpose.estimate.nets import hand_layer, skeleton_to_fit
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import Plan
 from handpose.scoring import metrics
+from handpose.scoring.test_sets import crops_of, data_layer
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

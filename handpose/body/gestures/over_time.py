@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.body.gestures.shapes import GESTURES, scores
+from handpose.body.gestures.shapes import GESTURES, NUMBERS, scores
 from handpose.body.joint_formats.frames import HandFrames
 from handpose.body.sides import Side
 from layers.hand.skeleton import Skeleton
@@ -28,6 +28,11 @@ class Gesture(NamedTuple):
 
     name: str
     confidence: float
+
+    @property
+    def number(self) -> int | None:
+        """The number that the fingers show, if any."""
+        return NUMBERS.get(self.name)
 
 
 class _State(NamedTuple):

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from handpose.body.gestures.over_time import GestureReader
-from handpose.body.gestures.shapes import NUMBERS
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
 from handpose.body.sides import Side, side_of
@@ -22,6 +20,9 @@ from layers.hand.skeleton_file import SkeletonParameter, text_of
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.proto import prototxt, schema
+
+if TYPE_CHECKING:
+    from handpose.body.gestures.over_time import GestureReader
 
 FORMAT, VERSION = "handpose", 1
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
@@ -109,7 +110,11 @@ class FrameValues:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
         self._camera, self._joints = header.camera if in_frames else None, joints
         self._every_bone = every_bone
-        self._gestures = GestureReader(header.skeleton) if gestures else None
+        self._gestures: GestureReader | None = None
+        if gestures:
+            from handpose.body.gestures.over_time import GestureReader
+
+            self._gestures = GestureReader(header.skeleton)
         self._dofs = angles.free_dofs(header.skeleton)
         names = header.skeleton.dof_names
         self._angles, self._slides = [names[d] for d in self._dofs.angles], [names[d] for d in self._dofs.slides]
@@ -160,11 +165,9 @@ class FrameValues:
             )
         if self._gestures is None:
             return found
-        name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time, frames)
-        return {
-            **found,
-            "gesture": {"name": name or None, "number": NUMBERS.get(name), "confidence": rounded(confidence, 3)},
-        }
+        seen = self._gestures.read(hand.id, hand.hand, hand.xyz, time, frames)
+        gesture = {"name": seen.name or None, "number": seen.number, "confidence": rounded(seen.confidence, 3)}
+        return {**found, "gesture": gesture}
 
     def frame(self, fields: Fields) -> TrackedFrame:
         """The next frame from its object. Raises DataError."""
