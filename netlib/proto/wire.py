@@ -55,18 +55,26 @@ class Offset(Place):
 
 @dataclass(frozen=True)
 class FieldInfo:
-    """Number, name and type of a field of a message."""
+    """Number, name and type of a field of a message.
+
+    stated  kind of one value; None for an options block of a layer, whose dataclass is imported when it is needed
+    """
 
     number: int
     name: str
-    kind: Any  # kind of one value (schema.kind_of); the dataclass of a nested message
+    stated: Any
     repeated: bool
     packed: bool
 
     @functools.cached_property
+    def kind(self) -> Any:
+        """The kind of one value (schema.kind_of); the dataclass of a nested message."""
+        return option_blocks()[self.name] if self.stated is None else self.stated
+
+    @functools.cached_property
     def wire_type(self) -> int:
         """Wire type of one value."""
-        if self.kind in (str, bytes) or schema.is_message(self.kind):
+        if self.stated is None or self.kind in (str, bytes) or schema.is_message(self.kind):
             return LENGTH
         if self.kind in ARRAYS:
             return FOUR_BYTES if ARRAYS[self.kind].itemsize == 4 else EIGHT_BYTES
@@ -83,9 +91,8 @@ def fields_of(cls: type) -> tuple[FieldInfo, ...]:
     hints, known = schema.hints_of(cls), []
     for field in dataclasses.fields(cls):
         if field.name == "blocks":
-            options = option_blocks()
-            known += [FieldInfo(n, name, options[name], False, False) for name, n in field.metadata["numbers"].items()
-                      if name in options]  # fmt: skip
+            known += [FieldInfo(n, name, None, False, False) for name, n in field.metadata["numbers"].items()
+                      if name in option_blocks()]  # fmt: skip
         else:
             name = schema.written_name(field.name)
             kind, repeated = schema.kind_of(hints[name])
