@@ -48,7 +48,8 @@ def create(
     else:
         advice = type_advice(spec.type, types)
         known = ", ".join(sorted([*types, "Python"]))
-        raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
+        own = "a layer of your own has the type Python (docs/net.md)"
+        raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}; {own}")
     own = block_name(cls, spec.type)
     _check_blocks(spec, own)
     layer = cls(spec, phase, rng, dtype)
