@@ -43,13 +43,13 @@ class SlicedExecutor(Executor):
         for at in self.connections:
             if isinstance(at.layer, FastLayer):
                 at.layer.needs_backward, at.layer.needs_bottom_diff = at.needs_backward, any(at.propagate_down)
-        self._stored = {id(blob) for blob in self._outside}
+        self._stored = set(self._outside)
         self._looked = False
         self._by_layer = False
         self._seen = [False, False]  # whether forward and backward have run
         self._watched: list[FastBlob] = []
-        self._kept: dict[int, tuple[Blob, Array]] = {}  # id -> blob that a caller accessed, its data in forward
-        self._kept_back: dict[int, Halves] = {}  # id -> data and diff in the last backward
+        self._kept: dict[Blob, Array] = {}  # blobs that a caller accessed, their data in forward
+        self._kept_back: dict[Blob, Halves] = {}  # data and diff in the last backward
         self._planned_for: list[tuple[bool, bool, tuple[int, ...]]] = []
         self._plan()
 
@@ -69,7 +69,7 @@ class SlicedExecutor(Executor):
         elif old:
             runs = [run for step in old for run in self._refined(step)]
         else:
-            runs = plan(self.connections, lambda blob: id(blob) in self._stored)
+            runs = plan(self.connections, lambda blob: blob in self._stored)
         self.steps, self._planned_for = [_step_of(run) for run in runs], self._item_shapes()
         for blob in self.hidden():
             assert isinstance(blob, FastBlob)
@@ -114,15 +114,16 @@ class SlicedExecutor(Executor):
         """Plan the layers of a step again from the current shapes; of its blobs, those now stored are not hidden."""
         if isinstance(step, WholeStep):
             return [whole(step.at)]
-        hidden = {id(blob) for blob in step.run.hidden}
-        return plan(step.run.connections, lambda blob: id(blob) in self._stored or id(blob) not in hidden)
+        hidden = set(step.run.hidden)
+        return plan(step.run.connections, lambda blob: blob in self._stored or blob not in hidden)
 
     def _divided(self, step: SlicedStep) -> list[WholeStep | SlicedStep]:
         """Plan new steps for the same layers from the current shapes of their blobs."""
-        hidden = {id(blob): blob for blob in step.run.hidden}
         runs = self._refined(step)
-        for key in hidden.keys() - {id(blob) for run in runs for blob in run.hidden}:
-            cast(FastBlob, hidden[key]).on_look = None
+        still_hidden = {blob for run in runs for blob in run.hidden}
+        for blob in step.run.hidden:
+            if blob not in still_hidden:
+                cast(FastBlob, blob).on_look = None
         return [_step_of(run) for run in runs]
 
     def backward(self, first: int = 0, last: int | None = None, on_done: BackwardHook | None = None) -> None:
@@ -159,7 +160,7 @@ class SlicedExecutor(Executor):
 
     def _is_rewritten(self) -> bool:
         """Whether a caller has modified an input of forward. Slices may no longer have the values for backward."""
-        return any(not np.array_equal(data, blob.data) for blob, data in self._kept.values())
+        return any(not np.array_equal(data, blob.data) for blob, data in self._kept.items())
 
     def _run_by_layer(self) -> None:
         """Switch permanently to one step per layer, so that a part of the net can be run by the indices of layers."""
@@ -172,7 +173,7 @@ class SlicedExecutor(Executor):
     def reveal(self, blob: Blob) -> None:
         """Compute the values of a hidden blob in the last pass, and store it in all later passes."""
         with self.one_thread:
-            self._stored |= {id(b) for b in self.hidden()} if self._looked else {id(blob)}
+            self._stored |= set(self.hidden()) if self._looked else {blob}
             self._looked = True
             self._replan()
             self._watch()
@@ -188,14 +189,14 @@ class SlicedExecutor(Executor):
 
     def _repeat(self, old: SlicedStep) -> None:
         """Repeat the last pass of ``old`` with the new steps, without changing any value that a caller can access."""
-        inside = {id(at) for at in old.run.connections}
-        steps = [step for step in self.steps if id(step.at) in inside]
+        inside = set(old.run.connections)
+        steps = [step for step in self.steps if step.at in inside]
         read, written = old.run.outside("bottom"), old.run.outside("top")
         if self._seen[0]:
             with ExitStack() as stack:
                 self._set_back(stack, old.weights)
                 for blob in read:
-                    stack.enter_context(blob.holding(self._kept.get(id(blob), (blob, None))[1]))
+                    stack.enter_context(blob.holding(self._kept.get(blob)))
                 for blob in written:
                     stack.enter_context(blob.holding(data=blob.data.copy()))
                 for step in steps:
@@ -204,7 +205,7 @@ class SlicedExecutor(Executor):
             with ExitStack() as stack:
                 self._set_back(stack, old.weights_back)
                 for blob in [*read, *written]:
-                    stack.enter_context(blob.holding(*self._kept_back.get(id(blob), (None, None))))
+                    stack.enter_context(blob.holding(*self._kept_back.get(blob, (None, None))))
                 for blob in [*read, *(param for param, _ in old.weights_back)]:
                     stack.enter_context(blob.holding(diff=blob.diff.copy()))
                 for step in reversed(steps):
@@ -223,11 +224,11 @@ class SlicedExecutor(Executor):
         for step in self.steps:
             if isinstance(step, SlicedStep):
                 for blob in step.run.outside("top") if self._seen[1] else []:
-                    if isinstance(blob, FastBlob) and blob.on_look is None and id(blob) not in kept:
+                    if isinstance(blob, FastBlob) and blob.on_look is None and blob not in kept:
                         blob.on_look = partial(_keep, weakref.ref(self), blob)
                         self._watched.append(blob)
                 for blob in step.run.outside("bottom"):  # backward does not read their diffs
-                    if isinstance(blob, FastBlob) and blob.on_look is None and id(blob) not in kept:
+                    if isinstance(blob, FastBlob) and blob.on_look is None and blob not in kept:
                         blob.on_look_data = partial(_keep, weakref.ref(self), blob)
                         self._watched.append(blob)
 
@@ -241,9 +242,9 @@ class SlicedExecutor(Executor):
         data, diff = blob.copies(of_diff=blob.on_look is not None)
         blob.on_look = blob.on_look_data = None
         if data is not None:
-            self._kept.setdefault(id(blob), (blob, data))
+            self._kept.setdefault(blob, data)
         if self._seen[1]:
-            self._kept_back[id(blob)] = data, diff
+            self._kept_back[blob] = data, diff
 
     def forget_last_pass(self) -> None:
         """Discard the copies of inputs of the last pass."""

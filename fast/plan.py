@@ -26,19 +26,19 @@ class Run:
 
     order   the connections in execution order
     hidden  blobs that only this run reads and writes
-    tiles   id of a hidden blob -> its tile
+    tiles   the tiles of hidden blobs
     """
 
     connections: list[Connection]
     order: list[Connection]
     hidden: list[Blob]
-    tiles: dict[int, int]
+    tiles: dict[Blob, int]
     sliced: bool
 
     def outside(self, blobs: str) -> list[Blob]:
         """The whole blobs that the run reads (``"bottom"``) or writes (``"top"``)."""
-        secret = {id(b) for b in self.hidden}
-        return [b for at in self.connections for b in getattr(at, blobs) if id(b) not in secret]
+        secret = set(self.hidden)
+        return [b for at in self.connections for b in getattr(at, blobs) if b not in secret]
 
 
 def plan(connections: Sequence[Connection], stored: Callable[[Blob], bool]) -> list[Run]:
@@ -66,13 +66,13 @@ class Use:
     writes: bool = False
 
 
-def uses_of(connections: Sequence[Connection]) -> dict[int, list[Use]]:
-    """Map the id of each blob to the layers that use it, in order."""
-    uses: dict[int, list[Use]] = {}
+def uses_of(connections: Sequence[Connection]) -> dict[Blob, list[Use]]:
+    """Map each blob to the layers that use it, in order."""
+    uses: dict[Blob, list[Use]] = {}
     for at in connections:
         for half, blobs in (("reads", at.bottom), ("writes", at.top)):
             for blob in blobs:
-                known = uses.setdefault(id(blob), [])
+                known = uses.setdefault(blob, [])
                 if not known or known[-1].at is not at:
                     known.append(Use(at))
                 setattr(known[-1], half, True)
@@ -96,7 +96,7 @@ def _fits(row: list[Connection], at: Connection) -> bool:
     return row[0].bottom[0].shape[0] == at.bottom[0].shape[0]
 
 
-def _runs_for(row: list[Connection], users: Mapping[int, int], stored: Callable[[Blob], bool]) -> list[Run]:
+def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Callable[[Blob], bool]) -> list[Run]:
     """Plan the runs of a row of layers, in slices if this is faster. ``users`` is the number of users of each blob."""
     end = _end_of_run(row, users, stored)
     row, rest = row[:end], row[end:]
@@ -110,7 +110,7 @@ def _runs_for(row: list[Connection], users: Mapping[int, int], stored: Callable[
     return [Run(row, order, hidden, tiles, sliced=True), *map(whole, rest)]
 
 
-def _end_of_run(row: list[Connection], users: Mapping[int, int], stored: Callable[[Blob], bool]) -> int:
+def _end_of_run(row: list[Connection], users: Mapping[Blob, int], stored: Callable[[Blob], bool]) -> int:
     """Number of layers at the start of the row that may run in slices.
 
     A layer that overwrites a stored blob in place must not run twice (the executor may repeat a pass), unless the
@@ -118,16 +118,16 @@ def _end_of_run(row: list[Connection], users: Mapping[int, int], stored: Callabl
     shorter run has fewer hidden blobs, only those that are unused after its end, so it may have to end even earlier.
     """
     uses = uses_of(row)
-    place = {id(at): i for i, at in enumerate(row)}
+    place = {at: i for i, at in enumerate(row)}
     last_use: list[int] = []  # per layer: last use of the blobs overwritten up to it
     for at in row:
         last = last_use[-1] if last_use else -1
         if not traits_of(at.layer).monotone:
-            below = {id(blob) for blob in at.bottom}
-            for blob in (top for top in at.top if id(top) in below):
-                own = uses[id(blob)]
-                outside = len(own) < users[id(blob)] or stored(blob)
-                last = max(last, len(row) if outside else place[id(own[-1].at)])
+            below = set(at.bottom)
+            for blob in (top for top in at.top if top in below):
+                own = uses[blob]
+                outside = len(own) < users[blob] or stored(blob)
+                last = max(last, len(row) if outside else place[own[-1].at])
         last_use.append(last)
     end = len(row)
     while (earlier := bisect_left(last_use, end, hi=end)) < end:
@@ -135,25 +135,25 @@ def _end_of_run(row: list[Connection], users: Mapping[int, int], stored: Callabl
     return end
 
 
-def _hidden_blobs(row: list[Connection], users: Mapping[int, int], stored: Callable[[Blob], bool]) -> list[Blob]:
+def _hidden_blobs(row: list[Connection], users: Mapping[Blob, int], stored: Callable[[Blob], bool]) -> list[Blob]:
     """Blobs that only the layers of the row read and write."""
     uses = uses_of(row)
-    written = {id(blob): blob for at in row for blob in at.top}
-    return [blob for key, blob in written.items() if len(uses[key]) == users[key] and not stored(blob)]
+    written = dict.fromkeys(blob for at in row for blob in at.top)
+    return [blob for blob in written if len(uses[blob]) == users[blob] and not stored(blob)]
 
 
 def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
     """Move a monotone layer, in place on a hidden blob, behind the max pooling that reads it to a hidden blob."""
-    secret, order = {id(b) for b in hidden}, list(row)
+    secret, order = set(hidden), list(row)
     for i in range(len(order) - 1):
         at, pool = order[i], order[i + 1]
         if (
             traits_of(at.layer).monotone
             and at.bottom[0] is at.top[0]
-            and id(at.top[0]) in secret
+            and at.top[0] in secret
             and traits_of(pool.layer).takes_maximum
             and pool.bottom[0] is at.top[0]
-            and id(pool.top[0]) in secret  # else a caller would find the wrong gradient in its diff
+            and pool.top[0] in secret  # else a caller would find the wrong gradient in its diff
             and not _is_overwritten(pool.top[0], order[i + 2 :])  # backward reads the signs of the layer's output
         ):
             moved = Connection(at.layer, Blobs(pool.top[:1]), Blobs(pool.top[:1]), at.propagate_down, at.needs_backward)
@@ -166,22 +166,22 @@ def _is_overwritten(blob: Blob, later: list[Connection]) -> bool:
     return any(top is blob and not traits_of(at.layer).monotone for at in later for top in at.top)
 
 
-def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[int, int]:
+def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[Blob, int]:
     """Map hidden blobs to their tiles; a blob is tiled if its writer and all its readers prefer the same tile."""
-    tiles: dict[int, int] = {}
+    tiles: dict[Blob, int] = {}
     uses = uses_of(order)
     for blob in reversed(hidden):  # readers first, because their preference may depend on their tops
-        wishes = [_wish(use, tiles) for use in uses[id(blob)]]
+        wishes = [_wish(use, tiles) for use in uses[blob]]
         wanted = [wish for wish in wishes if wish != ANY]
         if wanted and wanted[0] is not None and all(wish == wanted[0] for wish in wanted):
-            tiles[id(blob)] = wanted[0]
+            tiles[blob] = wanted[0]
     return tiles
 
 
 ANY = 0  # preference of a layer that supports all layouts of a blob
 
 
-def _wish(use: Use, tiles: dict[int, int]) -> int | None:
+def _wish(use: Use, tiles: dict[Blob, int]) -> int | None:
     """The layout that is fastest for a layer: the size of tiles, plain (None), or ``ANY``."""
     at = use.at
     if use.reads and use.writes:
@@ -190,4 +190,4 @@ def _wish(use: Use, tiles: dict[int, int]) -> int | None:
         return None
     if use.writes:
         return ANY if at.layer.writes_tiles() else None
-    return at.layer.bottom_tile(tiles.get(id(at.top[0])) if at.top else None)
+    return at.layer.bottom_tile(tiles.get(at.top[0]) if at.top else None)

@@ -59,19 +59,19 @@ class SlicedStep(Step):
     def __init__(self, run: Run) -> None:
         super().__init__(run.connections[0])
         self.run = run
-        self._secret, self._users = {id(b) for b in run.hidden}, uses_of(run.order)
+        self._secret, self._users = set(run.hidden), uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
-        self._kept = {id(b) for at in run.order for b in _read_again(at)}
+        self._kept = {b for at in run.order for b in _read_again(at)}
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
         self.weights: list[tuple[Blob, Array]] = []  # parameters, their values in the last forward
         self.weights_back: list[tuple[Blob, Array]] = []  # parameters, their values in the last backward
         self._inputs, self._outputs = run.outside("bottom"), run.outside("top")
-        down = {id(b) for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
+        down = {b for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
         self._whole = [*self._inputs, *self._outputs]
-        self._gradients = [b for b in self._inputs if id(b) in down] + self._outputs  # whose diff is used
-        self._user = {id(b): at for at in reversed(run.connections) for b in [*at.bottom, *at.top]}
+        self._gradients = [b for b in self._inputs if b in down] + self._outputs  # whose diff is used
+        self._user = {b: at for at in reversed(run.connections) for b in [*at.bottom, *at.top]}
 
     def pieces(self) -> list[Piece]:
         """The layers of every slice in execution order."""
@@ -121,13 +121,13 @@ class SlicedStep(Step):
         try:
             getattr(blob, half)
         except MemoryError as error:
-            at = self._user[id(blob)]
+            at = self._user[blob]
             raise error_of(at.layer, half, at.bottom, at.top, error) from error
 
     def _copy_weights(self, copies: list[tuple[Blob, Array]]) -> None:
         """Copy the current parameters to ``copies``, whose memory is used again."""
         params = [p for at in self.run.connections for p in at.layer.blobs]
-        if [(id(p), p.shape) for p in params] != [(id(p), values.shape) for p, values in copies]:
+        if [(p, p.shape) for p in params] != [(p, values.shape) for p, values in copies]:
             copies[:] = [(p, np.empty_like(p.data)) for p in params]
         for param, values in copies:
             values[...] = param.data
@@ -170,12 +170,12 @@ class SlicedStep(Step):
 
     def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
         """Create the layers of one slice."""
-        blobs: dict[int, Blob] = {}
+        blobs: dict[Blob, Blob] = {}
 
         def on_slice(whole: Blob) -> Blob:
-            if id(whole) not in blobs:
-                blobs[id(whole)] = self._slice_blob(whole, rows)
-            return blobs[id(whole)]
+            if whole not in blobs:
+                blobs[whole] = self._slice_blob(whole, rows)
+            return blobs[whole]
 
         piece = []
         for at, own_params in zip(self.run.order, params):
@@ -187,11 +187,11 @@ class SlicedStep(Step):
 
     def _slice_blob(self, whole: Blob, rows: slice) -> Blob:
         shape = (rows.stop - rows.start, *whole.shape[1:])
-        if id(whole) not in self._secret:
+        if whole not in self._secret:
             return Window(whole, rows, shape)
-        blob = Hidden(shape, whole.dtype, self._buffers, id(whole), id(whole) in self._kept)
-        blob.tile = self.run.tiles.get(id(whole))
-        uses = self._users[id(whole)]
+        blob = Hidden(shape, whole.dtype, self._buffers, id(whole), whole in self._kept)
+        blob.tile = self.run.tiles.get(whole)
+        uses = self._users[whole]
         blob.may_be_sparse = blob.tile is not None and len(uses) == 2 and all(map(_can_be_sparse, uses))
         return blob
 
