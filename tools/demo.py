@@ -66,11 +66,11 @@ def run(args: argparse.Namespace) -> int:
             frame = np.rint(depth).astype(np.uint16)
             outputs.write_image(args.out / f"frame_{n}.png", frame)
             found = predictor.in_frame(frame)
-            uvd, cube = found.center_uvd, found.cube_mm
+            uvd, cube, guesses = found.center_uvd, found.cube_mm, hands.guessed(found.finger_error_mm)
             images += [
-                hands.overlay(found.crop, found.joints, predictor.skeleton, None, uvd, cube, NYU, zoom=2),
+                hands.overlay(found.crop, found.joints, predictor.skeleton, None, uvd, cube, NYU, 2, guesses),
                 surface.over_crop(found.crop, found.capsules(), uvd, cube, NYU, zoom=2),
-                hands.view_3d(found.joints, predictor.skeleton, size=256),
+                hands.view_3d(found.joints, predictor.skeleton, size=256, guesses=guesses),
             ]
             off = float(mean_errors_14(found.xyz[None], truth[None])[0])
             titles += [f"{found.hand}, {percent(found.confidence)} sure", f"expected {found.error_mm:.0f} mm",

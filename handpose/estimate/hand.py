@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import THICKNESS, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
+from handpose.fit.finger_errors import unknown_errors
 from handpose.fit.observation import HandCrops
 from handpose.fit.pose_confidence import judged_poses, side_chance
 from handpose.fit.rejection import rejection_score
@@ -37,6 +38,7 @@ class Hand:
     is_predicted  False if the network was not run; then ``network_mm`` are the joints expected from earlier frames
     other       the same crop fitted as a hand of the other side, if both sides were tried
     quality     expected error in mm and confidence by the whole frame (``judged``); None: those of the fit
+    finger_error_mm  (5,) expected error of each finger by the whole frame, from the thumb on; NaN before it is judged
     in_frame    False for a crop without its frame: then camera and centre are assumed
 
     The values of the fit are NaN, and its surface and pose are errors, without a fit.
@@ -56,6 +58,7 @@ class Hand:
     in_frame: bool = True
     other: Hand | None = None
     quality: tuple[float, float] | None = None
+    finger_error_mm: Array = field(default_factory=unknown_errors)
 
     # ---------------------------------------------------------------------------------------- where it is
 
@@ -100,22 +103,27 @@ class Hand:
     def judged(self, readings: NDArray[np.generic]) -> Hand:
         """This hand with the error and the confidence of its pose in its frame (height, width) in mm.
 
-        If both sides were fitted, the confidence is multiplied by the probability of this one, and the expected error
-        is that of this side or the distance of the other's joints, weighted by the probabilities. Unchanged without a
-        fit, or if the errors of the network were not measured.
+        If both sides were fitted, the confidence is multiplied by the probability of this one, and the expected errors
+        of the hand and of its fingers are those of this side or the distances of the other's joints, weighted by the
+        probabilities. Unchanged without a fit, or if the errors of the network were not measured.
         """
         if self.fit is None or np.isnan(self.error_mm):
             return self
-        errors, confidences = judged_poses(
+        found = judged_poses(
             self._the_model, self.fit.x, self.mirrored_center_mm[None], mirror_of(self.hand)[None], self.fit.signs,
             self.fit.joints, np.asarray(readings, np.float32), self.camera,
         )  # fmt: skip
-        error_mm, confidence = float(errors[0]), float(confidences[0])
+        error_mm, confidence, of_fingers = (values[0] for values in found)
         if self.other is not None:
             chance = side_chance(self.cost, self.other.cost)
-            apart = float(np.linalg.norm(self.xyz - self.other.xyz, axis=1).mean())
-            error_mm, confidence = chance * error_mm + (1 - chance) * max(apart, error_mm), chance * confidence
-        return replace(self, quality=(error_mm, confidence))
+            apart = np.linalg.norm(self.xyz - self.other.xyz, axis=1)
+            error_mm = chance * error_mm + (1 - chance) * max(apart.mean(), error_mm)
+            if self._the_model.fingers is not None:
+                own = self._the_model.fingers.joints(np.stack([self.xyz, self.other.xyz]))
+                apart = np.linalg.norm(own[0] - own[1], axis=2).mean(axis=1)
+                of_fingers = chance * of_fingers + (1 - chance) * np.maximum(apart, of_fingers)
+            confidence = chance * confidence
+        return replace(self, quality=(float(error_mm), float(confidence)), finger_error_mm=of_fingers)
 
     @property
     def uncertainty(self) -> float:

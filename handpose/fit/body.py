@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose.body.fingers import Fingers, has_fingers
 from handpose.body.model import Surface
 from handpose.body.render import Capsules
 from layers.hand.bodies import kinematics_of
@@ -102,6 +103,11 @@ class CapsuleModel:
     def root_motion(self) -> RootMotion:
         """The motion of the body as a whole. Raises NetlibError for a root that ``RootMotion`` does not accept."""
         return RootMotion(self)
+
+    @cached_property
+    def fingers(self) -> Fingers | None:
+        """The fingers; None for a body that is not a hand."""
+        return Fingers(self.surface) if has_fingers(self.skeleton) else None
 
     @property
     def variables(self) -> int:

@@ -24,13 +24,16 @@ has the frames from which the weights were computed, and the results on others.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.fit.body import CapsuleModel
+from handpose.fit.finger_errors import finger_errors, unknown_errors
 from handpose.fit.network_errors import GOOD_MM, LOST_MM
 from handpose.fit.network_errors import SIGNS as FIT_SIGNS
-from handpose.fit.support import JointDepths, Support, joint_depths, support
+from handpose.fit.support import JointDepths, Support, joint_depths, support_of_parts
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
@@ -61,11 +64,24 @@ def judged(signs: Array, lag_mm: Array, support: Support) -> tuple[Array, Array]
     return np.minimum(error, LOST_MM), confidence
 
 
+class Judged(NamedTuple):
+    """What is known of N poses.
+
+    error_mm         (N,) expected error
+    confidence       (N,) probability of an error below GOOD_MM
+    finger_error_mm  (N, 5) expected error of each finger (``finger_errors``); NaN for bodies without fingers
+    """
+
+    error_mm: Array
+    confidence: Array
+    finger_error_mm: Array
+
+
 def judged_poses(
     model: CapsuleModel, x: Array, center_mm: Array, mirror: Array, fit_signs: Array, fit_joints: Array,
     readings: NDArray[np.floating], camera: Camera,
-) -> tuple[Array, Array]:  # fmt: skip
-    """``judged`` for N poses in one image (height, width) in mm, 0 without a reading.
+) -> Judged:  # fmt: skip
+    """``judged`` for N poses in one image (height, width) in mm, 0 without a reading, and the errors of their fingers.
 
     x           (N, V) variables of the poses
     center_mm   (N, 3) their origins, in the axes of the fits
@@ -73,12 +89,24 @@ def judged_poses(
     fit_signs   (N, 5) of their fits
     fit_joints  (N, K, 3) of their fits, in mm from the origins, in the axes of the fits
     """
-    joints = model.joints(x)
+    joints, fingers = model.joints(x), model.fingers
     capsules = model.capsules(x, center_mm).mirrored(mirror)
-    seen = support(capsules, model.surface.limbs, readings, camera)
+    parts = () if fingers is None else tuple(fingers.capsules)
+    whole, *seen = support_of_parts(capsules, model.surface.limbs, parts, readings, camera)
     lag = np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1)
-    depths = joint_depths((joints + center_mm[:, None]) * mirror[:, None], readings, camera)
-    return judged(pose_signs(fit_signs, depths, model.surface.mean_penetration(capsules)), lag, seen)
+    in_camera = (joints + center_mm[:, None]) * mirror[:, None]
+    depths = joint_depths(in_camera, readings, camera)
+    signs = pose_signs(fit_signs, depths, model.surface.mean_penetration(capsules))
+    error_mm, confidence = judged(signs, lag, whole)
+    if fingers is None:
+        return Judged(error_mm, confidence, np.tile(unknown_errors(), (len(x), 1)))
+    shape = len(x), len(seen)
+    behind, before = joint_depths(fingers.joints(in_camera).reshape(-1, 3, 3), readings, camera)
+    lags = np.linalg.norm(fingers.joints(joints) - fingers.joints(fit_joints), axis=3).mean(axis=2)
+    shares = np.stack([part.seen for part in seen], axis=1)
+    return Judged(
+        error_mm, confidence, finger_errors(error_mm, behind.reshape(shape), before.reshape(shape), lags, shares)
+    )
 
 
 def side_chance(cost: float, other_cost: float) -> float:

@@ -16,6 +16,7 @@ front of it are in empty space.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -109,18 +110,39 @@ def support(capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floa
     capsules  of the poses, in camera axes
     limbs     (M,) True for those that are not the hand's own, such as the forearm
     """
+    return support_of_parts(capsules, limbs, (), depth, camera)[0]
+
+
+def support_of_parts(
+    capsules: Capsules, limbs: NDArray[np.bool_], parts: Sequence[NDArray[np.bool_]], depth: NDArray[np.floating],
+    camera: Camera,
+) -> list[Support]:  # fmt: skip
+    """``support`` of the whole hand, and then that of each part, some of the capsules (M,).
+
+    All shares of a part that others cover entirely are 0.
+    """
     every = Samples.of(capsules)
-    flat = ~limbs[capsules.facets // 2].any(axis=1)
-    own = every.chosen(np.concatenate([np.repeat(~limbs, len(ALONG)), np.repeat(flat, len(ACROSS))]))
-    front = own.front
-    reading, inside = _readings(np.concatenate([own.center[..., :2], front[..., None]], axis=2), depth, camera)
+    own = _samples_of(~limbs, capsules.facets)
+    spheres = every.chosen(own)
+    front = spheres.front
+    reading, inside = _readings(np.concatenate([spheres.center[..., :2], front[..., None]], axis=2), depth, camera)
     behind, missing = reading - front, inside & ~(reading > 0)  # NaN, which some drivers write, is missing
-    weight = own.area * ~every.covers(own.center, front)
-    whole = np.maximum(weight.sum(axis=1), 1e-9)
+    weight = spheres.area * ~every.covers(spheres.center, front)
     read = inside & ~missing
     hidden, empty = read & (behind < -APART_MM), read & (behind > APART_MM)
-    parts = (read & ~(hidden | empty), hidden, empty, missing, ~inside)
-    return Support(*((weight * part).sum(axis=1) / whole for part in parts))
+    areas = weight * np.stack([read & ~(hidden | empty), hidden, empty, missing, ~inside])
+    found = []
+    for part in (~limbs, *parts):
+        within = _samples_of(part, capsules.facets)[own]
+        whole = np.maximum(weight[:, within].sum(axis=1), 1e-9)
+        found.append(Support(*(areas[:, :, within].sum(axis=2) / whole)))
+    return found
+
+
+def _samples_of(some: NDArray[np.bool_], facets: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """True (P,) for the samples of some capsules (M,), and of the flat parts that are between these alone."""
+    flat = some[facets // 2].all(axis=1)
+    return np.concatenate([np.repeat(some, len(ALONG)), np.repeat(flat, len(ACROSS))])
 
 
 def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> JointDepths:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import mirror_of
 from handpose.fit.body import SIZE
-from handpose.fit.pose_confidence import judged_poses
+from handpose.fit.pose_confidence import Judged, judged_poses
 from handpose.fit.world_pose import variables_of
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.pose_estimator import PoseEstimator
@@ -46,18 +46,19 @@ def _as_sides(
     joints = model.joints(x)
     xyz = (joints + center[:, None]) * mirror[:, None]
     error_mm, confidence = (np.array([getattr(hand, name) for hand in found]) for name in ("error_mm", "confidence"))
+    judged = Judged(error_mm, confidence, np.stack([hand.finger_error_mm for hand in found]))
     if np.isfinite(error_mm).all():  # the errors of the network were measured
         fitted = np.stack([hand.joints_mm for hand in found]) * mirror[:, None]
         signs = np.stack([hand.signs for hand in found])
-        error_mm, confidence = judged_poses(model, x, center, mirror, signs, fitted, readings, estimator.camera)
+        judged = judged_poses(model, x, center, mirror, signs, fitted, readings, estimator.camera)
     inputs = model.inputs_of(x)
     capsules = model.capsules(x, center).mirrored(mirror) if surface else None
     return [
         TrackedHand(
             id=track.id,
             hand=hand.hand,
-            confidence=chances[n] * float(confidence[n]),
-            error_mm=float(error_mm[n]),
+            confidence=chances[n] * float(judged.confidence[n]),
+            error_mm=float(judged.error_mm[n]),
             inputs=inputs[n],
             bones=model.skeleton.bones * float(np.exp(x[n, SIZE])),
             origin_mm=hand.center_mm,
@@ -66,6 +67,7 @@ def _as_sides(
             cube_mm=estimator.cube_mm,
             capsules=None if capsules is None else capsules.frames(slice(n, n + 1)),
             side_confidence=chances[n],
+            finger_error_mm=judged.finger_error_mm[n],
         )
         for n, hand in enumerate(found)
     ]

@@ -6,7 +6,7 @@ right hand; ``joints_of`` computes its joints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from handpose.body.nyu import CUBE_MM
 from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
+from handpose.fit.finger_errors import unknown_errors
 from handpose.frames.cameras import Camera
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
@@ -63,6 +64,8 @@ class TrackedHand:
     capsules    its surface in mm, camera axes; None if unknown
     side_confidence  probability that it is a ``hand``; below 1 while the side is undecided, and ``hand`` is assumed
     other       the same hand as one of the other side, while the side is undecided
+    finger_error_mm  (5,) expected error of each finger, from the thumb on: mean over PIP joint, DIP joint and tip; NaN
+                where it is unknown
     """
 
     id: int
@@ -78,6 +81,7 @@ class TrackedHand:
     capsules: Capsules | None = None
     side_confidence: float = 1.0
     other: TrackedHand | None = None
+    finger_error_mm: Array = field(default_factory=unknown_errors)
 
     @property
     def known_side(self) -> Side | None:

@@ -54,7 +54,8 @@ def any_hand(header: TrackHeader, rng: np.random.Generator, id: int = 0, hand: s
     origin = rng.uniform(-200, 200, 3) + (0, 0, 800)
     xyz = joints_of(sk, header.unit_mm, hand, inputs, bones, origin)
     uvd = NYU.project(origin)
-    return TrackedHand(id, hand, float(rng.random()), float(rng.uniform(2, 30)), inputs, bones, origin, xyz, uvd, 300.0)
+    sure, error, fingers = float(rng.random()), float(rng.uniform(2, 30)), rng.uniform(2, 60, 5)
+    return TrackedHand(id, hand, sure, error, inputs, bones, origin, xyz, uvd, 300.0, finger_error_mm=fingers)
 
 
 def any_track(header: TrackHeader, seed: int, frames: int = 5) -> list[TrackedFrame]:

@@ -261,7 +261,7 @@ def test_a_table_of_frames(frame):
     for row, values in zip(rows, found):
         joints = np.array([[float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in values["joints"]])
         assert joints == pytest.approx(np.array(values["positions_mm"]), abs=0.011)
-    assert len(rows[0]) == 4 + 93
+    assert len(rows[0]) == 4 + 5 + 93
 
 
 @pytest.mark.parametrize("name", ["mediapipe", "openxr", "mano", "nyu"])
@@ -270,8 +270,10 @@ def test_a_table_of_another_format(snapshot, name):
     options = ["crop.png", "--out", "p", "--json", "--csv", "hands.csv", "--joints", name]
     (found,) = hands_of(run_tool("predict", *OWN, *options).out)
     [row] = table("hands.csv")
-    assert list(row) == ["image", "hand", "confidence", "error_mm", *joint_values.columns(name)]
-    numbers = [float(value) for value in list(row.values())[4:]]
+    fingers = [f"{finger}_error_mm" for finger in ("thumb", "index", "middle", "ring", "little")]
+    assert list(row) == ["image", "hand", "confidence", "error_mm", *fingers, *joint_values.columns(name)]
+    assert not any(row[finger] for finger in fingers)  # unknown in a crop without its frame
+    numbers = [float(value) for value in list(row.values())[9:]]
     expected = [np.ravel(part) for part in found[name].values()] + [list(found["anatomical_deg"].values())]
     assert numbers == pytest.approx(np.concatenate(expected).tolist(), abs=1e-4)
 
@@ -610,6 +612,8 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
     assert np.linalg.norm(joints - truth, axis=1)[list(EVALUATION_JOINTS)].mean() < 20
     (row,) = table("hand.csv")
     assert float(row["error_mm"]) == pytest.approx(found["error_mm"], abs=0.0051)
+    for finger, error in found["finger_error_mm"].items():
+        assert 0 < error < 30 and float(row[f"{finger}_error_mm"]) == pytest.approx(error, abs=0.051)
     assert len(row) == 4 + 93 + 23 and all(row.values())
     (shown,) = hands_in("page.html")
     np.testing.assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)

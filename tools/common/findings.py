@@ -72,7 +72,7 @@ def write_json(
 def _columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
     """The columns of a table of predictions, for ``_row``."""
     own = joint_values.columns(joints) if joints else csv_file.model_columns(predictor.skeleton, _angles(predictor))
-    return ["hand", "confidence", "error_mm", *own]
+    return ["hand", "confidence", "error_mm", *csv_file.finger_columns(predictor.skeleton), *own]
 
 
 def _row(found: Hand, predictor: Predictor, joints: FormatName | None) -> list[str]:
@@ -80,6 +80,7 @@ def _row(found: Hand, predictor: Predictor, joints: FormatName | None) -> list[s
     skeleton, fitted = predictor.skeleton, found.fit is not None
     about: list[str] = [found.hand if predictor.is_hand else ""]
     about += csv_file.quality(found.confidence, found.error_mm) if fitted else ["", ""]
+    about += csv_file.finger_numbers(skeleton, found.finger_error_mm)
     xyz, whole = _positions(found), found.in_frame
     camera, cube = found.camera if whole else None, None if whole else found.cube_mm
     if joints:
@@ -130,12 +131,17 @@ def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list
 
 
 def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
-    """Draw the skeleton on the crop and in space, and between them the surface, if there was a fit."""
+    """Draw the skeleton on the crop and in space, and between them the surface, if there was a fit.
+
+    Fingers that are guesses are hollow.
+    """
     place: dict[str, Any] = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
-    drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **(place if found.in_frame else {}))]
+    guesses = hands.guessed(found.finger_error_mm)
+    seen_at = place if found.in_frame else {}
+    drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **seen_at, guesses=guesses)]
     if found.fit is not None:
         drawn.append(surface.over_crop(found.crop, found.capsules(), **place))
-    drawn.append(hands.view_3d(found.joints, predictor.skeleton))
+    drawn.append(hands.view_3d(found.joints, predictor.skeleton, guesses=guesses))
     outputs.write_image(picture, strokes.sheet(drawn, len(drawn)))
 
 

@@ -2,7 +2,8 @@
 
 import { colourOf, GREY } from "./shading.js";
 
-/* Draw a body (joints, skeleton.joints, startOf, tips), the farthest joint first.
+/* Draw a body (joints, skeleton.joints, startOf, tips), the farthest joint first. The joints in the set body.guesses
+   are hollow: white, with a rim in their colour.
    `pixel` gives of a point in mm [px to the right, px down, mm away]. */
 export function drawBones(pen, body, pixel) {
   const pixels = body.joints.map(pixel), { skeleton } = body, tips = new Set(body.tips);
@@ -11,7 +12,8 @@ export function drawBones(pen, body, pixel) {
   for (const j of order) {
     const from = body.startOf(j), [u, v] = pixels[j];
     const colour = `rgb(${(colourOf(skeleton.joints[j]) ?? GREY).join(" ")})`;
-    for (const [style, wide] of [["rgb(20 24 32 / 0.55)", 2], [colour, 0]]) {
+    const [rim, inside] = body.guesses?.has(j) ? [colour, "white"] : ["rgb(20 24 32 / 0.55)", colour];
+    for (const [style, wide] of [[rim, 2], [inside, 0]]) {
       pen.strokeStyle = pen.fillStyle = style;
       pen.lineWidth = 2.5 + wide;
       if (from) line(pen, pixel(from), pixels[j]);

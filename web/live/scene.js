@@ -5,6 +5,7 @@ import { add, length, minus, times } from "./vectors.js";
 
 const REACH = 130; // mm, from the middle of what is shown to its edge, at least
 const DISTANCE = 600; // mm, of that middle without a hand
+const GUESS = 30; // mm, expected error of a finger, above which it is drawn as a guess
 const PER_AXIS = 100; // points of a hand's crop along each axis, at most
 
 export class Scene {
@@ -25,6 +26,8 @@ export class Scene {
     this.joints = hands.flatMap((hand) => hand.positions_mm);
     this.skeleton = { joints: hands.flatMap(() => this.names) };
     this.tips = hands.flatMap((_, h) => this.ownTips.map((j) => j + h * this.names.length));
+    const errors = hands.flatMap((hand) => this.names.map((name) => hand.finger_error_mm[name.split("_")[0]]));
+    this.guesses = new Set([...errors.keys()].filter((j) => errors[j] > GUESS));
     this.capsules = surfaces.flatMap((own) => own.map((capsule, i) => {
       const [from, to] = this.capsuleJoints[i];
       return { ...capsule, from, to };

@@ -6,10 +6,13 @@ Joints are (K, 3) in half-cubes from the crop centre: x right, y up, z away from
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose.body.fingers import FINGERS
 from handpose.body.nyu import CUBE_MM
 from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import crop_pixels, restore_joints
@@ -31,6 +34,7 @@ GREY: Colour = (200, 200, 200)
 WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
+GUESS_MM = 30.0  # a finger with a larger expected error is drawn as a guess
 YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
 
 
@@ -43,8 +47,11 @@ def overlay(
     cube_mm: float = CUBE_MM,
     camera: Camera = NYU,
     zoom: int = 4,
+    guesses: Collection[str] = (),
 ) -> Image:
     """The skeleton on the crop (S, S) in [-1, 1], enlarged ``zoom`` times; ``truth`` joints in thin white.
+
+    The fingers ``guesses`` are drawn hollow (``draw``).
 
     With the crop's ``center_uvd`` (px, px, mm) joints are drawn exactly at their pixels. Without it the projection is
     parallel, which shifts joints at the near or far face of the cube by up to a tenth of the image.
@@ -65,7 +72,7 @@ def overlay(
         return np.asarray((at + 0.5) * zoom - 0.5)
 
     points = _checked(joints, skeleton)
-    draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1))
+    draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1), guesses=guesses)
     if truth is not None:
         points = _checked(truth, skeleton)
         draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE)
@@ -84,10 +91,11 @@ def view_3d(
     skeleton: Skeleton,
     truth: ArrayLike | None = None,
     size: int = 512,
+    guesses: Collection[str] = (),
 ) -> Image:
     """The skeleton in the cube around the body, seen from YAW degrees to the right of the camera and PITCH up.
 
-    Its shadow is on the floor of the cube. ``truth`` joints in thin black.
+    Its shadow is on the floor of the cube. ``truth`` joints in thin black; the fingers ``guesses`` hollow (``draw``).
     """
     view = viewer_from_world(YAW, PITCH)
     distance = 7.0  # distance of the viewer in half-cubes: a weak perspective
@@ -114,7 +122,7 @@ def view_3d(
     points = _checked(joints, skeleton)
     shadow = points * (1, 0, 1) + (0, floor, 0)
     draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212), rim=False)
-    draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 200, 1))
+    draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 200, 1), guesses=guesses)
     if truth is not None:
         points = _checked(truth, skeleton)
         draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)
@@ -157,6 +165,11 @@ def limbs(skeleton: Skeleton) -> list[list[int]]:
     return found
 
 
+def guessed(finger_error_mm: Array) -> list[str]:
+    """The fingers whose expected errors (5,) in mm, from the thumb on, are above GUESS_MM."""
+    return [finger for finger, error in zip(FINGERS, finger_error_mm, strict=True) if error > GUESS_MM]
+
+
 def bones(skeleton: Skeleton) -> list[tuple[int, int]]:
     """The pairs of connected joints: parent, joint."""
     return [(int(parent), joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0]
@@ -178,16 +191,24 @@ def draw(
     thick: int,
     colour: Colour | None = None,
     rim: bool = True,
+    guesses: Collection[str] = (),
 ) -> None:
-    """Bones and joints at pixels ``at`` (K, 2), the farthest (``away``, (K,)) first, each with a dark rim."""
+    """Bones and joints at pixels ``at`` (K, 2), the farthest (``away``, (K,)) first, each with a dark rim.
+
+    guesses  names of fingers that are drawn hollow: white, with a rim in their colour
+    """
     behind_first = sorted(bones(skeleton), key=lambda bone: -(away[bone[0]] + away[bone[1]]))
     own = [colour or its_own for its_own in colours(skeleton)]
+    rims: list[Colour] = [BLACK if colour is None else (90, 90, 90)] * len(own)
+    for joint, name in enumerate(skeleton.joint_names):
+        if name.partition("_")[0] in guesses:
+            own[joint], rims[joint] = WHITE, own[joint]
     if rim:
         for parent, joint in behind_first:
-            strokes.line(canvas, at[parent], at[joint], BLACK if colour is None else (90, 90, 90), thick + 2)
+            strokes.line(canvas, at[parent], at[joint], rims[joint], thick + 2)
     for parent, joint in behind_first:
         strokes.line(canvas, at[parent], at[joint], own[joint], thick)
     for joint in np.argsort(-away, kind="stable"):
         if rim:
-            strokes.dot(canvas, at[joint], thick + 2, BLACK if colour is None else (90, 90, 90))
+            strokes.dot(canvas, at[joint], thick + 2, rims[joint])
         strokes.dot(canvas, at[joint], thick + 1 if rim else thick, own[joint])

@@ -70,7 +70,8 @@ class Space:
                     opacity=0.45,
                 )
             at = camera.project(self._seen(hand.xyz))
-            hands.draw(canvas, at[:, :2], at[:, 2], self._skeleton, thick=2)
+            guesses = hands.guessed(hand.finger_error_mm)
+            hands.draw(canvas, at[:, :2], at[:, 2], self._skeleton, thick=2, guesses=guesses)
         return canvas
 
     def _seen(self, points: Array) -> Array:

@@ -101,7 +101,8 @@ class Painter:
         if hand.capsules is not None:
             surface.paint(canvas, hand.capsules, camera, opacity=0.5)
         uvd = camera.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _MIN_DEPTH_MM)))
-        hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2)
+        guesses = hands.guessed(hand.finger_error_mm)
+        hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2, guesses=guesses)
 
     def _tags(self, canvas: Image, frame: TrackedFrame, view: View) -> None:
         """Label the hands and their confidence above their crops; list lost hands and reasons at the bottom."""

@@ -5,6 +5,7 @@
     lost             empty, or the reason why the hand is not found in this frame: then all further columns are empty
     confidence       probability that the joints' mean error is below 30 mm; empty if unknown
     error_mm         expected error; empty likewise
+    FINGER_error_mm  of a hand: expected error of each finger, thumb to little; empty likewise
     JOINT_x_mm, JOINT_y_mm, JOINT_z_mm   of each joint, camera axes: x right, y up, z away
     ANGLE_rad        of each angle; for a left hand, of its mirror image
 
@@ -25,6 +26,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 
+from handpose.body.fingers import FINGERS, has_fingers
 from handpose.body.gestures.over_time import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
@@ -53,9 +55,11 @@ class CsvWriter:
         self.files = [path]
         self._header, self._joints = header, joints
         self._skeleton, self._angles = header.skeleton, angles.free_dofs(header.skeleton).angles
+        fingers = finger_columns(header.skeleton)
         columns = joint_values.columns(joints) if joints else model_columns(header.skeleton, self._angles)
         self._gestures = GestureReader(header.skeleton) if gestures else None
         columns += ["gesture", "gesture_confidence"] * gestures
+        columns = fingers + columns
         self._empty = [""] * (2 + len(columns))
         self._file = GrowingFile(path, rows_of([FIRST + columns]))
 
@@ -72,6 +76,7 @@ class CsvWriter:
 
     def _values(self, hand: TrackedHand, time: float) -> list[str]:
         values, about = quality(hand.confidence, hand.error_mm), (hand.hand, hand.xyz)
+        values += finger_numbers(self._skeleton, hand.finger_error_mm)
         frames = hand_frames(self._skeleton, *about) if self._joints or self._gestures else None
         if self._joints and frames:
             values += joint_values.numbers(self._joints, self._skeleton, *about, self._header.camera, frames)
@@ -97,6 +102,16 @@ def model_columns(skeleton: Skeleton, angles: Sequence[int]) -> list[str]:
 def model_numbers(xyz: Array, angles: Array) -> list[str]:
     """Joints (K, 3) in mm and angles (A,) in rad as fields; empty where they are not finite."""
     return [_known("%.2f", x) for x in xyz.ravel().tolist()] + [_known("%.5f", a) for a in angles.tolist()]
+
+
+def finger_columns(skeleton: Skeleton) -> list[str]:
+    """The columns of the expected errors of a hand's fingers, for ``finger_numbers``; none for other bodies."""
+    return [f"{finger}_error_mm" for finger in FINGERS] if has_fingers(skeleton) else []
+
+
+def finger_numbers(skeleton: Skeleton, errors_mm: Array) -> list[str]:
+    """The expected errors (5,) of fingers as fields; empty where they are unknown."""
+    return [_known("%.1f", error) for error in errors_mm.tolist()] if has_fingers(skeleton) else []
 
 
 def quality(confidence: float, error_mm: float) -> list[str]:

@@ -32,6 +32,7 @@ A frame:
                          assumed_hand, which angles and positions are of, and its probability assumed_confidence
         confidence       probability that the joints' mean error is below 30 mm; null if unknown
         error_mm         expected error; null likewise
+        finger_error_mm  expected error of each finger, by name: mean over PIP joint, DIP joint and tip; null likewise
         positions_mm     (x, y, z) of each joint, camera axes, to 0.01 mm
         angles_rad       by name; of a left hand, those of its mirror image; null without a fit
         origin_mm        the origin of the translations, camera axes

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from handpose.body.fingers import FINGERS
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
 from handpose.body.sides import Side, side_of
+from handpose.fit.finger_errors import unknown_errors
 from handpose.frames.cameras import Camera
 from handpose.frames.json_fields import Fields
 from handpose.output.tracks import angles, joint_values
@@ -139,6 +141,7 @@ class FrameValues:
             **({} if hand.known_side else {"assumed_hand": hand.hand,
                                            "assumed_confidence": rounded(hand.side_confidence, 3)}),
             "confidence": rounded(hand.confidence, 4), "error_mm": rounded(hand.error_mm, 2),
+            "finger_error_mm": dict(zip(FINGERS, rounded(hand.finger_error_mm, 1))),
             "positions_mm": rounded(hand.xyz, 2),
             "angles_rad": _named(self._angles, theta[self._dofs.angles], 5),
             "origin_mm": rounded(hand.origin_mm, 3),
@@ -191,6 +194,7 @@ class FrameValues:
             of.known("error_mm"), inputs, self._bones_of(of), of.numbers("origin_mm", 3),
             of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3), crop.positive("cube_mm"),
             side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
+            finger_error_mm=_finger_errors(of),
         )  # fmt: skip
 
     def _bones_of(self, of: Fields) -> Array:
@@ -214,6 +218,14 @@ def _by_name(of: Fields, key: str, names: list[str]) -> Array:
         return np.full(len(names), np.nan)
     part = of.part(key)
     return np.array([part.number(name) for name in names])
+
+
+def _finger_errors(of: Fields) -> Array:
+    """The errors (5,) of the fingers; NaN if they are unknown, and in tracks of earlier programs."""
+    if "finger_error_mm" not in of:
+        return unknown_errors()
+    part = of.part("finger_error_mm")
+    return np.array([part.known(finger) for finger in FINGERS])
 
 
 def _side(fields: Fields, name: str = "hand") -> Side:

@@ -36,6 +36,7 @@ def tracked(found: Hand, skeleton: Skeleton) -> TrackedHand:
         center_uvd=found.center_uvd if found.in_frame else np.full(3, nan),
         cube_mm=found.cube_mm,
         capsules=None,
+        finger_error_mm=found.finger_error_mm,
     )
 
 

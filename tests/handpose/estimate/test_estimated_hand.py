@@ -90,6 +90,11 @@ def test_the_side_lowers_the_confidence(model: CapsuleModel) -> None:
     assert doubtful.confidence == pytest.approx(alone.confidence / 2)
     apart = np.linalg.norm(hand.xyz - other.xyz, axis=1).mean()
     assert doubtful.error_mm == pytest.approx((alone.error_mm + max(apart, alone.error_mm)) / 2)
+    assert model.fingers is not None
+    own, others = model.fingers.joints(np.stack([hand.xyz, other.xyz]))
+    distances = np.linalg.norm(own - others, axis=2).mean(axis=1)
+    expected = (alone.finger_error_mm + np.maximum(distances, alone.finger_error_mm)) / 2
+    np.testing.assert_allclose(doubtful.finger_error_mm, expected)
     assert (alone.cost, alone.uncertainty) == (hand.cost, hand.uncertainty) and alone.error_mm != hand.error_mm
 
 
@@ -97,3 +102,4 @@ def test_nothing_is_judged_that_was_not_measured(model: CapsuleModel) -> None:
     """Without a fit, or for a network whose errors were not measured, the values stay NaN."""
     unknown = fitted(model, "right", error_mm=np.nan, confidence=np.nan)
     assert unknown.judged(np.full((NYU.height, NYU.width), 700.0)) is unknown
+    assert np.isnan(unknown.finger_error_mm).all()

@@ -9,7 +9,7 @@ import pytest
 
 from handpose.body.render import render
 from handpose.fit.body import CapsuleModel
-from handpose.fit.support import FAR_MM, Support, joint_depths, support
+from handpose.fit.support import FAR_MM, Support, joint_depths, support, support_of_parts
 from handpose.frames.cameras import KINECT2
 
 CAMERA = replace(KINECT2, width=512, height=424)
@@ -46,6 +46,20 @@ def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str
     assert 0.25 < getattr(found, part)[0] < 0.75 and found.seen[0] > 0.2
     assert getattr(whole, part)[0] == pytest.approx(1) and whole.seen[0] == 0
     assert sum(share[0] for share in found) == pytest.approx(1)
+
+
+def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
+    """Of a hand whose index finger is covered, only that finger is hidden; shares of disjoint parts make the whole."""
+    assert model.fingers is not None
+    index, others = model.fingers.capsules[1], ~model.fingers.capsules[1] & ~model.surface.limbs
+    capsules = model.capsules(np.zeros((1, model.variables)), CENTER)
+    u, v, _ = np.rint(CAMERA.project(np.concatenate([capsules.a[0, index], capsules.b[0, index]]))).astype(int).T
+    covered = image.copy()
+    covered[v.min() - 9 : v.max() - 15, u.min() - 9 : u.max() + 9] = 200
+    whole, *parts = support_of_parts(capsules, model.surface.limbs, [index, others], covered, CAMERA)
+    assert whole == support(capsules, model.surface.limbs, covered, CAMERA)
+    assert parts[0].hidden[0] > 0.5 > 0.2 > parts[1].hidden[0]
+    assert min(part.seen[0] for part in parts) < whole.seen[0] < max(part.seen[0] for part in parts)
 
 
 def test_elsewhere(model: CapsuleModel, image: np.ndarray) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -113,7 +114,31 @@ def test_confidence_and_error_are_of_the_reported_pose(model: CapsuleModel, esti
     assert judged(image, smooth=True, apart=0) == pytest.approx((whole, error))
 
 
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_error_of_each_finger(model: CapsuleModel, estimator: Any, image: np.ndarray, side: Side) -> None:
+    """What covers the thumb raises its expected error most; a left hand in a mirrored image has the same."""
+    places = model.joints(variables(model)[None])[0] + NYU.unproject(CENTER)
+    tip = np.rint(NYU.project(places[model.skeleton.joint_names.index("thumb_tip")])).astype(int)
+    covered = image.copy()
+    covered[tip[1] - 15 : tip[1] + 15, tip[0] - 15 : tip[0] + 15] = 400
+
+    def errors(readings: np.ndarray) -> np.ndarray:
+        if side == "right":
+            return tracked_hand(
+                track(model, estimator), estimator, readings, smooth=False, surface=False
+            ).finger_error_mm
+        one, middle = track(model, estimator, "left"), 2 * NYU.u0
+        seen = replace(one.best.estimate, center_uvd=CENTER * (-1, 1, 1) + (middle, 0, 0))
+        one.best.estimate = one.sides["left"].estimate = seen
+        columns = np.rint(middle - np.arange(NYU.width)).astype(int).clip(0, NYU.width - 1)
+        return tracked_hand(one, estimator, readings[:, columns], smooth=False, surface=False).finger_error_mm
+
+    whole, worse = errors(image), errors(covered)
+    assert whole.shape == (5,) and (whole > 0).all()
+    assert worse[0] > 1.3 * whole[0] and (worse[1:] < 1.1 * whole[1:]).all()
+
+
 def test_errors_that_were_not_measured(model: CapsuleModel, estimator: Any, image: np.ndarray) -> None:
     """Confidence and expected error are those of the fit, that is unknown, without a table of the network's errors."""
     hand = tracked_hand(track(model, estimator, error_mm=np.nan), estimator, image, smooth=True, surface=False)
-    assert np.isnan(hand.error_mm) and hand.confidence == 0.9
+    assert np.isnan(hand.error_mm) and hand.confidence == 0.9 and np.isnan(hand.finger_error_mm).all()

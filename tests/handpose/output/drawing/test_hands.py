@@ -38,6 +38,20 @@ def test_every_finger_has_its_colour() -> None:
         assert {*hands.COLOURS.values(), hands.GREY} <= shown
 
 
+def test_a_guess_is_hollow() -> None:
+    """A finger that is a guess is white with a rim in its colour; the others keep theirs."""
+    assert hands.guessed(np.array([30.0, 31, np.nan, 60, 2])) == ["index", "ring"]
+    center = np.array([250.0, 200.0, 700.0])
+    uvd = NYU.project(JOINTS[SKELETON.joint_names.index("thumb_tip")] * 150 + NYU.unproject(center))
+    u, v = np.rint(crop_pixels(uvd[None, None], center[None], 300.0)[0, 0] * 4 + 1.5).astype(int)
+    picture = hands.overlay(EMPTY, JOINTS, SKELETON, center_uvd=center, guesses=["thumb"])
+    assert tuple(picture[v, u]) == hands.WHITE
+    for colour in hands.COLOURS.values():  # the rim is one pixel wide, between white and black
+        assert (np.abs(picture.astype(int) - colour).max(axis=2) < 40).sum() > 20
+    solid, hollow = (hands.view_3d(JOINTS, SKELETON, guesses=some) for some in ((), ["index"]))
+    assert (hollow == 255).all(axis=2).sum() > (solid == 255).all(axis=2).sum() + 50
+
+
 def test_near_is_bright() -> None:
     """The background is black, and the near face of the cube is the brightest."""
     crop = EMPTY.copy()

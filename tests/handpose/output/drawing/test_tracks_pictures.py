@@ -44,6 +44,18 @@ def test_joints_are_where_the_camera_sees_them(hand: TrackedHand) -> None:
         assert tuple(picture[y, x]) == colour, finger
 
 
+def test_a_finger_that_is_a_guess_is_hollow() -> None:
+    """Its tip is white on the depth, and in space there is white in the hand."""
+    guess = replace(RIGHT, finger_error_mm=np.array([10.0, 45, 12, 29, 8]))
+    pictures = [annotated(DEPTH, of(hand, LEFT), HEADER)[HEAD:] for hand in (RIGHT, guess)]
+    for finger, colour in hands.COLOURS.items():
+        u, v, _ = CAMERA.project(RIGHT.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
+        x, y = (round((edge + 0.5) * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
+        assert tuple(pictures[1][y, x]) == (hands.WHITE if finger == "index" else colour)
+    rows, columns = where(*pictures)
+    assert columns.start < 704 < columns.stop and rows.stop <= 528
+
+
 def test_surface_lies_over_the_depth_that_it_explains() -> None:
     """The hand's pixels are skin-coloured, and nearly all others are unchanged."""
     without = replace(RIGHT, capsules=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -47,6 +48,8 @@ def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
             assert float(row["time_s"]) == pytest.approx(frame.time, abs=1e-6)
             joints = [[float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in sk.joint_names]
             assert np.abs(np.array(joints) - hand.xyz).max() < 0.0051
+            errors = [float(row[column]) for column in row if re.fullmatch("[a-z]+_error_mm", column)]
+            assert errors == pytest.approx(hand.finger_error_mm.tolist() if header is HAND else [], abs=0.0501)
             theta = sk.theta(hand.inputs)
             for dof in set(sk.driven[sk.turns]):
                 assert float(row[f"{sk.dof_names[dof]}_rad"]) == pytest.approx(theta[dof], abs=1e-5)
@@ -60,9 +63,10 @@ def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
 def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
     """Unknown values are empty, which pandas reads as NaN; a reason may contain commas and quotes."""
     hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=np.nan)
+    hand.finger_error_mm[1] = np.nan
     reason = 'it is "dark", 3 mm'
     seen, lost = written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0, (hand,), (LostHand(1, "left", 0, reason),))])
-    assert seen["confidence"] == seen["error_mm"] == ""
+    assert seen["confidence"] == seen["error_mm"] == seen["index_error_mm"] == ""
     assert lost["lost"] == reason
 
 
@@ -70,7 +74,12 @@ def test_no_hand_no_row(tmp_path: Path) -> None:
     """Without hands the file has only its header."""
     assert written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0.0, ())]) == []
     assert (
-        (tmp_path / "a.csv").read_text().startswith("number,time_s,id,hand,lost,confidence,error_mm,little_tip_x_mm,")
+        (tmp_path / "a.csv")
+        .read_text()
+        .startswith(
+            "number,time_s,id,hand,lost,confidence,error_mm,"
+            "thumb_error_mm,index_error_mm,middle_error_mm,ring_error_mm,little_error_mm,little_tip_x_mm,"
+        )
     )
 
 

@@ -44,7 +44,8 @@ def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) ->
         for a, b in zip(got.hands, frame.hands, strict=True):
             assert (a.id, a.hand, a.cube_mm) == (b.id, b.hand, b.cube_mm)
             assert (a.confidence, a.error_mm) == pytest.approx((b.confidence, b.error_mm), abs=0.006, nan_ok=True)
-            for name, digits in (("xyz", 0.00501), ("origin_mm", 5e-4), ("center_uvd", 5e-4), ("bones", 5e-6)):
+            for name, digits in (("xyz", 0.00501), ("origin_mm", 5e-4), ("center_uvd", 5e-4), ("bones", 5e-6),
+                                 ("finger_error_mm", 0.0501)):  # fmt: skip
                 assert np.abs(getattr(a, name) - getattr(b, name)).max() <= digits
             again = joints_of(track.header.skeleton, header.unit_mm, a.hand, a.inputs, a.bones, a.origin_mm)
             assert np.abs(again - b.xyz).max() < 0.05
@@ -105,10 +106,27 @@ def test_keys_and_units(tmp_path: Path) -> None:
     assert (frame["number"], frame["time_s"]) == (7, 0.25)
     (got,) = frame["hands"]
     assert got["confidence"] is got["error_mm"] is None
+    fingers = dict(zip(("thumb", "index", "middle", "ring", "little"), hand.finger_error_mm))
+    assert got["finger_error_mm"] == pytest.approx(fingers, abs=0.0501)
     theta = HAND.skeleton.theta(hand.inputs)
     assert got["angles_rad"]["index_dip_rot_x"] == pytest.approx(theta[46], abs=1e-5)
     assert got["translations_mm"]["palm_x"] == pytest.approx(theta[0] * 150, abs=1e-3)
     assert np.allclose(got["positions_mm"], hand.xyz, atol=0.0051)
+
+
+def test_errors_of_fingers_may_be_unknown(tmp_path: Path) -> None:
+    """Unknown errors of fingers are null, and NaN again when read; tracks of earlier programs do not have them."""
+    hand = replace(any_hand(HAND, np.random.default_rng(0)), finger_error_mm=np.array([7, np.nan, 8, 9, 10]))
+    written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (hand,))])
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert not json_schema.faults(found)
+    errors = found["frames"][0]["hands"][0].pop("finger_error_mm")
+    assert errors == {"thumb": 7, "index": None, "middle": 8, "ring": 9, "little": 10}
+    np.testing.assert_array_equal(
+        read_track(tmp_path / "a.json").frames[0].hands[0].finger_error_mm, [7, np.nan, 8, 9, 10]
+    )
+    (tmp_path / "a.json").write_text(json.dumps(found))
+    assert np.isnan(read_track(tmp_path / "a.json").frames[0].hands[0].finger_error_mm).all()
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, DataError])
