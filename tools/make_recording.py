@@ -14,7 +14,8 @@ SCRIPT is one of
     two_people  the right hands of two persons
     left        a left hand
     body        a person is visible behind the hand
-    minute      all of these
+    desk        both hands of a person at a table, seen from above
+    minute      most of these
 
 --out is a folder of 16-bit PNG, FILE.npz or FILE.mkv, as written by tools/record.py. The ground truth is a track in
 OUT.truth.json, as written by tools/track.py. Frames where it reports a hand as lost because it is "partly in sight"

@@ -19,6 +19,7 @@ BEHIND_MM = 20.0  # from the visible surface to a hand's middle
 FAR_MM = 1600.0  # maximum depth; a hand farther away has too few pixels
 MIN_DEPTH_MM = 100.0  # minimum range of depth cameras
 MIN_AREA_MM2 = 300.0  # minimum surface in a voxel; less is noise
+AROUND_MM, CONTINUED_MM, DIRECTIONS, SAMPLES = 130.0, 35.0, 12, 7  # see ``extent_around``
 NODES_ACROSS = 160  # pixels sampled in a row
 
 
@@ -43,6 +44,27 @@ def surface_places(depth: ArrayLike, camera: Camera) -> Array:
     nodes = np.bincount(own, minlength=count)
     means = np.stack([np.bincount(own, values, count) / nodes for values in points.T], axis=1)
     return np.asarray(means[area > MIN_AREA_MM2] + (0, 0, BEHIND_MM))
+
+
+def extent_around(depth: NDArray[np.generic], places: Array, camera: Camera) -> Array:
+    """The share (P,) of directions in the image in which the surface at places (P, 3) continues beyond a hand.
+
+    It is small for a hand, because only the forearm continues, and large in the middle of a table, a wall or a trunk.
+    A surface continues in a direction if its readings up to AROUND_MM have no depth step.
+    """
+    if not len(places):
+        return np.zeros(0)
+    angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    radius = np.linspace(0, AROUND_MM, SAMPLES)
+    ring = np.zeros((DIRECTIONS, SAMPLES, 3))
+    ring[..., 0], ring[..., 1] = np.outer(np.cos(angle), radius), np.outer(np.sin(angle), radius)
+    uvd = camera.project((places[:, None, None] + ring).reshape(-1, 3))
+    u, v = np.rint(uvd[:, :2]).astype(np.int64).T
+    inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    read = np.where(inside, np.asarray(depth)[np.where(inside, v, 0), np.where(inside, u, 0)], 0.0)
+    read = read.reshape(len(places), DIRECTIONS, SAMPLES)
+    steps = np.abs(np.diff(read, axis=2)).max(axis=2)
+    return np.asarray(((steps < CONTINUED_MM) & (read > 0).all(axis=2)).mean(axis=1))
 
 
 def place_crops(depth: NDArray[np.generic], places: Array, camera: Camera) -> tuple[NDArray[np.float32], Array]:

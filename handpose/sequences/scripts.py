@@ -31,6 +31,7 @@ class Script:
     seconds  default length
     roles    the hands; their indices are their ids
     body     True if the body of the first person is visible behind the hands, False for arms only
+    desk     True if the first person sits at a table and is seen from above
     apart    True if each of two hands keeps to its half of the image, False if one may occlude the other
     poses    replace those of the prior file with the same names
     """
@@ -38,6 +39,7 @@ class Script:
     seconds: float
     roles: tuple[Role, ...]
     body: bool = False
+    desk: bool = False
     apart: bool = True
     poses: tuple[PoseParameter, ...] = ()
 
@@ -56,6 +58,7 @@ SCRIPTS = {
     "two_people": Script(20, (Role("right", _LIVELY), Role("right", (*_LIVELY[2:], *_LIVELY[:2]), person=1))),
     "left": Script(20, (Role("left", _LIVELY),)),
     "body": Script(20, (Role("right", _LIVELY),), body=True),
+    "desk": Script(20, (Role("right", _LIVELY), Role("left", (*_LIVELY[2:], *_LIVELY[:2]))), desk=True),
     "minute": Script(
         60,
         (

@@ -13,7 +13,7 @@ from handpose.sequences.acts import Actor
 from handpose.sequences.movements import HandPose, Movement
 from handpose.sequences.person import Person
 from handpose.sequences.scripts import Script
-from handpose.sequences.surroundings import NOWHERE_MM, Volume, draw_surroundings
+from handpose.sequences.surroundings import NOWHERE_MM, Volume, draw_desk, draw_surroundings
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import render_image
@@ -61,12 +61,16 @@ class Stage:
             actor = Actor(numbers(HANDS, n), self.sampler, person, role.side, volume, outward)
             self.movements.append(actor.act(role.acts, seconds))
         farthest = max(volume.far for volume, _ in volumes)
-        self.surroundings = draw_surroundings(numbers(SURROUNDINGS), camera, farthest, script.body)
+        self.surroundings = (
+            draw_desk(numbers(SURROUNDINGS), camera, farthest)
+            if script.desk
+            else draw_surroundings(numbers(SURROUNDINGS), camera, farthest, script.body)
+        )
 
     def _volume(self, n: int) -> tuple[Volume, float]:
         """The volume in which a role's hand moves, and the side of its elbow; people face the camera."""
         roles, own = self.script.roles, self.script.roles[n].side
-        volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
+        volume = Volume(self.camera, far=BODY_FAR) if self.script.body or self.script.desk else Volume(self.camera)
         if not self.script.apart or len(roles) == 1:
             return volume.roomy(), 0.0
         first = own == "right" if len({role.side for role in roles}) > 1 else n == 0

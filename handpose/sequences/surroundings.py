@@ -1,4 +1,4 @@
-"""What surrounds moving hands: the volume in front of a camera in which they may be, a wall, a person, upper arms."""
+"""What surrounds moving hands: the volume in which they may be, a wall, a person, upper arms, a table."""
 
 from __future__ import annotations
 
@@ -51,6 +51,28 @@ def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float,
         radii = np.array([(ra, rb) for _, _, ra, rb in BODY], dtype=np.float64)
         trunk = in_front(Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1]))
         np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
+    return Surroundings(image, middle)
+
+
+def draw_desk(rng: np.random.Generator, camera: Camera, farthest: float) -> Surroundings:
+    """A person at a table, seen from above: the trunk at the lower edge, a table that rises beyond it, and the floor.
+
+    farthest  depth in mm that the middles of hands do not exceed; the table is close behind
+    """
+    floor = farthest + float(rng.uniform(500, 900))
+    low = -farthest * (camera.height - 1 - camera.v0) / camera.fy  # y of the image's lower edge
+    edge, lies, rise = low + rng.uniform(150, 300), farthest + rng.uniform(60, 140), rng.uniform(-0.1, 0.4)
+    middle = np.array([rng.uniform(-60, 60), low - 100, farthest - rng.uniform(0, 150)])
+    x = (np.arange(camera.width) - camera.u0) / camera.fx
+    y = ((camera.v0 - np.arange(camera.height)) / camera.fy)[:, None]
+    # The plane z = lies + rise (y - edge), where y is the ray's slope times z.
+    z = (lies - rise * edge) / np.maximum(1 - rise * y, 1e-3) + 0 * x
+    image = np.where(y * z > edge, z, floor).astype(np.float32)
+    a = middle + np.array([(-110, 0, 0), (-70, 40, 30)])
+    b = middle + np.array([(110, 0, 0), (70, edge - middle[1] - 60, 90)])
+    radii = np.array([[(110.0, 110.0), (120.0, 100.0)]])
+    trunk = in_front(Capsules(a[None], b[None], radii[..., 0], radii[..., 1]))
+    np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
     return Surroundings(image, middle)
 
 

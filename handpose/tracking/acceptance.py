@@ -25,13 +25,19 @@ from netlib.errors import DataError
 # below 100 mm and 99% below 135 mm; of other things that the detector offers, the lowest has 113 mm. Before the search,
 # fitted fast at the place itself, the hands that are accepted later have at most 116 mm.
 REJECT_NEW_MM, REJECT_FIRST_MM, REJECT_MM = 100.0, 120.0, 135.0
+MIN_SURROUNDINGS = 0.25  # share of the readings in a crop that are not the hand's: fewer do not mislead the fit
+MOVES = 2  # moves of a crop without surroundings to the hand that is fitted in it
 
 
 class Offer(NamedTuple):
-    """The poses found at a place, as hands of each side; without any, the reason."""
+    """The poses found at a place, as hands of each side; without any, the reason.
+
+    alone  True if they were found without the surroundings of the hand
+    """
 
     estimates: list[Hand]
     reason: str = ""
+    alone: bool = False
 
 
 class Acceptance:
@@ -42,6 +48,34 @@ class Acceptance:
 
     def hands_at(self, depth: NDArray[np.float32], place: Array) -> Offer:
         """The poses near a place (3,) in mm.
+
+        A place that is refused with everything in its crop is judged again without the surroundings, if it has any.
+        """
+        offer = self._among_others(depth, place)
+        return offer if offer.estimates else self._alone(depth, place) or offer
+
+    def _alone(self, depth: NDArray[np.float32], place: Array) -> Offer | None:
+        """The poses near a place (3,) in mm whose surroundings are removed; None if no hand is found so."""
+        center = self.predictor.camera.project(place)
+        if self.estimator.surroundings(depth, center) < MIN_SURROUNDINGS:
+            return None
+        for _ in range(MOVES):
+            seen = self._sides_at(depth, center, FAST, alone=True)
+            if not seen:
+                return None
+            best = min(seen, key=lambda hand: hand.rejection_score)
+            if best.rejection_score > REJECT_FIRST_MM:
+                return None
+            center = self.estimator.center_of(best.body, best.hand)
+        seen = self._sides_at(depth, center, ACCURATE, alone=True)
+        if max((hand.chance for hand in seen), default=0.0) < ENOUGH:
+            return None
+        best = min(seen, key=lambda hand: hand.uncertainty)
+        reason = self.doubt(depth, best, REJECT_NEW_MM, needs_both=True)
+        return None if reason else Offer(seen, alone=True)
+
+    def _among_others(self, depth: NDArray[np.float32], place: Array) -> Offer:
+        """The poses near a place (3,) in mm, with everything in its crop.
 
         A fast prediction at the place itself comes first. It rejects most of the other objects before the slow search.
         """
@@ -78,9 +112,11 @@ class Acceptance:
         chance = self.detector.probability(depth, estimate.center_mm)
         return "" if chance >= LIKELY else f"{NO_HAND} (probability {chance:.0%}, rejection score {score:.0f} mm)"
 
-    def _sides_at(self, depth: NDArray[np.float32], center_uvd: Array, plan: Plan) -> list[Hand]:
+    def _sides_at(
+        self, depth: NDArray[np.float32], center_uvd: Array, plan: Plan, *, alone: bool = False
+    ) -> list[Hand]:
         """The poses in a crop about a centre (3,), as a hand of each side; none if it is outside the image."""
-        regions = [SearchRegion(center_uvd, side) for side in self.predictor.sides]
+        regions = [SearchRegion(center_uvd, side, alone=alone) for side in self.predictor.sides]
         return [estimate for estimate in self.estimator.estimate(depth, regions, plan) if estimate is not None]
 
 

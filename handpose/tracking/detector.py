@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from handpose.estimate.locator import Locator, odds_of
 from handpose.frames.cameras import Camera
-from handpose.frames.places import surface_places
+from handpose.frames.places import extent_around, surface_places
 from handpose.tracking.pose_estimator import LIKELY
 from netlib.blob import Array
 
 ROUND, ROUND_ALONE = 0.5, 0.2  # s per scan with and without a tracked hand
 MAX_RATE, MAX_RATE_ALONE = 120.0, 1500.0  # places per second at most
+MAX_EXTENT = 0.5  # share of directions in which a surface continues: more are a table or a body
 APART_MM, ARM_MM = 170.0, 100.0  # minimum distances from tracked hands and from their arms
 TIMES = 2  # evaluations of a likely place, each at the predicted position
 # A rejected place, such as an elbow, is skipped for a pause, which doubles each time.
@@ -102,9 +103,13 @@ class Detector:
         return np.asarray(middle[np.argmax(odds_of(chance, middle))])
 
     def _places(self, depth: NDArray[np.float32]) -> Array:
-        """All places, the nearest first, because hands are held towards the camera."""
+        """All places: first those whose surface ends around them, the nearest first.
+
+        Hands are held towards the camera, and most of a table or a body is no place for a hand.
+        """
         places = surface_places(depth, self.camera)
-        return places[np.argsort(places[:, 2], kind="stable")]
+        wide = extent_around(depth, places, self.camera) > MAX_EXTENT
+        return places[np.lexsort((places[:, 2], wide))]
 
 
 def _apart(places: Array, others: Array, least_mm: float) -> NDArray[np.bool_]:

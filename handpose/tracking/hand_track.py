@@ -80,6 +80,7 @@ class HandTrack:
     place       (3,) mm, where it was seen last as a hand whose side was decided, or None
     since       s, when it was reported last
     reason      why it was lost
+    alone       True if its surroundings are removed from its crops
     """
 
     def __init__(
@@ -89,9 +90,10 @@ class HandTrack:
         time: float,
         size: float | None = None,
         side_prior: float = 0.0,
+        alone: bool = False,
     ) -> None:
         """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
-        self.id, self.is_tracked, self.time, self.since = -1, True, time, time
+        self.id, self.is_tracked, self.time, self.since, self.alone = -1, True, time, time, alone
         self.size, self.sizes = size, SizeKeeper(estimator)
         self.likely: float | None = None
         self.decided: Side | None = None
@@ -184,10 +186,10 @@ class HandTrack:
         regions = []
         for side, estimate in ((estimate.hand, estimate) for estimate in estimates if estimate is not None):
             center = self._estimator.hand_near(depth, estimate)
-            regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self._size))
+            regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self._size, alone=self.alone))
             if self.is_decided:
                 others = (other for other in self._estimator.sides if other != side)
-                regions += [SearchRegion(center, other, None, self._size) for other in others]
+                regions += [SearchRegion(center, other, None, self._size, alone=self.alone) for other in others]
         return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
 
     def take(self, estimates: Sequence[Hand | None], others: Sequence[Hand | None], time: float) -> bool:
@@ -225,7 +227,7 @@ class HandTrack:
             self.decided = self.hand
 
     def _region(self, side: Side, body: WorldPose) -> SearchRegion:
-        return SearchRegion(self._estimator.center_of(body, side), side, body, self._size)
+        return SearchRegion(self._estimator.center_of(body, side), side, body, self._size, alone=self.alone)
 
     @property
     def _size(self) -> float | None:

@@ -22,7 +22,8 @@ from handpose.fit.search import Plan
 from handpose.fit.support import Support, support
 from handpose.fit.world_pose import WorldPose, variables_of, world_pose
 from handpose.frames.cameras import Camera
-from handpose.frames.crops import clear_crop
+from handpose.frames.crops import BACKGROUND, clear_crop
+from handpose.frames.segmentation import alone
 from handpose.tracking.reasons import Expected
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -40,6 +41,7 @@ class SearchRegion(NamedTuple):
     before      the body expected from earlier frames, or None
     size        of the hand, if known
     moved_mm    last distance of the fit from the network's joints; None runs the network again
+    alone       remove the surroundings of the hand from the crop
     """
 
     center_uvd: Array
@@ -47,6 +49,7 @@ class SearchRegion(NamedTuple):
     before: WorldPose | None = None
     size: float | None = None
     moved_mm: float | None = None
+    alone: bool = False
 
 
 class PoseEstimator:
@@ -78,12 +81,24 @@ class PoseEstimator:
     def _candidate(self, depth: NDArray[np.float32], region: SearchRegion) -> Candidate:
         """The crop of a region. Raises DataError outside the image."""
         crop, before = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera), None
+        if region.alone:
+            crop = alone(crop, region.center_uvd, self.cube_mm, self.camera)
         if region.before is not None:
             center = self.camera.unproject(region.center_uvd) * mirror_of(region.side)
             before = variables_of(self.model, region.before, center)
         return Candidate(
             crop, region.center_uvd, region.side, before=before, size=region.size, moved_mm=region.moved_mm
         )
+
+    def surroundings(self, depth: NDArray[np.float32], center_uvd: Array) -> float:
+        """The share of the readings in a crop about a centre (3,) that do not belong to a hand there; 0 without any."""
+        try:
+            crop = clear_crop(depth, center_uvd, self.cube_mm, self.camera)
+        except DataError:  # outside the image
+            return 0.0
+        seen = crop < BACKGROUND
+        own = alone(crop, center_uvd, self.cube_mm, self.camera) < BACKGROUND
+        return float(1 - own.sum() / max(seen.sum(), 1)) if seen.any() else 0.0
 
     def center_of(self, body: WorldPose, side: Side) -> Array:
         """The crop centre (3,) of a body, px, px, mm."""

@@ -49,6 +49,7 @@ MAX_COVERED_MOVED = 0.15  # share of that pose's own surface that is covered, at
 MAX_DEARER = 2.0  # cost of that pose, relative to the average, at most
 MAX_UNCOVERED = 1.2  # cost of a pose, relative to the average, up to which the hand is not covered
 COVERING_MM = 120.0  # distance of a covering object from the line of sight to the hand's middle, at most
+MAX_REFUSED = 8  # number of places that are refused in the search of one frame
 MAX_REJECTIONS = 2  # number of consecutive rejections that end a track
 
 
@@ -129,10 +130,12 @@ class Tracker:
     def _search(self, depth: NDArray[np.float32], time: float, after_gap: bool) -> list[RefusedPlace]:
         """Search for hands that are not tracked: one, after a gap in time all at once. Returns the refused places."""
         refused: list[RefusedPlace] = []
-        while (count := self._count(time)) < self.limit:
-            refused += self._detect(depth, time)
+        while (count := self._count(time)) < self.limit and len(refused) < MAX_REFUSED:
+            more = self._detect(depth, time)
+            refused += more
             self._drop_doubles()
-            if not after_gap or self._count(time) == count:
+            # While no hand is tracked, the detector offers a refused place again.
+            if not after_gap or (self._count(time) == count and not (more and count)):
                 break
             self.detector.restart()
         return refused
@@ -234,7 +237,7 @@ class Tracker:
         place = self.detector.detect(depth, middles, time, np.concatenate([*arms, NOWHERE]))
         if place is None:
             return []
-        seen, why = self.acceptance.hands_at(depth, place)
+        seen, why, alone = self.acceptance.hands_at(depth, place)
         if any(self._covers(place, track, time) for track in self.tracks):
             seen, why = [], "it covers a tracked hand"
         if not seen:
@@ -243,7 +246,7 @@ class Tracker:
             return [RefusedPlace((x, y, z), why)]
         returned = self._just_lost(place, time)
         seen = [estimate for estimate in seen if estimate.hand in returned] or seen
-        track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time))
+        track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time), alone)
         id = self._id_of(track.hand, time)
         track.identify(id, self.known.get(id))
         self.known[id] = track

@@ -9,7 +9,17 @@ from hypothesis import strategies as st
 
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop
-from handpose.frames.places import BEHIND_MM, CUBE_MM, FAR_MM, MIN_DEPTH_MM, SIZE, VOXEL_MM, place_crops, surface_places
+from handpose.frames.places import (
+    BEHIND_MM,
+    CUBE_MM,
+    FAR_MM,
+    MIN_DEPTH_MM,
+    SIZE,
+    VOXEL_MM,
+    extent_around,
+    place_crops,
+    surface_places,
+)
 from netlib.errors import DataError
 
 
@@ -77,3 +87,14 @@ def test_places_in_an_image_of_another_camera() -> None:
     """An image of the wrong size raises an error, even if there are no places."""
     with pytest.raises(DataError, match=r"\(240, 320\), expected \(480, 640\) of camera 'nyu'"):
         place_crops(np.ones((240, 320)), np.zeros((0, 3)), NYU)
+
+
+def test_the_middle_of_a_table_has_a_large_extent() -> None:
+    """A surface continues in all directions in the middle of a table, in one from the hand at the end of an arm."""
+    depth = np.full((480, 640), 900.0)
+    depth[:, :40] = 0
+    depth[200:260, 300:] = 700
+    middle, hand, edge = NYU.unproject(np.array([[150.0, 100, 920], [330.0, 230, 720], [20.0, 300, 920]]))
+    table, arm, empty = extent_around(depth, np.stack([middle, hand, edge]), NYU)
+    assert table == 1 and 0 < arm < 0.3 and empty == 0
+    assert extent_around(depth, np.zeros((0, 3)), NYU).shape == (0,)

@@ -161,3 +161,12 @@ def test_what_cannot_be_recorded() -> None:
     for middle in (-3.0, 0.0, 1e6):
         with pytest.raises(DataError, match=r"camera own: images of .* pixels; expected 1 to 16384 each way"):
             SyntheticRecording("rest", Camera("own", 500, 500, middle, 240, 0, 0))
+
+
+def test_a_desk_is_behind_the_hands() -> None:
+    """Both hands are seen in front of a table, which covers the upper part of the image, nearer than the floor."""
+    recording = SyntheticRecording("desk", NYU, seconds=0.1, sensor=None)
+    depth, hands = recording.frame(0).depth, recording.truth(0).hands
+    assert {hand.hand for hand in hands} == {"right", "left"}
+    table, floor = depth[:40, :40], depth[-10:, :10]
+    assert max(float(hand.xyz[:, 2].max()) for hand in hands) < table.min() and table.max() < floor.min()
