@@ -26,7 +26,9 @@ from netlib.errors import DataError
 # fitted fast at the place itself, the hands that are accepted later have at most 116 mm.
 REJECT_NEW_MM, REJECT_FIRST_MM, REJECT_MM = 100.0, 120.0, 135.0
 MIN_SURROUNDINGS = 0.25  # share of the readings in a crop that are not the hand's: fewer do not mislead the fit
-MOVES = 2  # moves of a crop without surroundings to the hand that is fitted in it
+# A place is fitted without its surroundings only if it is this probable, and again, in a crop moved to the fitted hand,
+# only if a fast fit has this confidence.
+LIKELY_ALONE, ENOUGH_FIRST = 0.9, ENOUGH / 3
 
 
 class Offer(NamedTuple):
@@ -55,24 +57,25 @@ class Acceptance:
         return offer if offer.estimates else self._alone(depth, place) or offer
 
     def _alone(self, depth: NDArray[np.float32], place: Array) -> Offer | None:
-        """The poses near a place (3,) in mm whose surroundings are removed; None if no hand is found so."""
+        """The poses near a place (3,) in mm whose surroundings are removed; None if no hand is found so.
+
+        The poses are judged among their surroundings, as they will be reported. Cheap tests come first, because most
+        refused places are no hands.
+        """
         center = self.predictor.camera.project(place)
         if self.estimator.surroundings(depth, center) < MIN_SURROUNDINGS:
             return None
-        for _ in range(MOVES):
-            seen = self._sides_at(depth, center, FAST, alone=True)
-            if not seen:
-                return None
-            best = min(seen, key=lambda hand: hand.rejection_score)
-            if best.rejection_score > REJECT_FIRST_MM:
-                return None
-            center = self.estimator.center_of(best.body, best.hand)
-        seen = self._sides_at(depth, center, ACCURATE, alone=True)
-        if max((hand.chance for hand in seen), default=0.0) < ENOUGH:
+        if self.detector.probability_at(depth, place) < LIKELY_ALONE:
             return None
-        best = min(seen, key=lambda hand: hand.uncertainty)
-        reason = self.doubt(depth, best, REJECT_NEW_MM, needs_both=True)
-        return None if reason else Offer(seen, alone=True)
+        seen: list[Hand] = []
+        for plan, enough in ((FAST, ENOUGH_FIRST), (FAST, ENOUGH_FIRST), (ACCURATE, ENOUGH)):
+            seen = self._sides_at(depth, center, plan, alone=True)
+            chances = [hand.judged(depth).chance for hand in seen]
+            if max(chances, default=0.0) < enough:
+                return None
+            best = seen[int(np.argmax(chances))]
+            center = self.estimator.center_of(best.body, best.hand)
+        return None if self.doubt(depth, best, REJECT_NEW_MM, needs_both=True) else Offer(seen, alone=True)
 
     def _among_others(self, depth: NDArray[np.float32], place: Array) -> Offer:
         """The poses near a place (3,) in mm, with everything in its crop.

@@ -22,7 +22,8 @@ MAX_RATE, MAX_RATE_ALONE = 120.0, 1500.0  # places per second at most
 MAX_EXTENT = 0.5  # share of directions in which a surface continues: more are a table or a body
 APART_MM, ARM_MM = 170.0, 100.0  # minimum distances from tracked hands and from their arms
 TIMES = 2  # evaluations of a likely place, each at the predicted position
-# A rejected place, such as an elbow, is skipped for a pause, which doubles each time.
+# A rejected place, such as an elbow, is skipped for a pause, which doubles each time. While no hand is tracked, it is
+# offered only if there is no other.
 REJECTED_MM, PAUSE, MAX_PAUSE = 100.0, 0.5, 4.0
 
 
@@ -60,6 +61,10 @@ class Detector:
         self._left = self._left[:0]
         self._begun = self._last = -np.inf
 
+    def probability_at(self, depth: NDArray[np.float32], middle: Array) -> float:
+        """The probability of a hand at a place (3,) in mm."""
+        return float(self.locator.at(depth, middle[None], self.camera)[0].max(initial=0.0))
+
     def probability(self, depth: NDArray[np.float32], middle: Array) -> float:
         """The probability of a hand at a place (3,) in mm, the highest while the locator moves to its prediction."""
         highest, places = 0.0, middle[None]
@@ -85,7 +90,8 @@ class Detector:
                 return None
             self._left, self._begun = self._places(depth), time
             self._a_second = len(self._left) / lasts
-        rejected = np.array([r.place for r in self._rejected if time < r.until and len(followed)]).reshape(-1, 3)
+        recent = np.array([r.place for r in self._rejected if time < r.until]).reshape(-1, 3)
+        rejected = recent if len(followed) else NOWHERE
         left = self._left[_apart(self._left, followed, APART_MM) & _apart(self._left, rejected, REJECTED_MM)]
         count = min(seconds, lasts) * min(self._a_second, most) if np.isfinite(seconds) else np.inf
         count = int(min(max(np.ceil(count), 1), len(left)))
@@ -98,6 +104,8 @@ class Detector:
                 good &= _apart(middle, places, apart)
             if not good.any():
                 return None
+            new = good & _apart(middle, recent, REJECTED_MM)
+            good = new if new.any() else good
             chance, middle = chance[good], middle[good]
             some = middle[np.argsort(-chance)][:4]
         return np.asarray(middle[np.argmax(odds_of(chance, middle))])

@@ -13,6 +13,7 @@ from handpose.fit.pose_confidence import MAX_RATIO, SIDE_SLOPE
 from handpose.fit.world_pose import WorldPose
 from handpose.tracking.body_motion import Motion, motion_between, moved
 from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
+from handpose.tracking.reasons import NO_HAND
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter
 from netlib.blob import Array
@@ -79,6 +80,7 @@ class HandTrack:
     decided     the side that was decided last, or None
     place       (3,) mm, where it was seen last as a hand whose side was decided, or None
     since       s, when it was reported last
+    trusted     s, of its last reported pose with enough confidence; only hands without surroundings need one
     reason      why it was lost
     alone       True if its surroundings are removed from its crops
     """
@@ -93,7 +95,8 @@ class HandTrack:
         alone: bool = False,
     ) -> None:
         """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
-        self.id, self.is_tracked, self.time, self.since, self.alone = -1, True, time, time, alone
+        self.id, self.is_tracked, self.alone = -1, True, alone
+        self.time = self.since = self.trusted = time
         self.size, self.sizes = size, SizeKeeper(estimator)
         self.likely: float | None = None
         self.decided: Side | None = None
@@ -218,9 +221,16 @@ class HandTrack:
             self._pause = PAUSE
         return True
 
+    def trust(self, confidence: float, time: float) -> None:
+        """Take the confidence of the pose that is reported, as a hand of its side, judged with its surroundings."""
+        if not (self.alone and confidence < ENOUGH):
+            self.trusted = time
+        else:
+            self.reason = f"{NO_HAND} (confidence {confidence:.0%} among its surroundings)"
+
     def given_up(self, time: float) -> bool:
-        """True if it was lost for too long."""
-        return time - self.time > (MAX_COVERED_S if self.covered else COAST)
+        """True if it was lost, or its poses were not trusted, for too long."""
+        return self.time - self.trusted > COAST or time - self.time > (MAX_COVERED_S if self.covered else COAST)
 
     def _keep_side(self) -> None:
         if self.is_decided:

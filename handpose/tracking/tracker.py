@@ -153,7 +153,9 @@ class Tracker:
             if track.is_decided:
                 track.place = self._middle(track)
                 track.size = track.size or track.sizes.take(track.best.estimate, time)
-            hands.append(tracked_hand(track, self.estimator, readings, smooth=self.smooth, surface=self.surface))
+            hand = tracked_hand(track, self.estimator, readings, smooth=self.smooth, surface=self.surface)
+            track.trust(hand.confidence / hand.side_confidence, time)
+            hands.append(hand)
         return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(refused))
 
     def _count(self, time: float) -> int:

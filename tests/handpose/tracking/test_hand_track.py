@@ -297,6 +297,19 @@ def test_losing(seen: list[Hand | None]) -> None:
     assert not one.given_up(4 * FRAME) and one.given_up(4 * FRAME + 2)
 
 
+@pytest.mark.parametrize(("alone", "confidence", "given_up"), [(True, 0.1, True), (True, 0.5, False),
+                                                               (False, 0.1, False), (True, np.nan, False)])  # fmt: skip
+def test_a_hand_without_its_surroundings_must_be_trusted(alone: bool, confidence: float, given_up: bool) -> None:
+    """A hand found without its surroundings is given up when its reported confidence is low for longer than 0.4 s."""
+    one = HandTrack(ESTIMATOR, [estimate()], 0.0, alone=alone)
+    for n in range(1, 14):
+        time = n * FRAME
+        assert one.take([estimate()], [], time)
+        one.trust(confidence, time)
+        assert one.given_up(time) == (given_up and n == 13)
+    assert ("confidence 10% among its surroundings" in one.reason) == given_up
+
+
 def test_smoothing_begins_with_the_first_pose() -> None:
     """Smoothing starts at the first pose, and ignores frames without the hand."""
     one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)

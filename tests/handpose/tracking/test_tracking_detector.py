@@ -172,3 +172,16 @@ def test_a_place_that_was_no_hand() -> None:
             alone.reject(place, n * FRAME)
             found.append(n)
     assert np.diff([n for n in found if isinstance(n, int)]).min() * FRAME < 0.5
+
+
+def test_a_place_that_was_no_hand_comes_last() -> None:
+    """While no hand is tracked, a rejected place is offered again only after another one."""
+    depth = room((200, 240, 700.0), (440, 240, 700.0))
+    one, _ = detector()
+    places = []
+    for n in range(2):
+        place = one.detect(depth, NOBODY, float(n) / 4)
+        assert place is not None
+        one.reject(place, float(n) / 4)
+        places.append(place)
+    assert places[0][0] * places[1][0] < 0
