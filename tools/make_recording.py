@@ -2,8 +2,7 @@
 """Generate a synthetic depth recording of moving hands with ground truth, for testing trackers.
 
     python tools/make_recording.py minute --out takes/minute
-    python tools/make_recording.py gestures --camera kinect2 --seed 3 --out gestures.npz
-    python tools/make_recording.py moving --hand left --rate 60 --seconds 10 --out left.mkv
+    python tools/make_recording.py moving --camera kinect2 --hand left --rate 60 --seconds 10 --seed 3 --out left.mkv
 
 SCRIPT is one of
     rest        a hand at rest, so that all changes are noise
@@ -15,7 +14,7 @@ SCRIPT is one of
     left        a left hand
     body        a person is visible behind the hand
     desk        both hands of a person at a table, seen from above
-    minute      most of these
+    minute      all of these but desk
 
 --out is a folder of 16-bit PNG, FILE.npz or FILE.mkv, as written by tools/record.py. The ground truth is a track in
 OUT.truth.json, as written by tools/track.py. Frames where it reports a hand as lost because it is "partly in sight"
