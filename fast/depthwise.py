@@ -24,7 +24,6 @@ from fast.parallel import scratch
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
-ALL = slice(None)
 FILTERED = 1200  # values of a map, per window, from which calls of filter2D take less time
 ACTIVATED = 1 << 15  # values of the outputs to which an activation is applied at a time
 MAX_VALUES = 1 << 18  # of the maps of a block

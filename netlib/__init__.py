@@ -88,7 +88,7 @@ def threads() -> int:
 
 
 def set_threads(count: int) -> None:
-    """Set the number of threads. Results do not depend on it: they are bit-for-bit the same."""
+    """Set the number of threads. It may change the rounding of what does not run in slices, as of a single image."""
     engine.get().set_threads(count)
 
 

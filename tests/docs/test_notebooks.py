@@ -76,7 +76,7 @@ def test_every_chapter_is_written(written: Path) -> None:
 
 
 def test_every_link_and_picture_of_a_notebook_leads_somewhere(written: Path) -> None:
-    """Links lead to files, to anchors that every viewer has and to notebooks; pictures are beside the notebooks."""
+    """Links lead to files, notebooks and anchors that every viewer supports; pictures are copied next to notebooks."""
     texts = {path.name: "\n".join(markdown_of(path)) for path in written.glob("*.ipynb")}
     pictures = 0
     for name, text in texts.items():

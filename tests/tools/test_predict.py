@@ -83,7 +83,7 @@ def test_json_of_crops(snapshot):
 
 
 def test_json_to_a_file(snapshot):
-    """--json FILE.json writes what --json prints, beside the table; an image may follow --json."""
+    """--json FILE.json writes what --json prints, in addition to the table; an image may follow --json."""
     printed = run_tool("predict", *OWN, "--out", "p", "--json", "crop.png").out
     table = run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "hands.json").out
     assert table.startswith("crop.png: ") and Path("hands.json").read_text() == printed

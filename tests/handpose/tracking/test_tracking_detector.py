@@ -10,10 +10,9 @@ import pytest
 from handpose.estimate.locator import Locator
 from handpose.frames.cameras import NYU
 from handpose.frames.places import CUBE_MM, SIZE
-from handpose.tracking.detector import Detector
+from handpose.tracking.detector import NOWHERE, Detector
 
 FRAME = 1 / 30
-NOBODY = np.zeros((0, 3))
 
 
 class Blocks(Locator):
@@ -77,14 +76,14 @@ LEFT_BLOCK, RIGHT_BLOCK = (180, 240, 700.0), (460, 200, 800.0)
 
 def test_a_hand_is_found() -> None:
     """A hand is found within 8 frames, at the place given by the locator."""
-    found = first_found(detector()[0], room(LEFT_BLOCK), NOBODY)
+    found = first_found(detector()[0], room(LEFT_BLOCK), NOWHERE)
     assert found is not None and found[0] < 8
     np.testing.assert_allclose(found[1], middle(*LEFT_BLOCK), atol=12)
 
 
 def test_the_nearest_is_found_first() -> None:
     """The nearest hand is found first, because hands are held towards the camera."""
-    found = first_found(detector()[0], room(LEFT_BLOCK, RIGHT_BLOCK), NOBODY)
+    found = first_found(detector()[0], room(LEFT_BLOCK, RIGHT_BLOCK), NOWHERE)
     assert found is not None
     np.testing.assert_allclose(found[1], middle(*LEFT_BLOCK), atol=12)
 
@@ -112,7 +111,7 @@ def test_no_frame_waits() -> None:
             counts.append(locator.count)
         return counts
 
-    beside, alone = places(middle(*LEFT_BLOCK)[None], 30), places(NOBODY, 30)
+    beside, alone = places(middle(*LEFT_BLOCK)[None], 30), places(NOWHERE, 30)
     whole = alone[0]
     assert 0 < max(beside[1:]) < max(alone[1:]) < whole / 5
     slow = places(middle(*LEFT_BLOCK)[None], 10)
@@ -129,8 +128,8 @@ def test_no_frame_waits() -> None:
 
 def test_nothing_to_be_seen() -> None:
     """Without a hand, nothing is detected and no error is raised."""
-    assert first_found(detector()[0], np.zeros((480, 640), np.float32), NOBODY, 3) is None
-    assert first_found(detector()[0], room(), NOBODY, 50) is None
+    assert first_found(detector()[0], np.zeros((480, 640), np.float32), NOWHERE, 3) is None
+    assert first_found(detector()[0], room(), NOWHERE, 50) is None
 
 
 def test_the_chance_of_a_place() -> None:
@@ -167,7 +166,7 @@ def test_a_place_that_was_no_hand() -> None:
     assert len(pauses) >= 2 and pauses[0] >= 0.5 and pauses[1] >= 1.0
     alone, _ = detector()
     for n in range(45):
-        place = alone.detect(room(right), NOBODY, n * FRAME)
+        place = alone.detect(room(right), NOWHERE, n * FRAME)
         if place is not None:
             alone.reject(place, n * FRAME)
             found.append(n)
@@ -180,7 +179,7 @@ def test_a_place_that_was_no_hand_comes_last() -> None:
     one, _ = detector()
     places = []
     for n in range(2):
-        place = one.detect(depth, NOBODY, float(n) / 4)
+        place = one.detect(depth, NOWHERE, float(n) / 4)
         assert place is not None
         one.reject(place, float(n) / 4)
         places.append(place)
