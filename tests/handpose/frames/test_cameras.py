@@ -32,15 +32,3 @@ def test_minimum_range() -> None:
     depth = np.array([[0, 199, 200, 900, -1]], np.int16)
     np.testing.assert_array_equal(NYU.in_range(depth), [[0, 0, 200, 900, -1]])
     assert replace(NYU, min_range_mm=100.0).in_range(depth) is depth
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "expected"),
-    [("fx", 0, "more than 0 px"), ("fy", -587.0, "more than 0 px"), ("fx", float("nan"), "more than 0 px"),
-     ("fy", float("inf"), "more than 0 px"), ("u0", float("nan"), "a finite number of px"),
-     ("v0", float("inf"), "a finite number of px")],
-)  # fmt: skip
-def test_no_camera(field: str, value: float, expected: str) -> None:
-    """The error names the invalid number."""
-    with pytest.raises(ValueError, match=f"camera 'nyu': {field} is {value}, expected {expected}"):
-        replace(NYU, **{field: value})

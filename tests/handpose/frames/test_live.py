@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,12 @@ from handpose.frames.live import DeviceFrame, LiveRecording, open_device
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, hand_sized
+from tests.support.bad_input import bad_inputs
 
 Event = DeviceFrame | Exception | None
+
+
+INCOMPLETE = "simulated: expected the camera with its width and height, and unit_mm"
 
 
 class Simulated:
@@ -99,12 +104,6 @@ def test_the_end_in_a_thread(end: Exception, cut: str) -> None:
         assert list(frames) == [] and recording.cut == cut
 
 
-def test_an_error_of_a_device() -> None:
-    """An error that is made for users is raised as it is."""
-    with pytest.raises(DataError, match=r"^simulated: not calibrated$"):
-        list(LiveRecording(Simulated([DataError("simulated: not calibrated")])))
-
-
 def test_a_thread_keeps_the_newest_frame() -> None:
     """While a frame is in use, those that come are read, and all but the newest are dropped and counted."""
     read, released = threading.Semaphore(0), [threading.Event(), threading.Event()]
@@ -144,29 +143,27 @@ def test_given_parameters() -> None:
     np.testing.assert_array_equal(one.depth, expected)
 
 
-@pytest.mark.parametrize(
-    ("info", "given", "said"),
-    [
-        (
-            CameraInfo(unit_mm=1.0),
-            CameraInfo(),
-            "simulated: expected the camera with its width and height, and unit_mm",
-        ),
-        (CameraInfo(CAMERA), CameraInfo(), "simulated: expected the camera with its width and height, and unit_mm"),
-        (CameraInfo(Camera("own", 60, 60, 32, 24, 0, 0), unit_mm=1.0), CameraInfo(), "simulated: expected the camera"),
-        (CameraInfo(CAMERA, unit_mm=1.0), CameraInfo(Camera("x", 60, 60, 32, 24, 99, 48)), "camera x has 99 x 48"),
-    ],
-)
-def test_parameters_that_do_not_fit(info: CameraInfo, given: CameraInfo, said: str) -> None:
+@bad_inputs(DataError, {
+    "no camera": ((CameraInfo(unit_mm=1.0), CameraInfo()), INCOMPLETE),
+    "no unit": ((CameraInfo(CAMERA), CameraInfo()), INCOMPLETE),
+    "no size": ((CameraInfo(Camera("own", 60, 60, 32, 24, 0, 0), unit_mm=1.0), CameraInfo()), INCOMPLETE),
+    "another size": ((CameraInfo(CAMERA, unit_mm=1.0), CameraInfo(Camera("x", 60, 60, 32, 24, 99, 48))),
+                     "simulated: 64 x 48 pixels; camera x has 99 x 48"),
+})  # fmt: skip
+def test_parameters_that_do_not_fit(given: tuple[CameraInfo, CameraInfo], rejected: Any) -> None:
     """A device without its parameters, or with others than given, raises an error and is closed."""
-    device = Simulated([], info)
-    with pytest.raises(DataError, match=said):
-        LiveRecording(device, given)
+    device = Simulated([], given[0])
+    with rejected:
+        LiveRecording(device, given[1])
     assert device.closed == 1
 
 
-def test_a_frame_of_another_size() -> None:
-    """A frame that does not fit the camera raises an error with the device's name."""
-    recording = LiveRecording(Simulated([DeviceFrame(0.0, np.zeros((3, 4), np.uint16))]))
-    with pytest.raises(DataError, match="simulated: 4 x 3 pixels; the camera has 64 x 48"):
-        list(recording)
+@bad_inputs(DataError, {
+    "an error made for users": (DataError("simulated: not calibrated"), "simulated: not calibrated"),
+    "a frame of another size": (DeviceFrame(0.0, np.zeros((3, 4), np.uint16)),
+                                "simulated: 4 x 3 pixels; the camera has 64 x 48"),
+})  # fmt: skip
+def test_bad_events(given: Event, rejected: Any) -> None:
+    """A frame that does not fit raises an error with the device's name; an error of the device is raised as it is."""
+    with rejected:
+        list(LiveRecording(Simulated([given])))

@@ -6,6 +6,7 @@ import contextlib
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from handpose.frames.recording import DepthFrame
 from handpose.frames.writing import RecordingWriter
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic, locks
+from tests.support.bad_input import bad_inputs
 
 SMALL = Camera("own", 5.0, 6.0, 2.0, 1.5, 4, 3)
 
@@ -99,32 +101,21 @@ def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseExcept
 
 
 @pytest.mark.parametrize("name", ["take", "take.npz"])
-@pytest.mark.parametrize(
-    ("frame", "what"),
-    [
-        (DepthFrame(9, 1.0, np.full((3, 4), 70000, np.float32)), "frame 9: depth from 70000 to 70000 mm does not fit"),
-        (DepthFrame(9, 1 / 30, np.ones((3, 4), np.float32)), "frame 9: at 0.033333 s, which is not after the frame"),
-        (DepthFrame(9, 1.0, np.ones((4, 3), np.float32)), r"frame 9 has the shape \(4, 3\), expected \(3, 4\)"),
-    ],
-)
-def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, frame: DepthFrame, what: str) -> None:
+@bad_inputs(DataError, {
+    "too far": (DepthFrame(9, 1.0, np.full((3, 4), 70000, np.float32)),
+                "...: frame 9: depth from 70000 to 70000 mm does not fit into 16 bits of 1 mm; expected 0 to ..."),
+    "too early": (DepthFrame(9, 1 / 30, np.ones((3, 4), np.float32)),
+                  "...: frame 9: at 0.033333 s, which is not after the frame before"),
+    "another size": (DepthFrame(9, 1.0, np.ones((4, 3), np.float32)),
+                     "...: frame 9 has the shape (4, 3), expected (3, 4)"),
+})  # fmt: skip
+def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, given: DepthFrame, rejected: Any) -> None:
     """An invalid frame raises an error, and the frames before it are kept."""
-    with pytest.raises(DataError, match=what), RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
-        for one in (*frames(2), frame):
+    with rejected, RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
+        for one in (*frames(2), given):
             writer.write(one)
     assert writer.count == 2
     assert len(list(open_recording(tmp_path / name))) == 2
-
-
-@pytest.mark.parametrize("name", ["take", "take.npz"])
-def test_nothing_is_overwritten_unasked(tmp_path: Path, name: str) -> None:
-    """An existing recording is replaced only with ``replace``."""
-    path = tmp_path / name
-    write(path, frames(3))
-    with pytest.raises(NetlibError, match=r"(is not empty|is there already); name a new \w+ or replace it by --force"):
-        write(path, frames(1))
-    write(path, frames(1), replace=True)
-    assert open_recording(path).count == 1
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -197,15 +188,6 @@ def test_who_reads_what_a_killed_writer_left_puts_the_old_recording_back(tmp_pat
     (tmp_path / "take").rename(tmp_path / ".take.0123abcd.netlib.old")
     assert open_recording(tmp_path / named).count == (1 if "us" in named else 3)
     assert contents(tmp_path / "take") == before
-
-
-@pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "loop"])
-def test_a_name_that_no_recording_can_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Invalid names raise an error, without a search for backups."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "loop").symlink_to("loop")
-    with pytest.raises(DataError, match="no such file or folder"):
-        open_recording(name)
 
 
 def test_what_another_writer_took_away_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -296,37 +278,54 @@ def test_an_old_recording_is_locked_before_it_loses_its_name(tmp_path: Path, mon
     assert len(seen) == 1 and open_recording(tmp_path / "take").count == 1
 
 
-def test_a_mounted_disk_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A mount point cannot be renamed, which raises an error before the first frame."""
-    write(tmp_path / "take", frames(3))
-    monkeypatch.setattr(os.path, "ismount", lambda path: True)
-    with pytest.raises(NetlibError, match="a disk is mounted there"):
-        write(tmp_path / "take", frames(1), replace=True)
+ENDINGS = "expected a folder, FILE.npz or FILE.mkv"
 
 
-@pytest.mark.parametrize("name", ["file", "file/take", "file/take.npz"])
-def test_a_file_where_a_folder_should_be(tmp_path: Path, name: str) -> None:
-    """A file in place of a folder raises an error with its name."""
-    (tmp_path / "file").touch()
-    with pytest.raises(NetlibError, match=r"/file: is a file; expected a folder$"):
-        write(tmp_path / name, frames(1), replace=True)
+@bad_inputs(NetlibError, {
+    "a recording": (("take", False), "take: is not empty; name a new folder or replace it by --force"),
+    "an archive": (("take.npz", False), "take.npz: is there already; name a new file or replace it by --force"),
+    "a mount point": (("take", True),
+                      "take: a disk is mounted there, which cannot be replaced; name a folder in it"),
+    "a file": (("file", True), "file: is a file; expected a folder"),
+    "a folder in a file": (("file/take", True), "...file: is a file; expected a folder"),
+    "an archive in a file": (("file/take.npz", True), "...file: is a file; expected a folder"),
+    "a folder of others": (("others", True), "others: holds thesis.txt, which no recording has; name a new folder"),
+    **{f".{end}": ((f"take.{end}", True), f"take.{end}: cannot write .{end}; {ENDINGS}")
+       for end in ("npy", "mp4", "bag", "png")},
+})  # fmt: skip
+def test_places_that_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, bool], rejected: Any
+) -> None:
+    """What is there is replaced on request only; a mount point, and a folder with other files, never."""
+    monkeypatch.chdir(tmp_path)
+    name, replace = given
+    (tmp_path / "others").mkdir()
+    for other in ("file", "others/thesis.txt"):
+        (tmp_path / other).touch()
+    if name.startswith("take"):
+        write(Path("take"), frames(3))
+        write(Path("take.npz"), frames(3))
+        monkeypatch.setattr(os.path, "ismount", lambda path: replace)
+    with rejected:
+        write(Path(name), frames(1), replace=replace)
 
 
-def test_a_folder_with_other_files_is_never_replaced(tmp_path: Path) -> None:
-    """A folder with other files is never replaced, because they may be important."""
-    (tmp_path / "thesis.txt").touch()
-    with pytest.raises(NetlibError, match=r"holds thesis\.txt, which no recording has; name a new folder$"):
-        write(tmp_path, frames(1), replace=True)
+@bad_inputs(DataError, {
+    "a null character": ("a\0b", r"a\x00b: no such file or folder"),
+    "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
+    "loop": "loop: no such file or folder (did you mean 'loop'?)",
+})  # fmt: skip
+def test_a_name_that_no_recording_can_have(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
+) -> None:
+    """Invalid names raise an error, without a search for backups."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
+    with rejected:
+        open_recording(given)
 
 
 def test_without_frames_there_is_no_stack(tmp_path: Path) -> None:
     """Without frames no file is left."""
     write(tmp_path / "take.npz", [])
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("name", ["take.npy", "take.mp4", "take.bag", "take.png"])
-def test_other_endings(tmp_path: Path, name: str) -> None:
-    """Another suffix raises an error."""
-    with pytest.raises(NetlibError, match=rf"{name}: cannot write \.\w+; expected a folder, FILE\.npz or FILE\.mkv"):
-        RecordingWriter(tmp_path / name, SMALL, 1.0)

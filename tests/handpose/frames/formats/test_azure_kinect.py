@@ -14,6 +14,7 @@ from handpose.frames.lens import Lens
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.support import azure_file
+from tests.support.bad_input import bad_inputs
 
 pytest.importorskip("av", reason="PyAV is missing: pip install av")
 
@@ -74,37 +75,37 @@ def test_without_a_calibration(tmp_path: Path) -> None:
     assert open_video(path, CameraInfo(camera=camera, origin="--camera")).unit_mm == 1.0
 
 
-@pytest.mark.parametrize(
-    ("said", "expected"),
-    [
-        (b"no JSON", "is not JSON"),
-        (b'{"CalibrationInformation": {"Cameras": []}}', "not the calibration of a depth camera"),
-        (azure_file.calibration(azure_file.NUMBERS[:9]), "not the calibration of a depth camera"),
-        (azure_file.calibration([0.5, 0.5, -1, *azure_file.NUMBERS[3:]]), "finite and positive"),
-        (azure_file.calibration(SensorWidth=640), r"expected one of \(1024, 1024\)"),
-        (azure_file.calibration([*azure_file.NUMBERS[:10], 0.1, 0, 0, 0]), r"about \(0.1, 0\)"),
-    ],
-)
-def test_calibrations_that_are_none(tmp_path: Path, said: Any, expected: str) -> None:
-    """An invalid calibration raises an error with the file's name."""
-    with pytest.raises(DataError, match=rf"a\.mkv: .*{expected}"):
-        open_video(put(tmp_path, said), CameraInfo())
+def lens(model: str) -> dict[str, Any]:
+    """The changes of a calibration with a lens of this model."""
+    kind = f"CALIBRATION_LensDistortionModel{model}"
+    return {"said": azure_file.calibration(Intrinsics={"ModelParameters": azure_file.NUMBERS, "ModelType": kind})}
 
 
-@pytest.mark.parametrize("model", ["Theta", "Polynomial3K", "Rational6KT"])
-def test_lenses_that_are_not_modelled(tmp_path: Path, model: str) -> None:
-    """Lens models that no known device uses raise an error."""
-    intrinsics = {"ModelParameters": azure_file.NUMBERS, "ModelType": f"CALIBRATION_LensDistortionModel{model}"}
-    with pytest.raises(DataError, match=model):
-        open_video(put(tmp_path, azure_file.calibration(Intrinsics=intrinsics)), CameraInfo())
-
-
-def test_what_has_no_depth(tmp_path: Path) -> None:
-    """A recording without depth, or with an unknown mode, raises an error."""
-    with pytest.raises(DataError, match="no track DEPTH, only IR, COLOR"):
-        open_video(put(tmp_path, track="COLOR"), CameraInfo())
-    with pytest.raises(DataError, match="depth mode 'PASSIVE_IR'; expected NFOV_UNBINNED"):
-        open_video(put(tmp_path, mode="PASSIVE_IR"), CameraInfo())
+@bad_inputs(DataError, {
+    "no JSON": ({"said": b"no JSON"}, "...a.mkv: calibration.json is not JSON: ..."),
+    "no camera": ({"said": b'{"CalibrationInformation": {"Cameras": []}}'},
+                  "...a.mkv: calibration.json: not the calibration of a depth camera: StopIteration..."),
+    "too few numbers": ({"said": azure_file.calibration(azure_file.NUMBERS[:9])},
+                        "...a.mkv: calibration.json: not the calibration of a depth camera: ValueError ..."),
+    "a negative focal length": ({"said": azure_file.calibration([0.5, 0.5, -1, *azure_file.NUMBERS[3:]])},
+                                "...a.mkv: calibration.json: a sensor of (1024, 1024), intrinsics (0.5, 0.5, -1.0, "
+                                "0.4922), ...; expected one of (1024, 1024), finite and positive, about (0, 0)"),
+    "another sensor": ({"said": azure_file.calibration(SensorWidth=640)},
+                       "...a.mkv: calibration.json: a sensor of (640, 1024), ...; expected one of (1024, 1024), ..."),
+    "another centre": ({"said": azure_file.calibration([*azure_file.NUMBERS[:10], 0.1, 0, 0, 0])},
+                       "...a.mkv: calibration.json: ..., distortion about (0.1, 0); expected ..., about (0, 0)"),
+    "Theta": (lens("Theta"), "...a.mkv: calibration.json: the lens is a Theta with ...; expected BrownConrady"),
+    "Polynomial3K": (lens("Polynomial3K"),
+                     "...a.mkv: calibration.json: the lens is a Polynomial3K with ...; expected BrownConrady"),
+    "Rational6KT": (lens("Rational6KT"),
+                    "...a.mkv: calibration.json: the lens is a Rational6KT with ...; expected BrownConrady"),
+    "no depth": ({"track": "COLOR"}, "...a.mkv: no track DEPTH, only IR, COLOR; expected an Azure Kinect that ..."),
+    "an unknown mode": ({"mode": "PASSIVE_IR"}, "...a.mkv: depth mode 'PASSIVE_IR'; expected NFOV_UNBINNED, ..."),
+})  # fmt: skip
+def test_recordings_that_are_refused(tmp_path: Path, given: dict[str, Any], rejected: Any) -> None:
+    """An invalid calibration, a lens that no known device has, and a recording without depth raise an error."""
+    with rejected:
+        open_video(put(tmp_path, **given), CameraInfo())
 
 
 def test_a_cut_file(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ import pytest
 from handpose.frames.formats.dates import dates
 from handpose.frames.formats.frame_names import in_order
 from handpose.frames.formats.name_times import reading
-from netlib.errors import DataError
 
 NANO = 10**9
 STEP = timedelta(microseconds=33333)
@@ -109,10 +108,3 @@ def test_the_day_and_the_month() -> None:
 def test_no_dates(stem: str) -> None:
     """Days and times that do not exist are numbers."""
     assert not [found for found in dates([stem, stem.replace("36", "37")]) if len(set(found.times)) > 1]
-
-
-def test_seconds_that_several_frames_share() -> None:
-    """Numbers that start again in each second are reported as several sequences."""
-    names = [f"20251103_0915{42 + s}_{i:02}.png" for s in (0, 1) for i in range(30)]
-    with pytest.raises(DataError, match=r"2 sequences: 20251103_091542_\*\.png \(30\), 20251103_091543_\*\.png \(30\)"):
-        in_order(names, "here")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from handpose.frames.images import pack_depth
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized, put
+from tests.support.bad_input import bad_inputs
 
 
 def test_frames_by_number(folder: Path) -> None:
@@ -86,13 +88,6 @@ def test_other_endings(tmp_path: Path, suffix: str) -> None:
     assert [frame.depth[20, 30] for frame in open_folder(tmp_path, GIVEN)] == [500]
 
 
-def test_a_tiff_of_several_pictures(tmp_path: Path) -> None:
-    """A TIFF of several pictures raises an error, because all but the first would be lost."""
-    cv2.imwritemulti(str(tmp_path / "1.tif"), [hand_sized()] * 2)
-    with pytest.raises(DataError, match=r"1\.tif: a TIFF of 2 pictures; expected one for each frame"):
-        open_folder(tmp_path, GIVEN)
-
-
 def test_a_float_picture_needs_its_unit(tmp_path: Path) -> None:
     """A floating-point picture requires a unit, because it may be in metres."""
     put(tmp_path / "1.tif", hand_sized().astype(np.float32) / 1000)
@@ -137,26 +132,20 @@ def test_the_first_frame_is_damaged(folder: Path) -> None:
     assert [frame.number for frame in open_folder(folder, GIVEN)] == [1, 2]
 
 
-@pytest.mark.parametrize(
-    ("image", "what"),
-    [
-        (hand_sized((24, 32)), r"2\.png: 32 x 24 pixels; the camera has 64 x 48"),
-        (np.zeros((48, 64), np.uint8), r"2\.png: a picture of uint8 grey values; expected depth, a 16-bit grey"),
-        (np.zeros((48, 64, 3), np.uint8), r"2\.png: a picture of uint8 colours; expected depth, a 16-bit grey"),
-        (np.zeros((48, 64, 3), np.uint16), r"2\.png: a picture of uint16 colours"),
-    ],
-)
-def test_another_kind_of_picture_is_no_damage(folder: Path, image: np.ndarray, what: str) -> None:
+@bad_inputs(DataError, {
+    "another size": (hand_sized((24, 32)), "...2.png: 32 x 24 pixels; the camera has 64 x 48"),
+    "8 bits": (np.zeros((48, 64), np.uint8),
+               "...2.png: a picture of uint8 grey values; expected depth, a 16-bit grey picture"),
+    "colours": (np.zeros((48, 64, 3), np.uint8),
+                "...2.png: a picture of uint8 colours; expected depth, a 16-bit grey picture"),
+    "16-bit colours": (np.zeros((48, 64, 3), np.uint16),
+                       "...2.png: a picture of uint16 colours; expected depth, a 16-bit grey picture"),
+})  # fmt: skip
+def test_another_kind_of_picture_is_no_damage(folder: Path, given: np.ndarray, rejected: Any) -> None:
     """A picture of another size or type raises an error instead of being skipped."""
-    put(folder / "2.png", image)
-    with pytest.raises(DataError, match=what):
+    put(folder / "2.png", given)
+    with rejected:
         list(open_folder(folder, GIVEN))
-
-
-def test_another_size_than_the_cameras(folder: Path) -> None:
-    """A size that differs from the camera's raises an error before any frame is read."""
-    with pytest.raises(DataError, match=r"1\.png: 64 x 48 pixels; camera own has 640 x 480"):
-        open_folder(folder, replace(GIVEN, camera=replace(CAMERA, width=640, height=480)))
 
 
 def test_the_packing_of_nyu(tmp_path: Path) -> None:
@@ -172,19 +161,31 @@ def test_the_packing_of_nyu(tmp_path: Path) -> None:
         assert [float(frame.depth.mean()) for frame in found] == [700]
 
 
-@pytest.mark.parametrize(
-    ("names", "source", "what"),
-    [
-        ((), "", r"holds no depth frames \(16-bit grey PNG or TIFF\)$"),
-        (("a.jpg", "b.JPG", ".1.png"), "", r"holds no depth frames \(16-bit grey PNG or TIFF\), but \.jpg$"),
-        (("depth/1.png", "rgb/1.png"), "", "holds no depth frames .*; depth, rgb in it do: name one"),
-        (("1.png",), "x_*.png", r"x_\*\.png: no picture has such a name"),
-        (("frames_a/1.png",), "frame_a", r"frame_a: no such file or folder \(did you mean 'frames_a'\?\)"),
-    ],
-)
-def test_nothing_to_read(tmp_path: Path, names: tuple[str, ...], source: str, what: str) -> None:
-    """The error names what was found instead."""
+def tiff(path: Path, count: int) -> None:
+    """Write a TIFF of several pictures."""
+    cv2.imwritemulti(str(path), [hand_sized()] * count)
+
+
+@bad_inputs(DataError, {
+    "an empty folder": (((), ""), "...: holds no depth frames (16-bit grey PNG or TIFF)"),
+    "other pictures": ((("a.jpg", "b.JPG", ".1.png"), ""),
+                       "...: holds no depth frames (16-bit grey PNG or TIFF), but .jpg"),
+    "folders": ((("depth/1.png", "rgb/1.png"), ""),
+                "...: holds no depth frames (16-bit grey PNG or TIFF); depth, rgb in it do: name one"),
+    "another pattern": ((("1.png",), "x_*.png"), ".../x_*.png: no picture has such a name (did you mean '1.png'?)"),
+    "another name": ((("frames_a/1.png",), "frame_a"),
+                     ".../frame_a: no such file or folder (did you mean 'frames_a'?)"),
+    "a TIFF of two pictures": ((("1.tif",), ""),
+                               ".../1.tif: a TIFF of 2 pictures; expected one for each frame, or all in an .npy"),
+    "a camera of another size": ((("1.png",), "", 640), ".../1.png: 64 x 48 pixels; camera own has 640 x 48"),
+})  # fmt: skip
+def test_nothing_to_read(tmp_path: Path, given: tuple[tuple[str, ...], str] | Any, rejected: Any) -> None:
+    """The error names what was found instead, before any frame is read."""
+    names, source, *width = given
     for name in names:
-        put(tmp_path / name, hand_sized())
-    with pytest.raises(DataError, match=what):
-        open_folder(tmp_path / source, GIVEN)
+        if name.endswith(".tif"):
+            tiff(tmp_path / name, 2)
+        else:
+            put(tmp_path / name, hand_sized())
+    with rejected:
+        open_folder(tmp_path / source, replace(GIVEN, camera=replace(CAMERA, width=width[0])) if width else GIVEN)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from numpy.lib import format as npy
 from handpose.frames.formats import numpy_files
 from handpose.frames.formats.numpy_files import NpzFile, header_of
 from netlib.errors import DataError
+from tests.support.bad_input import bad_inputs
 
 
 def written(array: np.ndarray, version: tuple[int, int] | None = None) -> bytes:
@@ -31,21 +33,19 @@ def test_a_header(version: tuple[int, int]) -> None:
     np.testing.assert_array_equal(header.frame(content[header.start + 24 :]), array[1])
 
 
-@pytest.mark.parametrize(
-    ("content", "what"),
-    [
-        (b"", "x: no array as NumPy writes it: "),
-        (written(np.zeros((2, 3)))[:40], "x: no array as NumPy writes it: "),
-        (written(np.zeros((2, 3)), (3, 0)), "its version is 3.0"),
-        (written(np.zeros((2, 3))).replace(b"(2, 3)", b"(2,-3)"), r"x: an array of shape \(2, -3\)"),
-        (written(np.zeros((2, 3))).replace(b"'<f8'", b"'a(((")[:200], "x: no array as NumPy writes it: "),
-        (written(np.asfortranarray(np.zeros((2, 3)))), "x: an array in Fortran's order"),
-    ],
-)
-def test_a_damaged_header(content: bytes, what: str) -> None:
+@bad_inputs(DataError, {
+    "empty": (b"", "x: no array as NumPy writes it: ..."),
+    "cut": (written(np.zeros((2, 3)))[:40], "x: no array as NumPy writes it: ..."),
+    "version 3": (written(np.zeros((2, 3)), (3, 0)), "x: no array as NumPy writes it: its version is 3.0"),
+    "a negative size": (written(np.zeros((2, 3))).replace(b"(2, 3)", b"(2,-3)"), "x: an array of shape (2, -3)"),
+    "a type": (written(np.zeros((2, 3))).replace(b"'<f8'", b"'a(((")[:200], "x: no array as NumPy writes it: ..."),
+    "columns first": (written(np.asfortranarray(np.zeros((2, 3)))),
+                      "x: an array in Fortran's order; write it with numpy.ascontiguousarray"),
+})  # fmt: skip
+def test_a_damaged_header(given: bytes, rejected: Any) -> None:
     """A damaged header raises an error of one line."""
-    with pytest.raises(DataError, match=what):
-        header_of(content, "x")
+    with rejected:
+        header_of(given, "x")
 
 
 def test_frame_by_frame(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from handpose.frames.cameras import Camera
 from handpose.frames.formats.oak import open_live
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError, NetlibError
+from tests.support.bad_input import bad_inputs
 
 MATRIX = [[60.5, 0.0, 31.25], [0.0, 61.5, 23.75], [0.0, 0.0, 1.0]]
 
@@ -119,40 +120,33 @@ def test_a_device_by_its_identifier(monkeypatch: pytest.MonkeyPatch) -> None:
         open_live("X9", UNKNOWN)
 
 
-@pytest.mark.parametrize(
-    ("matrix", "given", "said"),
-    [
-        ([[0.0] * 3] * 3, UNKNOWN, "OAK-D 14442C1: .*fx is 0.0, expected more than 0 px"),
-        (MATRIX, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480)), "64 x 48 pixels; camera own has 640 x 480"),
-    ],
-)
-def test_a_camera_that_does_not_fit(
-    monkeypatch: pytest.MonkeyPatch, matrix: list[list[float]], given: CameraInfo, said: str
-) -> None:
-    """If the camera cannot be used, the device is closed."""
+@bad_inputs(DataError, {
+    "no focal length": (([[0.0] * 3] * 3, UNKNOWN),
+                        "OAK-D 14442C1: camera 'OAK-D 14442C1': fx is 0.0, expected more than 0 px"),
+    "another size": ((MATRIX, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
+                     "OAK-D 14442C1: 64 x 48 pixels; camera own has 640 x 480"),
+    "no depth": ((MATRIX, None), "OAK-D 14442C1: no frame of depth; has it two cameras?"),
+})  # fmt: skip
+def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
+    """If the camera cannot be used or sends no depth, the device is closed."""
     module = plug_in(monkeypatch, 1)
-    module.matrix = matrix
-    with pytest.raises(DataError, match=said):
-        open_live(None, given)
+    module.matrix, info = given
+    if info is None:
+        monkeypatch.setattr(module, "get", lambda timeout: None)
+    with rejected:
+        open_live(None, info or UNKNOWN)
     assert module.calls[-2:] == ["stop", "close"]
 
 
-def test_without_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A device without depth raises an error and is closed."""
-    module = plug_in(monkeypatch)
-    monkeypatch.setattr(module, "get", lambda timeout: None)
-    with pytest.raises(DataError, match="OAK-D 14442C1: no frame of depth"):
-        open_live(None, UNKNOWN)
-    assert module.calls[-2:] == ["stop", "close"]
-
-
-def test_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+@bad_inputs(NetlibError, {
+    "version 2": (SimpleNamespace(__version__="2.0.0", node=SimpleNamespace(MonoCamera=None)),
+                  "depthai 2.0.0 is too old: pip install 'depthai>=3'"),
+    "none": (None, "depthai is missing: pip install 'depthai>=3' (...)"),
+})  # fmt: skip
+def test_without_the_package(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
     """The error names the command that installs the package, also for one of version 2."""
-    plug_in(monkeypatch).node = SimpleNamespace(MonoCamera=None)
-    with pytest.raises(NetlibError, match=r"depthai 3\.0\.0 is too old: pip install 'depthai>=3'"):
-        open_live(None, UNKNOWN)
-    monkeypatch.setitem(sys.modules, "depthai", None)
-    with pytest.raises(NetlibError, match=r"depthai is missing: pip install 'depthai>=3'"):
+    monkeypatch.setitem(sys.modules, "depthai", given)
+    with rejected:
         open_live(None, UNKNOWN)
 
 

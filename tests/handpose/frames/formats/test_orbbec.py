@@ -16,6 +16,7 @@ from handpose.frames.formats.orbbec import open_live
 from handpose.frames.lens import Lens
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError, NetlibError
+from tests.support.bad_input import bad_inputs
 
 DISTORTION = {"k1": 0.1, "k2": -0.05, "k3": 0.01, "k4": 0.0, "k5": 0.0, "k6": 0.0, "p1": 0.0, "p2": 0.0}
 
@@ -131,39 +132,39 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch, model: str, numbers: dict[str
         module.asked.release()
 
 
-@pytest.mark.parametrize(
-    ("model", "change", "said"),
-    [
-        ("KANNALA_BRANDT4", {}, "distortion model 'KANNALA_BRANDT4' is not known"),
-        ("NONE", {"format": "RLE"}, "its depth comes as RLE; expected Y16"),
-        ("NONE", {"intrinsic": SimpleNamespace(fx=0.0, fy=0.0, cx=0, cy=0, width=64, height=48)}, "fx is 0.0, exp"),
-        ("NONE", {"intrinsic": SimpleNamespace(fx=6.0, fy=6.0, cx=0, cy=0, width=99, height=48)},
-         "frames of 64 x 48 pixels; its camera has 99 x 48"),
-    ],
-)  # fmt: skip
-def test_a_camera_that_does_not_fit(
-    monkeypatch: pytest.MonkeyPatch, model: str, change: dict[str, Any], said: str
-) -> None:
+@bad_inputs(DataError, {
+    "another lens": (("KANNALA_BRANDT4", {}), "Femto CP1: distortion model 'KANNALA_BRANDT4' is not known; known: ..."),
+    "another format": (("NONE", {"format": "RLE"}), "Femto CP1: its depth comes as RLE; expected Y16"),
+    "no focal length": (("NONE", {"intrinsic": SimpleNamespace(fx=0.0, fy=0.0, cx=0, cy=0, width=64, height=48)}),
+                        "Femto CP1: camera 'Femto CP1': fx is 0.0, expected more than 0 px"),
+    "another size": (("NONE", {"intrinsic": SimpleNamespace(fx=6.0, fy=6.0, cx=0, cy=0, width=99, height=48)}),
+                     "Femto CP1: frames of 64 x 48 pixels; its camera has 99 x 48"),
+})  # fmt: skip
+def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
     """A camera that cannot be used is stopped, and the error has its name."""
+    model, change = given
     module = plug_in(monkeypatch, model, **(DISTORTION if model != "NONE" else {}))
     for name, value in change.items():
         setattr(module, name, value)
-    with pytest.raises(DataError, match=f"Femto CP1: .*{said}"):
+    with rejected:
         open_live(None, UNKNOWN)
     assert module.stopped == 1
 
 
-def test_no_camera(monkeypatch: pytest.MonkeyPatch) -> None:
+@bad_inputs(DataError, {
+    "another serial number": (("X9", ["CP1"]),
+        "orbbec: camera X9 cannot be started: no such device; connected: CP1 (no other program may use it)"),
+    "no camera": ((None, []), "orbbec: a camera cannot be started: No device found; connected: none (...)"),
+    "no package": ((None, None), NetlibError, "pyorbbecsdk is missing: pip install pyorbbecsdk2 (...)"),
+})  # fmt: skip
+def test_no_camera(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
     """Without the camera the error lists those connected, and without the package it names the command."""
-    module = plug_in(monkeypatch)
-    with pytest.raises(DataError, match="orbbec: camera X9 cannot be started: no such device; connected: CP1"):
-        open_live("X9", UNKNOWN)
-    module.serials = []
-    with pytest.raises(DataError, match="orbbec: a camera cannot be started: No device found; connected: none"):
-        open_live(None, UNKNOWN)
-    monkeypatch.setitem(sys.modules, "pyorbbecsdk", None)
-    with pytest.raises(NetlibError, match="pip install pyorbbecsdk2"):
-        open_live(None, UNKNOWN)
+    number, connected = given
+    plug_in(monkeypatch).serials = connected
+    if connected is None:
+        monkeypatch.setitem(sys.modules, "pyorbbecsdk", None)
+    with rejected:
+        open_live(number, UNKNOWN)
 
 
 def test_the_stand_in_is_like_the_real_one() -> None:

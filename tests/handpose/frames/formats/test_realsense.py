@@ -18,6 +18,7 @@ from handpose.frames.formats.realsense import open_live
 from handpose.frames.lens import Lens
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError, NetlibError
+from tests.support.bad_input import bad_inputs
 
 Sent = tuple[int, float, str]  # frame number, time in ms, the clock's name
 
@@ -113,15 +114,6 @@ def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
     assert module.stopped == 2
 
 
-def test_a_camera_without_focal_lengths(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A camera without focal lengths raises an error, because it is not calibrated."""
-    plug_in(monkeypatch, every()).intrinsics.fx = 0.0
-    with pytest.raises(
-        DataError, match=r"Fake D400 0123: camera 'Fake D400 0123': fx is 0\.0, expected more than 0 px"
-    ):
-        open_live(None, UNKNOWN)
-
-
 def test_frames_that_nobody_took(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames that were not read in time are counted, and no frame is returned twice."""
     sent = every(6)
@@ -159,39 +151,45 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_camera_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A camera is selected by its serial number; for an unknown one the error lists those connected."""
+    """A camera is selected by its serial number."""
     plug_in(monkeypatch, every())
     assert open_live("0123", UNKNOWN).name == "Fake D400 0123"
-    with pytest.raises(DataError, match="camera 999 cannot be started: No device connected; connected: 0123"):
-        open_live("999", UNKNOWN)
 
 
-def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """If the camera does not match the given one, it is stopped."""
+@bad_inputs(DataError, {
+    "another serial number": (("999", 60.5, UNKNOWN),
+        "realsense: camera 999 cannot be started: No device connected; connected: 0123 (no other program may use it)"),
+    "no focal length": ((None, 0.0, UNKNOWN),
+                        "Fake D400 0123: camera 'Fake D400 0123': fx is 0.0, expected more than 0 px"),
+    "another size": ((None, 60.5, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
+                     "Fake D400 0123: 64 x 48 pixels; camera own has 640 x 480"),
+})  # fmt: skip
+def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
+    """An unknown number lists the cameras connected; a camera that does not fit is stopped."""
     module = plug_in(monkeypatch, every())
-    with pytest.raises(DataError, match="64 x 48"):
-        open_live(None, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480)))
-    assert module.stopped == 1
+    number, module.intrinsics.fx, info = given
+    with rejected:
+        open_live(number, info)
+    assert module.stopped == (number is None)
 
 
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (ModuleNotFoundError("No module named 'pyrealsense2'"), "pip install pyrealsense2"),
-        (ImportError("libusb-1.0.so.0: cannot open shared object file"), "libusb.*apt install libusb-1.0-0"),
-    ],
-)
-def test_without_the_package(monkeypatch: pytest.MonkeyPatch, error: ImportError, said: str) -> None:
+@bad_inputs(NetlibError, {
+    "not installed": (ModuleNotFoundError("No module named 'pyrealsense2'"),
+                      "pyrealsense2 is missing: pip install pyrealsense2"),
+    "no libusb": (ImportError("libusb-1.0.so.0: cannot open shared object file"),
+        "pyrealsense2 cannot be loaded: libusb-1.0.so.0: cannot open shared object file: apt install libusb-1.0-0"),
+})  # fmt: skip
+def test_without_the_package(monkeypatch: pytest.MonkeyPatch, given: ImportError, rejected: Any) -> None:
     """The error names the command that installs the package."""
 
     class Finder:
         def find_spec(self, name: str, *others: object) -> None:
             if name == "pyrealsense2":
-                raise error
+                raise given
 
     monkeypatch.delitem(sys.modules, "pyrealsense2", raising=False)
     monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
-    with pytest.raises(NetlibError, match=said):
+    with rejected:
         open_live(None, UNKNOWN)
 
 

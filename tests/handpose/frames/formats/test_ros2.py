@@ -17,6 +17,7 @@ from handpose.frames.formats import ros2
 from handpose.frames.formats.ros2 import open_live
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError, NetlibError
+from tests.support.bad_input import bad_inputs
 from tests.support.bags import K
 
 TOPIC, INFO = "/camera/depth/image_rect_raw", "/camera/depth/camera_info"
@@ -136,28 +137,30 @@ def test_a_given_camera(monkeypatch: pytest.MonkeyPatch) -> None:
     for sent in ([image(9.0, 500)], [info([0.0] * 9), image(9.0, 500)]):
         plug_in(monkeypatch, *sent)
         assert open_live(TOPIC, GIVEN).camera.fx == 60
-    plug_in(monkeypatch, info([0.0] * 9), image(9.0, 500))
-    with pytest.raises(DataError, match=f"ros2:{TOPIC}: {INFO} has a camera that is not calibrated; give --camera"):
-        open_live(TOPIC, UNKNOWN)
 
 
-@pytest.mark.parametrize(
-    ("sent", "said"),
-    [([], f"no message on {TOPIC} for 0 s$"), ([image(1.0, 500)], f"no message on {INFO} for 0 s; give --camera")],
-)
-def test_without_messages(monkeypatch: pytest.MonkeyPatch, sent: list[tuple[str, Any]], said: str) -> None:
-    """If no image or no camera_info comes, the error names the topic, and the node is destroyed."""
-    module = plug_in(monkeypatch, *sent)
-    monkeypatch.setattr(ros2, "WAIT_S", 0.0)
-    with pytest.raises(DataError, match=said):
+@bad_inputs(DataError, {
+    "not calibrated": ([info([0.0] * 9), image(9.0, 500)],
+                       f"ros2:{TOPIC}: {INFO} has a camera that is not calibrated; give --camera"),
+    "no message": ([], f"ros2:{TOPIC}: no message on {TOPIC} for 0 s"),
+    "no camera_info": ([image(1.0, 500)], f"ros2:{TOPIC}: no message on {INFO} for 0 s; give --camera"),
+})  # fmt: skip
+def test_without_messages(monkeypatch: pytest.MonkeyPatch, given: list[tuple[str, Any]], rejected: Any) -> None:
+    """If no image or no valid camera_info comes, the error names the topic, and the node is destroyed."""
+    module = plug_in(monkeypatch, *given)
+    monkeypatch.setattr(ros2, "WAIT_S", 0.0 if len(given) < 2 else ros2.WAIT_S)
+    with rejected:
         open_live(TOPIC, UNKNOWN)
     assert module.calls[-2:] == ["destroy handpose", "shutdown"]
 
 
-def test_without_a_topic_or_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+@bad_inputs(DataError, {
+    "no topic": (None, "ros2: expected a topic, as in ros2:/camera/depth/image_rect_raw"),
+    "no package": (TOPIC, NetlibError, "rclpy is missing: it is a part of ROS 2 (apt install ..."),
+})  # fmt: skip
+def test_without_a_topic_or_the_package(monkeypatch: pytest.MonkeyPatch, given: str | None, rejected: Any) -> None:
     """The errors name an example, and the command that installs ROS."""
-    with pytest.raises(DataError, match="ros2: expected a topic, as in ros2:/camera"):
-        open_live(None, UNKNOWN)
-    monkeypatch.setitem(sys.modules, "rclpy", None)
-    with pytest.raises(NetlibError, match="rclpy is missing: it is a part of ROS 2"):
-        open_live(TOPIC, UNKNOWN)
+    if given:
+        monkeypatch.setitem(sys.modules, "rclpy", None)
+    with rejected:
+        open_live(given, UNKNOWN)

@@ -19,6 +19,7 @@ from handpose.frames.opening import open_recording
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError
 from tests.support import bags
+from tests.support.bad_input import bad_inputs
 
 pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
 
@@ -135,14 +136,6 @@ def test_compressed_images(tmp_path: Path, write: Any, form: str, ending: str, c
     assert np.array_equal(frames[0].depth, DEPTH[0])
 
 
-def test_colours_as_png_are_no_depth(tmp_path: Path) -> None:
-    """A PNG of colours whose format is only "png" is ignored."""
-    content = png(np.zeros((48, 64, 3), np.uint8))
-    with pytest.raises(DataError, match=r"no images of depth; it has /camera/color/image_raw/compressed"):
-        read(bags.write_ros1(tmp_path / "a.bag", DEPTH,
-                             make=compressed(content, "png", topic="/camera/color/image_raw")))  # fmt: skip
-
-
 @pytest.mark.parametrize(("a", "b"), [(10100.0, -1009.0), (5000.0, -249.0)])
 def test_quantised_metres(tmp_path: Path, a: float, b: float) -> None:
     """A stored value v of a 32FC1 compressedDepth is a / (v - b) metres; 0 is no reading."""
@@ -242,12 +235,6 @@ def test_rectified_images(tmp_path: Path) -> None:
     assert np.array_equal(frames[0].depth, DEPTH[0])
 
 
-def test_a_lens_that_is_not_known(tmp_path: Path) -> None:
-    make = functools.partial(bags.driver, model="equidistant", d=(0.2, 0.1, 0, 0))
-    with pytest.raises(DataError, match=r"a\.bag: /camera/depth/camera_info: .*'equidistant' is not known"):
-        open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make), CameraInfo())
-
-
 def test_a_camera_that_is_not_calibrated(tmp_path: Path) -> None:
     """For an uncalibrated camera the parameters must be given."""
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, k=[0] * 9, p=[0] * 12))
@@ -293,12 +280,6 @@ class TestTopics:
             return [packed, *bags.driver(of, depth)]
 
         assert len(read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]) == 4
-
-    def test_no_depth(self, tmp_path: Path) -> None:
-        message = bags.Messages(True).image(DEPTH[0], 5, "rgb8")
-        path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5), topic="/camera/color/image_raw"))
-        with pytest.raises(DataError, match="no images of depth; it has /camera/color/image_raw"):
-            open_bag(path, UNKNOWN)
 
 
 class TestOneTopicOfSeveralTypes:
@@ -356,18 +337,6 @@ class TestOneTopicOfSeveralTypes:
             open_bag(path, UNKNOWN)
 
 
-@pytest.mark.parametrize("text", ["e", "1e", "--", "", "2", "0", "nan"])
-def test_depth_units_that_are_no_number(tmp_path: Path, text: str) -> None:
-    def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
-        return [
-            (topic, kind, ns, of.text(text) if "option" in topic else content)
-            for topic, kind, ns, content in bags.realsense_db3(of, depth)
-        ]
-
-    with pytest.raises(DataError, match=f"depth units of '{text}' m; expected a number between 0 and 1"):
-        open_bag(bags.write_ros2(tmp_path / "a", DEPTH, make=make), UNKNOWN)
-
-
 class TestTimes:
     def test_without_stamps(self, tmp_path: Path) -> None:
         """Without stamps the times are the bag's own."""
@@ -385,15 +354,6 @@ class TestTimes:
         assert [(f.number, f.time) for f in frames] == [(0, 0.0), (2, 1.0)]
         assert recording.remarks == ("frames left out because they are not later than the one before: 1",)
 
-    def test_a_clock_that_is_set_anew(self, tmp_path: Path) -> None:
-        """A clock that is set back raises an error."""
-        image = bags.Messages(True).image
-        path = bags.write_ros1(
-            tmp_path / "a.bag", DEPTH, make=images((image(DEPTH[0], 9 * 10**9), 1), (image(DEPTH[1], 10**9), 2))
-        )
-        with pytest.raises(DataError, match="the clock goes back"):
-            read(path)
-
 
 class TestDamage:
     def test_a_cut_bag(self, tmp_path: Path) -> None:
@@ -403,47 +363,63 @@ class TestDamage:
         with pytest.raises(DataError, match=r"a\.bag: cannot read the bag.*rosbag reindex"):
             open_bag(path, UNKNOWN)
 
-    @pytest.mark.parametrize(
-        ("rows", "said"),
-        [
-            (49, "6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1"),
-            (1 << 28, "64 x 268435456 pixels; expected those of a depth camera"),
-        ],
-    )
-    def test_an_image_with_too_few_bytes(self, tmp_path: Path, rows: int, said: str) -> None:
-        message = bags.Messages(True).image(DEPTH[0], 5)
-        size = struct.Struct("<II")
-        message = message.replace(size.pack(48, 64), size.pack(rows, 64))
-        with pytest.raises(DataError, match=said):
-            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))), CameraInfo())
 
-    @pytest.mark.parametrize(
-        ("form", "content", "said"),
-        [
-            ("16UC1; jpeg compressed", b"\xff\xd8\xff", "format '16UC1; jpeg compressed'; expected a PNG or TIFF"),
-            ("16UC1; compressedDepth lzf", bytes(12) + b"none", "expected a PNG or TIFF of 16 bits, or RVL"),
-            ("16UC1; compressedDepth rvl", bytes(12) + b"none", "0 x 0 pixels"),
-            ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<III", 64, 48, 7), "RVL: a run of 0 zeros"),
-            ("32FC1; compressedDepth png", bytes(12) + png(DEPTH[0]), "with the parameters 0 and 0"),
-            ("32FC1; png compressed ", png(DEPTH[0]), "32FC1 as 16-bit values without their scale"),
-            ("16UC1; png compressed ", png(DEPTH[0].astype(np.uint8)), "a picture of uint8"),
-        ],
-    )
-    def test_other_compressions(self, tmp_path: Path, form: str, content: bytes, said: str) -> None:
-        """Compressions that do not preserve depth, and damaged ones, raise an error with the format."""
+def of_rows(rows: int) -> bytes:
+    """An image whose header announces this number of rows."""
+    size = struct.Struct("<II")
+    return bags.Messages(True).image(DEPTH[0], 5).replace(size.pack(48, 64), size.pack(rows, 64))
 
-        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
-            return [(f"{bags.TOPIC}/compressed", COMPRESSED, 5, of.compressed(content, 5, form))]
 
-        with pytest.raises(DataError, match=said):
-            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make), GIVEN)
+IMAGE_OF = bags.Messages(True).image
+COLOUR = "/camera/color/image_raw"
 
-    @pytest.mark.parametrize("name", ["a.bag", "a.db3", "a.mcap"])
-    def test_what_is_no_bag(self, tmp_path: Path, name: str) -> None:
-        for content in (b"", b"no bag"):
-            (tmp_path / name).write_bytes(content)
-            with pytest.raises(DataError, match=f"{name}: "):
-                open_bag(tmp_path / name, CameraInfo())
+
+@bad_inputs(DataError, {
+    "a lens that is not known": (functools.partial(bags.driver, model="equidistant", d=(0.2, 0.1, 0, 0)),
+                                 "...a.bag: /camera/depth/camera_info: distortion model 'equidistant' is not ..."),
+    "colours": (images((IMAGE_OF(DEPTH[0], 5, "rgb8"), 5), topic=COLOUR),
+                f"...a.bag: no images of depth; it has {COLOUR}"),
+    "colours as PNG": (compressed(png(np.zeros((48, 64, 3), np.uint8)), "png", topic=COLOUR),
+                       f"...a.bag: no images of depth; it has {COLOUR}/compressed"),
+    "a clock that is set back": (images((IMAGE_OF(DEPTH[0], 9 * 10**9), 1), (IMAGE_OF(DEPTH[1], 10**9), 2)),
+                                 "...a.bag: the clock goes back from 0.000 s to -8.000 s; expected one recording"),
+    "too few bytes": (images((of_rows(49), 5)),
+        f"...a.bag: {bags.TOPIC}: 6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1"),
+    "too many rows": (images((of_rows(1 << 28), 5)),
+        f"...a.bag: {bags.TOPIC}: 64 x 268435456 pixels; expected those of a depth camera"),
+    **{form: (compressed(content, form), f"...a.bag: {bags.TOPIC}/compressed: {line}") for form, content, line in (
+        ("16UC1; jpeg compressed", b"\xff\xd8\xff",
+         "compressed depth of the format '16UC1; jpeg compressed'; expected a PNG or TIFF of 16 bits, or RVL"),
+        ("16UC1; compressedDepth lzf", bytes(12) + b"none",
+         "compressed depth of the format '16UC1; compressedDepth lzf'; expected a PNG or TIFF of 16 bits, or RVL"),
+        ("16UC1; compressedDepth rvl", bytes(12) + b"none", "0 x 0 pixels; expected those of a depth camera"),
+        ("16UC1; compressedDepth rvl ", bytes(12) + struct.pack("<III", 64, 48, 7), "RVL: a run of 0 zeros and ..."),
+        ("32FC1; compressedDepth png", bytes(12) + png(DEPTH[0]),
+         "compressed depth with the parameters 0 and 0; expected a positive and a finite number"),
+        ("32FC1; png compressed ", png(DEPTH[0]),
+         "32FC1 as 16-bit values without their scale; expected the format of compressedDepth"),
+        ("16UC1; png compressed ", png(DEPTH[0].astype(np.uint8)), "a picture of uint8 (48, 64), expected 16-bit ..."),
+    )},
+})  # fmt: skip
+def test_bags_that_are_refused(tmp_path: Path, given: Any, rejected: Any) -> None:
+    """Other lenses, topics and clocks, compression that does not preserve depth, and damage raise an error."""
+    with rejected:
+        read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=given))
+
+
+@bad_inputs(DataError, {
+    text: f"...a: ...option/Depth_Units/value: depth units of '{text}' m; expected a number between 0 and 1"
+    for text in ("e", "1e", "--", "", "2", "0", "nan")
+})  # fmt: skip
+def test_depth_units_that_are_no_number(tmp_path: Path, given: str, rejected: Any) -> None:
+    """The unit of the depth in a .db3 of RealSense is a number of metres."""
+
+    def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+        content = bags.realsense_db3(of, depth)
+        return [(topic, kind, ns, of.text(given) if "option" in topic else it) for topic, kind, ns, it in content]
+
+    with rejected:
+        open_bag(bags.write_ros2(tmp_path / "a", DEPTH, make=make), UNKNOWN)
 
 
 def test_without_rosbags(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import functools
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from handpose.frames.formats import ros_limits
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.support import bags
+from tests.support.bad_input import bad_inputs
 
 pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
 
@@ -24,23 +26,30 @@ GIVEN = CameraInfo(Camera("own", 60, 60, 32, 24, 64, 48))
 DEPTH = np.random.default_rng(0).integers(0, 4000, (2, 48, 64)).astype(np.uint16)
 
 
-@pytest.mark.parametrize("name", ["a.bag", "a.db3", "a.mcap"])
-def test_a_huge_file_of_nothing(tmp_path: Path, name: str) -> None:
+@bad_inputs(DataError, {
+    name: f"...{name}: cannot read the bag: it does not begin with {start}, as .{name[2:]} does"
+    for name, start in (("a.bag", b"#ROSBAG V2.0\n"), ("a.db3", b"SQLite format 3\0"), ("a.mcap", b"\x89MCAP0\r\n"))
+})  # fmt: skip
+def test_what_is_no_bag(tmp_path: Path, given: str, rejected: Any) -> None:
     """The reader does not search a huge file for the end of its first line."""
-    (tmp_path / name).touch()
-    os.truncate(tmp_path / name, 1 << 40)
-    with pytest.raises(DataError, match=f"{name}: cannot read the bag: it does not begin with"):
-        open_bag(tmp_path / name, GIVEN)
+    for content, size in ((b"", 0), (b"no bag", 6), (b"", 1 << 40)):
+        (tmp_path / given).write_bytes(content)
+        os.truncate(tmp_path / given, size)
+        with rejected:
+            open_bag(tmp_path / given, GIVEN)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-@pytest.mark.parametrize("name", ["ros2.db3", "metadata.yaml", "b.db3.zstd"])
-def test_a_pipe_in_a_folder(tmp_path: Path, name: str) -> None:
+@bad_inputs(DataError, {
+    name: f"...ros2/{name}: cannot read the bag: it is a pipe; expected a file"
+    for name in ("ros2.db3", "metadata.yaml", "b.db3.zstd")
+})  # fmt: skip
+def test_a_pipe_in_a_folder(tmp_path: Path, given: str, rejected: Any) -> None:
     """A pipe in the folder raises an error instead of blocking."""
     folder = bags.write_ros2(tmp_path / "ros2", DEPTH)
-    (folder / name).unlink(missing_ok=True)
-    os.mkfifo(folder / name)
-    with pytest.raises(DataError, match=f"{name}: cannot read the bag: it is a pipe"):
+    (folder / given).unlink(missing_ok=True)
+    os.mkfifo(folder / given)
+    with rejected:
         open_bag(folder, GIVEN)
 
 
@@ -78,21 +87,28 @@ WRITERS: dict[str, Callable[..., Path]] = {
 }
 
 
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_message_that_is_larger_than_any_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """A message above the limit raises an error, in a database before it is read."""
+TOO_LARGE = "/camera/depth/image_raw: no message can be read: "
+
+
+@bad_inputs(DataError, {
+    "a message in ROS 1": (("a.bag", "MESSAGE", 6000),
+                           f"...a.bag: {TOO_LARGE}a message of 6192 bytes; expected at most 6000"),
+    "a message in SQLite": (("sqlite", "MESSAGE", 6000), f"...sqlite: {TOO_LARGE}a message of more than 6000 bytes"),
+    "a message in MCAP": (("mcap", "MESSAGE", 6000),
+                          f"...mcap: {TOO_LARGE}a message of 6196 bytes; expected at most 6000"),
+    "a chunk in ROS 1": (("a.bag", "CHUNK", 6000),
+                         f"...a.bag: {TOO_LARGE}a part of the bag has ... bytes; expected at most 6000"),
+    "a chunk in MCAP": (("mcap", "CHUNK", 6000),
+                        f"...mcap: {TOO_LARGE}a part of the bag has ... bytes; expected at most 6000"),
+})  # fmt: skip
+def test_what_is_larger_than_any_image(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, str, int], rejected: Any
+) -> None:
+    """A message above the limit raises an error, in a database before it is read; so does an uncompressed chunk."""
+    name, part, limit = given
     path = WRITERS[name](tmp_path / name, DEPTH)
     monkeypatch.setattr(ros_limits, "MAX_MESSAGE_BYTES", 6400)  # a message has 2 * 48 * 64 bytes and its header
     assert len(list(open_bag(path, GIVEN))) == 2
-    monkeypatch.setattr(ros_limits, "MAX_MESSAGE_BYTES", 6000)
-    with pytest.raises(DataError, match=rf"{name}.*: a message of (61\d\d bytes; expected at most|more than) 6000"):
-        open_bag(path, GIVEN)
-
-
-@pytest.mark.parametrize("name", ["a.bag", "mcap"])
-def test_a_chunk_that_is_too_large_to_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """A chunk above the limit raises an error, even if it is not compressed."""
-    path = WRITERS[name](tmp_path / name, DEPTH)
-    monkeypatch.setattr(ros_limits, "MAX_CHUNK_BYTES", 6000)
-    with pytest.raises(DataError, match=rf"{name}.*: a part of the bag has \d+ bytes; expected at most 6000$"):
+    monkeypatch.setattr(ros_limits, f"MAX_{part}_BYTES", limit)
+    with rejected:
         open_bag(path, GIVEN)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.frames.formats.rvl import decompress
+from tests.support.bad_input import bad_inputs
 from tests.support.bags import rvl
 
 
@@ -23,16 +26,18 @@ def test_what_an_encoder_writes(values: list[int]) -> None:
     np.testing.assert_array_equal(decompress(rvl(image), *image.shape), image)
 
 
-def test_damage() -> None:
+IMAGE = rvl(np.arange(1, 25, dtype=np.uint16).reshape(4, 6))
+
+
+@bad_inputs(ValueError, {
+    "cut": (lambda: decompress(IMAGE[:-4], 4, 6), "RVL: a run of 0 zeros and 24 values ends beyond the 24 pixels"),
+    "too many pixels": (lambda: decompress(IMAGE, 2, 6), "RVL: ... 0 zeros and 24 values ends beyond the 12 pixels"),
+    "empty runs": (lambda: decompress(b"\0" * 8, 2, 2), "RVL: a run of 0 zeros and 0 values ends beyond the 4 pixels"),
+    "too few pixels": (lambda: decompress(b"\xff" * 8, 2, 2), "RVL: ends after 0 of 4 pixels"),
+    "a number without an end": (lambda: decompress(b"\xff" * 4 + b"\0" * 4, 2, 2),
+                                "RVL: a number of 9 digits; expected at most 7"),
+})  # fmt: skip
+def test_damage(given: Callable[[], object], rejected: Any) -> None:
     """A cut image, too many pixels, empty runs and numbers without an end raise ValueError."""
-    content = rvl(np.arange(1, 25, dtype=np.uint16).reshape(4, 6))
-    with pytest.raises(ValueError, match=r"ends (after|beyond)"):
-        decompress(content[:-4], 4, 6)
-    with pytest.raises(ValueError, match="ends beyond the 12 pixels"):
-        decompress(content, 2, 6)
-    with pytest.raises(ValueError, match="a run of 0 zeros and 0 values"):
-        decompress(b"\0" * 8, 2, 2)
-    with pytest.raises(ValueError, match="ends after 0 of 4 pixels"):
-        decompress(b"\xff" * 8, 2, 2)
-    with pytest.raises(ValueError, match="a number of 9 digits"):
-        decompress(b"\xff" * 4 + b"\0" * 4, 2, 2)
+    with rejected:
+        given()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from handpose.frames.formats.stack import open_stack
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized
+from tests.support.bad_input import bad_inputs
 
 DEPTH = np.stack([hand_sized(distance=1000 + i) for i in range(3)])
 TIMES = np.array([5.0, 5.25, 6.5])
@@ -126,14 +128,10 @@ def test_a_stack_by_another_name(tmp_path: Path) -> None:
 def test_a_file_that_ends_too_early(tmp_path: Path) -> None:
     """Complete frames are returned, and ``cut`` then reports that some are missing."""
     path = save(tmp_path / "take.npy")
-    content = path.read_bytes()
-    path.write_bytes(content[:-1])
+    path.write_bytes(path.read_bytes()[:-1])
     recording = open_stack(path, GIVEN)
     assert recording.cut == "" and len(list(recording)) == 2
     assert recording.cut == f"{path}: ends after 2 whole frames, its header announces 3"
-    path.write_bytes(content[:1000])
-    with pytest.raises(DataError, match="ends within its first frame, at byte 1000"):
-        open_stack(path, GIVEN)
 
 
 def test_a_file_that_is_cut_while_it_is_read(tmp_path: Path) -> None:
@@ -146,82 +144,78 @@ def test_a_file_that_is_cut_while_it_is_read(tmp_path: Path) -> None:
         next(frames)
 
 
-@pytest.mark.parametrize("suffix", [".npy", ".npz", ".h5"])
-@pytest.mark.parametrize(
-    ("depth", "what"),
-    [
-        (np.zeros((3, 4, 5, 1), np.uint16), r"an array of shape \(3, 4, 5, 1\); expected \(frames, height, width\)"),
-        (np.zeros((0, 4, 5), np.uint16), r"an array of shape \(0, 4, 5\)|has no rows"),
-        (np.zeros((3, 4, 5), np.uint8), "values of type uint8; expected depths, of 16 bits or more"),
-        (np.zeros((3, 24, 32), np.uint16), "32 x 24 pixels; camera own has 64 x 48"),
-    ],
-)
-def test_what_is_no_stack(tmp_path: Path, suffix: str, depth: np.ndarray, what: str) -> None:
-    """An invalid array raises an error when the file is opened."""
-    path = save(tmp_path / f"take{suffix}", depth)
-    with pytest.raises(DataError, match=f"^{path}: .*({what})"):
-        open_stack(path, GIVEN)
+EXPECTED = "expected an array depth (frames, height, width)"
 
 
-def test_a_negative_depth(tmp_path: Path) -> None:
-    """A negative depth raises an error that names the frame."""
-    path = save(tmp_path / "take.npy", np.where(DEPTH == 1001, -1.0, DEPTH))
-    with pytest.raises(DataError, match=f"{path}: frame 1: a depth of -0.5 mm"):
-        list(open_stack(path, GIVEN))
+def archive(path: Path, **arrays: np.ndarray) -> Path:
+    np.savez(path, **arrays)
+    return path
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".h5"])
-@pytest.mark.parametrize(
-    ("others", "what"),
-    [
-        ({"time": [0.0, 2.0, 1.0]}, r"time\[2\] is 1; expected finite seconds, each after the one before"),
-        ({"time": [0.0, 1.0, np.nan]}, r"time\[2\] is nan"),
-        ({"time": [0.0, 1.0]}, r"time is float64 \(2,\), expected \(3,\)"),
-        ({"fx": 60.0}, "has fx, but not fy and u0 and v0"),
-        ({"unit_mm": [1.0, 2.0]}, r"unit_mm is \[1.0, 2.0\]; expected a number"),
-        ({"rate": "fast"}, 'rate is "fast"; expected a number'),
-        ({"camera": '{"fx": 1}'}, "camera: has fx, but not"),
-        ({"camera": ["a", "b"]}, r"camera has the shape \(2,\), expected one text|camera: "),
-    ],
-)
-def test_what_is_wrong_beside_the_frames(tmp_path: Path, suffix: str, others: dict[str, object], what: str) -> None:
-    """Invalid data in addition to the frames raise an error."""
-    path = save(tmp_path / f"take{suffix}", **others)
-    with pytest.raises(DataError, match=f"^{path}: ({what})"):
-        open_stack(path, GIVEN)
+def text(path: Path) -> Path:
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("readme.txt", "nothing")
+    return path
 
 
-def test_a_damaged_archive(tmp_path: Path) -> None:
-    """A damaged archive raises an error, also if only its checksum is wrong."""
-    path = tmp_path / "take.npz"
-    np.savez(path, depth=DEPTH)
-    content = bytearray(path.read_bytes())
-    content[5000] ^= 1
+def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
+    """Cut a file, and change a byte of it."""
+    content = bytearray(path.read_bytes()[:size])
+    content[flip] ^= bool(flip)
     path.write_bytes(content)
-    with pytest.raises(DataError, match=r"a damaged \.npz file: Bad CRC-32"):
+    return path
+
+
+@bad_inputs(DataError, {
+    **{f"{name} in {suffix}": (lambda tmp, suffix=suffix, depth=depth: save(tmp / f"take{suffix}", depth),
+                               f"...take{suffix}: {line}")
+       for suffix in (".npy", ".npz", ".h5") for name, depth, line in (
+        ("four axes", np.zeros((3, 4, 5, 1), np.uint16),
+         "an array of shape (3, 4, 5, 1); expected (frames, height, width)"),
+        ("no frames", np.zeros((0, 4, 5), np.uint16),
+         "data set 'depth' has no rows" if suffix == ".h5" else "an array of shape (0, 4, 5); expected (frames, ..."),
+        ("8 bits", np.zeros((3, 4, 5), np.uint8), "values of type uint8; expected depths, of 16 bits or more"),
+        ("another size", np.zeros((3, 24, 32), np.uint16), "32 x 24 pixels; camera own has 64 x 48"),
+    )},
+    **{f"objects in {suffix}": (lambda tmp, suffix=suffix: save(tmp / f"take{suffix}", np.full((3, 4, 5), None)),
+                                f"...take{suffix}: values of type object; expected depths, of 16 bits or more")
+       for suffix in (".npy", ".npz")},  # not unpickled
+    "a negative depth": (lambda tmp: save(tmp / "take.npy", np.where(DEPTH == 1001, -1.0, DEPTH)),
+                         "...take.npy: frame 1: a depth of -0.5 mm; expected 0 where nothing was read, else more"),
+    "cut in its first frame": (lambda tmp: cut(save(tmp / "take.npy"), 1000),
+                               "...take.npy: ends within its first frame, at byte 1000"),
+    "a wrong checksum": (lambda tmp: cut(archive(tmp / "take.npz", depth=DEPTH), flip=5000),
+                         "...take.npz: a damaged .npz file: Bad CRC-32..."),
+    "a cut archive": (lambda tmp: cut(archive(tmp / "take.npz", depth=DEPTH), 9000),
+                      "...take.npz: a damaged .npz file: File is not a zip file"),
+    "joints": (lambda tmp: archive(tmp / "a.npz", joints=np.zeros((3, 2))),
+               f"...a.npz: holds joints (3, 2); {EXPECTED}"),
+    "two stacks": (lambda tmp: archive(tmp / "a.npz", a=DEPTH, b=DEPTH),
+                   f"...a.npz: holds a (3, 48, 64), b (3, 48, 64); {EXPECTED}"),
+    "a text": (lambda tmp: text(tmp / "a.npz"), f"...a.npz: holds nothing; {EXPECTED}"),
+})  # fmt: skip
+def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejected: Any) -> None:
+    """An invalid array, a damaged archive and one without a stack raise an error."""
+    path = given(tmp_path)
+    with rejected:
         list(open_stack(path, GIVEN))
-    path.write_bytes(content[:9000])
-    with pytest.raises(DataError, match=r"a damaged \.npz file: File is not a zip file"):
+
+
+@bad_inputs(DataError, {
+    f"{name} in {suffix}": ((f"take{suffix}", others), f"...take{suffix}: {line}")
+    for suffix in (".npz", ".h5") for name, others, line in (
+        ("a time before", {"time": [0.0, 2.0, 1.0]}, "time[2] is 1; expected finite seconds, each after ..."),
+        ("no time", {"time": [0.0, 1.0, np.nan]}, "time[2] is nan; expected finite seconds, each after the one before"),
+        ("two times", {"time": [0.0, 1.0]}, "time is float64 (2,), expected (3,): seconds, one for each frame"),
+        ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
+        ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 0 and ..."),
+        ("a text as rate", {"rate": "fast"}, 'rate is "fast"; expected a number more than 0 and at most 10000'),
+        ("a camera's fx alone", {"camera": '{"fx": 1}'}, "camera: has fx, but not fy and u0 and v0"),
+        ("two cameras", {"camera": ["a", "b"]}, "camera has the shape (2,), expected one text: a camera.json"),
+    )
+})  # fmt: skip
+def test_what_is_wrong_beside_the_frames(tmp_path: Path, given: tuple[str, dict[str, object]], rejected: Any) -> None:
+    """Invalid data in addition to the frames raise an error."""
+    path = save(tmp_path / given[0], **given[1])
+    with rejected:
         open_stack(path, GIVEN)
-
-
-def test_archives_without_a_stack(tmp_path: Path) -> None:
-    """The error lists the arrays of the archive."""
-    np.savez(tmp_path / "a.npz", joints=np.zeros((3, 2)))
-    with pytest.raises(DataError, match=r"holds joints \(3, 2\); expected an array depth"):
-        open_stack(tmp_path / "a.npz", GIVEN)
-    np.savez(tmp_path / "b.npz", a=DEPTH, b=DEPTH)
-    with pytest.raises(DataError, match=r"holds a \(3, 48, 64\), b \(3, 48, 64\); expected an array depth"):
-        open_stack(tmp_path / "b.npz", GIVEN)
-    with zipfile.ZipFile(tmp_path / "c.npz", "w") as archive:
-        archive.writestr("readme.txt", "nothing")
-    with pytest.raises(DataError, match="holds nothing; expected an array depth"):
-        open_stack(tmp_path / "c.npz", GIVEN)
-
-
-def test_objects_are_not_unpickled(tmp_path: Path) -> None:
-    """Arrays of objects raise an error instead of being unpickled."""
-    for path in (tmp_path / "take.npy", tmp_path / "take.npz"):
-        save(path, np.full((3, 4, 5), None))
-        with pytest.raises(DataError, match="values of type object"):
-            open_stack(path, GIVEN)

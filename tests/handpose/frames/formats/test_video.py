@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from handpose.frames.formats.video_writer import VideoWriter
 from handpose.frames.lens import Lens
 from handpose.frames.recording import CameraInfo, DepthFrame
 from netlib.errors import DataError, NetlibError
+from tests.support.bad_input import bad_inputs
 
 av = pytest.importorskip("av", reason="PyAV is missing: pip install av")
 
@@ -128,19 +130,17 @@ def test_camera_beside_the_file(tmp_path: Path) -> None:
     assert next(iter(recording)).depth[0, 0] == 800
 
 
-@pytest.mark.parametrize(
-    ("codec", "pixels", "said"),
-    [
-        ("ffv1", "gray", "not 16-bit grey"),
-        ("ffv1", "bgr0", "not 16-bit grey"),
-        ("mjpeg", "yuvj420p", "lossy"),
-        ("mpeg4", "yuv420p", "lossy"),
-    ],
-)
-def test_what_loses_depth_is_refused(tmp_path: Path, codec: str, pixels: str, said: str) -> None:
+@bad_inputs(DataError, {
+    f"{codec} {pixels}": f"...a.mkv: {codec} video {line}: depth does not survive that; expected FFV1 of 16 bits ..."
+    for codec, pixels, line in (("ffv1", "gray", "of gray pixels, not 16-bit grey"),
+                                ("ffv1", "bgr0", "of bgr0 pixels, not 16-bit grey"),
+                                ("mjpeg", "yuvj420p", "(yuvj420p), which is lossy"),
+                                ("mpeg4", "yuv420p", "(yuv420p), which is lossy"))
+})  # fmt: skip
+def test_what_loses_depth_is_refused(tmp_path: Path, given: str, rejected: Any) -> None:
     """8 bits, colours and lossy compression raise an error with the reason."""
-    path = write_other(tmp_path / "a.mkv", codec, pixels)
-    with pytest.raises(DataError, match=rf"a\.mkv: {codec} video.*{said}.*depth does not survive"):
+    path = write_other(tmp_path / "a.mkv", *given.split())
+    with rejected:
         open_video(path, GIVEN)
 
 
@@ -202,14 +202,20 @@ def test_a_damaged_frame_is_no_frame(tmp_path: Path) -> None:
     assert "frame 4" in recording.cut or "frame 3" in recording.cut
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"no video", b"#EXTM3U\nhttp://127.0.0.1/a.ts\n", b"\x1a\x45\xdf\xa3" + b"\0" * 99]
-)
-def test_what_is_no_video(tmp_path: Path, content: bytes) -> None:
+NO_VIDEO = "...a.mkv: no video in Matroska, AVI or MP4; expected FFV1 of 16 bits in Matroska (.mkv)"
+
+
+@bad_inputs(DataError, {
+    "empty": (b"", NO_VIDEO),
+    "a text": (b"no video", NO_VIDEO),
+    "a playlist": (b"#EXTM3U\nhttp://127.0.0.1/a.ts\n", NO_VIDEO),
+    "a header alone": (b"\x1a\x45\xdf\xa3" + b"\0" * 99, "...a.mkv: cannot read the video: damaged or cut: ..."),
+})  # fmt: skip
+def test_what_is_no_video(tmp_path: Path, given: bytes, rejected: Any) -> None:
     """Invalid files raise an error; playlists of other files are not followed."""
     path = tmp_path / "a.mkv"
-    path.write_bytes(content)
-    with pytest.raises(DataError, match=r"a\.mkv: "):
+    path.write_bytes(given)
+    with rejected:
         open_video(path, GIVEN)
 
 
@@ -243,23 +249,20 @@ class TestWriter:
             assert path.read_bytes() == before
         assert path.read_bytes() != before
 
-    @pytest.mark.parametrize(
-        ("change", "said"),
-        [
-            (
-                {"depth": np.full((48, 64), 9000, np.float32)},
-                "16 bits of 0.125 mm; expected 0 to 8191",
-            ),
-            ({"depth": np.full((48, 64), -1, np.float32)}, "does not fit into 16 bits"),
-            ({"depth": np.full((48, 64), np.nan, np.float32)}, "does not fit into 16 bits"),
-            ({"time": 0.0002}, "less than 1 ms"),
-        ],
-    )
-    def test_what_cannot_be_written(self, tmp_path: Path, change: dict[str, object], said: str) -> None:
+    @bad_inputs(DataError, {
+        name: (change, f"...a.mkv: frame 1: {line}")
+        for name, change, line in (
+            *((f"{depth} mm", {"depth": np.full((48, 64), depth, np.float32)},
+               f"depth from {depth} to {depth} mm does not fit into 16 bits of 0.125 mm; expected 0 to 8191.88, ...")
+              for depth in (9000, -1, np.nan)),
+            ("less than a tick", {"time": 0.0002}, "at 0.000200 s, less than 1 ms after the frame before; ..."),
+        )
+    })  # fmt: skip
+    def test_what_cannot_be_written(self, tmp_path: Path, given: dict[str, object], rejected: Any) -> None:
         """An invalid frame raises an error, and the frames before it are kept."""
         first = frames(1)[0]
-        with pytest.raises(DataError, match=said):
-            write(tmp_path / "a.mkv", [first, first._replace(number=1, **{"time": 0.1, **change})])
+        with rejected:
+            write(tmp_path / "a.mkv", [first, first._replace(number=1, **{"time": 0.1, **given})])
         assert len(list(open_video(tmp_path / "a.mkv", CameraInfo()))) == 1
 
     @pytest.mark.parametrize("failing_at", ["a frame", "the end"])
