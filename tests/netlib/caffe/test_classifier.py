@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import netlib.caffe as caffe
+from netlib.caffe.io import ShapeError
 from netlib.errors import NetlibError
 from netlib.proto import prototxt
+from tests.support.bad_input import bad_inputs
 
 MEANS = """
 layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 4 dim: 3 dim: 2 dim: 2 } } }
@@ -19,11 +21,13 @@ layer { name: "means" type: "Convolution" bottom: "data" top: "means"
 @pytest.fixture
 def make(tmp_path):
     """``make(**options)``: a Classifier that predicts the mean of each channel of its input."""
-    (tmp_path / "net.prototxt").write_text(MEANS)
-    caffe.Net(prototxt.parse(MEANS), caffe.TEST).save(tmp_path / "net.caffemodel")
-    return lambda **options: caffe.Classifier(
-        str(tmp_path / "net.prototxt"), str(tmp_path / "net.caffemodel"), **options
-    )
+
+    def made(net=MEANS, **options):
+        (tmp_path / "net.prototxt").write_text(net)
+        caffe.Net(prototxt.parse(net), caffe.TEST).save(tmp_path / "net.caffemodel")
+        return caffe.Classifier(str(tmp_path / "net.prototxt"), str(tmp_path / "net.caffemodel"), **options)
+
+    return made
 
 
 def image(height, width):
@@ -68,18 +72,22 @@ def test_it_is_a_net(make):
     assert isinstance(classifier, caffe.Net) and classifier.phase == caffe.TEST and classifier.outputs == ["means"]
 
 
-def test_mistakes(make, tmp_path):
+OWN = """
+name: "own" layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 } } }
+layer { name: "means" type: "InnerProduct" bottom: "x" top: "y" inner_product_param { num_output: 1 } }
+"""
+
+
+@bad_inputs(ShapeError, {
+    "too small": (lambda make: make(image_dims=(1, 4)),
+                  "image_dims (1, 4) are smaller than the net's input, (2, 2); expected a height and a width"),
+    "no image": (lambda make: make().predict([]), "predict takes images (H, W, K) with the same K, found []"),
+    "mixed channels": (lambda make: make().predict([image(4, 4), image(4, 4)[..., :1]]),
+                       "predict takes images (H, W, K) with the same K, found [(4, 4, 3), (4, 4, 1)]"),
+    "no input": (lambda make: make(net=OWN), NetlibError,
+                 "net 'own' has no input for images; expected a deployment net with an Input layer"),
+})  # fmt: skip
+def test_mistakes(make, given, rejected):
     """Images that are too small, missing or of mixed channels, and a net without an input, raise an error."""
-    with pytest.raises(NetlibError, match=r"image_dims \(1, 4\) are smaller than the net's input, \(2, 2\)"):
-        make(image_dims=(1, 4))
-    with pytest.raises(NetlibError, match=r"images \(H, W, K\) .*, found \[\]"):
-        make().predict([])
-    with pytest.raises(NetlibError, match=r"found \[\(4, 4, 3\), \(4, 4, 1\)\]"):
-        make().predict([image(4, 4), image(4, 4)[..., :1]])
-    (tmp_path / "net.prototxt").write_text(
-        'name: "own" layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 } } }'
-        'layer { name: "means" type: "InnerProduct" bottom: "x" top: "y" inner_product_param { num_output: 1 } }'
-    )
-    caffe.Net(str(tmp_path / "net.prototxt"), caffe.TEST).save(tmp_path / "net.caffemodel")
-    with pytest.raises(NetlibError, match="net 'own' has no input for images"):
-        make()
+    with rejected:
+        given(make)

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import netlib.caffe as caffe
+from netlib.caffe.io import ShapeError
 from netlib.errors import NetlibError
 from netlib.proto import prototxt
+from tests.support.bad_input import bad_inputs
 
 MEAN = """
 layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 2 dim: %d dim: 6 dim: 6 } } }
@@ -84,15 +86,21 @@ def test_without_a_mean_it_is_black(make):
     assert (make(context_pad=1).crop_mean == np.zeros((6, 6, 1))).all()
 
 
-def test_mistakes(make):
+OUTSIDE = "the window (20, 20, 25, 25) (ymin, xmin, ymax, xmax) is outside an image of 8 x 8 pixels"
+
+
+@bad_inputs(ShapeError, {
+    "outside": (lambda make: make().crop(GRAY, np.array([20, 20, 25, 25])), OUTSIDE),
+    "outside with a border": (lambda make: make(context_pad=1).crop(GRAY, np.array([20, 20, 25, 25])), OUTSIDE),
+    **{str(window): (lambda make, window=window: make().crop(GRAY, window),
+                     f"a window is (ymin, xmin, ymax, xmax) in pixels, found {window}")
+       for window in [(0, 0, 4), (0, 0, 4, "a"), (0, 0, 4, np.nan), 4]},
+    "a wide border": (lambda make: make(context_pad=3),
+                      "context_pad 3 needs a square input of more than twice as many pixels, 'data' has 6 x 6"),
+    "selective search": (lambda make: make().detect_selective_search(["a.png"]), NetlibError,
+                         "detect_selective_search needs MATLAB and ..., which are not supported; pass your own ..."),
+})  # fmt: skip
+def test_mistakes(make, given, rejected):
     """Windows outside the image, malformed windows, too wide a border and selective search raise an error."""
-    for detector in (make(), make(context_pad=1)):
-        with pytest.raises(NetlibError, match=r"the window \(20, 20, 25, 25\) .* an image of 8 x 8"):
-            detector.crop(GRAY, np.array([20, 20, 25, 25]))
-    for window in [(0, 0, 4), (0, 0, 4, "a"), (0, 0, 4, np.nan), 4]:
-        with pytest.raises(NetlibError, match=r"a window is \(ymin, xmin, ymax, xmax\) in pixels, found"):
-            make().crop(GRAY, window)
-    with pytest.raises(NetlibError, match="context_pad 3 needs a square input of more than twice as many pixels"):
-        make(context_pad=3)
-    with pytest.raises(NetlibError, match="needs MATLAB"):
-        make().detect_selective_search(["a.png"])
+    with rejected:
+        given(make)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 
 import pytest
 from google.protobuf import text_format
@@ -64,10 +63,6 @@ def test_learning_rates(net):
     assert draw.get_layer_lr_mult(net.layer[6]) == (1, 1)
     both = 'name: "c" type: "Convolution" param { lr_mult: 3 } param { lr_mult: 4 }'
     assert draw.get_layer_lr_mult(layer_of(both)) == (3, 4)
-    with pytest.raises(ValueError, match="ReLU layers do not have a learning rate multiplier"):
-        draw.get_layer_lr_mult(net.layer[3])
-    with pytest.raises(ValueError, match="layer 'c': expected at most two params, weights and biases, found 3"):
-        draw.get_layer_lr_mult(layer_of(both + "param {}"))
 
 
 def test_labels_of_arrows(net):
@@ -121,13 +116,10 @@ def test_phases(net, phase, shown):
 
 
 def test_rules_without_a_phase(net):
-    """Stages and levels are ignored; a layer with both include and exclude rules raises an error."""
+    """Stages and levels are ignored."""
     net.layer[3].include.add(stage=["deploy"])
     net.layer[5].exclude.add(stage=["deploy"])
     assert "relu" in text_of(net, "LR", phase=caffe.TRAIN) and "drop" in text_of(net, "LR", phase=caffe.TRAIN)
-    net.layer[3].exclude.add(phase=caffe.TEST)
-    with pytest.raises(ValueError, match="layer 'relu' has both include and exclude specified"):
-        text_of(net, "LR", phase=caffe.TRAIN)
 
 
 def test_raw(net, tmp_path):
@@ -152,21 +144,6 @@ def test_a_picture(net, tmp_path):
 # ---------------------------------------------------------------------------------------------- missing programs
 
 
-def test_without_pydot(net, monkeypatch):
-    """Without pydot a one-line error names the command that installs it."""
-    monkeypatch.setitem(sys.modules, "pydot", None)
-    with pytest.raises(NetlibError, match=r"^pydot is missing: pip install pydot$"):
-        draw.draw_net(net, "LR")
-
-
-def test_without_graphviz(net, monkeypatch):
-    """Without Graphviz a one-line error says what to install."""
-    pytest.importorskip("pydot")
-    monkeypatch.setattr("shutil.which", lambda name: None)
-    with pytest.raises(NetlibError, match="program dot is missing: install Graphviz"):
-        draw.draw_net(net, "LR")
-
-
 def test_a_dot_that_fails(net, monkeypatch, tmp_path):
     """The error output of ``dot`` is reported on one line."""
     pytest.importorskip("pydot")
@@ -176,12 +153,3 @@ def test_a_dot_that_fails(net, monkeypatch, tmp_path):
     monkeypatch.setattr("shutil.which", lambda name: str(program))
     with pytest.raises(NetlibError, match=r"^dot cannot draw the net as 'png': Error: no at all$"):
         draw.draw_net(net, "LR")
-
-
-def test_names_of_pictures(net, tmp_path):
-    """A file name without a suffix or in a missing folder raises an error."""
-    with pytest.raises(NetlibError, match="net: no suffix"):
-        draw.draw_net_to_file(net, tmp_path / "net")
-    pytest.importorskip("pydot")
-    with pytest.raises(NetlibError, match=r"cannot write the image: No such file"):
-        draw.draw_net_to_file(net, tmp_path / "none" / "net.raw")

@@ -1,0 +1,205 @@
+"""netlib.caffe: calls that are refused, and the line of each error."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from google.protobuf import text_format
+
+import netlib.caffe as caffe
+from netlib.caffe import coord_map, draw, io
+from netlib.caffe import layers as L
+from netlib.caffe import params as P
+from netlib.caffe.coord_map import AxisMismatchException, CropError, UnconnectedError, UndefinedMapException
+from netlib.caffe.images import blob_from_images
+from netlib.caffe.io import ShapeError
+from netlib.caffe.net_spec import NotATopError, SpecError, UnknownNameError
+from netlib.caffe.proto import caffe_pb2
+from netlib.errors import DataError, NetlibError
+from tests.support.bad_input import bad_inputs
+
+DATA = L.Input(shape={"dim": [1, 1, 64, 64]})
+IMAGE = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)  # (H, W, 3)
+SPEC = caffe.NetSpec()
+SPEC.data, SPEC.pair = DATA, L.DummyData(ntop=2)
+THREE_PARAMS = 'name: "c" type: "Convolution" param {} param {} param {}'
+IMAGES = "found an image of {}; expected (H, W), or (H, W, C) with 1, 3 or 4 channels. cv2.imread returns None for ..."
+RESIZE = "resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, found an array of shape {}"
+UNCONNECTED = "Could not compute map between tops; are they connected by spatial layers?"
+CHANNELS = "expected one number for each of 3 channels"
+SIZE = "expected a width and a height of at least 1 px"
+RULES = 'layer { name: "relu" type: "ReLU" include { phase: TEST } exclude { phase: TEST } }'
+
+
+def of(text: str, message: type) -> object:
+    return text_format.Parse(text, message())
+
+
+def option(of_type: str, **options: object):
+    """A function that writes a layer with these options."""
+    return lambda: getattr(L, of_type)(DATA, **options).to_proto()
+
+
+def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3)):
+    """A function that calls a method of a Transformer."""
+    made = io.Transformer({"data": shape})
+    if len(shape) == 4:
+        made.set_transpose("data", (2, 0, 1))
+    return lambda: getattr(made, name)(*values)
+
+
+def images(*given: object, **options: object):
+    return lambda: blob_from_images(list(given), **options)
+
+
+@bad_inputs(ShapeError, {
+    "a map after one of a later axis": (lambda: coord_map.compose((1, 1, 0), (2, 1, 0)), AxisMismatchException,
+                                        "a map from axis 1 on cannot follow one from axis 2 on"),
+    "crop of another scale": (lambda: coord_map.crop(L.Pooling(DATA, kernel_size=2, stride=2), DATA), CropError,
+                              "scale mismatch on crop (a = [2.]): strides and kernels must undo each other"),
+    "crop before the top": (lambda: coord_map.crop(L.Convolution(DATA, kernel_size=3), DATA), CropError,
+                            "cannot crop negative offset (b = [1.]): the top to be cropped is too small"),
+    "crop between pixels": (lambda: coord_map.crop(L.Convolution(DATA, kernel_size=2, pad=1), DATA), CropError,
+                            "cannot crop noninteger offset (b = [-0.5])"),
+    "from InnerProduct": (lambda: coord_map.coord_map_from_to(L.InnerProduct(DATA, num_output=1), DATA),
+                          UnconnectedError, UNCONNECTED),
+    "to another input": (lambda: coord_map.coord_map_from_to(DATA, L.Input(shape={"dim": 1})),
+                         UnconnectedError, UNCONNECTED),
+    "map of InnerProduct": (lambda: coord_map.coord_map(L.InnerProduct(DATA, num_output=1).fn), UndefinedMapException,
+                            "layers of type 'InnerProduct' have no coordinate map"),
+    "map of global pooling": (lambda: coord_map.coord_map(L.Pooling(DATA, global_pooling=True).fn),
+                              UndefinedMapException, "a Pooling layer without kernel_size has no coordinate map"),
+    "map of pad_w": (lambda: coord_map.coord_map(L.Convolution(DATA, kernel_size=3, pad_w=1).fn), CropError,
+                     "a Convolution layer has pad_w: cropping does not support legacy _h/_w params; write ..."),
+    "rate of ReLU": (lambda: draw.get_layer_lr_mult(of('type: "ReLU"', caffe_pb2.LayerParameter)), draw.RuleError,
+                     "ReLU layers do not have a learning rate multiplier"),
+    "three params": (lambda: draw.get_layer_lr_mult(of(THREE_PARAMS, caffe_pb2.LayerParameter)), draw.RuleError,
+                     "layer 'c': expected at most two params, weights and biases, found 3"),
+    "images: none": (images(), "blob_from_images takes at least one image, found none"),
+    "images: one": (lambda: blob_from_images(IMAGE), "blob_from_images takes a list of images, found an array of shape "
+                    "(2, 3, 3); blob_from_image takes one image"),
+    "images: None": (images(None), IMAGES.format("shape ()")),
+    "images: two channels": (images(np.zeros((2, 2, 2), np.uint8)), IMAGES.format("shape (2, 2, 2)")),
+    "images: empty": (images(np.zeros((0, 2), np.uint8)), IMAGES.format("shape (0, 2, 1)")),
+    "images: float64": (images(np.zeros((2, 2))), "found an image of float64; expected uint8, uint16 or float32"),
+    "images: grey and colour": (images(IMAGE, IMAGE[:, :, 0]),
+        "blob_from_images takes images with the same number of channels, found [3, 1]"),
+    "images: one mean": (images(IMAGE, mean=104), f"the mean has shape (1,); {CHANNELS}"),
+    "images: a mean image": (images(IMAGE, mean=IMAGE), f"the mean has shape (2, 3, 3); {CHANNELS}"),
+    "images: no width": (images(IMAGE, size=(0, 4)), f"size is (0, 4); {SIZE}"),
+    "images: half a pixel": (images(IMAGE, size=(2.5, 4)), f"size is (2.5, 4); {SIZE}"),
+    "images: no height": (images(IMAGE, size=(4,)), f"size is (4,); {SIZE}"),
+    "BlobProto without shape": (lambda: io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8])),
+                                "a BlobProto has shape (), but 2 values"),
+    "Datum of two axes": (lambda: io.array_to_datum(np.zeros((2, 2))),
+                          "Incorrect array shape: a Datum takes (channels, height, width), found (2, 2)"),
+    "Datum without shape": (lambda: io.datum_to_array(caffe_pb2.Datum(data=b"ab")),
+                            "a Datum has shape (0, 0, 0), but 2 values"),
+    "encoded Datum": (lambda: io.datum_to_array(caffe_pb2.Datum(data=b"ab", encoded=True)),
+                      "the Datum holds an encoded image; decode its data, for example with OpenCV"),
+    "Transformer: another name": (transformer("preprocess", "dat", np.zeros((2, 3, 3))), NetlibError,
+                                  "'dat' is not one of the net inputs: 'data' (did you mean 'data'?)"),
+    "Transformer: transpose": (transformer("set_transpose", "data", (0, 1)), "Transpose order needs to have the same "
+                               "number of dimensions as the input: 'data' takes each of 0, 1, 2 once, found (0, 1)"),
+    "Transformer: swap": (transformer("set_channel_swap", "data", (3, 2, 1)), "Channel swap needs to have the same "
+                          "number of dimensions as the input channels: 'data' has 0, 1, 2, found (3, 2, 1)"),
+    **{f"Transformer: mean {shape}": (transformer("set_mean", "data", np.zeros(shape)),
+        f"Mean channels incompatible with input: 'data' has 3, found a mean of shape {shape}")
+       for shape in ((2,), (2, 4, 4))},
+    "Transformer: a number as mean": (transformer("set_mean", "data", np.float64(3)),
+                                      "Mean shape invalid: expected (K,), (H, W) or (K, H, W), found ()"),
+    "Transformer: a batch": (transformer("deprocess", "data", np.zeros((4, 3, 2, 3))),
+                             "deprocess takes one item of 'data', found an array of shape (4, 3, 2, 3)"),
+    "Transformer: two axes": (transformer("preprocess", "data", np.zeros((2, 3, 3)), shape=(1, 5)),
+                              "preprocess needs an input (N, K, H, W), but 'data' has shape (1, 5)"),
+    "resize: order 7": (lambda: io.resize_image(np.zeros((4, 4, 3)), (2, 2), interp_order=7),
+                        RESIZE.format("(4, 4, 3), (2, 2) and 7")),
+    **{f"resize: {shape} to {size}": (lambda shape=shape, size=size: io.resize_image(np.zeros(shape), size),
+                                      RESIZE.format(f"{shape}, {size} and 1"))
+       for shape, size in (((4, 4), (2, 2)), ((4, 4, 3), (2,)), ((4, 4, 3), (0, 2)), ((0, 4, 3), (2, 2)))},
+    "oversample: too large": (lambda: io.oversample([np.zeros((4, 4, 1))], (5, 2)),
+                              "oversample cannot crop (5, 2) from an image of shape (4, 4, 1)"),
+    "oversample: two sizes": (lambda: io.oversample([np.zeros((4, 4, 1)), np.zeros((4, 5, 1))], (2, 2)),
+                              "oversample takes images of the same shape, found (4, 4, 1) and (4, 5, 1)"),
+    "oversample: none": (lambda: io.oversample([], (2, 2)), "oversample takes at least one image, found none"),
+    "option misspelt": (option("Convolution", kernal_size=3), SpecError,
+        "layer 'Convolution1' (Convolution): unknown option 'kernal_size' (did you mean 'kernel_size'?)"),
+    "option unknown": (option("ReLU", zzz=1), SpecError, "...unknown option 'zzz'; its options: negative_slope, ..."),
+    "option of another block": (option("Deconvolution", num_output=1), SpecError,
+        "...(Deconvolution): option 'num_output' is in another block; write convolution_param=dict(num_output=...)"),
+    "option of the loss": (option("SoftmaxWithLoss", ignore_label=1), SpecError,
+                           "...write loss_param=dict(ignore_label=...)"),
+    "option unknown in two blocks": (option("SoftmaxWithLoss", zzz=1), SpecError,
+                                     "...; its options: softmax_param=dict(...), loss_param=dict(...)"),
+    "option where there are none": (option("Silence", zzz=1), SpecError, "...: unknown option 'zzz'; it has none"),
+    "option of a filler": (option("Convolution", weight_filler={"tipe": "xavier"}), SpecError,
+                           "...FillerParameter has no field 'tipe' (did you mean 'type'?)"),
+    "block": (option("Convolution", convolutoin_param={}), SpecError, "...(did you mean 'convolution_param'?)"),
+    **{f"{name} {value}": (option(layer, **{name: value}), SpecError,
+                           f"...'{name}' of {layer}Parameter cannot be {value!r}...")
+       for layer, name, value in (("Convolution", "num_output", "many"), ("Convolution", "num_output", [1, 2]),
+                                  ("Convolution", "weight_filler", "xavier"), ("Pooling", "pool", 9))},
+    "tops as a bottom": (lambda: L.Silence(L.DummyData(ntop=2), ntop=0), NotATopError,
+                         "Silence input 0 is not a Top (type is <class 'tuple'>)"),
+    "one name for two tops": (SPEC.to_proto, NotATopError, "'pair' of the net is not a Top (type is <class 'tuple'>); "
+                              "unpack a layer with several tops: n.data, n.label = L.HDF5Data(..., ntop=2)"),
+    "top unknown": (lambda: SPEC.dat, UnknownNameError, "this net has no top 'dat' (did you mean 'data'?)"),
+    "params unknown": (lambda: P.Poling.MAX, UnknownNameError, "params has no 'Poling' (did you mean 'Pooling'?)"),
+    "value unknown": (lambda: P.Pooling.MEAN, UnknownNameError,
+                      "params.Pooling has no 'MEAN'; it has MAX, AVE, STOCHASTIC, ..."),
+})  # fmt: skip
+def test_calls_that_are_refused(given, rejected):
+    """Each mistake is one line, with what was found and expected, also where OpenCV computes something else."""
+    with rejected:
+        given()
+
+
+def test_classes_of_errors():
+    """The errors are of this project's class, and of the classes that scripts for pycaffe catch."""
+    assert all(issubclass(cls, NetlibError) for cls in (AxisMismatchException, UnconnectedError, UndefinedMapException))
+    assert issubclass(ShapeError, ValueError) and issubclass(draw.RuleError, ValueError)
+    assert issubclass(CropError, AssertionError) and issubclass(NotATopError, TypeError)
+    assert issubclass(UnknownNameError, AttributeError) and issubclass(UnknownNameError, KeyError)
+
+
+@pytest.mark.parametrize(("option", "error"), [({"zzz": 1}, AttributeError), ({"num_output": {}}, TypeError)])
+def test_classes_of_wrong_options(option, error):
+    """An unknown option is an AttributeError, a value of another type a TypeError, as in pycaffe."""
+    with pytest.raises(error):
+        L.Convolution(DATA, **option).to_proto()
+
+
+@bad_inputs(DataError, {
+    "missing": ("none.png", "...none.png: cannot read the image: No such file..."),
+    "empty": ("empty.png", "...empty.png: not an image that OpenCV can decode (0 bytes)"),
+    "a text": ("text.png", "...text.png: not an image that OpenCV can decode (5 bytes)"),
+    "signed": ("a.tiff", "...a.tiff: image of type int16; expected 8 or 16 bits unsigned, or floats"),
+})  # fmt: skip
+def test_images_that_are_refused(tmp_path, given, rejected):
+    """A missing, damaged or unsupported image raises a one-line error with the file's name."""
+    (tmp_path / "empty.png").touch()
+    (tmp_path / "text.png").write_text("hello")
+    assert cv2.imwrite(str(tmp_path / "a.tiff"), np.zeros((2, 2), np.int16))
+    with rejected:
+        io.load_image(tmp_path / given)
+
+
+@bad_inputs(NetlibError, {
+    "no pydot": (("pydot", "net.png"), "pydot is missing: pip install pydot"),
+    "no Graphviz": (("dot", "net.png"), "Graphviz's program dot is missing: install Graphviz (apt install ..."),
+    "no suffix": (("", "net"), "...net: no suffix; expected one that names the format: .png, .svg, .pdf ..."),
+    "no folder": (("", "none/net.raw"), "...none/net.raw: cannot write the image: No such file..."),
+    "two rules": (("rules", "net.raw"), draw.RuleError, "layer 'relu' has both include and exclude specified."),
+})  # fmt: skip
+def test_drawings_that_are_refused(tmp_path, monkeypatch, given, rejected):
+    """Without pydot or Graphviz the line says what to install; a file needs a suffix, its folder, and clear rules."""
+    missing, name = given
+    if missing == "pydot":
+        monkeypatch.setitem(__import__("sys").modules, "pydot", None)
+    else:
+        pytest.importorskip("pydot")
+        monkeypatch.setattr("shutil.which", lambda name: None)
+    with rejected:
+        draw.draw_net_to_file(of(RULES if missing == "rules" else "", caffe_pb2.NetParameter), tmp_path / name,
+                              phase=caffe.TEST)  # fmt: skip
