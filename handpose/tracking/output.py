@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import mirror_of
-from handpose.fit.body import SIZE
+from handpose.fit.body import SIZE, CapsuleModel
 from handpose.fit.pose_confidence import Judged, judged_poses
-from handpose.fit.world_pose import variables_of
+from handpose.fit.world_pose import WorldPose, variables_of
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.track import TrackedHand
+from netlib.blob import Array
 
 
 def tracked_hand(
@@ -39,12 +40,10 @@ def _as_sides(
     model, found = estimator.model, [seen.estimate for seen in sides]
     center = np.stack([hand.mirrored_center_mm for hand in found])
     mirror = np.stack([mirror_of(hand.hand) for hand in found])
-    poses = [seen.smooth if smooth else seen.estimate.body for seen in sides]
-    x = np.stack([variables_of(model, *pose) for pose in zip(poses, center)])
-    if track.size is not None:
-        x[:, SIZE] = np.log(track.size)  # the known size, instead of a filtered one
-    joints = model.joints(x)
-    xyz = (joints + center[:, None]) * mirror[:, None]
+    x = raw = _variables(track, model, [seen.estimate.body for seen in sides], center)
+    if smooth:
+        x = _variables(track, model, [seen.smooth for seen in sides], center)
+    xyz, raw_xyz = ((model.joints(pose) + center[:, None]) * mirror[:, None] for pose in (x, raw))
     error_mm, confidence = (np.array([getattr(hand, name) for hand in found]) for name in ("error_mm", "confidence"))
     judged = Judged(error_mm, confidence, np.stack([hand.finger_error_mm for hand in found]))
     if np.isfinite(error_mm).all():  # the errors of the network were measured
@@ -68,6 +67,15 @@ def _as_sides(
             capsules=None if capsules is None else capsules.frames(slice(n, n + 1)),
             side_confidence=chances[n],
             finger_error_mm=judged.finger_error_mm[n],
+            raw_xyz=raw_xyz[n] if smooth else None,
         )
         for n, hand in enumerate(found)
     ]
+
+
+def _variables(track: HandTrack, model: CapsuleModel, poses: Sequence[WorldPose], center: Array) -> Array:
+    """The model's variables (N, V) of poses in crops with these centres (N, 3), of the known size if there is one."""
+    x = np.stack([variables_of(model, *pose) for pose in zip(poses, center)])
+    if track.size is not None:
+        x[:, SIZE] = np.log(track.size)  # instead of a filtered one
+    return x

@@ -66,6 +66,7 @@ class TrackedHand:
     other       the same hand as one of the other side, while the side is undecided
     finger_error_mm  (5,) expected error of each finger, from the thumb on: mean over PIP joint, DIP joint and tip; NaN
                 where it is unknown
+    raw_xyz     (K, 3) mm, likewise: the joints before smoothing; None if poses are not smoothed, or if unknown
     """
 
     id: int
@@ -82,6 +83,7 @@ class TrackedHand:
     side_confidence: float = 1.0
     other: TrackedHand | None = None
     finger_error_mm: Array = field(default_factory=unknown_errors)
+    raw_xyz: Array | None = None
 
     @property
     def known_side(self) -> Side | None:

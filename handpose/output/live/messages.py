@@ -74,7 +74,7 @@ class Messages:
 
     def __init__(self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False) -> None:
         self.header = _text(header_values(header, joints))
-        self._values = FrameValues(header, joints, gestures, every_bone=True)
+        self._values = FrameValues(header, joints, gestures, live=True)
         self._camera = header.camera
         self._contrast, self._window = Contrast(), Window(header.camera)
 

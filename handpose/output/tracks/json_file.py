@@ -34,6 +34,7 @@ A frame:
         error_mm         expected error; null likewise
         finger_error_mm  expected error of each finger, by name: mean over PIP joint, DIP joint and tip; null likewise
         positions_mm     (x, y, z) of each joint, camera axes, to 0.01 mm
+        raw_positions_mm likewise, before smoothing; only of smoothed tracks in files
         angles_rad       by name; of a left hand, those of its mirror image; null without a fit
         origin_mm        the origin of the translations, camera axes
         translations_mm  by name; of a left hand, those of its mirror image; null without a fit

@@ -101,17 +101,17 @@ def header_of(fields: Fields) -> TrackHeader:
 class FrameValues:
     """Frames as objects, in order: a hand's bones are in its first one, and where they change.
 
-    every_bone  write the bones in every frame, for receivers that miss some
+    live        write the bones in every frame, for receivers that miss some, and no raw positions: messages are short
     in_frames   False for hands in crops without their frames: positions are from the crop's centre, without a camera
     """
 
     def __init__(
-        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False, every_bone: bool = False,
+        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False, live: bool = False,
         in_frames: bool = True,
     ) -> None:  # fmt: skip
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
         self._camera, self._joints = header.camera if in_frames else None, joints
-        self._every_bone = every_bone
+        self._live = live
         self._gestures: GestureReader | None = None
         if gestures:
             from handpose.body.gestures.over_time import GestureReader
@@ -134,7 +134,7 @@ class FrameValues:
     def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
         bones = _known(hand.bones * self._unit_mm, 3)
-        same = not self._every_bone and hand.id in self._bones and self._bones[hand.id] == bones
+        same = not self._live and hand.id in self._bones and self._bones[hand.id] == bones
         self._bones[hand.id] = bones
         return {
             "id": int(hand.id), "hand": hand.known_side,
@@ -143,6 +143,7 @@ class FrameValues:
             "confidence": rounded(hand.confidence, 4), "error_mm": rounded(hand.error_mm, 2),
             "finger_error_mm": dict(zip(FINGERS, rounded(hand.finger_error_mm, 1))),
             "positions_mm": rounded(hand.xyz, 2),
+            **({} if self._live or hand.raw_xyz is None else {"raw_positions_mm": rounded(hand.raw_xyz, 2)}),
             "angles_rad": _named(self._angles, theta[self._dofs.angles], 5),
             "origin_mm": rounded(hand.origin_mm, 3),
             "translations_mm": _named(self._slides, theta[self._dofs.slides] * self._unit_mm, 3),
@@ -195,6 +196,7 @@ class FrameValues:
             of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3), crop.positive("cube_mm"),
             side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
             finger_error_mm=_finger_errors(of),
+            raw_xyz=of.numbers("raw_positions_mm", joints, 3) if "raw_positions_mm" in of else None,
         )  # fmt: skip
 
     def _bones_of(self, of: Fields) -> Array:

@@ -101,7 +101,8 @@ def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
 
 
 def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
-    """Smoothing changes only the reported poses and their confidence; motion is smoother, the error hardly changes."""
+    """Smoothing changes only the reported poses and their confidence; motion is smoother, the error hardly
+    changes. The poses before smoothing are reported beside them."""
     for one, other in zip(shown.reported, raw.reported):
         assert (one.number, one.lost) == (other.number, other.lost)
         for own, same in zip(one.hands, other.hands, strict=True):
@@ -111,6 +112,9 @@ def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
         np.array([frame.hands[0].xyz for frame in reported]) for reported in (shown.reported, raw.reported)
     )
     assert not np.allclose(smooth_xyz, raw_xyz, atol=1)
+    beside = np.array([frame.hands[0].raw_xyz for frame in shown.reported])
+    np.testing.assert_allclose(beside, raw_xyz, atol=1e-6)
+    assert all(frame.hands[0].raw_xyz is None for frame in raw.reported)
     restless = [np.linalg.norm(np.diff(xyz, 2, axis=0), axis=2).mean() for xyz in (smooth_xyz, raw_xyz)]
     assert restless[0] < 0.95 * restless[1]
     assert shown.score().hands[0].errors.mean < raw.score().hands[0].errors.mean + 2

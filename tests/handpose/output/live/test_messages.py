@@ -43,6 +43,13 @@ def test_records_of_all_formats_are_valid(joints: FormatName) -> None:
     assert not json_schema.faults(json.loads(messages.line(messages.record(BOTH))), "frame")
 
 
+def test_records_have_no_raw_positions() -> None:
+    """Joints before smoothing are for files: a datagram is short."""
+    hand = dataclasses.replace(ONE.hands[0], raw_xyz=ONE.hands[0].xyz)
+    assert "raw_positions_mm" in FrameValues(HEADER).values(ONE._replace(hands=(hand,)))["hands"][0]
+    assert "raw_positions_mm" not in Messages(HEADER).record(ONE._replace(hands=(hand,)))["hands"][0]
+
+
 def test_joints_and_gestures() -> None:
     """The joint format and the gestures are those of the options."""
     messages = Messages(HEADER, "mano", gestures=True)

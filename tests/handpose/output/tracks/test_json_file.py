@@ -114,6 +114,19 @@ def test_keys_and_units(tmp_path: Path) -> None:
     assert np.allclose(got["positions_mm"], hand.xyz, atol=0.0051)
 
 
+def test_raw_positions_of_smoothed_hands(tmp_path: Path) -> None:
+    """Joints before smoothing are written and read; without smoothing there are none."""
+    hand = any_hand(HAND, np.random.default_rng(0))
+    smoothed = replace(hand, raw_xyz=hand.xyz + 7.125)
+    written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (smoothed,)), TrackedFrame(8, 0.5, (hand,))])
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert not json_schema.faults(found)
+    assert "raw_positions_mm" not in found["frames"][1]["hands"][0]
+    first, second = (frame.hands[0].raw_xyz for frame in read_track(tmp_path / "a.json").frames)
+    assert first is not None and np.allclose(first, smoothed.raw_xyz, atol=0.0051)
+    assert second is None
+
+
 def test_errors_of_fingers_may_be_unknown(tmp_path: Path) -> None:
     """Unknown errors of fingers are null, and NaN again when read; tracks of earlier programs do not have them."""
     hand = replace(any_hand(HAND, np.random.default_rng(0)), finger_error_mm=np.array([7, np.nan, 8, 9, 10]))
