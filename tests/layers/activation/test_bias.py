@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -51,19 +49,3 @@ def test_a_second_bottom_as_bias(run, check, rng, in_place):
         check(text(), x, bias, in_place=in_place)
     check(text(), x, b, wanted=[False, True])
     check(text(), x, b, wanted=[True, False])
-
-
-@pytest.mark.parametrize(
-    ("options", "bottoms", "message"),
-    [
-        ("axis: 1 num_axes: 3", [(2, 3, 4)], r"axis 1, num_axes 3 do not fit \(2, 3, 4\)"),
-        ("num_axes: -2", [(2, 3, 4)], "axis 1, num_axes -2 do not fit"),
-        ("axis: 3", [(2, 3, 4)], "axis 3 is out of range"),
-        ("", [(2, 3, 4), (4,)], r"bias \(4,\) does not fit axes 1 to 2 of bottom 'bottom0' \(2, 3, 4\)"),
-        ("axis: 2", [(2, 3, 4), (4, 1)], r"bias \(4, 1\) does not fit axes 2 to 4 of bottom 'bottom0' \(2, 3, 4\)"),
-    ],
-)
-def test_mistakes(run, options, bottoms, message):
-    """The error states the shapes of the bias and of the bottom."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(options), *map(np.zeros, bottoms))

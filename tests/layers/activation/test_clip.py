@@ -1,9 +1,6 @@
 """Clip."""
 
-import numpy as np
 import pytest
-
-import netlib
 
 pytestmark = pytest.mark.both_engines
 
@@ -30,9 +27,3 @@ def test_gradient(check, rng, in_place):
     """The gradient agrees with differences within and outside the bounds."""
     x = rng.choice([-2, 0.5, 3], (3, 4)) + rng.uniform(-0.4, 0.4, (3, 4))
     check(CLIP, x, in_place=in_place)
-
-
-def test_both_bounds_are_required():
-    """Neither bound has a default."""
-    with pytest.raises(netlib.PrototxtError, match="missing required field 'max' in clip_param"):
-        netlib.gradcheck.make_layer('type: "Clip" clip_param { min: 0 }', [np.zeros(2)])

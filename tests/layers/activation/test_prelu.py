@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 SHARED = 'type: "PReLU" prelu_param { channel_shared: true }'
@@ -43,13 +41,3 @@ def test_initial_slopes(run):
 def test_gradient(check, rng, text, shape, in_place):
     """The gradients of x and of the slopes agree with differences away from the kink."""
     check(text, rng.choice([-1, 1], shape) * rng.uniform(0.1, 1, shape), in_place=in_place)
-
-
-def test_mistakes(run):
-    """Too few axes and a changed number of channels raise an error."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3,\), expected \(N, C, ...\)"):
-        run('type: "PReLU"', np.zeros(3))
-    done = run('type: "PReLU"', np.zeros((2, 3)))
-    done.bottom[0].reshape(2, 4)
-    with pytest.raises(netlib.LayerError, match=r"'bottom0' has 4 channels \(2, 4\), its slopes expect 3"):
-        done.layer.reshape(done.bottom, done.top)

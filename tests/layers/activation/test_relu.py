@@ -3,9 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-from tests.support.nets import inputs
-
 pytestmark = pytest.mark.both_engines
 
 LEAKY = 'type: "ReLU" relu_param { negative_slope: 0.25 }'
@@ -40,11 +37,3 @@ def test_gradient(check, rng, slope):
     check(text, x)
     if slope >= 0:
         check(text, x, in_place=True)
-
-
-def test_a_negative_slope_below_zero_cannot_run_in_place(net_of):
-    """A negative slope below zero is rejected in place, because y would not determine the sign of x."""
-    with pytest.raises(netlib.LayerError, match="a negative negative_slope cannot run in place"):
-        net_of(
-            inputs(x=(2,)) + 'layer { name: "r" type: "ReLU" bottom: "x" top: "x" relu_param { negative_slope: -1 } }'
-        )

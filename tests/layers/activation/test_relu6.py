@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
 from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
@@ -47,13 +46,6 @@ def test_gradient(check, rng, slope):
     check(text, x)
     if slope >= 0:
         check(text, x, in_place=True)
-
-
-def test_a_negative_slope_below_zero_cannot_run_in_place(net_of):
-    """A negative slope below zero is rejected in place, because y would not determine the sign of x."""
-    layer = 'layer { name: "r" type: "ReLU6" bottom: "x" top: "x" relu6_param { negative_slope: -1 } }'
-    with pytest.raises(netlib.LayerError, match="a negative negative_slope cannot run in place"):
-        net_of(inputs(x=(2,)) + layer)
 
 
 def test_before_a_max_pooling_in_place(net_of, rng):

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -49,29 +47,6 @@ def test_a_second_bottom_as_gain(run, check, rng, in_place):
     assert np.allclose(run('type: "Scale"', x, gain).y, x * gain[:, None])
     check(text("bias_term: true"), x, gain, in_place=in_place)
     check(text(), x, rng.normal(size=()), in_place=in_place)
-
-
-@pytest.mark.parametrize(
-    ("options", "bottoms", "message"),
-    [
-        ("axis: 1 num_axes: 3", [(2, 3, 4)], "axis 1, num_axes 3 do not fit"),
-        ("axis: 3", [(2, 3, 4)], "axis 3 is out of range"),
-        ("", [(2, 3, 4), (4,)], r"gain \(4,\) does not fit axes 1 to 2 of bottom 'bottom0' \(2, 3, 4\)"),
-    ],
-)
-def test_mistakes(run, options, bottoms, message):
-    """The error states the shapes of the gain and of the bottom."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(options), *map(np.zeros, bottoms))
-
-
-def test_another_gain_does_not_fit_the_bias(run):
-    """A gain that no longer has the shape of the bias raises an error instead of being broadcast."""
-    done = run(text("bias_term: true"), np.zeros((2, 1)), np.zeros(1))
-    done.bottom[0].reshape(2, 4)
-    done.bottom[1].reshape(4)
-    with pytest.raises(netlib.LayerError, match=r"gain 'bottom1' \(4,\) does not fit the bias \(1,\)"):
-        done.layer.reshape(done.bottom, done.top)
 
 
 def test_a_gain_of_no_axes_fits_anywhere(run):

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 TEXT = 'type: "Axpy"'
@@ -26,19 +24,3 @@ def test_by_hand(run, shape):
 def test_gradient(check, rng, shape):
     """The gradients of all three bottoms agree with differences."""
     check(TEXT, rng.normal(size=shape), *rng.normal(size=(2, 3, 2, 4, 3)))
-
-
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
-        ([(2,), (2,), (2,)], r"'bottom0' \(2,\) must have one number per item and channel"),
-        ([(2, 4), (2, 3, 4, 4), (2, 3, 4, 4)], r"'bottom0' \(2, 4\) must have one number per item and channel"),
-        ([(2, 3, 4, 4), (2, 3, 4, 4), (2, 3, 4, 4)], r"'bottom0' \(2, 3, 4, 4\) must have one number per item"),
-        ([(2, 3), (2, 3, 4, 4), (2, 3, 4, 5)], r"'bottom1' \(2, 3, 4, 4\) and 'bottom2' \(2, 3, 4, 5\) must have the"),
-    ],
-    ids=str,
-)
-def test_mistakes(run, shapes, message):
-    """The error names the blobs and their shapes."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(TEXT, *map(np.zeros, shapes))

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 X = [[1.0, 2], [3, 4], [5, 6]]
@@ -39,24 +37,3 @@ def test_force_backward_does_not_ask_for_the_lists_gradient(net_of):
     )
     net.forward(x=np.array(X), i=np.array([1, 1]))
     assert net.backward(y=np.ones((2, 2)))["x"].tolist() == [[0, 0], [2, 2], [0, 0]]
-
-
-@pytest.mark.parametrize(
-    ("index", "message"),
-    [
-        ([0, 3], r"bottom 'bottom1' has index 3, but 'bottom0' \(3, 2\) has items 0 to 2"),
-        ([-1], "has index -1"),
-        ([np.nan], "has index nan"),
-        ([[0], [1]], r"bottoms 'bottom0' \(3, 2\) and 'bottom1' \(2, 1\) must be items"),
-    ],
-)
-def test_mistakes(run, index, message):
-    """An invalid index or list raises an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run('type: "BatchReindex"', X, index)
-
-
-def test_the_list_has_no_gradient(run):
-    """Requesting a gradient of the list raises an error."""
-    with pytest.raises(netlib.LayerError, match="'bottom1' have no gradient"):
-        run('type: "BatchReindex"', X, [0]).backward([[1, 1]])

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -41,16 +39,3 @@ def test_gradient(check, rng):
     """The gradients of both bottoms, and of one alone, agree with differences."""
     check('type: "Concat"', rng.normal(size=(2, 2)), rng.normal(size=(2, 3)))
     check('type: "Concat"', rng.normal(size=(2, 2)), rng.normal(size=(2, 3)), wanted=[False, True])
-
-
-@pytest.mark.parametrize("shape", [(3, 3), (2, 3, 1)])
-def test_mistakes(run, shape):
-    """All axes except the concatenated one must agree, and the axis must be valid and set once."""
-    with pytest.raises(
-        netlib.LayerError, match=r"layer 'it': bottom 'bottom1' .* and 'bottom0' \(2, 3\) may differ only along axis 1"
-    ):
-        run('type: "Concat"', np.zeros((2, 3)), np.zeros(shape))
-    with pytest.raises(netlib.LayerError, match="axis 2 is out of range"):
-        run('type: "Concat" concat_param { axis: 2 }', np.zeros((2, 3)))
-    with pytest.raises(netlib.LayerError, match="axis and concat_dim are the same option"):
-        run('type: "Concat" concat_param { axis: 1 concat_dim: 1 }', np.zeros((2, 3)))

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 A, B, C = [1.0, 2, -3], [4.0, 2, 0], [0.5, 2, 5]
@@ -58,17 +56,3 @@ def test_gradient(check, rng, options):
     xs = rng.normal(size=(3, 2, 4))
     check(text(options), *xs)
     check(text(options), *xs, wanted=[False, True, False])
-
-
-@pytest.mark.parametrize(
-    ("options", "b", "message"),
-    [
-        ("", [1, 2], r"bottom 'bottom1' \(2,\) and 'bottom0' \(3,\) must have the same shape"),
-        ("coeff: 1", B, "has 2 bottoms, but 1 coeff"),
-        ("operation: PROD coeff: 1 coeff: 1", B, "coeff is only valid with operation SUM"),
-    ],
-)
-def test_mistakes(run, options, b, message):
-    """Different shapes and invalid coefficients raise an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(options), A, b)

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 TABLE = [[1.0, 2], [3, 4], [5, 6]]
@@ -43,23 +41,3 @@ def test_it_is_inner_product_on_one_hot_vectors(run, rng):
 def test_gradient(check, options):
     """The gradients of the table and of the bias agree with differences; the indices have none."""
     check(text(options), [[0, 2], [2, 2]], wanted=[False])
-
-
-@pytest.mark.parametrize(
-    ("index", "found"), [([0, 3], "3"), ([-1], "-1"), ([0.5], "0.5"), ([np.nan], "nan"), ([np.inf], "inf")]
-)
-def test_numbers_without_a_vector(run, index, found):
-    """An invalid index raises an error with the valid range."""
-    with pytest.raises(
-        netlib.LayerError, match=rf"bottom 'bottom0' holds {found}, expected whole numbers from 0 to 2 \(input_dim 3\)"
-    ):
-        run(text(), index)
-
-
-def test_sizes_of_0_and_the_gradient_of_the_numbers(run):
-    """A size of 0 and a gradient of the indices raise an error."""
-    for name, options in (("num_output", "num_output: 0 input_dim: 3"), ("input_dim", "num_output: 3 input_dim: 0")):
-        with pytest.raises(netlib.LayerError, match=f"layer 'it': {name} must be at least 1"):
-            run(f'type: "Embed" embed_param {{ {options} }}', [0])
-    with pytest.raises(netlib.LayerError, match="'bottom0' have no gradient"):
-        run(text(), [0]).backward([[1, 1]])

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -50,23 +48,3 @@ def test_in_a_net_the_number_of_items_follows_the_selector(net_of, rng):
         want = np.zeros((4, 3))
         want[passed] = (x[passed] > 0) * net.params["fc"][0].data.sum(axis=0)
         assert np.allclose(dx, want, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("bottoms", "tops", "message"),
-    [
-        ([np.zeros(3), np.zeros(3)], 2, "has 2 bottoms, the last of them the selector, and 2 tops; expected 1 tops"),
-        ([np.zeros(3), np.zeros((3, 2))], 1, r"the selector 'bottom1' \(3, 2\) must have one value per item"),
-        ([np.zeros((2, 3)), np.zeros(3)], 1, r"bottom 'bottom0' \(2, 3\) and the selector 'bottom1' \(3,\) must have"),
-    ],
-)
-def test_mistakes(run, bottoms, tops, message):
-    """An invalid number of blobs or an invalid shape raises an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run('type: "Filter"', *bottoms, tops=tops)
-
-
-def test_the_selector_has_no_gradient(run):
-    """Requesting a gradient of the selector raises an error."""
-    with pytest.raises(netlib.LayerError, match="the selector 'bottom1' has no gradient"):
-        run('type: "Filter"', [1, 2], [1, 1]).backward([1, 1])

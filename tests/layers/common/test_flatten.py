@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -26,14 +24,3 @@ def test_axes_are_joined(run, rng, options, shape):
 def test_gradient(check, rng):
     """The gradient agrees with differences."""
     check('type: "Flatten"', rng.normal(size=(2, 3, 2)))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [("axis: 2 end_axis: 0", "end_axis 0 comes before axis 2"), ("axis: 4", "axis 4 is out of range"),
-     ("end_axis: 4", "end_axis 4 is out of range")],
-)  # fmt: skip
-def test_mistakes(run, options, message):
-    """Invalid axes, or axes in the wrong order, raise an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(f'type: "Flatten" flatten_param {{ {options} }}', np.zeros((2, 3, 4, 5)))

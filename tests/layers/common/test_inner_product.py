@@ -82,18 +82,6 @@ def test_few_items_and_many_agree(run, rng, keep_threads, options):
             assert np.allclose(run(text(options), x[:count], params=params).y, many.y[:count], atol=1e-12)
 
 
-def test_mistakes(run):
-    """An invalid num_output or axis, and a changed number of features, raise an error."""
-    with pytest.raises(netlib.LayerError, match="num_output must be at least 1"):
-        run('type: "InnerProduct" inner_product_param { num_output: 0 }', np.zeros((2, 3)))
-    with pytest.raises(netlib.LayerError, match="axis 2 is out of range"):
-        run(text("axis: 2"), np.zeros((2, 3)))
-    done = run(text(), np.zeros((2, 3)))
-    done.bottom[0].reshape(2, 2, 2)
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has 4 features \(2, 2\), its weights expect 3"):
-        done.layer.reshape(done.bottom, done.top)
-
-
 def test_the_gradient_of_a_bias_over_many_items_in_float32(run):
     """The bias gradient has float32 precision; adding 200,000 rows one by one would have an error of 2e-3."""
     done = run(text(), np.zeros((200_000, 1)), dtype=np.float32)

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 NET = """
@@ -49,11 +47,3 @@ def test_shared_by_name(net_of):
     assert (net.forward()["v"] == 5).all()
     assert len(net.learnable) == 1
     assert np.shares_memory(net.params["v"][0].data, net.params["w"][0].data)
-
-
-def test_a_negative_size(net_of):
-    """A negative size raises an error with its position."""
-    with pytest.raises(
-        netlib.LayerError, match=r"net.prototxt:2:\d+: error: layer 'w': shape \(-2, 3\) has a negative"
-    ):
-        net_of(NET.replace("dim: 2", "dim: -2"))

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -36,13 +34,3 @@ def test_axes_without_a_place_follow_in_sequence(run, rng, order, axes):
 def test_gradient(check, rng, order):
     """The gradient agrees with differences, for any number of axes."""
     check(text(*order), rng.normal(size=(2, 3, 2, 1, 2)[: len(order)]))
-
-
-@pytest.mark.parametrize(
-    ("order", "message"),
-    [((0, 1, 0), r"order \[0, 1, 0\] must name axes"), ((0, 3), r"order \[0, 3\] .* \(2, 3, 4\), 0 to 2, each")],
-)
-def test_mistakes(run, order, message):
-    """An axis that is repeated or does not exist is an error with the shape."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(*order), np.zeros((2, 3, 4)))

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 X = [[1.0, -2, 3], [0, 4, -5]]
@@ -49,13 +47,3 @@ def test_from_an_axis_on(run, options, y):
 def test_gradient(check, rng, operation, axis):
     """The gradient of every operation agrees with differences for every axis."""
     check(text(f"operation: {operation} axis: {axis} coeff: 1.5"), rng.normal(size=(2, 3, 2)))
-
-
-def test_mistakes(run):
-    """An invalid axis, an unknown operation and a mean of no values raise an error."""
-    with pytest.raises(netlib.LayerError, match="layer 'it': axis 2 is out of range"):
-        run(text("axis: 2"), X)
-    with pytest.raises(netlib.PrototxtError, match=r"unknown value MAX of 'operation'"):
-        run(text("operation: MAX"), X)
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' \(2, 0\) has no values"):
-        run(text("operation: MEAN axis: 1"), np.zeros((2, 0)))

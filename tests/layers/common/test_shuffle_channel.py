@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -39,17 +37,3 @@ def test_any_number_of_axes(run, rng, shape):
 def test_gradient(check, rng):
     """The gradient agrees with differences."""
     check(text(3), rng.normal(size=(2, 6, 2, 3)))
-
-
-@pytest.mark.parametrize(
-    ("group", "shape", "message"),
-    [
-        (4, (1, 6, 2, 2), "group is 4; expected a divisor of the 6 channels"),
-        (0, (1, 6, 2, 2), "group is 0; expected a divisor of the 6 channels"),
-        (1, (6,), r"bottom 'bottom0' has shape \(6,\), expected \(N, C, ...\)"),
-    ],
-)
-def test_mistakes(run, group, shape, message):
-    """Groups of unequal sizes and a blob without channels raise an error."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': {message}"):
-        run(text(group), np.zeros(shape))

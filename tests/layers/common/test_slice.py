@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -27,22 +25,3 @@ def test_parts(run, rng, options, tops, sizes, axis):
 def test_gradient(check, rng):
     """The gradient agrees with differences for two parts."""
     check('type: "Slice" slice_param { slice_point: 1 }', rng.normal(size=(2, 3)), tops=2)
-
-
-@pytest.mark.parametrize(
-    ("options", "tops", "message"),
-    [
-        ("", 4, r"axis 1 of \(4, 6\) cannot be split into 4 equal parts"),
-        ("slice_point: 2", 3, "must be 2 increasing numbers from 1 to 6"),
-        ("slice_point: 4 slice_point: 2", 3, "must be 2 increasing numbers"),
-        ("slice_point: 7", 2, "must be 1 increasing numbers"),
-        ("axis: 0 slice_point: 1 slice_point: 2 slice_point: 3 slice_point: 4", 5, "and 5 tops at most 4"),
-        ("axis: 1 slice_dim: 1", 2, "axis and slice_dim are the same option"),
-        ("slice_point: 0", 2, "must be 1 increasing numbers"),
-        ("axis: 2", 2, "axis 2 is out of range"),
-    ],
-)
-def test_mistakes(run, options, tops, message):
-    """Invalid slice points, axes and numbers of tops raise an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(f'type: "Slice" slice_param {{ {options} }}', np.zeros((4, 6)), tops=tops)

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -31,14 +29,3 @@ def test_any_axis(run, check, rng, axis, shape):
 def test_tiles_of_nothing(run):
     """Tiling an empty blob takes no time or memory."""
     assert run('type: "Tile" tile_param { tiles: 2147483647 }', np.zeros((0, 1))).y.shape == (0, 2147483647)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [("tiles: 0", "layer 'it': tiles 0 must be at least 1"), ("tiles: -2", "tiles -2 must be at least 1"),
-     ("tiles: 2 axis: 2", "axis 2 is out of range"), ("axis: 1", "missing required field 'tiles' in tile_param")],
-)  # fmt: skip
-def test_mistakes(run, options, message):
-    """``tiles`` is required and must be positive, and the axis must be valid."""
-    with pytest.raises(netlib.NetlibError, match=message):
-        run(f'type: "Tile" tile_param {{ {options} }}', np.zeros((2, 3)))

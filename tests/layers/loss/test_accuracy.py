@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 SCORES = [[3, 2, 1], [1, 3, 2], [2, 1, 3], [3, 1, 2]]
@@ -58,24 +56,3 @@ def test_classes_on_another_axis(run, rng):
     labels = scores.argmax(axis=2)
     labels[0, 0] = (labels[0, 0] + 1) % 3
     assert run('type: "Accuracy" accuracy_param { axis: -1 }', scores, labels).y == 7 / 8
-
-
-@pytest.mark.parametrize(
-    ("text", "labels", "message"),
-    [
-        ("", [0, 1], r"labels 'bottom1' \(2,\) do not fit scores 'bottom0' \(4, 3\); expected \(4,\)"),
-        ("accuracy_param { top_k: 4 }", [0, 1, 0, 1], "top_k 4 is more than the 3 classes"),
-        ("", [0, 1, 0, 3], "label 3 in 'bottom1'; expected 0 to 2"),
-        ("", [0, 1, 0, -1], "label -1 in 'bottom1'; expected 0 to 2"),
-    ],
-)
-def test_mistakes(run, text, labels, message):
-    """Invalid shapes, options and labels raise an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(f'type: "Accuracy" {text}', SCORES, labels)
-
-
-def test_it_has_no_gradient(run):
-    """backward raises an error."""
-    with pytest.raises(netlib.LayerError, match="has no gradient"):
-        run('type: "Accuracy"', SCORES, [0, 1, 0, 2]).backward(1)

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 A = np.array([[3, 4], [3, 4], [0, 1], [1, 1]], np.float64)
@@ -63,27 +61,3 @@ def test_gradient(check, rng, legacy):
     wrong = 1e-6 if legacy == "true" else 1e-3
     check(text(3, legacy), a, b, [0, 1, 0, 1, 0, 0], wanted=[True, True, False], tolerance=wrong)
     check(text(3, legacy), a, b, [0, 1, 0, 1, 0, 0], wanted=[False, True, False], tolerance=wrong)
-
-
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
-        ([(2, 3), (2, 4), (2,)], r"'bottom0' \(2, 3\) and 'bottom1' \(2, 4\) must have the same number of items"),
-        ([(2, 3), (3, 3), (2,)], r"'bottom0' \(2, 3\) and 'bottom1' \(3, 3\) must have the same number of items"),
-        ([(2, 3, 2), (2, 3, 2), (2,)], r"bottom 'bottom0' has shape \(2, 3, 2\), expected \(N, C\)"),
-        ([(2, 3), (2, 1, 3), (2,)], r"bottom 'bottom1' has shape \(2, 1, 3\), expected \(N, C\)"),
-        ([(2, 3), (2, 3), (3,)], r"bottom 'bottom2' has shape \(3,\), expected \(2,\), one value per pair"),
-        ([(2, 3), (2, 3), (2, 2)], r"bottom 'bottom2' has shape \(2, 2\), expected \(2,\)"),
-        ([(2, 3), (2, 3), (1, 2)], r"bottom 'bottom2' has shape \(1, 2\), expected \(2,\)"),
-    ],
-)
-def test_mistakes(run, shapes, message):
-    """Shapes that do not match raise an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(), *map(np.zeros, shapes))
-
-
-def test_similar_has_no_gradient(run):
-    """backward raises an error if the gradient of the similar values is requested."""
-    with pytest.raises(netlib.LayerError, match="has no gradient for its labels"):
-        run(text(), A, np.zeros((4, 2)), SIMILAR).backward(1)

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -27,12 +25,3 @@ def test_gradient(check, rng):
     a, b = rng.normal(size=(2, 3, 4))
     check('type: "EuclideanLoss"', a, b)
     check('type: "EuclideanLoss"', a, b, wanted=[True, False])
-
-
-@pytest.mark.parametrize("shape", [(2, 4), (3, 2), (6,), (6, 1), ()])
-def test_mistakes(run, shape):
-    """The error names both bottoms and their shapes."""
-    with pytest.raises(
-        netlib.LayerError, match=r"'bottom0' \(2, 3\) and 'bottom1' \(.*\) must have the same number of items"
-    ):
-        run('type: "EuclideanLoss"', np.zeros((2, 3)), np.zeros(shape))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
 from netlib.proto import binaryproto
 
 pytestmark = pytest.mark.both_engines
@@ -88,28 +87,6 @@ def test_gradient(check, rng, options):
     check(text(options), *bottoms, wanted=[True, False, False])
 
 
-@pytest.mark.parametrize(
-    ("options", "bottoms", "message"),
-    [
-        ("", [X, [0], H], r"labels 'bottom1' \(1,\) do not fit scores 'bottom0' \(2, 3\); expected \(2,\)"),
-        ("", [X, [0, 3], H], "label 3 in 'bottom1'; expected 0 to 2"),
-        ("", [X, [0, 1], np.eye(2)], r"H 'bottom2' \(2, 2\) has 4 values, expected 3 x 3"),
-        (
-            "loss_param { normalize: true }",
-            [X, [0, 1], H],
-            "InfogainLoss does not support normalize; expected normalization",
-        ),
-        ("", [X, [0, 1]], r"needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }"),
-        ('infogain_loss_param { source: "H.binaryproto" }', [X, [0, 1]], "H.binaryproto: cannot read the blob"),
-        ("infogain_loss_param { axis: 2 }", [X, [0, 1], H], r"axis 2 is out of range for a blob of 2 axes \(2, 3\)"),
-    ],
-)
-def test_mistakes(run, options, bottoms, message):
-    """Invalid shapes, labels and options, and a missing H, raise an error."""
-    with pytest.raises(netlib.NetlibError, match=message):
-        run(f'type: "InfogainLoss" {options}', *bottoms)
-
-
 def test_h_from_a_file(run, tmp_path, monkeypatch):
     """A .binaryproto with K * K values in any shape is equivalent to a third bottom."""
     monkeypatch.chdir(tmp_path)
@@ -122,10 +99,3 @@ def test_a_source_is_not_looked_at_where_h_is_a_bottom(run):
     """``source`` is ignored if H is a bottom, as in Caffe."""
     done = run('type: "InfogainLoss" infogain_loss_param { source: "none" }', X, [2, 0], H)
     assert done.y == run(text(), X, [2, 0], H).y
-
-
-@pytest.mark.parametrize("wanted", [[True, True, False], [True, False, True]])
-def test_labels_and_h_have_no_gradient(run, wanted):
-    """backward raises an error if the gradient of the labels or of H is requested."""
-    with pytest.raises(netlib.LayerError, match="has no gradient for its labels and for H"):
-        run(text(), X, [2, 0], H).backward(1, wanted=wanted)

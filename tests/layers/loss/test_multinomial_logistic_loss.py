@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 TEXT = 'type: "MultinomialLogisticLoss"'
@@ -29,16 +27,3 @@ def test_gradient(check, rng):
     """The gradient of the probabilities agrees with differences; the classes may take several axes."""
     check(TEXT, rng.uniform(0.2, 1, (4, 3)), [0, 2, 1, 1], wanted=[True, False])
     check(TEXT, rng.uniform(0.2, 1, (2, 3, 2)), np.reshape([5, 0], (2, 1, 1, 1)), wanted=[True, False])
-
-
-@pytest.mark.parametrize("labels", [(3,), (2, 3), (1, 2), ()])
-def test_mistakes(run, labels):
-    """There must be one label per item."""
-    with pytest.raises(netlib.LayerError, match=r"labels 'bottom1' \(.*\) do not fit scores .*; expected \(2,\)"):
-        run(TEXT, np.ones((2, 3)), np.zeros(labels))
-
-
-def test_an_empty_batch(run):
-    """An empty batch raises an error, because it has no mean."""
-    with pytest.raises(netlib.LayerError, match=r"scores 'bottom0' have shape \(0, 3\)"):
-        run(TEXT, np.ones((0, 3)), np.zeros(0))

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/8
@@ -73,15 +71,3 @@ def test_gradient(check, rng, options):
 def test_an_impossible_label_costs_a_lot_but_not_infinity(run):
     """Probabilities are at least 2^-126, the smallest normal float, so the loss is finite."""
     assert run(text(), [[1000.0, 0]], [1]).y == pytest.approx(126 * np.log(2))
-
-
-@pytest.mark.parametrize(
-    ("labels", "message"),
-    [([0], r"labels 'bottom1' \(1,\) do not fit scores 'bottom0' \(2, 3\); expected \(2,\)"),
-     ([[2, 0]], r"labels 'bottom1' \(1, 2\) do not fit scores"),
-     ([0, 3], "label 3 in 'bottom1'; expected 0 to 2"), ([0, -1], "label -1 in 'bottom1'")],
-)  # fmt: skip
-def test_mistakes(run, labels, message):
-    """Shapes that do not match and invalid labels raise an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(), X, labels)

@@ -3,9 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-from netlib import gradcheck
-
 pytestmark = pytest.mark.both_engines
 
 TEXT = 'type: "BatchNorm"'
@@ -74,31 +71,8 @@ def test_a_solver_leaves_the_sums_alone(net_of, options):
     assert [param.spec.lr_mult for param in net_of(net_text(options)).learnable] == [0, 0, 0]
 
 
-@pytest.mark.parametrize(("options", "found"), [("param { lr_mult: 2 }", 2), ('param { name: "m" }', 1)])
-def test_statistics_cannot_be_learned(net_of, options, found):
-    """A ``param`` with a nonzero lr_mult raises an error."""
-    message = f"layer 'b': param 0 has lr_mult {found}, but statistics are not learned: expected 0"
-    with pytest.raises(netlib.LayerError, match=message):
-        net_of(net_text(options))
-
-
-def test_a_bottom_without_channels(run):
-    """The error names the blob and its shape."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3,\), expected \(N, C, ...\)"):
-        run(TEXT, [1, 2, 3])
-
-
-def test_another_number_of_channels(run):
-    """A changed number of channels raises an error."""
-    layer = gradcheck.make_layer(TEXT, [np.zeros((2, 3))])
-    with pytest.raises(netlib.LayerError, match=r"shape \(2, 4\), its statistics are of 3 channels"):
-        gradcheck.check(layer, [np.zeros((2, 4))])
-
-
 def test_a_batch_without_items(run):
-    """An empty batch raises an error in training, which keeps NaN out of the sums, but not with stored statistics."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' \(0, 2\) has no values"):
-        run('type: "BatchNorm"', np.zeros((0, 2)))
+    """An empty batch is valid with stored statistics."""
     assert run('type: "BatchNorm" batch_norm_param { use_global_stats: true }', np.zeros((0, 2))).y.shape == (0, 2)
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
 from netlib import gradcheck
 
 pytestmark = pytest.mark.both_engines
@@ -89,29 +88,3 @@ def test_gradient(rng, options, in_place):
         ("parameter", 0),
         ("parameter", 1),
     }
-
-
-@pytest.mark.parametrize(
-    ("options", "shape", "tops", "message"),
-    [
-        ("", (1, 1, 2, 2), 1, r"expected options of SegNet's BN \(bn_mode, .*\) or of PSPNet's \(.*\), found neither"),
-        ("bn_mode: LEARN eps: 1", (1, 1, 2, 2), 1, "found bn_mode and eps"),
-        ("eps: 1", (1, 1, 2, 2), 2, "has 2 tops, but only SegNet's BN has tops for mean and variance"),
-        ("bn_mode: LEARN", (1, 2), 1, r"bottom 'bottom0' has shape \(1, 2\), expected \(N, C, H, W\)"),
-        ("bn_mode: LEARN", (0, 2, 2, 2), 1, "has no values, so no mean exists"),
-    ],
-)
-def test_mistakes(run, options, shape, tops, message):
-    """Options of both forks, or of none, and wrong shapes raise an error."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': .*{message}"):
-        run(text(options), np.zeros(shape), tops=tops)
-
-
-def test_its_options_in_a_batch_norm(net_of):
-    """BatchNorm does not read bn_param."""
-    with pytest.raises(
-        netlib.LayerError, match='bn_param belongs to the type BN; expected batch_norm_param, or type: "BN"'
-    ):
-        net_of(
-            'input: "x" input_shape { dim: 1 dim: 2 } layer { name: "b" type: "BatchNorm" bottom: "x" bn_param { } }'
-        )

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -54,15 +52,3 @@ def test_any_size_gives_what_plain_loops_give(run, rng, size, region):
 def test_gradient(check, rng, options):
     """The gradients of both kinds of region agree with differences."""
     check(text(**options), rng.normal(size=(2, 4, 3, 4)))
-
-
-def test_an_even_size(run):
-    """An even size raises an error, because it has no centre."""
-    with pytest.raises(netlib.LayerError, match="layer 'it': local_size 4 is even; expected an odd number"):
-        run(text(local_size=4), np.zeros((1, 2, 3, 4)))
-
-
-def test_a_bottom_that_is_no_image(run):
-    """The error names the blob and its shape."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3, 5\), expected \(N, C, H, W\)"):
-        run(text(), np.zeros((3, 5)))

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 X = np.array([[1.0, 3], [10, 30]]).reshape(1, 2, 1, 2)
@@ -51,10 +49,3 @@ def test_the_gradient_is_that_without_eps(run):
 def test_a_top_has_four_axes(run):
     """The top has four axes, as in Caffe: (N, C) becomes (N, C, 1, 1)."""
     assert run(text("across_channels: true"), np.zeros((2, 3))).y.shape == (2, 3, 1, 1)
-
-
-@pytest.mark.parametrize(("shape", "in_place"), [((1, 2, 3, 4, 5), False), ((2, 3), True)])
-def test_a_bottom_with_other_axes(run, shape, in_place):
-    """The error names the blob and its shape."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape .*, expected at most 4 axes, in place 4"):
-        run(text(), np.zeros(shape), in_place=in_place)

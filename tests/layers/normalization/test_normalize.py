@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -81,12 +79,3 @@ def test_a_shared_scale_with_leading_ones(net_of, tmp_path):
         other.params["n"][0].data[...] = 0
         other.copy_from(tmp_path / "n.caffemodel")
         assert other.params["n"][0].data == 7
-
-
-def test_mistakes(run, net_of):
-    """One axis, and another number of channels after setup, are errors with the shape."""
-    with pytest.raises(netlib.LayerError, match=r"'bottom0' has shape \(3,\), expected \(N, C, ...\)"):
-        run(text(), np.zeros(3))
-    net = net_of(NET)
-    with pytest.raises(netlib.LayerError, match=r"'x' has shape \(2, 4\), its scale expects \(N, 3, ...\)"):
-        net.forward(x=np.zeros((2, 4)))

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -115,19 +113,3 @@ def test_no_gradient_passes_exposed_states(run, rng):
     assert not dh.any()
     assert not dc.any()
     assert np.array_equal(done.backward(dy, np.ones((1, 2, 3)), np.ones((1, 2, 3)), wanted=wanted)[0], dx)
-
-
-@pytest.mark.parametrize(
-    ("shapes", "tops", "message"),
-    [
-        ([(4, 2, 5), (4, 2), (1, 2, 3)], 3, "has 3 bottoms and 3 tops, expected 4 or 5 and 3"),
-        ([(4, 2, 5), (4, 2), (1, 2, 3), (1, 2, 3)], 1, "has 4 bottoms and 1 tops, expected 4 or 5 and 3"),
-        ([(4, 2, 5), (4, 2), (1, 2, 3), (1, 2, 4)], 3, r"'bottom3' has shape \(1, 2, 4\), expected \(1, 2, 3\)"),
-        ([(4, 2, 5), (4, 2), (3, 1), (1, 2, 3), (1, 2, 3)], 3, r"'bottom2' has shape \(3, 1\), expected \(2, ...\)"),
-    ],
-    ids=str,
-)
-def test_mistakes_with_exposed_states(run, shapes, tops, message):
-    """Invalid numbers and shapes of blobs raise an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(options="expose_hidden: true"), *map(np.zeros, shapes), tops=tops)

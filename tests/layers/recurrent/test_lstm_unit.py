@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 TEXT = 'type: "LSTMUnit"'
@@ -72,25 +70,7 @@ def test_lstm_is_a_row_of_units(run, rng):
     assert np.allclose(dx, dz @ w_x)
 
 
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
-        ([(2, 3), (1, 2, 12), (1, 2)], r"'bottom0' has shape \(2, 3\), expected \(1, N, D\), one step of N streams"),
-        ([(4, 2, 3), (4, 2, 12), (4, 2)], r"'bottom0' has shape \(4, 2, 3\), expected \(1, N, D\)"),
-        ([(1, 2, 3), (1, 2, 9), (1, 2)], r"'bottom1' has shape \(1, 2, 9\), expected \(1, 2, 12\) to match 'bottom0'"),
-        ([(1, 2, 3), (1, 2, 12), (1, 2, 1)], r"'bottom2' has shape \(1, 2, 1\), expected \(1, 2\) to match 'bottom0'"),
-    ],
-    ids=str,
-)
-def test_mistakes(run, shapes, message):
-    """The error names the blob, its shape and the expected one."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': bottom {message}"):
-        run(TEXT, *map(np.zeros, shapes), tops=2)
-
-
 def test_a_gradient_of_the_sequence_marks(run):
-    """Requesting a gradient of cont raises an error, and force_backward does not request it."""
+    """force_backward does not request a gradient of cont."""
     done = run(TEXT, np.zeros((1, 2, 3)), np.zeros((1, 2, 12)), np.ones((1, 2)), tops=2)
-    with pytest.raises(netlib.LayerError, match="bottom 'bottom2' \\(cont\\) has no gradient"):
-        done.backward(np.ones((1, 2, 3)), np.ones((1, 2, 3)))
     assert [done.layer.allow_force_backward(i) for i in range(3)] == [True, True, False]

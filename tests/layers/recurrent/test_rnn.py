@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-from netlib import gradcheck
 from netlib.snapshots.snapshot import as_plain
 
 pytestmark = pytest.mark.both_engines
@@ -136,51 +134,3 @@ def follow(done, x, cont):
     done.layer.reshape(done.bottom, done.top)
     done.layer.forward(done.bottom, done.top)
     return done.y
-
-
-@both
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
-        ([(4, 2), (4, 2)], r"bottom 'bottom0' has shape \(4, 2\), expected \(4, N, ...\)"),
-        ([(4, 2, 5), (2, 4)], r"'bottom1' has shape \(2, 4\), expected \(4, 2\) as steps, streams of 'bottom0'"),
-        ([(4, 2, 5), (4, 2), (4, 3)], r"'bottom2' has shape \(4, 3\), expected \(2, ...\), the streams of 'bottom0'"),
-        ([(4, 2, 5), (4, 2), (2, 3), (1, 2, 3)], "has 4 bottoms and 1 tops, expected 2 or 3 and 1"),
-    ],
-    ids=str,
-)
-def test_mistakes(run, kind, shapes, message):
-    """Invalid numbers and shapes of bottoms raise an error."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': .*{message}"):
-        run(text(kind), *map(np.zeros, shapes))
-
-
-@both
-def test_num_output_is_required(run, kind):
-    """The default of num_output is 0, which raises an error."""
-    with pytest.raises(netlib.LayerError, match="num_output must be at least 1"):
-        run(text(kind, outputs=0), np.zeros((4, 2, 5)), CONT)
-
-
-@both
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
-        ([(3, 2, 5), (3, 2)], r"bottom 'bottom0' has shape \(3, 2, 5\), expected \(4, N, ...\)"),
-        ([(4, 2, 6), (4, 2)], r"bottom 'bottom0' has 6 features \(4, 2, 6\), its weights expect 5"),
-    ],
-    ids=str,
-)
-def test_shapes_that_must_stay(kind, shapes, message):
-    """The number of steps and of features may not change."""
-    layer = gradcheck.make_layer(text(kind), [np.zeros((4, 2, 5)), CONT])
-    with pytest.raises(netlib.LayerError, match=message):
-        gradcheck.check(layer, list(map(np.zeros, shapes)))
-
-
-@both
-def test_a_gradient_of_the_sequence_marks(run, kind):
-    """Requesting a gradient of cont raises an error."""
-    done = run(text(kind), np.zeros((4, 2, 5)), CONT)
-    with pytest.raises(netlib.LayerError, match="bottom 'bottom1' \\(cont\\) has no gradient"):
-        done.backward(np.ones((4, 2, 3)))

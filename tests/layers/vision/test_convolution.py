@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import netlib
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
 from tests.support.nets import inputs
@@ -165,58 +164,3 @@ def test_without_items(net_of, rng):
     assert np.allclose(
         y, direct(x[None], net.params["c"][0].data)[0] + net.params["c"][1].data[:, None, None], atol=1e-5
     )
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({}, "needs kernel_size, or kernel_h and kernel_w"),
-        ({"kernel_h": 3}, "needs kernel_size, or kernel_h and kernel_w"),
-        ({"kernel_size": 3, "stride_h": 2}, r"stride_h and stride_w are \(2, 0\); expected both, of at least 1"),
-        ({"kernel_size": 3, "stride_w": 3}, r"stride_h and stride_w are \(0, 3\); expected both, of at least 1"),
-        ({"kernel_size": 3, "kernel_h": 3}, "give either kernel_size, or kernel_h and kernel_w"),
-        ({"kernel_size": 2, "pad": "[1, 1, 1]"}, "3 values of pad for 2 spatial axes"),
-        ({"kernel_size": 0}, "needs kernel_size, or kernel_h and kernel_w, of at least 1"),
-        ({"kernel_size": 2, "stride": 0}, "stride and dilation must be at least 1"),
-        ({"num_output": 0, "kernel_size": 2}, "num_output and group must be at least 1"),
-        ({"kernel_size": 2, "group": 0}, "num_output and group must be at least 1"),
-        ({"kernel_size": 2, "group": 2}, "group 2 must divide 3 channels and num_output 2"),
-        ({"kernel_size": 6}, r"kernel \(6, 6\) is larger than the padded bottom 'bottom0' \(1, 3, 5, 5\)"),
-        ({"kernel_h": 2, "kernel_w": 2, "axis": 2}, "kernel_h and kernel_w are for 2 spatial axes, found 1"),
-        ({"kernel_size": "[2, 2]", "axis": 2}, "2 values of kernel_size for 1 spatial axes"),
-        ({"kernel_size": 2, "axis": 4}, "axis 4 is out of range for a blob of 4 axes"),
-    ],
-    ids=str,
-)  # fmt: skip
-def test_mistakes(run, options, message):
-    """Invalid options raise an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(**options), np.zeros((1, 3, 5, 5)))
-
-
-def test_another_number_of_axes():
-    """A changed number of axes raises an error."""
-    layer = gradcheck.make_layer(text(kernel_size=2), [np.zeros((1, 3, 5, 5))])
-    with pytest.raises(netlib.LayerError, match=r"'bottom0' has shape \(3, 5\), expected 2 spatial axes after axis 1"):
-        gradcheck.check(layer, [np.zeros((3, 5))])
-
-
-def test_as_many_tops_as_bottoms(run):
-    """The numbers of tops and bottoms must be equal."""
-    with pytest.raises(netlib.LayerError, match="has 1 bottoms and 2 tops"):
-        run(text(kernel_size=2), np.zeros((1, 1, 5, 5)), tops=2)
-
-
-def test_num_output_is_required(run):
-    """The default of num_output is 0, which raises an error."""
-    with pytest.raises(netlib.LayerError, match="num_output and group must be at least 1"):
-        run('type: "Convolution" convolution_param { kernel_size: 2 }', np.zeros((1, 1, 5, 5)))
-
-
-def test_another_number_of_channels(net_of):
-    """A changed number of channels raises an error."""
-    net = net_of(inputs(x=(1, 2, 5, 5)) + f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2)} }}')
-    with pytest.raises(
-        netlib.LayerError, match=r"'x' has 3 channels \(1, 3, 5, 5\), its weights \(2, 2, 2, 2\) expect 2"
-    ):
-        net.forward(x=np.zeros((1, 3, 5, 5)))

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -41,23 +39,3 @@ def test_any_axis_may_be_the_first(run):
 def test_gradient(check, rng):
     """The gradient agrees with differences; that of the size bottom is 0."""
     check(text("axis: 1 offset: 1"), rng.normal(size=(2, 3, 4, 3)), rng.normal(size=(2, 2, 2, 1)))
-
-
-@pytest.mark.parametrize(
-    ("options", "size", "message"),
-    [
-        (
-            "offset: 3",
-            (1, 1, 2, 2),
-            r"'bottom0' \(1, 1, 4, 5\) does not contain 'bottom1' \(1, 1, 2, 2\) at offset \(3, 3\)",
-        ),
-        ("", (1, 1, 4, 6), r"does not contain 'bottom1' \(1, 1, 4, 6\) at offset \(0, 0\), from axis 2 on"),
-        ("", (1, 1, 4), r"does not contain 'bottom1' \(1, 1, 4\)"),
-        ("offset: 1 offset: 1 offset: 1", (1, 1, 2, 2), "3 values of offset for 2 axes from axis 2"),
-        ("axis: 4", (1, 1, 2, 2), "axis 4 is out of range for a blob of 4 axes"),
-    ],
-)
-def test_mistakes(run, options, size, message):
-    """The error states the blobs and their shapes, or the invalid option."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(options), X, np.zeros(size))

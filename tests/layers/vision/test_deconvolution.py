@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -62,18 +60,3 @@ def test_upsampling(run):
     done = run(f'type: "Deconvolution" convolution_param {{ {options} }}', ramp)
     assert done.y.shape == (1, 2, 8, 8)
     assert np.allclose(done.y[:, :, 1:-1, 1:-1], np.arange(0.25, 3, 0.5))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({}, "needs kernel_size, or kernel_h and kernel_w"),
-        ({"kernel_size": 2, "group": 2}, "group 2 must divide 3 channels and num_output 2"),
-        ({"kernel_size": 2, "pad": 3}, r"pad \(3, 3\) leaves no output of bottom 'bottom0' \(1, 3, 5, 5\)"),
-    ],
-    ids=str,
-)
-def test_mistakes(run, options, message):
-    """The errors of Convolution apply, and a pad that leaves no output is rejected."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(**options), np.zeros((1, 3, 5, 5)))

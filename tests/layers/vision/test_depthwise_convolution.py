@@ -5,7 +5,6 @@ import logging
 import numpy as np
 import pytest
 
-import netlib
 from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
@@ -91,14 +90,6 @@ def test_the_weights_of_a_grouped_convolution_fit(net_of, rng):
     assert all(np.allclose(other, want, atol=1e-6) for other in others)
 
 
-@pytest.mark.parametrize("given", [1, 2])
-def test_another_group_than_the_channels_is_an_error(run, given):
-    """Forks compute DepthwiseConvolution with another group differently on a CPU and on a GPU."""
-    message = f"group is {given}, but bottom 'bottom0' has 4 channels; expected group: 4, or the type Convolution"
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text("DepthwiseConvolution", num_output=4, group=given, kernel_size=1), np.zeros((1, 4, 3, 3)))
-
-
 def test_convolution_depthwise_ignores_outputs_and_group_with_a_warning(run, caplog):
     """Like the forks, ConvolutionDepthwise has as many outputs as channels whatever its options say."""
     with caplog.at_level(logging.WARNING, "netlib"):
@@ -112,9 +103,3 @@ def test_convolution_depthwise_ignores_outputs_and_group_with_a_warning(run, cap
     caplog.clear()
     run(text("ConvolutionDepthwise", num_output=4, group=4, kernel_size=1), np.zeros((1, 4, 3, 3)))
     assert not caplog.records
-
-
-def test_convolution_depthwise_reads_images(run):
-    """ConvolutionDepthwise requires two spatial axes."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(1, 4, 3\), expected \(N, C, H, W\)"):
-        run(text("ConvolutionDepthwise", kernel_size=1), np.zeros((1, 4, 3)))

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -35,17 +33,3 @@ def test_a_product_with_the_kernel_is_a_convolution(run, rng, shape):
 def test_gradient(check, rng, options):
     """The gradient agrees with differences with overlap, with padding and with two axes of items."""
     check(text(options), rng.normal(size=(2, 2, 3, 4)))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ("", "needs kernel_size, or kernel_h and kernel_w"),
-        ("kernel_size: 6", r"kernel \(6, 6\) is larger than the padded bottom 'bottom0' \(1, 3, 5, 5\)"),
-        ("kernel_size: 2 axis: 3", r"no spatial axis after axis 3 of bottom 'bottom0' \(1, 3, 5, 5\)"),
-    ],
-)
-def test_mistakes(run, options, message):
-    """The errors of Convolution apply, and at least one spatial axis is required."""
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(options), np.zeros((1, 3, 5, 5)))

@@ -5,8 +5,6 @@ import logging
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -103,22 +101,3 @@ def test_ignored_sizes_are_reported(run, caplog):
         run(text(zoom_factor=2, height=3, width=3), np.zeros((1, 1, 2, 2)), np.zeros((1, 1, 9, 9)))
     messages = " ".join(record.getMessage() for record in caplog.records)
     assert all(what in messages for what in ("ignores height", "ignores width", "size of bottom 'bottom1' is ignored"))
-
-
-@pytest.mark.parametrize(
-    ("options", "shape", "message"),
-    [
-        ({}, (1, 1, 2, 2), "needs height and width, zoom_factor, shrink_factor, or a second bottom"),
-        ({"height": 3}, (1, 1, 2, 2), "needs both height and width"),
-        ({"zoom_factor": 0}, (1, 1, 2, 2), "zoom_factor is 0, expected at least 1"),
-        ({"shrink_factor": -2}, (1, 1, 2, 2), "shrink_factor is -2, expected at least 1"),
-        ({"zoom_factor": 2, "pad_beg": 1}, (1, 1, 2, 2), "pad_beg is 1; as in Caffe's forks, only cropping"),
-        ({"zoom_factor": 2, "pad_end": -2}, (1, 1, 2, 2), r"\(1, 1, 2, 2\) is empty after cropping by pad_beg 0"),
-        ({"height": 0, "width": 3}, (1, 1, 2, 2), "the size of the top is 0 x 3, expected at least 1 x 1"),
-        ({"zoom_factor": 2}, (1, 2, 2), r"bottom 'bottom0' has shape \(1, 2, 2\), expected \(N, C, H, W\)"),
-    ],
-)
-def test_mistakes(run, options, shape, message):
-    """Missing, invalid and contradictory options raise an error."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': .*{message}"):
-        run(text(**options), np.zeros(shape))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
 from fast.traits import traits_of
 
 pytestmark = pytest.mark.both_engines
@@ -42,18 +41,3 @@ def test_gradient(check, rng):
 def test_it_runs_in_slices(run):
     """The fast engine runs it in slices of the batch with its neighbours."""
     assert traits_of(run(text("scale: 3"), np.zeros((1, 1, 2, 2))).layer).batchwise
-
-
-@pytest.mark.parametrize(
-    ("options", "shape", "message"),
-    [
-        ("scale: 0", (1, 1, 2, 2), "scale must be at least 1"),
-        ("upsample_h: 4 upsample_w: 4", (1, 1, 2, 2), "upsample_h needs the mask of a Pooling, its second top"),
-        ("scale: 2 pad_out_w: true", (1, 1, 2, 2), "pad_out_w needs the mask of a Pooling"),
-        ("scale: 2", (4,), r"bottom 'bottom0' has shape \(4,\), expected \(..., H, W\)"),
-    ],
-)
-def test_mistakes(run, options, shape, message):
-    """Options of the layer with a mask, and a blob without rows, raise an error."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': {message}"):
-        run(text(options), np.zeros(shape))

@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -96,27 +94,3 @@ def test_gradient(check, rng):
     """The gradient of x agrees with differences; regions have none."""
     rois = np.array([[0, 0, 0, 3, 4], [1, 1, 2, 9, 3], [1, 2, 2, 3, 3]])
     check(text(2, 3), rng.permutation(80).reshape(2, 2, 4, 5) / 7, rois, wanted=[True, False])
-
-
-@pytest.mark.parametrize(
-    ("options", "x", "rois", "message"),
-    [
-        ("pooled_h: 2", (1, 1, 4, 4), (1, 5), "needs pooled_h and pooled_w of at least 1"),
-        ("pooled_h: 2 pooled_w: 2", (4, 4), (1, 5), r"bottom 'bottom0' has shape \(4, 4\), expected \(N, C, H, W\)"),
-        ("pooled_h: 2 pooled_w: 2", (1, 1, 4, 4), (2, 4), r"bottom 'bottom1' has shape \(2, 4\), expected \(R, 5\)"),
-    ],
-)
-def test_mistakes(run, options, x, rois, message):
-    """Invalid options and shapes raise an error."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': {message}"):
-        run(f'type: "ROIPooling" roi_pooling_param {{ {options} }}', np.zeros(x), np.zeros(rois))
-
-
-@pytest.mark.parametrize(
-    ("row", "shown"), [([1, 0, 0, 1, 1], "1, 0, 0, 1, 1"), ([0, 0, np.nan, 1, 1], "0, 0, nan, 1, 1")]
-)
-def test_a_region_that_is_none(run, row, shown):
-    """An invalid region raises an error with its row."""
-    message = rf"row 1 of 'bottom1' is \({shown}\); expected an item from 0 to 0"
-    with pytest.raises(netlib.LayerError, match=message):
-        run(text(), X, [[0, 0, 0, 1, 1], row])

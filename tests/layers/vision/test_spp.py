@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -64,26 +62,3 @@ def test_levels_are_poolings(run, rng, size, pool):
 def test_gradient(check, rng, pool):
     """The gradient agrees with differences for distinct values."""
     check(text(3, pool), rng.permutation(2 * 2 * 7 * 6).reshape(2, 2, 7, 6) / 10)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ("", "pyramid_height must be at least 1"),
-        ("pyramid_height: 2 pool: STOCHASTIC", "STOCHASTIC pooling .*; expected MAX or AVE"),
-        (
-            "pyramid_height: 3",
-            "'bottom0' is too small for a level of 4 x 4 windows: 5 in 4 parts of 2 need a padding of 2",
-        ),
-    ],
-)
-def test_mistakes(run, options, message):
-    """Invalid options for a 5 x 5 map raise an error."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': .*{message}"):
-        run(f'type: "SPP" spp_param {{ {options} }}', np.zeros((1, 1, 5, 5)))
-
-
-def test_a_bottom_that_is_no_image(run):
-    """The error names the blob and its shape."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3, 5\), expected \(N, C, H, W\)"):
-        run(text(2), np.zeros((3, 5)))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import netlib
 from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
@@ -91,34 +90,3 @@ def test_gradient(check, rng):
 def test_no_items(run):
     """A batch without items is computed."""
     assert run(text(), np.zeros((0, 3, 2, 2)), np.zeros((0, 3, 2, 2))).y.shape == (0, 3, 4, 4)
-
-
-@pytest.mark.parametrize(
-    ("options", "shapes", "message"),
-    [
-        ({"scale_h": 2}, [(1, 1, 2, 2)] * 2, "needs scale_h and scale_w"),
-        ({"upsample_w": 2}, [(1, 1, 2, 2)] * 2, "needs upsample_h and upsample_w"),
-        ({"scale": 2, "scale_h": 2, "scale_w": 2}, [(1, 1, 2, 2)] * 2, "give either scale, or scale_h and scale_w"),
-        ({"scale": 1}, [(1, 1, 2, 2)] * 2, "scale must be at least 2"),
-        ({"upsample_h": 1, "upsample_w": 4}, [(1, 1, 2, 2)] * 2, "upsample_h and upsample_w must be at least 2"),
-        ({"scale": 3, "pad_out_h": "true"}, [(1, 1, 2, 2)] * 2, "pad_out_h is for scale 2, not 3"),
-        ({}, [(2, 2, 2)] * 2, r"bottom 'bottom0' has shape \(2, 2, 2\), expected \(N, C, H, W\)"),
-        ({}, [(1, 1, 2, 2), (1, 1, 2, 3)], r"'bottom0' \(1, 1, 2, 2\) and 'bottom1' \(1, 1, 2, 3\), the mask of a P"),
-    ],
-)
-def test_mistakes(run, options, shapes, message):
-    """Contradictory options and shapes raise an error."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': .*{message}"):
-        run(text(**options), *map(np.zeros, shapes))
-
-
-@pytest.mark.parametrize("wrong", [-1, 16, np.nan])
-def test_a_mask_outside_the_top_is_an_error(run, wrong):
-    """The error states the place in the mask and the size that its pooling must have read."""
-    mask = MASK.copy()
-    mask[0, 0, 1, 0] = wrong
-    message = (
-        rf"mask 'bottom1' is {wrong} at \(0, 0, 1, 0\), expected 0 to 15 for a top of 4 x 4; its Pooling must read"
-    )
-    with pytest.raises(netlib.LayerError, match=message):
-        run('type: "Upsample"', X, mask)
