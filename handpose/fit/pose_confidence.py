@@ -64,6 +64,30 @@ def judged(signs: Array, lag_mm: Array, support: Support) -> tuple[Array, Array]
     return np.minimum(error, LOST_MM), confidence
 
 
+class OfFingers(NamedTuple):
+    """What an image shows of the fingers of N poses, (N, 5) each (``finger_errors``)."""
+
+    behind: Array
+    before: Array
+    lag_mm: Array
+    seen: Array
+
+
+class Evidence(NamedTuple):
+    """What an image shows of N poses.
+
+    signs    (N, 8), those of ``SIGNS``
+    lag_mm   (N,) distance of the joints from those of the fit
+    support  of the whole hand
+    fingers  None for bodies without fingers
+    """
+
+    signs: Array
+    lag_mm: Array
+    support: Support
+    fingers: OfFingers | None
+
+
 class Judged(NamedTuple):
     """What is known of N poses.
 
@@ -81,7 +105,19 @@ def judged_poses(
     model: CapsuleModel, x: Array, center_mm: Array, mirror: Array, fit_signs: Array, fit_joints: Array,
     readings: NDArray[np.floating], camera: Camera,
 ) -> Judged:  # fmt: skip
-    """``judged`` for N poses in one image (height, width) in mm, 0 without a reading, and the errors of their fingers.
+    """What the image shows of N poses (``evidence_of``) as their errors and confidence."""
+    evidence = evidence_of(model, x, center_mm, mirror, fit_signs, fit_joints, readings, camera)
+    error_mm, confidence = judged(evidence.signs, evidence.lag_mm, evidence.support)
+    if evidence.fingers is None:
+        return Judged(error_mm, confidence, np.tile(unknown_errors(), (len(x), 1)))
+    return Judged(error_mm, confidence, finger_errors(error_mm, *evidence.fingers))
+
+
+def evidence_of(
+    model: CapsuleModel, x: Array, center_mm: Array, mirror: Array, fit_signs: Array, fit_joints: Array,
+    readings: NDArray[np.floating], camera: Camera,
+) -> Evidence:  # fmt: skip
+    """What one image (height, width) in mm, 0 without a reading, shows of N poses.
 
     x           (N, V) variables of the poses
     center_mm   (N, 3) their origins, in the axes of the fits
@@ -97,16 +133,13 @@ def judged_poses(
     in_camera = (joints + center_mm[:, None]) * mirror[:, None]
     depths = joint_depths(in_camera, readings, camera)
     signs = pose_signs(fit_signs, depths, model.surface.mean_penetration(capsules))
-    error_mm, confidence = judged(signs, lag, whole)
     if fingers is None:
-        return Judged(error_mm, confidence, np.tile(unknown_errors(), (len(x), 1)))
+        return Evidence(signs, lag, whole, None)
     shape = len(x), len(seen)
     behind, before = joint_depths(fingers.joints(in_camera).reshape(-1, 3, 3), readings, camera)
     lags = np.linalg.norm(fingers.joints(joints) - fingers.joints(fit_joints), axis=3).mean(axis=2)
     shares = np.stack([part.seen for part in seen], axis=1)
-    return Judged(
-        error_mm, confidence, finger_errors(error_mm, behind.reshape(shape), before.reshape(shape), lags, shares)
-    )
+    return Evidence(signs, lag, whole, OfFingers(behind.reshape(shape), before.reshape(shape), lags, shares))
 
 
 def side_chance(cost: float, other_cost: float) -> float:

@@ -1,0 +1,168 @@
+"""Weights of the confidence of tracked poses, from recordings with labelled joints.
+
+    python -m experiments.confidence RECORDING=JOINTS.npy [RECORDING=JOINTS.npy ...] [--apart RECORDING=JOINTS.npy ...]
+
+JOINTS.npy has mm in the camera's axes, x right, y down, z away: (frames, 5 fingers from the thumb on, 4 joints from the
+hand to the tip, 3); frames without a label are NaN. Each recording is tracked with the defaults of ``tools/track.py``,
+as it is and mirrored. The weights of ``handpose.fit.pose_confidence`` are then fitted to the errors of the first
+recordings, each recording with the same total weight. The report gives, for the weights in use and for the new ones,
+the correlation of expected and true error, and how many poses with a confidence of 90% or more are over 30 mm off: in
+each of these recordings when it is left out, and in those ``--apart``, which no weight is fitted to.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from handpose import load_tracker, open_recording
+from handpose.body.fingers import FINGERS
+from handpose.fit import pose_confidence
+from handpose.fit.network_errors import GOOD_MM
+from handpose.fit.pose_confidence import SIGNS, SPREAD, Evidence, judged
+from handpose.fit.support import Support
+from handpose.frames.cameras import Camera
+from handpose.frames.recording import Recording
+from netlib.blob import Array
+from netlib.errors import DataError
+
+SURE = 0.9
+BEFORE = SIGNS.index("before")
+
+
+class Poses(NamedTuple):
+    """N tracked poses of one recording: what was seen of them, and their true errors (N,) in mm."""
+
+    name: str
+    signs: Array  # (N, 8)
+    lag_mm: Array  # (N,)
+    support: Support
+    error_mm: Array
+
+    def judged(self, weights: Array, constant: float) -> tuple[Array, Array]:
+        """The expected errors and the confidence (N,) with other weights (8,)."""
+        with mock.patch.multiple(pose_confidence, WEIGHTS=weights, CONSTANT=constant):
+            return judged(self.signs, self.lag_mm, self.support)
+
+
+def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
+    """The poses nearest to the labels (frames, 5, 3, 3) that the tracker reports. Raises DataError, NetlibError."""
+    seen: dict[float, tuple[Evidence, int]] = {}
+
+    def recorded(*args: object) -> Evidence:
+        evidence = observe(*args)  # type: ignore[arg-type]
+        errors = judged(evidence.signs, evidence.lag_mm, evidence.support)[0]
+        seen.update((float(error), (evidence, row)) for row, error in enumerate(errors))
+        return evidence
+
+    observe = pose_confidence.evidence_of
+    rows, errors = [], []
+    tracker = load_tracker(_mirrored(recording.camera) if mirrored else recording.camera)
+    names = list(tracker.predictor.skeleton.joint_names)
+    with recording, mock.patch.object(pose_confidence, "evidence_of", recorded):
+        for frame, truth in zip(recording, labels):
+            if mirrored:
+                frame, truth = frame._replace(depth=frame.depth[:, ::-1]), truth * (-1, 1, 1)
+            hands = tracker.step(frame).hands
+            if np.isnan(truth).any() or not hands:
+                continue
+            apart = [np.linalg.norm(labelled(hand.xyz, names) - truth, axis=2).mean() for hand in hands]
+            nearest = int(np.argmin(apart))
+            rows.append(seen[hands[nearest].error_mm])
+            errors.append(apart[nearest])
+    signs, lags = (np.array([getattr(evidence, key)[row] for evidence, row in rows]) for key in ("signs", "lag_mm"))
+    support = Support(*(np.array([part[row] for (evidence, row), part in zip(rows, parts)])
+                        for parts in zip(*(evidence.support for evidence, _ in rows))))  # fmt: skip
+    return Poses(recording.name, signs, lags, support, np.array(errors))
+
+
+def fitted(recordings: Sequence[Poses]) -> tuple[Array, float, float]:
+    """Weights (8,), constant and spread of the log errors; every recording counts alike, no weight is below 0."""
+    own = np.concatenate([np.full(len(one.error_mm), len(one.error_mm) ** -0.5) for one in recordings])
+    signs, lag, error = (np.concatenate([getattr(one, key) for one in recordings])
+                         for key in ("signs", "lag_mm", "error_mm"))  # fmt: skip
+    log_signs = np.log1p(signs)
+
+    def residuals(x: Array) -> Array:
+        fit = np.exp(log_signs @ x[:-1] + x[-1])
+        mean = np.log(fit**2 + lag**2 + signs[:, BEFORE] ** 2) / 2
+        return np.asarray((mean - np.log(error)) * own)
+
+    start = np.append(pose_confidence.WEIGHTS, pose_confidence.CONSTANT)
+    lower = np.append(np.zeros(len(SIGNS)), -np.inf)
+    found = least_squares(residuals, start, bounds=(lower, np.inf), loss="soft_l1", f_scale=0.5 / np.sqrt(len(error)))
+    return found.x[:-1], float(found.x[-1]), float(np.sqrt((residuals(found.x) ** 2).sum() / len(recordings)))
+
+
+def row(name: str, poses: Sequence[Poses], weights: Array, constant: float) -> str:
+    """One line of the report."""
+    expected, confidence = (np.concatenate(part) for part in zip(*(one.judged(weights, constant) for one in poses)))
+    error = np.concatenate([one.error_mm for one in poses])
+    sure = confidence >= SURE
+    wrong = (error[sure] > GOOD_MM).mean() if sure.any() else np.nan
+    return (f"{name:28}{len(error):6}{sure.sum():8}{wrong:8.1%}{np.corrcoef(expected, error)[0, 1]:8.2f}"
+            f"{expected.mean():10.1f}{error.mean():8.1f}")  # fmt: skip
+
+
+def labelled(xyz: Array, names: Sequence[str]) -> Array:
+    """PIP, DIP and tip (5, 3, 3) of the fingers; of the thumb MCP, IP and tip. Axes of the labels."""
+    place = {name: xyz[n] * (1, -1, 1) for n, name in enumerate(names)}
+    pips = [place["thumb_pip"]] + [(place[f"{f}_pip_a"] + place[f"{f}_pip_b"]) / 2 for f in FINGERS[1:]]
+    return np.array([[pip, place[f"{f}_dip"], place[f"{f}_tip"]] for pip, f in zip(pips, FINGERS)])
+
+
+def _mirrored(camera: Camera) -> Camera:
+    return replace(camera, u0=camera.width - 1 - camera.u0)
+
+
+def _pair(text: str) -> tuple[Path, Array]:
+    path, _, joints = text.rpartition("=")
+    if not path:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected RECORDING=JOINTS.npy")
+    labels = np.load(joints)
+    if labels.ndim != 4 or labels.shape[1:] != (5, 4, 3):
+        raise argparse.ArgumentTypeError(f"{joints}: shape {labels.shape}, expected (frames, 5, 4, 3)")
+    return Path(path), labels[:, :, 1:]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Track, fit, print."""
+    parser = argparse.ArgumentParser(prog="experiments.confidence", description=__doc__.split("\n")[0])
+    parser.add_argument("recordings", nargs="+", type=_pair, metavar="RECORDING=JOINTS.npy")
+    parser.add_argument("--apart", nargs="+", type=_pair, default=[], metavar="RECORDING=JOINTS.npy")
+    args = parser.parse_args(argv)
+    both = [[tracked(open_recording(path), labels, mirrored) for path, labels in pairs for mirrored in (False, True)]
+            for pairs in (args.recordings, args.apart)]  # fmt: skip
+    own, apart = both
+    weights, constant, spread = fitted(own)
+    for sign, now, new in zip(SIGNS, pose_confidence.WEIGHTS, weights):
+        print(f"{sign:14}{now:8.2f}{new:8.2f}")
+    print(f"{'constant':14}{pose_confidence.CONSTANT:8.2f}{constant:8.2f}\n{'spread':14}{SPREAD:8.2f}{spread:8.2f}\n")
+    print(f"{'recording':28}{'poses':>6}{'>= 90%':>8}{'> 30mm':>8}{'corr':>8}{'expected':>10}{'true':>8}")
+    for name in dict.fromkeys(one.name for one in own):
+        left = [one for one in own if one.name == name]
+        rest = [one for one in own if one.name != name]
+        print(row(name, left, pose_confidence.WEIGHTS, pose_confidence.CONSTANT))
+        if rest:
+            print(row(f"{name}, left out", left, *fitted(rest)[:2]))
+    for title, poses in (("all fitted to", own), ("all apart", apart)):
+        if poses:
+            print(row(title, poses, pose_confidence.WEIGHTS, pose_confidence.CONSTANT))
+            print(row(f"{title}, new", poses, weights, constant))
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except DataError as error:
+        print(error, file=sys.stderr)
+        sys.exit(1)

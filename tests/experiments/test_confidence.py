@@ -1,0 +1,63 @@
+"""experiments/confidence.py: weights of the confidence of tracked poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from experiments.confidence import Poses, fitted, labelled, main, row, tracked
+from handpose.fit.pose_confidence import CONSTANT, SIGNS, WEIGHTS
+from handpose.fit.support import Support
+from handpose.frames.cameras import ICVL
+from handpose.sequences.recordings import SyntheticRecording
+
+
+def poses(name: str, weights: np.ndarray, constant: float, seed: int, count: int = 400) -> Poses:
+    """Entirely visible poses whose errors are those of the weights, but for a factor of exp(0.2) up or down."""
+    rng = np.random.default_rng(seed)
+    signs = rng.gamma(1.0, 4.0, (count, len(SIGNS)))
+    lag = rng.uniform(0, 2, count)
+    fit = np.exp(np.log1p(signs) @ weights + constant)
+    error = np.sqrt(fit**2 + lag**2 + signs[:, SIGNS.index("before")] ** 2) * np.exp(rng.choice([-0.2, 0.2], count))
+    seen, none = np.ones(count), np.zeros(count)
+    return Poses(name, signs, lag, Support(seen, none, none, none, none), error)
+
+
+def test_weights_are_found_again():
+    """Weights, constant and spread of made errors are found, whatever the length of each recording."""
+    weights, constant = np.array([0.3, 0.0, 0.2, 0.1, 0.25, 0.3, 0.1, 0.0]), 0.5
+    made = [poses("a", weights, constant, seed=1), poses("b", weights, constant, seed=2, count=4000)]
+    found, at, spread = fitted(made)
+    np.testing.assert_allclose(found, weights, atol=0.03)
+    assert at == pytest.approx(constant, abs=0.1) and spread == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_row_of_the_report():
+    """Poses, sure ones, the share of these that is wrong, correlation, and mean expected and true error."""
+    made = poses("a", WEIGHTS, CONSTANT, seed=3)
+    name, count, sure, wrong, correlation, expected, true = row("a", [made], WEIGHTS, CONSTANT).split()
+    assert (name, count) == ("a", "400") and 0 < int(sure) < 400 and wrong == "0.0%"
+    assert float(correlation) > 0.8
+    assert float(expected) == pytest.approx(made.judged(WEIGHTS, CONSTANT)[0].mean(), abs=0.06)
+    assert float(true) == pytest.approx(made.error_mm.mean(), abs=0.06)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_poses_of_a_recording(mirrored: bool):
+    """Every frame's nearest pose has its own signs; a mirrored recording shows a left hand at the mirrored places."""
+    recording = SyntheticRecording("rest", ICVL, rate=5, seconds=1, seed=1)
+    names = list(recording.header.skeleton.joint_names)
+    labels = np.stack([labelled(recording.truth(n).hands[0].xyz, names) for n in range(recording.count)])
+    found = tracked(recording, labels, mirrored)
+    assert found.signs.shape == (recording.count, len(SIGNS)) and len(np.unique(found.signs, axis=0)) == recording.count
+    assert found.error_mm.mean() < 25
+    assert all(len(part) == recording.count for part in found.support)
+
+
+def test_a_file_of_another_shape(tmp_path, capsys):
+    """Labels of another shape end the command with status 2 and a line."""
+    np.save(tmp_path / "a.npy", np.zeros((4, 21, 3)))
+    with pytest.raises(SystemExit) as end:
+        main([f"takes={tmp_path / 'a.npy'}"])
+    assert end.value.code == 2
+    assert "shape (4, 21, 3), expected (frames, 5, 4, 3)" in capsys.readouterr().err
