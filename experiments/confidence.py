@@ -32,7 +32,7 @@ from handpose.fit.support import Support
 from handpose.frames.cameras import Camera
 from handpose.frames.recording import Recording
 from netlib.blob import Array
-from netlib.errors import DataError
+from netlib.errors import DataError, NetlibError
 
 SURE = 0.9
 BEFORE = SIGNS.index("before")
@@ -123,14 +123,22 @@ def _mirrored(camera: Camera) -> Camera:
     return replace(camera, u0=camera.width - 1 - camera.u0)
 
 
-def _pair(text: str) -> tuple[Path, Array]:
-    path, _, joints = text.rpartition("=")
-    if not path:
+def _pair(text: str) -> tuple[Path, Path]:
+    recording, _, joints = text.rpartition("=")
+    if not recording:
         raise argparse.ArgumentTypeError(f"{text!r}, expected RECORDING=JOINTS.npy")
-    labels = np.load(joints)
+    return Path(recording), Path(joints)
+
+
+def _labels(path: Path) -> Array:
+    """PIP, DIP and tip (frames, 5, 3, 3) of a file of labels. Raises DataError."""
+    try:
+        labels = np.load(path)
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path}: {error}") from None
     if labels.ndim != 4 or labels.shape[1:] != (5, 4, 3):
-        raise argparse.ArgumentTypeError(f"{joints}: shape {labels.shape}, expected (frames, 5, 4, 3)")
-    return Path(path), labels[:, :, 1:]
+        raise DataError(f"{path}: shape {labels.shape}, expected (frames, 5, 4, 3)")
+    return np.asarray(labels[:, :, 1:], np.float64)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -139,9 +147,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("recordings", nargs="+", type=_pair, metavar="RECORDING=JOINTS.npy")
     parser.add_argument("--apart", nargs="+", type=_pair, default=[], metavar="RECORDING=JOINTS.npy")
     args = parser.parse_args(argv)
-    both = [[tracked(open_recording(path), labels, mirrored) for path, labels in pairs for mirrored in (False, True)]
-            for pairs in (args.recordings, args.apart)]  # fmt: skip
-    own, apart = both
+    try:
+        labelled_recordings = [[(path, _labels(joints)) for path, joints in pairs]
+                               for pairs in (args.recordings, args.apart)]  # fmt: skip
+        own, apart = ([tracked(open_recording(path), labels, mirrored) for path, labels in pairs
+                       for mirrored in (False, True)] for pairs in labelled_recordings)  # fmt: skip
+    except NetlibError as error:
+        print(error, file=sys.stderr)
+        return 1
     weights, constant, spread = fitted(own)
     for sign, now, new in zip(SIGNS, pose_confidence.WEIGHTS, weights):
         print(f"{sign:14}{now:8.2f}{new:8.2f}")
@@ -161,8 +174,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except DataError as error:
-        print(error, file=sys.stderr)
-        sys.exit(1)
+    sys.exit(main())

@@ -244,6 +244,7 @@ RUN_BY = {
     "benchmarks.ranks": "tests/benchmarks/test_ranks_benchmark.py",
     "benchmarks.parts": "tests/benchmarks/test_bench_parts.py",
     "docs.book.nano": "tests/docs/test_nano.py",
+    "experiments.confidence": "tests/experiments/test_confidence.py",
     "docs.making": "tests/docs/test_made.py",
     "docs.making.five_minutes": "tests/docs/test_five_minutes.py",
     "docs.making.hand_picture": "tests/docs/test_pages.py",

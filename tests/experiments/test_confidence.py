@@ -54,10 +54,17 @@ def test_poses_of_a_recording(mirrored: bool):
     assert all(len(part) == recording.count for part in found.support)
 
 
-def test_a_file_of_another_shape(tmp_path, capsys):
-    """Labels of another shape end the command with status 2 and a line."""
-    np.save(tmp_path / "a.npy", np.zeros((4, 21, 3)))
-    with pytest.raises(SystemExit) as end:
-        main([f"takes={tmp_path / 'a.npy'}"])
-    assert end.value.code == 2
-    assert "shape (4, 21, 3), expected (frames, 5, 4, 3)" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("labels", "message"),
+    [
+        ("4 21 3", "a.npy: shape (4, 21, 3), expected (frames, 5, 4, 3)"),
+        ("", "a.npy: [Errno 2] No such file or directory"),
+    ],
+)
+def test_bad_labels(tmp_path, monkeypatch, capsys, labels, message):
+    """Labels of another shape and missing ones end the command with status 1 and a line."""
+    monkeypatch.chdir(tmp_path)
+    if labels:
+        np.save(tmp_path / "a.npy", np.zeros([int(n) for n in labels.split()]))
+    assert main(["takes=a.npy"]) == 1
+    assert message in capsys.readouterr().err
