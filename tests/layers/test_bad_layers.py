@@ -13,6 +13,7 @@ from tests.support.nets import inputs
 pytestmark = pytest.mark.both_engines
 
 IMAGE, ITEMS, NEAR = (1, 1, 5, 5), (2, 3), (1, 1, 2, 2)
+PRIOR = [(1, 4), (1, 2), [[[0, 0, 1, 1], [0.1] * 4]]]  # one box and its two confidences
 X4, CONT = (4, 2, 5), (4, 2)  # a sequence of 4 steps of 2 streams, and its marks
 KERNEL = "needs kernel_size, or kernel_h and kernel_w"
 ITEM = "bottoms 'bottom0' {} and 'bottom1' {} must have the same number of items and of values per item"
@@ -25,6 +26,7 @@ MASK = "needs the mask of a Pooling, its second top, as second bottom; with one 
 ORDER = "must name axes of 'bottom0' (2, 3, 4), 0 to 2, each at most once"
 BN = "expected options of SegNet's BN (bn_mode, ...) or of PSPNet's (slope_filler, ...), found "
 RECURRENT = "recurrent_param { num_output: 3 }"
+DETECTION = "detection_output_param { num_classes: 2 }"
 MARKS = "bottom 'bottom{}' (cont) has no gradient; set propagate_down: false"
 INSIDE = "bottom 'bottom0' (1, 1, 4, 5) does not contain 'bottom1' {} at offset {}, from axis 2 on"
 REGION = "expected an item from 0 to 0 and four finite coordinates"
@@ -293,6 +295,37 @@ BAD = [
         ("pool: AVE kernel_size: 2", [IMAGE], "has 2 tops, but only MAX pooling has a mask, not AVE", 2),
         ("kernel_size: 2", [(3, 5)], SHAPE.format(0, (3, 5), "(N, C, H, W)")),
         ("global_pooling: true", [(1, 1, 0, 2)], SHAPE.format(0, (1, 1, 0, 2), "(N, C, H, W)"))),
+    *of("PriorBox prior_box_param", *((options, [(2, 3, 1, 1), (2, 1, 10, 20)], line) for options, line in (
+        ("", "min_size [] must be one or more sizes above 0"),
+        ("min_size: 3 min_size: 0", "min_size [3.0, 0.0] must be one or more sizes above 0"),
+        ("min_size: 3 min_size: 4 max_size: 5",
+         "max_size [5.0] must have a larger size for each min_size [3.0, 4.0], or none"),
+        ("min_size: 3 max_size: 3", "max_size [3.0] must have a larger size for each min_size [3.0], or none"),
+        ("min_size: 3 aspect_ratio: 0", "aspect_ratio [0.0] must be above 0"),
+        ("min_size: 3 variance: [1, 2]", "variance [1.0, 2.0] must be one or four numbers above 0"),
+        ("min_size: 3 variance: 0", "variance [0.0] must be one or four numbers above 0"),
+        ("min_size: 3 img_size: 3 img_h: 3", "img_size and img_h, img_w are the same option; expected only ..."),
+        ("min_size: 3 img_h: 3", "expected img_size, or img_h and img_w, above 0"),
+        ("min_size: 3 img_size: 0", "expected img_size, or img_h and img_w, above 0"),
+        ("min_size: 3 step: 3 step_w: 3", "step and step_h, step_w are the same option; expected only one of them"),
+        ("min_size: 3 step_w: 3", "expected step, or step_h and step_w, above 0"))),
+        ("min_size: 3", [(2, 3, 0, 4), (2, 1, 10, 20)], SHAPE.format(0, (2, 3, 0, 4), "(N, C, H, W)")),
+        ("min_size: 3", [(2, 3, 4, 4), (2, 1, 4)], SHAPE.format(1, (2, 1, 4), "(N, C, H, W)"))),
+    *of("DetectionOutput detection_output_param",
+        ("num_classes: 0", PRIOR, "num_classes must be at least 1"),
+        ("num_classes: 2 nms_param { nms_threshold: -0.1 }", PRIOR, "nms_threshold -0.1 must not be negative"),
+        ("num_classes: 2 nms_param { eta: 0 }", PRIOR, "eta 0 must be above 0 and at most 1"),
+        ("num_classes: 2 nms_param { eta: 1.5 }", PRIOR, "eta 1.5 must be above 0 and at most 1"),
+        ("num_classes: 3", PRIOR, SHAPE.format(1, (1, 2), "3 confidences per item: 3 for each of the 1 priors")),
+        ("num_classes: 2 share_location: false", PRIOR,
+         SHAPE.format(0, (1, 4), "8 locations per item: 8 for each of the 1 priors")),
+        ("num_classes: 2", [(2, 4), (3, 2), (1, 2, 4)],
+         SHAPE.format(1, (3, 2), "2 confidences per item: 2 for each of the 1 priors")),
+        *(("num_classes: 2", [(1, 4), (1, 2), priors], SHAPE.format(2, priors, "(1, 2, 4 per prior)"))
+          for priors in ((8,), (2, 2, 4), (1, 1, 8), (1, 2, 6), (1, 2, 4, 2))),
+        *((f"num_classes: 2 code_type: {code}", [(1, 8), (1, 4), [[[0, 0, 1, 1, 0.5, 0, 0.5, 1], [0.1] * 8]]],
+           f"prior 1 of 'bottom2' is (0.5, 0, 0.5, 1); {code} needs xmin < xmax and ymin < ymax")
+          for code in ("CENTER_SIZE", "CORNER_SIZE"))),
     *of("ROIPooling roi_pooling_param",
         ("pooled_h: 2", [(1, 1, 4, 4), (1, 5)], "needs pooled_h and pooled_w of at least 1"),
         ("pooled_h: 2 pooled_w: 2", [(4, 4), (1, 5)], SHAPE.format(0, (4, 4), "(N, C, H, W)")),
@@ -328,6 +361,7 @@ def test_layers_that_are_refused(given, rejected):
         "<gradcheck>:1:59: error: unknown value MAX of 'operation'; known values: SUM, ASUM, SUMSQ, MEAN",
     'type: "HingeLoss" hinge_loss_param { norm: 0 }':
         "<gradcheck>:1:55: error: unknown value 0 of 'norm'; known values: L1, L2",  # in numbers L1 is 1 and L2 is 2
+    'type: "DetectionOutput"': "<gradcheck>:1:1: error: missing required field 'num_classes' in detection_output_param",
     "no H": ('type: "InfogainLoss" infogain_loss_param { source: "H.binaryproto" }', DataError,
              "H.binaryproto: cannot read the blob: No such file..."),
     "MVN in place": ('type: "MVN"', LayerError,
@@ -335,8 +369,9 @@ def test_layers_that_are_refused(given, rejected):
 })  # fmt: skip
 def test_texts_that_are_refused(given, rejected):
     """A required field that is missing, an unknown value and a missing file are errors before the layer runs."""
+    count = 3 if "Output" in given else 2 if "Loss" in given else 1
     with rejected:
-        Run(given, [np.zeros((2, 3))] * (2 if "Loss" in given else 1), in_place="MVN" in given)
+        Run(given, [np.zeros((2, 3))] * count, in_place="MVN" in given)
 
 
 @bad_inputs(LayerError, {
@@ -376,6 +411,7 @@ def test_shapes_that_must_stay(given, rejected):
         ("Threshold", [(1,)], None, 1, NO_GRADIENT),
         ("ArgMax", [(2, 2)], None, 1, NO_GRADIENT),
         ("Accuracy", [(4, 3), (4,)], None, 1, NO_GRADIENT),
+        ("DetectionOutput", PRIOR, None, 1, NO_GRADIENT),
         ("BatchReindex", [(3, 2), (1,)], None, 1, "the indices 'bottom1' have no gradient; set propagate_down: false"),
         ("Embed", [(1,)], None, 1, "the indices 'bottom0' have no gradient; set propagate_down: false"),
         ("Filter", [(2,), (2,)], None, 1, "the selector 'bottom1' has no gradient; set propagate_down: false"),
@@ -394,7 +430,11 @@ def test_shapes_that_must_stay(given, rejected):
 def test_what_has_no_gradient(given, rejected):
     """Requesting a gradient of indices, labels, weights or marks is an error."""
     kind, bottoms, wanted, tops = given
-    options = {"Embed": "embed_param { num_output: 2 input_dim: 3 }", **dict.fromkeys(("RNN", "LSTM"), RECURRENT)}
+    options = {
+        "Embed": "embed_param { num_output: 2 input_dim: 3 }",
+        "DetectionOutput": DETECTION,
+        **dict.fromkeys(("RNN", "LSTM"), RECURRENT),
+    }
     done = Run(f'type: "{kind}" {options.get(kind, "")}', arrays(bottoms), tops)
     with rejected:
         done.backward(*(np.ones(blob.shape) for blob in done.top), wanted=wanted)

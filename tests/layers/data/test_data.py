@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import netlib
+from tests.support.bad_input import bad_inputs
 from tests.support.caffe_messages import datum, write_blob
 
 pytestmark = pytest.mark.both_engines
@@ -78,8 +79,6 @@ def test_pictures_in_colour_or_in_grey(tmp_path, rng, net_of, force, channels):
     entries = [datum(cv2.imencode(".png", picture)[1].tobytes(), 0) for picture in pictures]
     path = write(tmp_path / "lmdb", entries)
     assert net_of(text(path, more=f"transform_param {{ {force}: true }}")).forward()["x"].shape == (2, channels, 4, 5)
-    with pytest.raises(netlib.LayerError, match=r"entry '00000001': the image \(C, H, W\) \(1, 4, 5\) gives"):
-        net_of(text(path)).forward()
 
 
 def test_transformed(database, images, net_of, tmp_path, rng):
@@ -171,44 +170,6 @@ def test_the_package_is_not_needed(database, net_of, monkeypatch):
     assert labels(net_of(text(database))) == [10, 11]
 
 
-@pytest.mark.parametrize("options", ["", "backend: LEVELDB"])
-def test_leveldb(database, net_of, options):
-    """The error for LevelDB, Caffe's default backend, says how to convert the database."""
-    with pytest.raises(
-        netlib.LayerError, match=r"backend LEVELDB.*convert the database to LMDB \(with convert_imageset,"
-    ):
-        net_of(text(database, f"batch_size: 1 {options}").replace("backend: LMDB", ""))
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("gone", "gone: cannot read the database: No such file or directory"),
-        ("folder", "folder/data.mdb: cannot read the database: No such file or directory"),
-        ("text", "text: not an LMDB database"),
-        ("no entries", "no entries: the database has no entries"),
-    ],
-)
-def test_what_is_no_database(tmp_path, net_of, name, message):
-    """A missing, empty or invalid database raises a one-line error."""
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "text").write_text("text" * 5000)
-    write(tmp_path / "no entries", [])
-    with pytest.raises(netlib.DataError, match=message) as error:
-        net_of(text(tmp_path / name))
-    assert "\n" not in str(error.value)
-
-
-def test_a_truncated_database(tmp_path, net_of):
-    """A truncated database is rejected when the net is built."""
-    database = write(tmp_path / "lmdb", [datum(np.ones((1, 100, 100), np.uint8), 0)] * 20)
-    whole = (database / "data.mdb").stat().st_size
-    for size in (whole - 4096, whole // 2, 2 * 4096):
-        os.truncate(database / "data.mdb", size)
-        with pytest.raises(netlib.DataError, match=rf"data.mdb: truncated: it has {size} bytes, expected at least"):
-            net_of(text(database))
-
-
 def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
     """If the file is truncated, the position is kept, and a net on the restored file continues with the same batch."""
     database = write(tmp_path / "lmdb", [datum(np.ones((1, 100, 100), np.uint8), i) for i in range(20)])
@@ -261,15 +222,43 @@ def test_a_page_that_is_damaged(tmp_path, monkeypatch, rng):
     assert np.array_equal(resumed.net.params["ip"][0].data, whole.net.params["ip"][0].data)
 
 
-@pytest.mark.parametrize(
-    ("entries", "options", "message"),
-    [
-        ([b"\xff"], "batch_size: 1", r"lmdb: entry '00000000': byte 0: truncated"),
-        ([datum(np.ones((1, 2, 2), np.uint8), 0)], "batch_size: 0", "layer 'd': batch_size must be at least 1"),
-        ([datum(np.ones((1, 2, 2), np.uint8), 0)], "", "missing required field 'batch_size' in data_param"),
-    ],
-)
-def test_mistakes(tmp_path, net_of, entries, options, message):
-    """The error names the entry, or the option that is invalid or missing."""
-    with pytest.raises(netlib.NetlibError, match=message):
-        net_of(text(write(tmp_path / "lmdb", entries), options))
+SMALL = [datum(np.ones((1, 2, 2), np.uint8), 0)]
+LEVELDB = "error: layer 'd': backend LEVELDB, Caffe's default, is not supported; convert the database to LMDB (with ..."
+
+
+def truncated(path, pages):
+    """Write a database and keep this number of pages of its file."""
+    file = write(path, [datum(np.ones((1, 100, 100), np.uint8), 0)] * 20) / "data.mdb"
+    os.truncate(file, file.stat().st_size - 4096 if pages < 0 else pages * 4096)
+
+
+@bad_inputs(netlib.DataError, {
+    "missing": (("gone", lambda path: None, ""), "...gone: cannot read the database: No such file or directory"),
+    "empty folder": (("folder", lambda path: path.mkdir(), ""),
+                     "...folder/data.mdb: cannot read the database: No such file or directory"),
+    "text": (("text", lambda path: path.write_text("text" * 5000), ""), "...text: not an LMDB database"),
+    "empty": (("empty", lambda path: write(path, []), ""), "...empty: the database has no entries"),
+    **{f"{pages} pages": (("lmdb", lambda path, pages=pages: truncated(path, pages), ""),
+                          f"...data.mdb: truncated: it has {size} bytes, expected at least ...")
+       for pages, size in ((-1, 253952), (31, 126976), (2, 8192))},
+    "no Datum": (("lmdb", lambda path: write(path, [b"\xff"]), "batch_size: 1"),
+                 "...lmdb: entry '00000000': byte 0: truncated: the message ends within a number; expected a Datum"),
+    "LevelDB": (("lmdb", lambda path: write(path, SMALL), "batch_size: 1 backend: LEVELDB"), netlib.LayerError,
+                f"net.prototxt:1:...: {LEVELDB}"),
+    "LevelDB, by default": (("lmdb", lambda path: write(path, SMALL), "batch_size: 1 "), netlib.LayerError,
+                            f"net.prototxt:1:...: {LEVELDB}"),
+    "batch_size 0": (("lmdb", lambda path: write(path, SMALL), "batch_size: 0"), netlib.LayerError,
+                     "net.prototxt:1:...: error: layer 'd': batch_size must be at least 1"),
+    "no batch_size": (("lmdb", lambda path: write(path, SMALL), " "), netlib.PrototxtError,
+                      "net.prototxt:1:...: error: missing required field 'batch_size' in data_param"),
+    "another size": (("lmdb", lambda path: write(path, [datum(np.zeros((c, 4, 5), np.uint8), 0) for c in (3, 1)]), ""),
+        netlib.LayerError, "...: layer 'd': ...lmdb: entry '00000001': the image (C, H, W) (1, 4, 5) "
+        "gives (1, 4, 5), the first of its batch (3, 4, 5); expected the same number of channels, ..."),
+})  # fmt: skip
+def test_mistakes(tmp_path, net_of, given, rejected):
+    """A missing, invalid or truncated database, and invalid options, are one line when the net is built."""
+    name, make, options = given
+    make(tmp_path / name)
+    layer = text(tmp_path / name, options or "batch_size: 2")
+    with rejected:
+        net_of(layer.replace("backend: LMDB", "") if "batch_size: 1 " in options else layer).forward()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import netlib
+from tests.support.bad_input import bad_inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -39,22 +40,19 @@ def test_random_values_are_new_in_every_batch(net_of):
     assert (net.blobs["b"].data == 3).all()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [("", "has 3 tops, but 0 of shape"), ("shape { } shape { }", "has 3 tops, but 2 of shape"),
-     ("shape { } data_filler { } data_filler { }", "has 3 tops, but 2 of data_filler"),
-     ("num: 1 num: 2 channels: 1 height: 1 width: 1", "has 3 tops, but 2 of num"),
-     ("num: 1 channels: 1 width: 1", "has 3 tops, but 0 of height"),
-     ("shape { } num: 1 channels: 1 height: 1 width: 1", "has both shape and the older num, channels, height")],
-)  # fmt: skip
-def test_mistakes(net_of, options, message):
-    """The number of shapes or fillers must be one or that of the tops."""
-    text = f'layer {{ name: "d" type: "DummyData" top: "a" top: "b" top: "c" dummy_data_param {{ {options} }} }}'
-    with pytest.raises(netlib.LayerError, match=message):
-        net_of(text)
-
-
-def test_an_unknown_filler_is_shown_at_its_place(net_of):
-    """The error has the position of the filler."""
-    with pytest.raises(netlib.PrototxtError, match=r"net.prototxt:1:\d+: error: unknown filler type 'gausian'"):
-        net_of(data('shape { dim: 1 } data_filler { type: "gausian" }'))
+@bad_inputs(netlib.LayerError, {
+    "": "net.prototxt:1:7: error: layer 'd': has 3 tops, but 0 of shape",
+    "shape { } shape { }": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of shape",
+    "shape { } data_filler { } data_filler { }":
+        "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of data_filler",
+    "num: 1 num: 2 channels: 1 height: 1 width: 1": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of num",
+    "num: 1 channels: 1 width: 1": "net.prototxt:1:7: error: layer 'd': has 3 tops, but 0 of height",
+    "shape { } num: 1 channels: 1 height: 1 width: 1":
+        "net.prototxt:1:...: error: layer 'd': has both shape and the older num, channels, height, width; expected one",
+    "filler": ('shape { dim: 1 } data_filler { type: "gausian" }', netlib.PrototxtError,
+               "net.prototxt:1:...: error: unknown filler type 'gausian' (did you mean 'gaussian'?)"),
+})  # fmt: skip
+def test_mistakes(net_of, given, rejected):
+    """The number of shapes or fillers must be one or that of the tops; the error has its position."""
+    with rejected:
+        net_of(f'layer {{ name: "d" type: "DummyData" top: "a" top: "b" top: "c" dummy_data_param {{ {given} }} }}')

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib.proto import prototxt
+from tests.support.bad_input import bad_inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -128,15 +128,6 @@ def test_any_storage_is_read(data, options, kind, shuffle):
     assert net.blobs["x"].data.dtype == np.float32
 
 
-def test_rows_that_were_never_written(tmp_path, net_of):
-    """Rows that were never stored are rejected; HDF5 would fill in more than the memory can hold."""
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file.create_dataset("x", (10**12, 1), "f4", chunks=(1024, 1))
-    (tmp_path / "list").write_text("a.h5")
-    with pytest.raises(netlib.DataError, match="data set '/x' claims 4000000000000 bytes, but only 0 are stored"):
-        net_of(f'layer {{ type: "HDF5Data" top: "x" hdf5_data_param {{ source: "{tmp_path}/list" batch_size: 1 }} }}')
-
-
 def test_compressed_data(tmp_path, net_of):
     """Compressed data sets are read."""
     with h5py.File(tmp_path / "c.h5", "w") as file:
@@ -196,12 +187,11 @@ def test_a_batch_of_more_rows_than_there_are_is_a_warning(data, caplog):
 
 
 @pytest.mark.parametrize("options", ["", "scale: 0.5", "mirror: true", 'mean_file: "absent"', "crop_size: 1"])
-def test_transform_param_is_rejected(tmp_path, options):
+def test_transform_param_is_rejected(tmp_path, net_of, options):
     """HDF5Data does not transform data; transform_param is an error, as in Caffe, even if it is empty."""
-    source = f'hdf5_data_param {{ source: "{tmp_path}/list.txt" batch_size: 2 }} transform_param {{ {options} }}'
-    text = f'layer {{ name: "d" type: "HDF5Data" top: "x" {source} }}'
+    text = layer(tmp_path / "list.txt", 2)[:-1] + f"transform_param {{ {options} }} }}"
     with pytest.raises(netlib.LayerError, match="layer 'd': HDF5Data does not transform data, as in Caffe"):
-        netlib.Net(prototxt.parse(text), netlib.TRAIN)
+        net_of(text)
 
 
 # ---------------------------------------------------------------------------------------------- mistakes
@@ -214,50 +204,74 @@ def write(path, **datasets):
             file[name] = value
 
 
-@pytest.mark.parametrize(
-    ("datasets", "message"),
-    [
-        ({"x": np.zeros(3)}, r"a.h5: no data set 't'; it has x"),
-        ({}, r"a.h5: no data set 'x'; it has none"),
-        ({"x": np.zeros(3), "t": np.zeros(4)}, r"a.h5: data sets of different length: x 3, t 4"),
-        ({"x": np.zeros((0, 2)), "t": np.zeros(0)}, r"a.h5: data set 'x' has no rows"),
-        ({"x": np.zeros(3), "t": ["a", "b", "c"]}, r"a.h5: data set '/t' holds object, expected numbers"),
-        ({"x": np.zeros(3), "t": np.zeros(())}, r"a.h5: data sets of different length: x 3, t 0"),
-    ],
-    ids=lambda value: "" if isinstance(value, str) else str(list(value)),
-)
-def test_files_with_something_wrong_in_them(tmp_path, net_of, datasets, message):
-    """The error names the file, the fault and the expected content."""
-    write(tmp_path / "a.h5", **datasets)
-    (tmp_path / "list.txt").write_text("a.h5")
-    with pytest.raises(netlib.DataError, match=message) as error:
-        net_of(layer(tmp_path / "list.txt", 2))
-    assert "\n" not in str(error.value)
+def listed(folder, *names, **datasets):
+    """Write a.h5 and a list of the files with these names."""
+    write(folder / "a.h5", **datasets)
+    (folder / "list.txt").write_text("\n".join(names))
 
 
-@pytest.mark.parametrize(
-    ("other", "message"),
-    [
-        ("missing", r"other\.h5: cannot read the rest of .*a\.h5: No such file or directory"),
-        ("lacks it", r"a\.h5: no data set 'x'; it has t, y"),
-        (
-            "is not HDF5",
-            r"other\.h5: cannot read the rest of .*a\.h5: damaged or truncated: .*signature not found",
-        ),
-    ],
-)
-def test_a_rest_that_is_not_there(tmp_path, net_of, other, message):
-    """If the file in rest_in is missing, invalid or lacks the data set, an error names the file."""
-    if other == "lacks it":
-        write(tmp_path / "other.h5", y=np.zeros(3))
-    if other == "is not HDF5":
-        (tmp_path / "other.h5").write_text("text")
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["t"] = np.zeros(3)
-        file.attrs["rest_in"] = "other.h5"
-    (tmp_path / "list.txt").write_text("a.h5")
-    with pytest.raises(netlib.DataError, match=message):
-        net_of(layer(tmp_path / "list.txt", 2))
+def unwritten(folder):
+    """Write a file of rows that were never stored; HDF5 would fill in more than the memory can hold."""
+    listed(folder, "a.h5", t=np.zeros(10**3))
+    with h5py.File(folder / "a.h5", "a") as file:
+        file.create_dataset("x", (10**12, 1), "f4", chunks=(1024, 1))
+
+
+def with_rest(folder, other=None, **datasets):
+    """Write a.h5, which says that the rest is in other.h5, and that file."""
+    listed(folder, "a.h5", t=np.zeros(3))
+    write(folder / "other.h5", **datasets)
+    with h5py.File(folder / "a.h5", "a") as file:
+        file.attrs["rest_in"] = other or "other.h5"
+    if other == "text.h5":
+        (folder / other).write_text("text")
+
+
+def cut_to(folder, keep):
+    """Truncate a file."""
+    listed(folder, "a.h5", x=np.zeros((100, 5)), t=np.zeros(100))
+    os.truncate(folder / "a.h5", int(keep * (folder / "a.h5").stat().st_size))
+
+
+def of_two_shapes(folder):
+    """Write two files with other shapes of rows."""
+    write(folder / "b.h5", x=np.zeros((3, 4)), t=np.zeros(3))
+    listed(folder, "a.h5", "b.h5", x=np.zeros((3, 2)), t=np.zeros(3))
+
+
+@bad_inputs(netlib.DataError, {
+    "no t": (lambda at: listed(at, "a.h5", x=np.zeros(3)), "...a.h5: no data set 't'; it has x"),
+    "nothing": (lambda at: listed(at, "a.h5"), "...a.h5: no data set 'x'; it has none"),
+    "lengths": (lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(4)),
+                "...a.h5: data sets of different length: x 3, t 4"),
+    "no rows": (lambda at: listed(at, "a.h5", x=np.zeros((0, 2)), t=np.zeros(0)), "...a.h5: data set 'x' has no rows"),
+    "texts": (lambda at: listed(at, "a.h5", x=np.zeros(3), t=["a", "b", "c"]),
+              "...a.h5: data set '/t' holds object, expected numbers"),
+    "a number": (lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(())),
+                 "...a.h5: data sets of different length: x 3, t 0"),
+    "never written": (unwritten, "...a.h5: cannot read the HDF5 file: data set '/x' claims 4000000000000 bytes, but "
+                      "only 0 are stored; expected data"),
+    "other rows": (of_two_shapes, "...b.h5: rows of 'x' have shape (4,), those in ...a.h5 (2,)"),
+    "no rest": (lambda at: with_rest(at, "gone.h5"),
+                "...gone.h5: cannot read the rest of ...a.h5: No such file or directory"),
+    "a rest without x": (lambda at: with_rest(at, y=np.zeros(3)), "...a.h5: no data set 'x'; it has t, y"),
+    "a text as rest": (lambda at: with_rest(at, "text.h5"),
+                       "...text.h5: cannot read the rest of ...a.h5: damaged or truncated: ...signature not found..."),
+    "no list": (lambda at: None, "...list.txt: cannot read the list of HDF5 files: No such file or directory"),
+    "an empty list": (lambda at: listed(at), "...list.txt: the list of HDF5 files is empty"),
+    "no file": (lambda at: listed(at, "gone.h5"),
+                "...list.txt: names 'gone.h5', which does not exist; expected a path relative to the working ..."),
+    "a text": (lambda at: listed(at, "list.txt"), "...list.txt: cannot read the HDF5 file: damaged or truncated: ..."),
+    **{f"cut to {keep}": (lambda at, keep=keep: cut_to(at, keep), "...a.h5: cannot read the HDF5 file: damaged or ...")
+       for keep in (0.3, 0.6, 0.95)},
+    "batch_size 0": (lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(3)), netlib.LayerError,
+                     "net.prototxt:1:...: error: layer 'd': batch_size must be at least 1"),
+})  # fmt: skip
+def test_files_with_something_wrong_in_them(tmp_path, net_of, request, given, rejected):
+    """A missing, invalid or truncated file is an error with its name and the expected content."""
+    given(tmp_path)
+    with rejected:
+        net_of(layer(tmp_path / "list.txt", 0 if "batch_size" in request.node.name else 2))
 
 
 @pytest.mark.parametrize(
@@ -299,45 +313,6 @@ def test_a_rest_nearby(tmp_path, net_of, rest):
         file.attrs["rest_in"] = rest
     (tmp_path / "list.txt").write_text("set/a/a.h5")
     assert net_of(layer(tmp_path / "list.txt", 2)).forward()["x"].shape == (2, 2)
-
-
-def test_files_whose_rows_differ(tmp_path, net_of):
-    """The error names both files and their shapes."""
-    write(tmp_path / "a.h5", x=np.zeros((3, 2)), t=np.zeros(3))
-    write(tmp_path / "b.h5", x=np.zeros((3, 4)), t=np.zeros(3))
-    (tmp_path / "list.txt").write_text("a.h5\nb.h5")
-    with pytest.raises(netlib.DataError, match=r"b.h5: rows of 'x' have shape \(4,\), those in .*a.h5 \(2,\)"):
-        net_of(layer(tmp_path / "list.txt", 2))
-
-
-@pytest.mark.parametrize(
-    ("listed", "message"),
-    [
-        (None, "list.txt: cannot read the list of HDF5 files: No such file or directory"),
-        ("", "list.txt: the list of HDF5 files is empty"),
-        ("gone.h5", "list.txt: names 'gone.h5', which does not exist"),
-        ("list.txt", "list.txt: cannot read the HDF5 file: "),
-    ],
-)
-def test_lists_with_something_wrong_in_them(tmp_path, net_of, listed, message):
-    """A missing or empty list, a missing file and a file that is not HDF5 raise an error."""
-    if listed is not None:
-        (tmp_path / "list.txt").write_text(listed)
-    with pytest.raises(netlib.DataError, match=message) as error:
-        net_of(layer(tmp_path / "list.txt", 2))
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("keep", [0.3, 0.6, 0.95])
-def test_a_truncated_file(tmp_path, net_of, keep):
-    """A truncated file is rejected when the net is built."""
-    write(tmp_path / "a.h5", x=np.zeros((100, 5)), t=np.zeros(100))
-    content = (tmp_path / "a.h5").read_bytes()
-    (tmp_path / "a.h5").write_bytes(content[: int(keep * len(content))])
-    (tmp_path / "list.txt").write_text("a.h5")
-    with pytest.raises(netlib.DataError, match=r"a.h5: cannot read the HDF5 file") as error:
-        net_of(layer(tmp_path / "list.txt", 2))
-    assert "\n" not in str(error.value)
 
 
 def cut(path):
@@ -409,9 +384,3 @@ def test_a_file_that_takes_the_place_of_another(data, tmp_path):
     write(tmp_path / "short.h5", x=np.zeros((1, 2)))
     (tmp_path / "short.h5").replace(tmp_path / "0.h5")
     assert numbers(net, 2) == [0, 1, 2, 3, 4] * 2
-
-
-def test_batch_size_0(data):
-    """A batch size of 0 raises an error."""
-    with pytest.raises(netlib.LayerError, match="layer 'd': batch_size must be at least 1"):
-        data([3], 0)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import netlib
+from tests.support.bad_input import bad_inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -78,19 +79,18 @@ def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
     assert np.array_equal(net.forward()["data"].reshape(2, 3), x)
 
 
-@pytest.mark.parametrize(
-    ("name", "shapes", "message"),
-    [
-        ("gone/out.h5", {}, r"file_name '.*gone/out.h5': .*gone is not a folder"),
-        ("", {}, "file_name '.*' is not a file name"),
-        ("out.h5", {"t": "dim: 3"}, r"bottoms 'x' \(2, 3\) and 't' \(3,\) must have the same number of items"),
-        ("out.h5", {"x": "dim: 2 " * 5}, r"bottom 'x' \(2, 2, 2, 2, 2\) has more than four axes"),
-    ],
-)
-def test_mistakes(tmp_path, net_of, name, shapes, message):
+@bad_inputs(netlib.LayerError, {
+    "no folder": (("gone/out.h5", {}), "...: error: layer 'out': file_name '...gone/out.h5': ...gone is not a folder"),
+    "a folder": (("", {}), "...: error: layer 'out': file_name '...' is not a file name"),
+    "items": (("out.h5", {"t": "dim: 3"}),
+              "...: error: layer 'out': bottoms 'x' (2, 3) and 't' (3,) must have the same number of items"),
+    "axes": (("out.h5", {"x": "dim: 2 " * 5}),
+             "...: error: layer 'out': bottom 'x' (2, 2, 2, 2, 2) has more than four axes"),
+})  # fmt: skip
+def test_mistakes(tmp_path, net_of, given, rejected):
     """Invalid names and shapes raise an error when the net is built."""
-    with pytest.raises(netlib.LayerError, match=message):
-        net_of(text(f"{tmp_path}/{name}", **shapes))
+    with rejected:
+        net_of(text(f"{tmp_path}/{given[0]}", **given[1]))
 
 
 def test_a_file_that_cannot_be_written(tmp_path, net_of):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import netlib
+from tests.support.bad_input import bad_inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -169,38 +170,41 @@ def test_notes(tmp_path, pictures, net_of, caplog):
     assert "ImageData ignores force_gray in transform_param, as Caffe does; write is_color" in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("content", "options", "message"),
-    [
-        (None, "", "list.txt: cannot read the list of images: No such file or directory"),
-        (b"\n", "", "list.txt: the list of images is empty"),
-        (b"\xff\xfe", "", "list.txt: cannot read the list of images: not a text file"),
-        (b"picture 0.png 1\npicture 1.png cat", "", "list.txt:2: the label 'cat' is not a whole number"),
-        (b"picture0.png\t4", "", "list.txt:1: found a tab between path and label; expected a space"),
-        (b"picture 0.png 1.5", "", "list.txt:1: the label '1.5' is not a whole number; expected 'path label'"),
-        (b"picture 0.png 4294967295", "", "list.txt:1: the label 4294967295 does not fit into 32 bits"),
-        (b"gone.png 1", "", "gone.png: cannot read the image: No such file or directory"),
-        (b"list.txt 1", "", r"list.txt: not an image that OpenCV can decode"),
-        (b"empty 1", "", r"empty: not an image that OpenCV can decode \(0 bytes\)"),
-        (b"picture 0.png 1", "batch_size: 0", "layer 'd': batch_size must be at least 1"),
-        (b"picture 0.png 1", "new_width: 3", "new_height 0 and new_width 3 must be given together"),
-        (b"picture 0.png 1", "new_height: 99999 new_width: 99999", "resized to 99999 x 99999 pixels"),
-        (b"picture 0.png 1", "rand_skip: 900", "rand_skip 900 would skip all 1 images"),
-    ],
-)
-def test_mistakes(tmp_path, pictures, net_of, content, options, message):
-    """Errors in the list, the images or the options are raised when the net is built."""
+AT = "net.prototxt:1:...: error: layer 'd': "
+
+
+@bad_inputs(netlib.DataError, {
+    "no list": ((None, ""), "...list.txt: cannot read the list of images: No such file or directory"),
+    "empty list": ((b"\n", ""), "...list.txt: the list of images is empty"),
+    "bytes": ((b"\xff\xfe", ""), "...list.txt: cannot read the list of images: not a text file (byte 0 is not UTF-8)"),
+    "a label cat": ((b"picture 0.png 1\npicture 1.png cat", ""),
+                    "...list.txt:2: the label 'cat' is not a whole number; expected 'path label'"),
+    "a tab": ((b"picture0.png\t4", ""),
+              "...list.txt:1: found a tab between path and label; expected a space, as in Caffe"),
+    "a label 1.5": ((b"picture 0.png 1.5", ""),
+                    "...list.txt:1: the label '1.5' is not a whole number; expected 'path label'"),
+    "a long label": ((b"picture 0.png 4294967295", ""),
+                     "...list.txt:1: the label 4294967295 does not fit into 32 bits, as Caffe's labels do"),
+    "no image": ((b"gone.png 1", ""), "gone.png: cannot read the image: No such file or directory"),
+    "a text": ((b"list.txt 1", ""), "...list.txt: not an image that OpenCV can decode (10 bytes)"),
+    "empty image": ((b"empty 1", ""), "...empty: not an image that OpenCV can decode (0 bytes)"),
+    "too large": ((b"picture 0.png 1", "new_height: 99999 new_width: 99999"),
+                  "images resized to 99999 x 99999 pixels; expected at most 268435456"),
+    "batch_size": ((b"picture 0.png 1", "batch_size: 0"), netlib.LayerError, f"{AT}batch_size must be at least 1"),
+    "width alone": ((b"picture 0.png 1", "new_width: 3"), netlib.LayerError,
+                    f"{AT}new_height 0 and new_width 3 must be given together"),
+    "rand_skip": ((b"picture 0.png 1", "rand_skip: 900"), netlib.LayerError,
+                  f"{AT}rand_skip 900 would skip all 1 images of ...list.txt"),
+    "another size": ((b"picture 0.png 1\npicture 3.png 1", "batch_size: 2"), netlib.LayerError,
+                     "...: layer 'd': picture 3.png: the image (C, H, W) (3, 5, 8) gives (3, 5, 8), "
+                     "the first of its batch (3, 4, 6); expected the same number of channels, and without ..."),
+})  # fmt: skip
+def test_mistakes(tmp_path, pictures, net_of, given, rejected):
+    """Errors in the list, the images or the options are one line."""
+    content, options = given
     (tmp_path / "list.txt").unlink()
     (tmp_path / "empty").touch()
     if content is not None:
         (tmp_path / "list.txt").write_bytes(content)
-    with pytest.raises(netlib.NetlibError, match=message) as error:
-        net_of(text(tmp_path, options), seed=3)
-    assert "\n" not in str(error.value)
-
-
-def test_a_picture_that_does_not_fit_its_batch(tmp_path, pictures, net_of):
-    """The error names the image."""
-    write_list(tmp_path, [0, 3])
-    with pytest.raises(netlib.LayerError, match=r"layer 'd': picture 3.png: the image \(C, H, W\) \(3, 5, 8\) gives"):
-        net_of(text(tmp_path, "batch_size: 2")).forward()
+    with rejected:
+        net_of(text(tmp_path, options), seed=3).forward()

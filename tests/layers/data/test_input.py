@@ -3,6 +3,7 @@
 import pytest
 
 import netlib
+from tests.support.bad_input import bad_inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -17,10 +18,16 @@ def test_one_shape_for_all_tops_or_one_for_each(net_of):
     assert net.forward()["a"].tolist() == [5, 5]
 
 
-def test_another_number_of_shapes(net_of):
-    """A number of shapes that matches neither one nor the tops raises an error."""
-    with pytest.raises(netlib.LayerError, match="layer 'in': has 3 tops, but 2 shapes"):
-        net_of('layer { name: "in" type: "Input" top: "a" top: "b" top: "c" input_param { shape { } shape { } } }')
+@bad_inputs(netlib.LayerError, {
+    "two shapes": ('top: "a" top: "b" top: "c" input_param { shape { } shape { } }',
+                   "net.prototxt:1:75: error: layer 'in': has 3 tops, but 2 shapes"),
+    "negative": ('top: "a" input_param { shape { dim: -2 } }',
+                 "net.prototxt:1:57: error: layer 'in': shape (-2,) has a negative size"),
+})  # fmt: skip
+def test_mistakes(net_of, given, rejected):
+    """A number of shapes that matches neither one nor the tops, and a negative size, are errors with the position."""
+    with rejected:
+        net_of(f'layer {{ name: "in" type: "Input" {given} }}')
 
 
 def test_a_shape_keeps_what_the_caller_set(net_of):
@@ -29,9 +36,3 @@ def test_a_shape_keeps_what_the_caller_set(net_of):
     net.blobs["a"].reshape(7)
     net.reshape()
     assert net.forward()["a"].shape == (7,)
-
-
-def test_a_negative_size(net_of):
-    """A negative size raises an error with its position."""
-    with pytest.raises(netlib.NetlibError, match=r"net.prototxt"):
-        net_of('layer { name: "in" type: "Input" top: "a" input_param { shape { dim: -2 } } }')

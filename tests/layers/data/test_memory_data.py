@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import netlib
+from tests.support.bad_input import bad_inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -62,28 +63,30 @@ def test_transform_param_is_ignored_with_a_warning(net_of, data, caplog):
     assert "MemoryData does not transform arrays; transform_param is ignored, as in Caffe" in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("shape", "labels", "message"),
-    [
-        ((3, 3, 1, 2), 3, "found 3 items, expected a multiple of batch_size 2"),
-        ((0, 3, 1, 2), 0, "found 0 items, expected a multiple of batch_size 2"),
-        ((2, 3, 1, 2), 4, "found 2 items of data, but 4 labels"),
-        ((2, 3, 2, 1), 2, r"the data have shape \(2, 3, 2, 1\), expected \(N, 3, 1, 2\)"),
-        ((2, 6), 2, r"the data have shape \(2, 6\), expected \(N, 3, 1, 2\)"),
-        ((2, 3, 1, 2), (2, 2), r"the labels have shape \(2, 2\), expected \(N, 1, 1, 1\)"),
-    ],
-)
-def test_arrays_that_do_not_fit(net_of, shape, labels, message):
-    """The error states the given and the expected shape or number."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'd': {message}"):
-        net_of(NET).layer_dict["d"].set_input_arrays(np.zeros(shape), np.zeros(labels))
+def giving(shape, labels):
+    """Rows of data and labels that are given to the layer."""
+    labels = np.zeros(labels) if not isinstance(labels, list) else labels
+    return lambda net: net.layer_dict["d"].set_input_arrays(np.zeros(shape), labels)
 
 
-def test_mistakes(net_of):
-    """Missing data, labels that are not numbers and a size of 0 raise an error."""
-    with pytest.raises(netlib.LayerError, match="layer 'd': has no data; call set_input_arrays"):
-        net_of(NET).forward()
-    with pytest.raises(netlib.LayerError, match="layer 'd': the labels must be numbers, found an array of <U1"):
-        net_of(NET).layer_dict["d"].set_input_arrays(np.zeros((2, 3, 1, 2)), ["a", "b"])
-    with pytest.raises(netlib.LayerError, match=r"net.prototxt:2:\d+: error: layer 'd': height must be at least 1"):
+@bad_inputs(netlib.LayerError, {
+    name: (act, f"net.prototxt:1:7: error: layer 'd': {line}") for name, act, line in (
+        ("three items", giving((3, 3, 1, 2), 3), "found 3 items, expected a multiple of batch_size 2"),
+        ("no items", giving((0, 3, 1, 2), 0), "found 0 items, expected a multiple of batch_size 2"),
+        ("four labels", giving((2, 3, 1, 2), 4), "found 2 items of data, but 4 labels"),
+        ("upright", giving((2, 3, 2, 1), 2), "the data have shape (2, 3, 2, 1), expected (N, 3, 1, 2)"),
+        ("two axes", giving((2, 6), 2), "the data have shape (2, 6), expected (N, 3, 1, 2)"),
+        ("pairs of labels", giving((2, 3, 1, 2), (2, 2)), "the labels have shape (2, 2), expected (N, 1, 1, 1)"),
+        ("texts", giving((2, 3, 1, 2), ["a", "b"]), "the labels must be numbers, found an array of <U1"),
+        ("none", lambda net: net.forward(), "has no data; call set_input_arrays(data, labels) before forward"))
+})  # fmt: skip
+def test_mistakes(net_of, given, rejected):
+    """Missing data, labels that are not numbers and other shapes raise an error."""
+    with rejected:
+        given(net_of(NET))
+
+
+def test_a_size_of_0(net_of):
+    """A size of 0 raises an error with its position."""
+    with pytest.raises(netlib.LayerError, match=r"^net.prototxt:2:64: error: layer 'd': height must be at least 1$"):
         net_of(NET.replace("height: 1", "height: 0"))

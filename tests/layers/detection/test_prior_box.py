@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-import netlib
-
 pytestmark = pytest.mark.both_engines
 
 
@@ -107,34 +105,3 @@ def test_a_net_is_trained_around_it(net_of):
     net.forward(x=np.reshape([3.0, 4.0], (1, 1, 1, 2)))
     net.backward()
     assert net.params["c"][0].diff.ravel().tolist() == [7]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ("", r"min_size \[\] must be one or more sizes above 0"),
-        ("min_size: 3 min_size: 0", r"min_size \[3.0, 0.0\] must be one or more sizes above 0"),
-        ("min_size: 3 min_size: 4 max_size: 5", r"max_size \[5.0\] must have a larger size for each min_size \[3.0"),
-        ("min_size: 3 max_size: 3", r"max_size \[3.0\] must have a larger size for each min_size"),
-        ("min_size: 3 aspect_ratio: 0", r"aspect_ratio \[0.0\] must be above 0"),
-        ("min_size: 3 variance: [1, 2]", r"variance \[1.0, 2.0\] must be one or four numbers above 0"),
-        ("min_size: 3 variance: 0", r"variance \[0.0\] must be one or four numbers above 0"),
-        ("min_size: 3 img_size: 3 img_h: 3", "img_size and img_h, img_w are the same option"),
-        ("min_size: 3 img_h: 3", "expected img_size, or img_h and img_w, above 0"),
-        ("min_size: 3 img_size: 0", "expected img_size, or img_h and img_w, above 0"),
-        ("min_size: 3 step: 3 step_w: 3", "step and step_h, step_w are the same option"),
-        ("min_size: 3 step_w: 3", "expected step, or step_h and step_w, above 0"),
-    ],
-)
-def test_invalid_options(run, options, message):
-    """Invalid options raise an error."""
-    with pytest.raises(netlib.LayerError, match=f"layer 'it': {message}"):
-        boxes(run, options)
-
-
-def test_invalid_shapes(run):
-    """The map, and the image if its size is needed, must be (N, C, H, W)."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(2, 3, 0, 4\), expected \(N, C, H, W\)"):
-        boxes(run, "min_size: 3", (0, 4))
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom1' has shape \(2, 1, 4\), expected \(N, C, H, W\)"):
-        run('type: "PriorBox" prior_box_param { min_size: 3 }', np.zeros((2, 3, 4, 4)), np.zeros((2, 1, 4)))

@@ -7,6 +7,7 @@ import netlib
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
+from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
@@ -165,14 +166,6 @@ def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
         assert found.shape == gradients[name].shape and np.allclose(found, gradients[name], rtol=0, atol=tolerance)
 
 
-def test_mistakes_in_sizes(run, text):
-    """Sizes that are neither a factor nor one length per joint, or of another batch size, raise an error."""
-    for b, shape in ((np.zeros((2, 2)), r"\(2, 2\)"), (np.zeros((3, 1)), r"\(3, 1\)"), (np.zeros(()), r"\(\)")):
-        message = rf"bottom 'bottom1' has shape {shape}, expected \(2, 1\), a factor, or \(2, 3\), the bone lengths of"
-        with pytest.raises(netlib.LayerError, match=message):
-            run(text, np.zeros((2, 4)), b)
-
-
 def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):
     """The skeleton is found next to the net or from the working directory, as in Caffe."""
     (tmp_path / "arm.prototxt").write_text(arm_text)
@@ -185,13 +178,20 @@ def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):
         assert netlib.Net(tmp_path / "net.prototxt").forward()["y"].shape == (1, 9)
 
 
-def test_mistakes(run, text):
-    """A wrong number of inputs and a missing skeleton file raise an error."""
-    with pytest.raises(
-        netlib.LayerError, match=r"bottom 'bottom0' has shape \(2, 5\), skeleton 'arm' expects \(2, 4\)"
-    ):
-        run(text, np.zeros((2, 5)))
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(\), skeleton 'arm' expects \(1, 4\)"):
-        run(text, np.zeros(()))
-    with pytest.raises(netlib.NetlibError, match=r"gone.prototxt: cannot read"):
-        run(text.replace("arm.prototxt", "gone.prototxt"), np.zeros((2, 4)))
+LENGTHS = "expected (2, 1), a factor, or (2, 3), the bone lengths of skeleton 'arm'"
+
+
+@bad_inputs(netlib.LayerError, {
+    **{f"sizes of {shape}": ([np.zeros((2, 4)), np.zeros(shape)],
+                             f"<gradcheck>:1:1: error: layer 'it': bottom 'bottom1' has shape {shape}, {LENGTHS}")
+       for shape in ((2, 2), (3, 1), ())},
+    "five inputs": ([np.zeros((2, 5))],
+                    "...: error: layer 'it': bottom 'bottom0' has shape (2, 5), skeleton 'arm' expects (2, 4)"),
+    "a number": ([np.zeros(())],
+                 "<gradcheck>:1:1: error: layer 'it': bottom 'bottom0' has shape (), skeleton 'arm' expects (1, 4)"),
+    "no file": ([], netlib.NetlibError, "...gone.prototxt: cannot read the prototxt: No such file or directory"),
+})  # fmt: skip
+def test_mistakes(run, text, given, rejected):
+    """Wrong numbers of inputs, lengths and items, and a missing skeleton file, raise an error."""
+    with rejected:
+        run(text if given else text.replace("arm.prototxt", "gone.prototxt"), *(given or [np.zeros((2, 4))]))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import netlib
+from tests.support.bad_input import bad_inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -50,11 +51,14 @@ def test_gradient(check, rng, norm):
     check(f'type: "PhysLimit" phys_limit_param {{ norm: {norm} }}', rng.normal(0, 2, (3, 47)))
 
 
-def test_mistakes(run, text):
+@bad_inputs(netlib.LayerError, {
+    "four inputs": (("", (2, 4)),
+                    "<gradcheck>:1:1: error: layer 'it': bottom 'bottom0' has shape (2, 4), the skeleton has 3 DoFs"),
+    "a number": (("", ()), "...: error: layer 'it': bottom 'bottom0' has shape (), the skeleton has 3 DoFs"),
+    "norm": (("norm: L3", (2, 3)), netlib.PrototxtError,
+             "<gradcheck>:1:...: error: unknown value L3 of 'norm'; known values: L1, L2"),
+})  # fmt: skip
+def test_mistakes(run, text, given, rejected):
     """A wrong number of inputs and an unknown norm raise an error."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(2, 4\), the skeleton has 3 DoFs"):
-        run(text % "", np.zeros((2, 4)))
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(\), the skeleton has 3 DoFs"):
-        run(text % "", np.zeros(()))
-    with pytest.raises(netlib.PrototxtError, match="unknown value L3 of 'norm'"):
-        run(text % "norm: L3", np.zeros((2, 3)))
+    with rejected:
+        run(text % given[0], np.zeros(given[1]))

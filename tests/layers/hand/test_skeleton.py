@@ -1,13 +1,12 @@
 """Skeleton: reading, writing and changing skeleton files, and invalid files."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import netlib
 from layers.hand.skeleton import load, load_for
 from layers.hand.skeleton_file import text_of
+from tests.support.bad_input import bad_inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -84,48 +83,52 @@ def test_slides_can_be_freed(skeleton, arm_text):
 # ---------------------------------------------------------------------------------------------- broken files
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('parent: "base"', 'parent: "bse"', r"prototxt:6:\d+: error: unknown parent 'bse' \(did you mean 'base'\?\)"),
-        ('axis: Z dof: "elbow"', 'axis: Z dof: "elbov"', r"prototxt:5:\d+: error: unknown dof 'elbov' \(did you"),
-        ('name: "elbow" parent: "base"', 'name: "elbow" parent: "hand"', "is its own ancestor"),
-        ('name: "elbow" parent: "base"', 'name: "elbow" parent: "elbow"', "joint 'elbow' is its own ancestor"),
-        ('dof { name: "y"', 'dof { name: "x"', "DoF 'x' is defined twice"),
-        ('joint { name: "base"', 'joint { name: "hand"', "joint 'hand' is defined twice"),
-        ("lower: -1 upper: 1", "lower: 1 upper: -1", "DoF 'shoulder': lower limit 1 is above -1"),
-        ("axis: Z", "axis: W", "unknown value W of 'axis'"),
-        ("length: 1", "lenght: 1", r"unknown field 'lenght' \(did you mean 'length'\?\)"),
-        ("bone { axis: X length: 1 }", "bone { axis: X }", "missing required field 'length' in bone"),
-        ("lower: -1 upper: 1", "lower: nan upper: 1", "DoF 'shoulder': limits nan and 1; expected numbers"),
-        ("lower: -1 upper: 1", "lower: -1 upper: nan", "DoF 'shoulder': limits -1 and nan; expected numbers"),
-        ("lower: -1 upper: 1", "lower: inf upper: inf", "DoF 'shoulder': limits inf and inf; expected numbers"),
-        ("lower: -1 upper: 1", "lower: -1 upper: 1e308", r"DoF 'shoulder': limits -1 and 1e\+308; expected numbers"),
-        ("lower: -1 upper: 1", "deviation: 0", "deviation 0; expected > 0"),
-        ("lower: -1 upper: 1", "deviation: nan", "deviation nan; expected > 0"),
-        ("length: 1 ", "length: 1e30 ", r":5:\d+: error: a bone of length 1e\+30; expected half-cubes, at most 10 \("),
-        ("length: 1 ", "length: 40 ", "a bone of length 40; expected half-cubes, at most 10"),
-        ("length: 1 ", "length: -11 ", "a bone of length -11; expected half-cubes"),
-    ],
-)  # fmt: skip
-def test_mistakes_in_a_skeleton_file(skeleton, arm_text, old, new, message):
+BONE = "expected half-cubes, at most 10 (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
+LIMITS = "lower: -1 upper: 1"
+
+
+@bad_inputs(netlib.PrototxtError, {
+    f"{old} -> {new}": ((old, new), f"...skeleton0.prototxt:{line}") for old, new, line in (
+        ('parent: "base"', 'parent: "bse"', "6:27: error: unknown parent 'bse' (did you mean 'base'?)"),
+        ('axis: Z dof: "elbow"', 'axis: Z dof: "elbov"', "5:59: error: unknown dof 'elbov' (did you mean 'elbow'?)"),
+        ('name: "elbow" parent: "base"', 'name: "elbow" parent: "hand"',
+         "5:11: error: joint 'hand' is its own ancestor"),
+        ('name: "elbow" parent: "base"', 'name: "elbow" parent: "elbow"',
+         "6:11: error: joint 'elbow' is its own ancestor"),
+        ('dof { name: "y"', 'dof { name: "x"', "3:27: error: DoF 'x' is defined twice"),
+        ('joint { name: "base"', 'joint { name: "hand"', "7:11: error: joint 'hand' is defined twice"),
+        (LIMITS, "lower: 1 upper: -1", "4:9: error: DoF 'shoulder': lower limit 1 is above -1"),
+        ("axis: Z", "axis: W", "5:57: error: unknown value W of 'axis'; known values: X, Y, Z, NEG_X, NEG_Y, NEG_Z"),
+        ("length: 1", "lenght: 1", "5:89: error: unknown field 'lenght' (did you mean 'length'?)"),
+        ("bone { axis: X length: 1 }", "bone { axis: X }", "5:79: error: missing required field 'length' in bone"),
+        (LIMITS, "lower: nan upper: 1", "4:42: error: DoF 'shoulder': limits nan and 1; expected numbers"),
+        (LIMITS, "lower: -1 upper: nan", "4:52: error: DoF 'shoulder': limits -1 and nan; expected numbers"),
+        (LIMITS, "lower: inf upper: inf", "4:42: error: DoF 'shoulder': limits inf and inf; expected numbers"),
+        (LIMITS, "lower: -1 upper: 1e308", "4:52: error: DoF 'shoulder': limits -1 and 1e+308; expected numbers"),
+        (LIMITS, "deviation: 0", "4:42: error: deviation 0; expected > 0"),
+        (LIMITS, "deviation: nan", "4:42: error: deviation nan; expected > 0"),
+        ("length: 1 ", "length: 1e30 ", f"5:79: error: a bone of length 1e+30; {BONE}"),
+        ("length: 1 ", "length: 40 ", f"5:79: error: a bone of length 40; {BONE}"),
+        ("length: 1 ", "length: -11 ", f"5:79: error: a bone of length -11; {BONE}"),
+        ("length: 1 ", "length: nan ", f"5:79: error: a bone of length nan; {BONE}"),
+    )
+})  # fmt: skip
+def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
     """Errors have their position and the nearest known name."""
-    assert old in arm_text
-    with pytest.raises(netlib.PrototxtError, match=message):
-        skeleton(arm_text.replace(old, new))
+    assert given[0] in arm_text
+    with rejected:
+        skeleton(arm_text.replace(*given))
 
 
-@pytest.mark.parametrize("text", ["", 'name: "nobody"', 'dof { name: "x" }'])
-def test_a_skeleton_without_joints(skeleton, text):
-    """A skeleton without joints raises an error."""
-    with pytest.raises(netlib.NetlibError, match=r"skeleton0.prototxt"):
-        skeleton(text)
-
-
-def test_a_missing_skeleton_file(tmp_path):
-    """The error names the missing file."""
-    with pytest.raises(netlib.NetlibError, match=r"gone\.prototxt: cannot read the prototxt: No such file"):
-        load(tmp_path / "gone.prototxt")
+@bad_inputs(netlib.PrototxtError, {
+    **dict.fromkeys(("", 'name: "nobody"', 'dof { name: "x" }'),
+                    "...skeleton0.prototxt:1:1: error: this file has no joints; expected a skeleton"),
+    "no file": (None, netlib.NetlibError, "...gone.prototxt: cannot read the prototxt: No such file or directory"),
+})  # fmt: skip
+def test_what_is_no_skeleton(skeleton, tmp_path, given, rejected):
+    """A file without joints, and a missing file, raise an error with the file's name."""
+    with rejected:
+        load(tmp_path / "gone.prototxt") if given is None else skeleton(given)
 
 
 def test_the_same_relative_name_in_another_folder(tmp_path, monkeypatch, arm_text):
@@ -135,13 +138,3 @@ def test_the_same_relative_name_in_another_folder(tmp_path, monkeypatch, arm_tex
         (tmp_path / folder / "arm.prototxt").write_text(arm_text.replace("length: 1 ", f"length: {length} "))
         monkeypatch.chdir(tmp_path / folder)
         assert load_for("arm.prototxt", None).bones[0] == length
-
-
-def test_numbers_that_are_none(tmp_path: Path) -> None:
-    """A length that is not finite raises an error."""
-    path = tmp_path / "s.prototxt"
-    path.write_text('joint { name: "a" bone { axis: X length: nan } }')
-    with pytest.raises(
-        netlib.PrototxtError, match=r"s\.prototxt:1:24: error: a bone of length nan; expected half-cubes"
-    ):
-        load(path)
