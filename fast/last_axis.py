@@ -66,27 +66,6 @@ class Maps:
                 column, phase = divmod(j * self.g.dilation[1], step)
                 yield (i, j), phases[phase][first : first + last : down, column * M : column * M + length]
 
-    def reduce(self, op: np.ufunc, out: Array) -> Array:
-        """Write ``op`` over all elements of each window to out (Ho, Wo M): first over rows, then over columns."""
-        (step, _, W, M), (Ho, Wo) = self.values.shape, self.outputs
-        over = scratch("rows of windows", (step, Ho, W, M), self.values.dtype)
-        for i in range(self.g.kernel[0]):
-            first = i * self.g.dilation[0]
-            under = self.values[:, first : first + (Ho - 1) * self.g.stride[0] + 1 : self.g.stride[0]]
-            if i == 0:
-                over[...] = under
-            else:
-                op(over, under, out=over)
-        by_row = over.reshape(step, Ho, -1)
-        for j in range(self.g.kernel[1]):
-            column, phase = divmod(j * self.g.dilation[1], step)
-            vector = by_row[phase, :, column * M : (column + Wo) * M]
-            if j == 0:
-                out[...] = vector
-            else:
-                op(out, vector, out=out)
-        return out
-
 
 def map_last(x: Array, out: Array) -> None:
     """Copy x (M, H, W) to out (H, W, M), by blocks that stay in the cache."""

@@ -1,7 +1,8 @@
 """MaxOfMaps and MeanOfMaps: pooling over any windows, for a block of maps at a time.
 
-A map is one channel of one image. For maxima, the maps of a block are copied with their number as last axis
-(last_axis.py), so that each operation works on long vectors, one value for each window. For means, the sum over a
+A map is one channel of one image. For winners of maxima, the maps of a block are copied with their number as last axis
+(last_axis.py), so that each operation works on long vectors, one value for each window. Maxima without winners are
+computed for windows at every place of the padded maps, in vectors as long as the block. For means, the sum over a
 window is the sum along the rows of the sums along the columns. Along the rows, it is computed for all maps of the block
 in one vector, at every column and not only where a window starts, and the windows are copied from it:
 
@@ -26,6 +27,7 @@ from netlib.blob import Array
 from netlib.system.memory import blocks
 
 BLOCK_BYTES = 256 << 10  # of the padded maps of a block; the arrays of a block together stay in the cache
+MAX_EVERYWHERE = 4  # side of overlapping windows, up to which those at every place take less time
 PART = 1 << 15  # values; starting a thread takes longer than pooling fewer
 
 
@@ -140,6 +142,25 @@ def _over_rows(w: Windows, op: np.ufunc, v: Array) -> Array:
     return out[..., w.columns()]
 
 
+def _everywhere(w: Windows, op: np.ufunc, x: Array, empty: float) -> Array:
+    """The windows (n, Ho, Wo) of maps x (n, H, W), a view of working memory.
+
+    They are computed at every place of the padded maps, because operations on one long vector take less time than those
+    on the rows and columns where windows start. Windows that extend beyond a map or a row are not used.
+    """
+    (high, wide), (Ho, Wo), (down, right) = w.padded, w.outputs, w.stride
+    padded = scratch("padded", (len(x), high, wide), x.dtype)
+    source = x
+    if (high, wide) != w.sizes:
+        padded.fill(empty)
+        padded[(slice(None), *w.inside)] = x
+        source = padded
+    out = scratch("pooled", padded.shape, x.dtype)
+    running(op, source.reshape(-1), w.kernel[1], out.reshape(-1))
+    running(op, out.reshape(-1, wide), w.kernel[0], padded.reshape(-1, wide))
+    return padded[:, : (Ho - 1) * down + 1 : down, : (Wo - 1) * right + 1 : right]
+
+
 def window_sums(w: Windows, x: Array) -> Array:
     """The sums (n, Ho, Wo) of maps x (n, H, W) over all windows, a view of working memory."""
     return _over_rows(w, np.add, _over_columns(w, np.add, x, 0))
@@ -155,19 +176,20 @@ class MaxOfMaps:
 
     def forward(self, w: Windows, x: Array, y: Array, winners: Array | None) -> None:
         """Write y (n, Ho, Wo), and the winners if given, from maps x (n, H, W)."""
+        nothing = np.full(y.shape[2], NOTHING, y.dtype)  # a row takes less time than a number
 
         def job(maps: slice) -> None:
-            if winners is None and (not w.overlap or max(w.kernel) > 4):
-                v = _over_columns(w, np.maximum, x[maps], -np.inf)
-                np.maximum(_over_rows(w, np.maximum, v), y.dtype.type(NOTHING), out=y[maps])
+            if winners is None:
+                if w.overlap and max(w.kernel) <= MAX_EVERYWHERE:
+                    found = _everywhere(w, np.maximum, x[maps], -np.inf)
+                else:
+                    found = _over_rows(w, np.maximum, _over_columns(w, np.maximum, x[maps], -np.inf))
+                np.maximum(found, nothing, out=y[maps])
                 return
             own = w.maps(x[maps], -np.inf)
             own.read(x[maps])
             best = scratch("pooled", (w.outputs[0], w.outputs[1] * (maps.stop - maps.start)), x.dtype)
-            if winners is None:
-                own.reduce(np.maximum, best)
-            else:
-                to_first_axis(self._with_winners(own, best, winners.dtype.type), winners[maps])
+            to_first_axis(self._with_winners(own, best, winners.dtype.type), winners[maps])
             np.maximum(best, y.dtype.type(NOTHING), out=best)
             to_first_axis(best, y[maps])
 
