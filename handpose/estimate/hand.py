@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
-from handpose.fit.body import THICKNESS, CapsuleModel
+from handpose.fit.body import THICKNESS, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.finger_errors import unknown_errors
 from handpose.fit.observation import HandCrops
 from handpose.fit.pose_confidence import judged_poses, side_chance
 from handpose.fit.rejection import rejection_score
-from handpose.fit.world_pose import WorldPose, world_pose
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 

@@ -258,3 +258,33 @@ class RootMotion:
         b = np.arcsin(np.clip(e * R[:, i, k], -1, 1))
         c = np.where(pole, 0.0, np.arctan2(-e * R[:, i, j], R[:, i, i]))
         return np.stack([a, b, c], axis=1)
+
+
+class WorldPose(NamedTuple):
+    """The variables of a body, independent of the crop in which it was fitted.
+
+    A left hand is in mirrored space, as in the fit. The orientation is one rotation: angles about three axes are
+    discontinuous at a pole, and do not measure angular speed.
+
+    place     (3,) mm, position of the root from the camera, in the axes of the (mirrored) camera
+    rotation  (3, 3) world_from_root
+    others    (V - 6,) the other variables: limbs, the surface's own, logarithms of size and thickness
+    """
+
+    place: Array
+    rotation: Array
+    others: Array
+
+
+def world_pose(model: CapsuleModel, x: Array, center_mm: Array) -> WorldPose:
+    """The body with x (V,) about a crop's centre (3,). Raises NetlibError for a root that cannot be followed."""
+    root, rows = model.root_motion, x[None]
+    return WorldPose(root.place(rows)[0] + center_mm, root.rotation(rows)[0], x[root.others])
+
+
+def crop_variables(model: CapsuleModel, body: WorldPose, center_mm: Array) -> Array:
+    """x (V,) of a body about a crop's centre (3,), with the root's angles between -pi and pi. Raises NetlibError."""
+    root, x = model.root_motion, np.empty(model.variables)
+    x[root.others] = body.others
+    x[root.columns] = root.variables((body.place - center_mm)[None], body.rotation[None])[0]
+    return x

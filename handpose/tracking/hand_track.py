@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import SIDES, Side
 from handpose.estimate.hand import Hand
+from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import MAX_RATIO, SIDE_SLOPE
-from handpose.fit.world_pose import WorldPose
-from handpose.tracking.body_motion import Motion, motion_between, moved
 from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
 from handpose.tracking.reasons import NO_HAND
 from handpose.tracking.sizing import SizeKeeper
-from handpose.tracking.smoothing import PoseFilter
+from handpose.tracking.smoothing import PoseFilter, turn_between, turned
 from netlib.blob import Array
 
 ENOUGH = 0.3  # minimum confidence of a hand
@@ -37,6 +37,32 @@ MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6  # s of comparisons: 
 CLEAR = 0.1  # mean ratio that decides before the maximum
 MAX_SIDE_CONFIDENCE = 0.99  # of a side that is not decided
 REVISED, SETTLED = 2.0, 4.0  # sum of ratios that changes a decided side; maximum for that side, which delays a change
+
+
+class Motion(NamedTuple):
+    """The velocity of a body: mm/s, rad/s about the world's axes, and its other variables per second."""
+
+    place: Array
+    turn: Array
+    others: Array
+
+
+def motion_between(first: WorldPose, second: WorldPose, seconds: float) -> Motion:
+    """The motion from one body to the other in this time."""
+    return Motion(
+        (second.place - first.place) / seconds,
+        turn_between(first.rotation, second.rotation) / seconds,
+        (second.others - first.others) / seconds,
+    )
+
+
+def moved(body: WorldPose, motion: Motion, seconds: float) -> WorldPose:
+    """The body after this time."""
+    return WorldPose(
+        body.place + motion.place * seconds,
+        turned(body.rotation, motion.turn * seconds),
+        body.others + motion.others * seconds,
+    )
 
 
 class SideState:

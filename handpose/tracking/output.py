@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import mirror_of
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import SIZE, CapsuleModel, WorldPose, crop_variables
 from handpose.fit.pose_confidence import Judged, judged_poses
-from handpose.fit.world_pose import WorldPose, variables_of
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.track import TrackedHand
@@ -75,7 +74,7 @@ def _as_sides(
 
 def _variables(track: HandTrack, model: CapsuleModel, poses: Sequence[WorldPose], center: Array) -> Array:
     """The model's variables (N, V) of poses in crops with these centres (N, 3), of the known size if there is one."""
-    x = np.stack([variables_of(model, *pose) for pose in zip(poses, center)])
+    x = np.stack([crop_variables(model, *pose) for pose in zip(poses, center)])
     if track.size is not None:
         x[:, SIZE] = np.log(track.size)  # instead of a filtered one
     return x

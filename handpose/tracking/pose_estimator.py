@@ -18,9 +18,9 @@ from handpose.estimate.estimator import Candidate, HandEstimator
 from handpose.estimate.hand import Hand
 from handpose.estimate.locator import recenter
 from handpose.estimate.predictor import Predictor
+from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
 from handpose.fit.support import Support, support
-from handpose.fit.world_pose import WorldPose, variables_of, world_pose
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import BACKGROUND, clear_crop
 from handpose.frames.segmentation import alone
@@ -85,7 +85,7 @@ class PoseEstimator:
             crop = alone(crop, region.center_uvd, self.cube_mm, self.camera)
         if region.before is not None:
             center = self.camera.unproject(region.center_uvd) * mirror_of(region.side)
-            before = variables_of(self.model, region.before, center)
+            before = crop_variables(self.model, region.before, center)
         return Candidate(
             crop, region.center_uvd, region.side, before=before, size=region.size, moved_mm=region.moved_mm
         )
@@ -108,7 +108,7 @@ class PoseEstimator:
     def expected(self, depth: NDArray[np.float32], body: WorldPose, side: Side) -> Expected:
         """A body as a hand that is expected in an image, with all readings, mm."""
         center, mirror, model = body.place, mirror_of(side), self.model
-        x = variables_of(model, body, center)[None]
+        x = crop_variables(model, body, center)[None]
         capsules = model.capsules(x, center[None]).mirrored(mirror)
         return Expected(
             (model.joints(x)[0] + center) * mirror,

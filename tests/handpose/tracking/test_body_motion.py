@@ -1,4 +1,4 @@
-"""handpose/tracking/body_motion.py"""
+"""handpose/tracking/hand_track.py: the motion of a body between frames"""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.fit.body import CapsuleModel
-from handpose.fit.world_pose import WorldPose, world_pose
-from handpose.tracking.body_motion import motion_between, moved
+from handpose.fit.body import CapsuleModel, WorldPose, world_pose
+from handpose.tracking.hand_track import motion_between, moved
 
 SEEDS = st.integers(0, 10**6)
 

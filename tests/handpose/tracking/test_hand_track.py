@@ -9,8 +9,8 @@ import pytest
 
 from handpose.body.sides import SIDES, Side
 from handpose.estimate.hand import Hand
+from handpose.fit.body import WorldPose
 from handpose.fit.depth_fit import DepthFit
-from handpose.fit.world_pose import WorldPose
 from handpose.frames.cameras import NYU
 from handpose.tracking.hand_track import HandTrack
 

@@ -1,4 +1,4 @@
-"""handpose/tracking/one_euro.py: the paper's formulas, for vectors and rotations"""
+"""handpose/tracking/smoothing.py: the paper's formulas, for vectors and rotations"""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from handpose.tracking.one_euro import SCATTER_HZ, Cutoff, OneEuro, OneEuroRotation, share, turn_between, turned
+from handpose.tracking.smoothing import SCATTER_HZ, Cutoff, OneEuro, OneEuroRotation, share, turn_between, turned
 
 CUTOFF = Cutoff(least=0.8, slope=0.02, speed=1.5)
 SEEDS = st.integers(0, 10**6)

@@ -14,8 +14,8 @@ from handpose.estimate import crop_fits
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
+from handpose.fit.body import WorldPose
 from handpose.fit.search import ACCURATE
-from handpose.fit.world_pose import WorldPose
 from handpose.frames.cameras import ICVL, Camera
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import SyntheticRecording

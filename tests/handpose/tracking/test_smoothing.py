@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.fit.body import CapsuleModel
-from handpose.fit.world_pose import variables_of, world_pose
+from handpose.fit.body import CapsuleModel, crop_variables, world_pose
 from handpose.tracking.smoothing import PoseFilter
 
 TIMES = np.arange(90) / 30
@@ -17,7 +16,7 @@ def smoothed(model: CapsuleModel, poses: np.ndarray) -> np.ndarray:
     """Smoothed joints (N, K, 3) in mm, from variables (N, V)."""
     one = PoseFilter()
     found = [
-        variables_of(model, one(world_pose(model, x, CENTER), float(time)), CENTER) for x, time in zip(poses, TIMES)
+        crop_variables(model, one(world_pose(model, x, CENTER), float(time)), CENTER) for x, time in zip(poses, TIMES)
     ]
     return model.joints(np.array(found))
 
