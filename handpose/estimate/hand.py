@@ -12,9 +12,8 @@ from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import THICKNESS, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
-from handpose.fit.finger_errors import unknown_errors
 from handpose.fit.observation import HandCrops
-from handpose.fit.pose_confidence import judged_poses, side_chance
+from handpose.fit.pose_confidence import judged_poses, side_chance, side_evidence, unknown_finger_errors
 from handpose.fit.rejection import rejection_score
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
@@ -57,7 +56,7 @@ class Hand:
     in_frame: bool = True
     other: Hand | None = None
     quality: tuple[float, float] | None = None
-    finger_error_mm: Array = field(default_factory=unknown_errors)
+    finger_error_mm: Array = field(default_factory=unknown_finger_errors)
 
     # ---------------------------------------------------------------------------------------- where it is
 
@@ -114,7 +113,7 @@ class Hand:
         )  # fmt: skip
         error_mm, confidence, of_fingers = (values[0] for values in found)
         if self.other is not None:
-            chance = side_chance(self.cost, self.other.cost)
+            chance = side_chance(side_evidence(self.cost, self.other.cost))
             apart = np.linalg.norm(self.xyz - self.other.xyz, axis=1)
             error_mm = chance * error_mm + (1 - chance) * max(apart.mean(), error_mm)
             if self._the_model.fingers is not None:

@@ -20,6 +20,21 @@ better than that. So
 
 Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs: UNSEEN. docs/fit.md
 has the frames from which the weights were computed, and the results on others.
+
+The error of a hand is a mean over its joints, and a hand that is right as a whole may have a finger that is a guess:
+because the palm or another finger hides it, because it is in empty space, or because the smoothed pose lags. With means
+over the finger's PIP joint, DIP joint and tip (of the thumb: MCP joint, IP joint and tip), the logarithm of a finger's
+error in mm is taken to be normally distributed, with the deviation FINGER_SPREAD and the mean
+
+    mean = 0.327 log(hand's expected error) + 0.270 log(1 + behind) + 0.118 log(1 + before) + 0.095 log(1 + lag)
+           + 0.291 (1 - seen) + 0.715
+
+    behind, before  mm, by which the joints are behind and in front of the readings (``support.joint_depths``)
+    lag             mm, distance of the reported joints from those of the fit
+    seen            share of the finger's own surface that was seen at its place; 0 if the hand itself covers all of it
+
+so that the expected error is exp(mean + FINGER_SPREAD² / 2), at most LOST_MM. The weights are those of a regression on
+the sequences P1, P4 and hpx, tracked as recorded and mirrored, in which these joints are labelled.
 """
 
 from __future__ import annotations
@@ -29,8 +44,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.fingers import FINGERS
 from handpose.fit.body import CapsuleModel
-from handpose.fit.finger_errors import finger_errors, unknown_errors
 from handpose.fit.network_errors import GOOD_MM, LOST_MM
 from handpose.fit.network_errors import SIGNS as FIT_SIGNS
 from handpose.fit.support import JointDepths, Support, joint_depths, support_of_parts
@@ -43,6 +58,8 @@ CONSTANT = -0.29
 SPREAD = 0.4  # between the deviation in the sequences of the regression, 0.32, and in each when it is left out, 0.54
 # Share of the surface that faces the camera and was not seen at its place; factors of confidence and expected error.
 UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (0.15, 0.3, 0.45, 0.6), (1.0, 0.7, 0.3, 0.1), (1.0, 1.3, 2.0, 3.0)
+OF_HAND, OF_BEHIND, OF_BEFORE, OF_LAG, OF_UNSEEN = 0.327, 0.270, 0.118, 0.095, 0.291  # of a finger's error
+FINGER_CONSTANT, FINGER_SPREAD = 0.715, 0.443
 # The side of a hand is judged by the log-ratio of the costs of the fits as either side.
 MAX_RATIO = 0.5  # maximum contribution of one frame
 SIDE_SLOPE = 8.0  # of the log-odds of a side by the mean ratio
@@ -62,6 +79,21 @@ def judged(signs: Array, lag_mm: Array, support: Support) -> tuple[Array, Array]
     error = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
     confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
     return np.minimum(error, LOST_MM), confidence
+
+
+def unknown_finger_errors() -> Array:
+    """The errors (5,) of fingers about which nothing is known: NaN."""
+    return np.full(len(FINGERS), np.nan)
+
+
+def finger_errors(error_mm: Array, behind: Array, before: Array, lag_mm: Array, seen: Array) -> Array:
+    """The expected errors (N, 5) in mm of the fingers of N hands with the expected errors (N,) in mm.
+
+    behind, before, lag_mm, seen  (N, 5) of the fingers
+    """
+    mean = OF_HAND * np.log(error_mm)[:, None] + OF_UNSEEN * (1 - seen) + FINGER_CONSTANT
+    mean += OF_BEHIND * np.log1p(behind) + OF_BEFORE * np.log1p(before) + OF_LAG * np.log1p(lag_mm)
+    return np.minimum(np.exp(mean + FINGER_SPREAD**2 / 2), LOST_MM)
 
 
 class OfFingers(NamedTuple):
@@ -109,7 +141,7 @@ def judged_poses(
     evidence = evidence_of(model, x, center_mm, mirror, fit_signs, fit_joints, readings, camera)
     error_mm, confidence = judged(evidence.signs, evidence.lag_mm, evidence.support)
     if evidence.fingers is None:
-        return Judged(error_mm, confidence, np.tile(unknown_errors(), (len(x), 1)))
+        return Judged(error_mm, confidence, np.tile(unknown_finger_errors(), (len(x), 1)))
     return Judged(error_mm, confidence, finger_errors(error_mm, *evidence.fingers))
 
 
@@ -142,10 +174,15 @@ def evidence_of(
     return Evidence(signs, lag, whole, OfFingers(behind.reshape(shape), before.reshape(shape), lags, shares))
 
 
-def side_chance(cost: float, other_cost: float) -> float:
-    """The probability of the side of a fit with a cost, against that of the fit as the other side, in one image."""
-    ratio = np.clip(np.log(max(other_cost, 1e-9) / max(cost, 1e-9)), -MAX_RATIO, MAX_RATIO)
-    return float(1 / (1 + np.exp(-SIDE_SLOPE * ratio)))
+def side_evidence(cost: float, other_cost: float) -> float:
+    """The evidence of one image for the side of a fit with a cost, against that of the fit as the other side."""
+    own, other = (np.log(np.clip(one, 1e-9, 1e9)) for one in (cost, other_cost))
+    return float(np.clip(other - own, -MAX_RATIO, MAX_RATIO))
+
+
+def side_chance(evidence: float) -> float:
+    """The probability of a side with this mean ``side_evidence``."""
+    return float(1 / (1 + np.exp(-SIDE_SLOPE * evidence)))
 
 
 def _normal(x: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.descent import Stage, descend
+from handpose.fit.levenberg_marquardt import Stage, descend
 from handpose.fit.objective import Objective, Prior
 from handpose.fit.observation import Observation
 from netlib.blob import Array

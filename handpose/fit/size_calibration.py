@@ -15,7 +15,7 @@ import numpy as np
 
 from handpose.fit.body import SIZE, SIZE_LIMIT, THICKNESS, TYPICAL_SIZE
 from handpose.fit.depth_fit import STARTS_TOGETHER, DepthFitter
-from handpose.fit.descent import Stage, descend
+from handpose.fit.levenberg_marquardt import Stage, descend
 from handpose.fit.objective import Objective
 from handpose.fit.observation import Observation
 from handpose.fit.search import data_cost

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from handpose.body.sides import SIDES, Side
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
-from handpose.fit.pose_confidence import MAX_RATIO, SIDE_SLOPE
+from handpose.fit.pose_confidence import side_chance, side_evidence
 from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
 from handpose.tracking.reasons import NO_HAND
 from handpose.tracking.sizing import SizeKeeper
@@ -177,7 +177,7 @@ class HandTrack:
         if self.is_decided:
             return 1.0
         mean = abs(self._evidence) / max(self._compared, MIN_COMPARED)
-        return float(min(1 / (1 + np.exp(-SIDE_SLOPE * mean)), MAX_SIDE_CONFIDENCE))
+        return min(side_chance(mean), MAX_SIDE_CONFIDENCE)
 
     @property
     def is_sure(self) -> bool:
@@ -271,7 +271,7 @@ class HandTrack:
 
     def _compare(self, best: dict[Side, Hand], time: float) -> None:
         """Add the evidence of a frame while the side is undecided, and decide it."""
-        ratio = _log_ratio(best)
+        ratio = _evidence_of(best)
         if self.is_decided or ratio is None:
             return
         self._evidence += ratio
@@ -284,7 +284,7 @@ class HandTrack:
 
     def _reconsider(self, best: dict[Side, Hand]) -> None:
         """Sum up the evidence for the other side, less that for this one."""
-        ratio = _log_ratio(best)
+        ratio = _evidence_of(best)
         if ratio is None:
             return
         against = -ratio if self.hand == "right" else ratio
@@ -305,11 +305,9 @@ def _best(estimates: Sequence[Hand | None]) -> dict[Side, Hand]:
     return best
 
 
-def _log_ratio(best: dict[Side, Hand]) -> float | None:
+def _evidence_of(best: dict[Side, Hand]) -> float | None:
     """The evidence of one frame for a right hand; None without a visible hand of either side."""
     if len(best) < 2 or max(estimate.chance for estimate in best.values()) < ENOUGH:
         return None
-    right, left = (
-        np.log(np.clip(best[side].cost if np.isfinite(best[side].uncertainty) else np.inf, 1e-9, 1e9)) for side in SIDES
-    )
-    return float(np.clip(left - right, -MAX_RATIO, MAX_RATIO))
+    right, left = (best[side].cost if np.isfinite(best[side].uncertainty) else np.inf for side in SIDES)
+    return side_evidence(right, left)

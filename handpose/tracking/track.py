@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from handpose.body.nyu import CUBE_MM
 from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
-from handpose.fit.finger_errors import unknown_errors
+from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import Camera
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
@@ -82,7 +82,7 @@ class TrackedHand:
     capsules: Capsules | None = None
     side_confidence: float = 1.0
     other: TrackedHand | None = None
-    finger_error_mm: Array = field(default_factory=unknown_errors)
+    finger_error_mm: Array = field(default_factory=unknown_finger_errors)
     raw_xyz: Array | None = None
 
     @property

@@ -12,7 +12,7 @@ from handpose.body.fingers import FINGERS
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
 from handpose.body.sides import Side, side_of
-from handpose.fit.finger_errors import unknown_errors
+from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import Camera
 from handpose.frames.json_fields import Fields
 from handpose.output.tracks import angles, joint_values
@@ -225,7 +225,7 @@ def _by_name(of: Fields, key: str, names: list[str]) -> Array:
 def _finger_errors(of: Fields) -> Array:
     """The errors (5,) of the fingers; NaN if they are unknown, and in tracks of earlier programs."""
     if "finger_error_mm" not in of:
-        return unknown_errors()
+        return unknown_finger_errors()
     part = of.part("finger_error_mm")
     return np.array([part.known(finger) for finger in FINGERS])
 

@@ -1,4 +1,4 @@
-"""handpose/fit/descent.py"""
+"""handpose/fit/levenberg_marquardt.py: descend"""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.descent import Stage, descend
+from handpose.fit.levenberg_marquardt import Stage, descend
 from handpose.fit.objective import Objective, Prior, Weights
 from tests.handpose.fit.conftest import Scene
 

@@ -1,12 +1,12 @@
-"""handpose/fit/finger_errors.py"""
+"""handpose/fit/pose_confidence.py: finger_errors"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from handpose.fit.finger_errors import SPREAD, finger_errors, unknown_errors
 from handpose.fit.network_errors import LOST_MM
+from handpose.fit.pose_confidence import FINGER_SPREAD, finger_errors, unknown_finger_errors
 
 SEEN = {"behind": np.zeros((1, 5)), "before": np.zeros((1, 5)), "lag_mm": np.zeros((1, 5)), "seen": np.ones((1, 5))}
 
@@ -14,7 +14,7 @@ SEEN = {"behind": np.zeros((1, 5)), "before": np.zeros((1, 5)), "lag_mm": np.zer
 def test_worked_by_hand() -> None:
     """A seen finger of a hand with 1 mm has the constant; each sign adds its weight, of its finger alone."""
     hand = np.ones(1)
-    constant = np.exp(0.715 + SPREAD**2 / 2)
+    constant = np.exp(0.715 + FINGER_SPREAD**2 / 2)
     np.testing.assert_allclose(finger_errors(hand, **SEEN), [[constant] * 5])
     np.testing.assert_allclose(finger_errors(hand * np.e, **SEEN), [[constant * np.exp(0.327)] * 5])
     weights = {
@@ -31,4 +31,4 @@ def test_worked_by_hand() -> None:
 def test_bounded() -> None:
     """The largest error is that of a lost hand, and without knowledge it is NaN."""
     assert finger_errors(np.array([LOST_MM]), **SEEN | {"behind": np.full((1, 5), 1e6)}) == pytest.approx(LOST_MM)
-    assert np.isnan(unknown_errors()).all() and unknown_errors().shape == (5,)
+    assert np.isnan(unknown_finger_errors()).all() and unknown_finger_errors().shape == (5,)

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from handpose.fit.network_errors import LOST_MM
-from handpose.fit.pose_confidence import CONSTANT, SIGNS, SPREAD, WEIGHTS, judged, pose_signs, side_chance
+from handpose.fit.pose_confidence import (
+    CONSTANT,
+    SIGNS,
+    SPREAD,
+    WEIGHTS,
+    judged,
+    pose_signs,
+    side_chance,
+    side_evidence,
+)
 from handpose.fit.support import JointDepths, Support
 
 
@@ -57,6 +66,10 @@ def test_an_empty_crop() -> None:
 
 def test_the_side_by_its_cost() -> None:
     """Equal costs tell nothing, the sides' probabilities add up to 1, and a single image never tells for certain."""
-    assert side_chance(80, 80) == 0.5
-    assert side_chance(80, 100) == pytest.approx(1 / (1 + 0.8**8)) == 1 - side_chance(100, 80)
-    assert side_chance(80, 400) == side_chance(80, np.inf) < 0.99
+    assert side_chance(side_evidence(80, 80)) == 0.5
+    assert (
+        side_chance(side_evidence(80, 100))
+        == pytest.approx(1 / (1 + 0.8**8))
+        == 1 - side_chance(side_evidence(100, 80))
+    )
+    assert side_chance(side_evidence(80, 400)) == side_chance(side_evidence(80, np.inf)) < 0.99
