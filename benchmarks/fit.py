@@ -24,7 +24,7 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose import NYU, load_predictor
-from handpose.estimate.crop_fits import MAX_CROPS, fit_crops
+from handpose.estimate.estimator import MAX_CROPS, fit_crops
 from handpose.estimate.nets import hand_inputs
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import PLANS

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from handpose import Camera
 from handpose.body.sides import SIDES
-from handpose.estimate.crop_fits import fit_crops, fit_starts
+from handpose.estimate.estimator import fit_crops, fit_starts
 from handpose.fit.depth_fit import DepthFit, DepthFitter
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import Plan

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import Side
-from handpose.estimate.crop_fits import fit_crops
+from handpose.estimate.estimator import fit_crops
 from handpose.estimate.predictor import Predictor
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import FAST

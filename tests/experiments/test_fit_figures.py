@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.fit_figures import auc, frames_of, measure, roll_of
-from handpose.estimate.crop_fits import fit_starts
+from handpose.estimate.estimator import fit_starts
 from handpose.estimate.packaged import load_predictor
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter

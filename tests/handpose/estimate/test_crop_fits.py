@@ -1,4 +1,4 @@
-"""handpose/estimate/crop_fits.py"""
+"""handpose/estimate/estimator.py: the fits of crops"""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.estimate import crop_fits
-from handpose.estimate.crop_fits import fit_crops, fit_starts
+from handpose.estimate.estimator import fit_crops, fit_starts
 from handpose.estimate.nets import hand_layer, hand_poses
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
@@ -51,7 +50,7 @@ def test_blocks_change_nothing(predictor: Predictor, scene: Scene, monkeypatch: 
         FAST,
     )
     whole = fit_crops(*args)
-    monkeypatch.setattr(crop_fits, "MAX_CROPS", 4)
+    monkeypatch.setattr("handpose.estimate.estimator.MAX_CROPS", 4)
     parts = fit_crops(*args, progress=done.append)
     apart = np.linalg.norm(parts.joints - whole.joints, axis=2).max(axis=1)  # mm
     assert np.median(apart) < 0.1 and (apart < 1).mean() >= 0.7

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.body.sides import MIRROR
-from handpose.estimate import crop_fits
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
@@ -110,7 +109,7 @@ def test_from_the_pose_before(
     """From a previous pose, also about another centre, the network does not run if its last error is given."""
     (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert first is not None
-    monkeypatch.setattr(crop_fits, "fit_starts", None)  # any call raises an error
+    monkeypatch.setattr("handpose.estimate.estimator.fit_starts", None)  # any call raises an error
     where = ((0, 0, 0), (0, 0, 0), (8, -6, 20))
     regions = [
         SearchRegion(center + by, "right", first.body, None, moved) for by, moved in zip(where, (1.0, 25.0, 25.0))
