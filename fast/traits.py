@@ -6,6 +6,7 @@ So does an InnerProduct: one product for the whole batch is faster than many sma
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -155,8 +156,14 @@ TABLE: dict[str, LayerTraits | Callable[..., LayerTraits]] = {
 
 def traits_of(layer: Layer) -> LayerTraits:
     """The traits of a layer's type, or of the plain type that it implements."""
-    cls = type(layer)
-    lineage = cls.__mro__ if isinstance(layer, FastLayer) else [cls]  # a user's subclass may differ
-    places = (place for one in lineage if (place := place_of(one)) in TABLE and class_at(PACKAGE, place) is one)
-    found = TABLE.get(next(places, ""), LayerTraits())
+    cls: type = type(layer)
+    found = _traits_of_type(cls)
     return found if isinstance(found, LayerTraits) else found(layer)
+
+
+@functools.cache
+def _traits_of_type(cls: type) -> LayerTraits | Callable[..., LayerTraits]:
+    """The entry of the table for a layer's class."""
+    lineage = cls.__mro__ if issubclass(cls, FastLayer) else [cls]  # a user's subclass may differ
+    places = (place for one in lineage if (place := place_of(one)) in TABLE and class_at(PACKAGE, place) is one)
+    return TABLE.get(next(places, ""), LayerTraits())

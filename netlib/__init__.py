@@ -24,13 +24,13 @@ from netlib.errors import (  # noqa: E402
     NetlibError,
     PrototxtError,
     WeightsError,
+    warn_once,
 )
 from netlib.files import own_modules  # noqa: E402
 from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
 from netlib.net import Net, set_random_seed  # noqa: E402
 from netlib.proto.options import layer_types  # noqa: E402
 from netlib.system import aliases  # noqa: E402
-from netlib.system.once import once  # noqa: E402
 
 if TYPE_CHECKING:
     from netlib import gradcheck as gradcheck
@@ -98,4 +98,4 @@ def set_mode_cpu() -> None:
 
 def set_mode_gpu() -> None:
     """Warn once that netlib runs on the CPU only; exists for compatibility with pycaffe."""
-    once("set_mode_gpu: accepted, but this runs on the CPU")
+    warn_once("set_mode_gpu: accepted, but this runs on the CPU")

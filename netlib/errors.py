@@ -1,4 +1,4 @@
-"""The error classes of the project. Each message is one line that the user can act on.
+"""The error classes of the project, and warnings. Each message is one line that the user can act on.
 
 A message says what was found, where (``file:line:column``, layer, blob, field), what was expected
 and, if it helps, what to do. Tools print it to stderr and exit with status 1.
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import difflib
 import errno
+import functools
+import logging
 import re
 from collections.abc import Iterable
 
@@ -105,3 +107,9 @@ def reason_of(error: BaseException | None) -> str:
     if wrapped := re.search(r"error message = '([^']*)'", text):  # HDF5 embeds it in a longer text
         text = wrapped.group(1)
     return " ".join((text or type(error).__name__).split())
+
+
+@functools.cache
+def warn_once(text: str) -> None:
+    """Log a warning unless this process has logged it before."""
+    logging.getLogger("netlib").warning(text)

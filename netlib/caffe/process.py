@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from netlib.distributed import ranks
-from netlib.system.once import once
+from netlib.errors import warn_once
 from netlib.training import glog
 
 _log = logging.getLogger("netlib")
@@ -38,7 +38,7 @@ class Timer:
 
 def set_device(number: int) -> None:
     """Warn once that there is only the CPU."""
-    once(f"set_device({number}): accepted, but this runs on the CPU")
+    warn_once(f"set_device({number}): accepted, but this runs on the CPU")
 
 
 def init_log(level: int | None = None, stderr: bool = True) -> None:

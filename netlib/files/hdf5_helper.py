@@ -18,9 +18,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netlib.errors import reason_of
+from netlib.errors import reason_of, warn_once
 from netlib.files import Identity
-from netlib.system.once import once
 from netlib.system.one_thread import call_after_fork
 
 SECONDS, BYTES_PER_SECOND = 10.0, 20e6  # time limit of a check: SECONDS plus the size of the file / BYTES_PER_SECOND
@@ -115,7 +114,7 @@ class _State:
             try:
                 self.helper = _Helper()
             except OSError as error:
-                once(f"HDF5 files are opened unchecked: cannot start the helper process ({reason_of(error)})")
+                warn_once(f"HDF5 files are opened unchecked: cannot start the helper process ({reason_of(error)})")
         return self.helper
 
     def after_fork(self) -> None:

@@ -16,8 +16,7 @@ from netlib.caffe import process, pycaffe
 from netlib.distributed import consistency, ranks
 from netlib.distributed.data_parallel import DataParallel
 from netlib.distributed.ranks import Ranks
-from netlib.errors import NetlibError, PrototxtError
-from netlib.system.once import once
+from netlib.errors import NetlibError, PrototxtError, warn_once
 from tests.support.bad_input import bad_inputs
 
 pytestmark = pytest.mark.both_engines
@@ -315,7 +314,7 @@ def test_a_solver_lends_its_weights() -> None:
 
 def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> None:
     """Each GPU setting is noted once, however often it is called."""
-    once.cache_clear()
+    warn_once.cache_clear()
     for _ in range(2):
         netlib.set_mode_gpu()
         process.set_device(0)
