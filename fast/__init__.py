@@ -7,7 +7,7 @@
     per_channel   BatchNorm, Scale, Bias and PReLU
     convolution, pooling, lrn, eltwise, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
-    columns, rows, winograd, depthwise
+    columns, rows, row_winograd, winograd, depthwise
                   algorithms for convolutions, of which convolution.py chooses; geometry has what they share
     map_pooling   pooling over any windows
     last_axis     maps with their number as last axis, for depthwise convolutions and max poolings

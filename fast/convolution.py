@@ -20,10 +20,11 @@ from fast.fast_layer import FastLayer
 from fast.fusing import After, after_of
 from fast.geometry import Algorithm, ByGroup, Geometry
 from fast.row_tiles import RowTiles
+from fast.row_winograd import TILE, RowWinograd
 from fast.rows import Rows
 from fast.tiles import FastBlob, pitch_of, tile_of
 from fast.window_tiles import WindowTiles
-from fast.winograd import SIDE, Winograd
+from fast.winograd import Winograd
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
 from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseConvolution
@@ -57,14 +58,24 @@ def is_depthwise(s: Sizes) -> bool:
     return len(s.sizes) == 2 and s.geometry.group > s.inputs == 1
 
 
-def is_wide(s: Sizes, tiles: int = 48) -> bool:
-    """3 x 3 or 5 x 5, with enough channels to make the time of the transforms small, and enough tiles to make that of
-    the weights small. Up to twice as fast."""
+def has_wide_rows(s: Sizes) -> bool:
+    """5 x 5, or 3 x 3 with fewer channels and smaller maps than is_wide, and enough channels to make the time of the
+    transforms small. Up to twice as fast as the next."""
     if not s.geometry.is_dense or s.geometry.kernel not in ((3, 3), (5, 5)):
         return False
-    side = SIDE + 1 - s.geometry.kernel[0]  # of a tile
+    area, channels, total = s.inputs * math.prod(s.sizes), s.inputs * s.outputs, s.inputs + s.outputs
+    if s.geometry.kernel == (5, 5):
+        return channels >= 6 * total and s.images * area >= 4096
+    return channels >= 16 * total and total <= 192 and s.images >= 4 and area <= 1 << 16
+
+
+def is_wide(s: Sizes, tiles: int = 48) -> bool:
+    """3 x 3, with enough channels to make the time of the transforms small, and enough tiles to make that of the
+    weights small. Up to twice as fast."""
+    if not s.geometry.is_dense or s.geometry.kernel != (3, 3):
+        return False
     channels = s.inputs * s.outputs >= 12 * (s.inputs + s.outputs)
-    return channels and s.images * math.prod(-(-n // side) for n in s.windows) >= tiles
+    return channels and s.images * math.prod(-(-n // TILE) for n in s.windows) >= tiles
 
 
 def is_wide_batch(s: Sizes) -> bool:
@@ -93,6 +104,7 @@ def is_any(s: Sizes) -> bool:
 # Algorithm, its sizes for y and dx, its sizes for dw
 ALGORITHMS: tuple[tuple[Algorithm, Callable[[Sizes], bool], Callable[[Sizes], bool]], ...] = (
     (Depthwise(), is_depthwise, is_depthwise),
+    (RowWinograd(), has_wide_rows, has_wide_rows),
     (Winograd(), is_wide, is_wide_batch),
     (Rows(), has_few_outputs, has_small_kernel),
     (Columns(), is_any, is_any),
@@ -126,7 +138,7 @@ def choose(g: Geometry, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> C
 
 def by_group(g: Geometry, algorithm: Algorithm) -> Algorithm:
     """The algorithm, for several groups if it supports only one."""
-    return ByGroup(algorithm) if g.group > 1 and isinstance(algorithm, (Winograd, Rows)) else algorithm
+    return ByGroup(algorithm) if g.group > 1 and isinstance(algorithm, (RowWinograd, Winograd, Rows)) else algorithm
 
 
 class FastConvolution(FastLayer, Convolution):

@@ -13,6 +13,7 @@ from fast.convolution import FastConvolution, FastDeconvolution, choose
 from fast.depthwise import Depthwise
 from fast.fusing import After
 from fast.geometry import Algorithm, Geometry
+from fast.row_winograd import RowWinograd
 from fast.rows import Rows
 from fast.winograd import Winograd
 from netlib import gradcheck
@@ -22,7 +23,7 @@ CASES = range(60)
 SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50, "depthwise.FILTERED": 200,
                 "depthwise.MIN_CHANNELS": 2, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8, "rows.MIN_ROWS": 2,
                 "rows.UNPACKED": 200, "rows.MIN_COLUMNS": 2, "winograd.BLOCK_BYTES": 3000, "winograd.MIN_TILES": 6,
-                "winograd.MIN_PART": 4,
+                "winograd.MIN_PART": 4, "row_winograd.BLOCK_BYTES": 3000, "row_winograd.MIN_IMAGES": 1,
                 "columns.COLUMN_BYTES": 3000, "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1,
                 "fusing.BLOCK": 100}  # fmt: skip
 USUAL = [
@@ -111,12 +112,14 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
 
     if isinstance(algorithm, Depthwise):
         return Geometry(two(1, 5), two(1, 4), two(0, 4), two(1, 3), channels)
-    kernel = (3 + 2 * int(rng.integers(0, 2)),) * 2 if isinstance(algorithm, Winograd) else two(1, 6)
+    kernel = two(1, 6)
+    if isinstance(algorithm, (RowWinograd, Winograd)):
+        kernel = (5, 5) if isinstance(algorithm, RowWinograd) and rng.random() < 0.5 else (3, 3)
     stride = two(1, 4) if isinstance(algorithm, Rows) and rng.random() < 0.5 else (1, 1)
     return Geometry(kernel, stride, tuple(int(rng.integers(0, k)) for k in kernel), (1, 1), 1)
 
 
-@pytest.mark.parametrize("algorithm", [Depthwise(), Rows(), Winograd()], ids=lambda a: type(a).__name__)
+@pytest.mark.parametrize("algorithm", [Depthwise(), Rows(), RowWinograd(), Winograd()], ids=lambda a: type(a).__name__)
 @pytest.mark.parametrize("case", range(25))
 def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every algorithm gives the same as Columns, for sizes for which it is not chosen, too, and in small blocks."""
@@ -155,8 +158,9 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
     ("x_shape", "w_shape", "group", "names"),
     [
         ((8, 128, 16, 16), (128, 128, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
-        ((8, 32, 16, 16), (32, 32, 5, 5), 1, ["Winograd", "Winograd", "Winograd"]),
-        ((8, 16, 16, 16), (16, 16, 5, 5), 1, ["Rows", "Rows", "Rows"]),
+        ((8, 32, 16, 16), (32, 32, 3, 3), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+        ((8, 16, 16, 16), (16, 16, 5, 5), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+        ((8, 16, 16, 16), (16, 16, 3, 3), 1, ["Rows", "Rows", "Rows"]),
         ((8, 32, 16, 16), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
         ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
         ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
