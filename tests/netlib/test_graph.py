@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import netlib
-from tests.support.nets import X, inputs, ip, loss
+from tests.support.nets import X, ip, loss
 
 pytestmark = pytest.mark.both_engines
 
@@ -208,33 +208,3 @@ def test_a_name_that_a_repeated_one_would_get(net_of: MakeNet) -> None:
     net = net_of(X + "".join(ip(name, "x", f"y{i}") for i, name in enumerate(names)))
     assert [layer.name for layer in net.layers if layer.blobs] == ["a", "a (2)", "a (4)", "a (3)", "a (5)"]
     assert len(net.params) == len(names)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (ip("a", "nothing", "a"), r"net.prototxt:1:\d+: error: layer 'a': unknown bottom blob 'nothing'; known here"),
-        (ip("a", "xx", "a"), r"unknown bottom blob 'xx' \(did you mean 'x'\?\)"),
-        (ip("a", "x", "a") + ip("b", "x", "a"), "layer 'b': top blob 'a' is already written by layer 'a'"),
-        (
-            inputs(g=(2, 3)) +
-            'layer { name: "s" type: "Scale" bottom: "x" bottom: "g" top: "g" }',
-            r"top blob 'g' is already written by layer 'g'; .* of the bottom in the same place \(0\) to run in place",
-        ),
-        (ip("a", "x", "x"), "InnerProduct cannot run in place, but 'x' is both bottom and top"),
-        (ip("a", "x", "a", 'bottom: "x"'), "layer 'a': has 2 bottoms, InnerProduct takes 1"),
-        (ip("a", "x", "a", 'top: "b"'), "layer 'a': has 2 tops, InnerProduct takes 1"),
-        ('layer { name: "c" type: "Concat" top: "c" }', "has 0 bottoms, Concat takes at least 1"),
-        ('layer { name: "l" type: "EuclideanLoss" bottom: "x" }', "has 1 bottoms, EuclideanLoss takes 2"),
-        (ip("a", "x", "a", "loss_weight: 1 loss_weight: 2"), "has 1 tops, but 2 loss_weight"),
-        (ip("a", "x", "a", "propagate_down: true propagate_down: true"), "has 1 bottoms, but 2 propagate_down"),
-        (loss("x").replace("dim: 2 dim: 3", "dim: 2 dim: 4"),
-         r"layer 'loss': bottoms 'x' \(2, 3\) and 't' \(2, 4\) must have the same number"),
-    ],
-)  # fmt: skip
-def test_mistakes_name_layer_blob_and_shapes(net_of: MakeNet, text: str, message: str) -> None:
-    """The error is one line with the position in the file."""
-    with pytest.raises(netlib.LayerError, match=message) as error:
-        net_of(X + text)
-    assert str(error.value).startswith("net.prototxt:1:")
-    assert "\n" not in str(error.value)

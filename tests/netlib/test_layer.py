@@ -13,6 +13,7 @@ import netlib
 from netlib import gradcheck
 from netlib.blob import Blob
 from netlib.proto.options import block_name, layer_types
+from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
@@ -98,30 +99,19 @@ def test_a_python_layer_in_the_working_directory(
     assert net_of(python('module: "layer_in_the_working_directory" layer: "Double"')).outputs == ["y"]
 
 
-@pytest.mark.parametrize(
-    ("param", "message"),
-    [
-        (
-            'module: "no_such_module" layer: "L"',
-            "layer 'p': cannot import 'no_such_module' .*it must lie in the working",
-        ),
-        ('module: "MODULE" layer: "Missing"', "MODULE.Missing has no such class"),
-        ('module: "MODULE" layer: "NotALayer"', "MODULE.NotALayer is not a subclass of netlib.Layer"),
-        ('module: "MODULE"', "missing required field 'layer' in python_param"),
-        ('modul: "MODULE" layer: "Double"', r"unknown field 'modul' \(did you mean 'module'\?\)"),
-    ],
-)
-def test_mistakes_in_python_param(net_of: MakeNet, module: str, param: str, message: str) -> None:
+@bad_inputs(netlib.PrototxtError, {
+    'module: "no_such_module" layer: "L"': "net.prototxt:1:153: error: layer 'p': cannot import 'no_such_module' (...)"
+                                           "; it must lie in the working directory or on PYTHONPATH",
+    'module: "MODULE" layer: "Missing"': "net.prototxt:1:...: error: layer 'p': double_....Missing has no such ...",
+    'module: "MODULE" layer: "NotALayer"':
+        "net.prototxt:1:...: error: layer 'p': double_....NotALayer is not a subclass of netlib.Layer",
+    'module: "MODULE"': "net.prototxt:1:151: error: missing required field 'layer' in python_param",
+    'modul: "MODULE" layer: "Double"': "net.prototxt:1:153: error: unknown field 'modul' (did you mean 'module'?)",
+})  # fmt: skip
+def test_mistakes_in_python_param(net_of: MakeNet, module: str, given: str, rejected: Any) -> None:
     """Errors in python_param have the position in the prototxt."""
-    with pytest.raises(netlib.PrototxtError, match=message.replace("MODULE", module)) as error:
-        net_of(python(param.replace("MODULE", module)))
-    assert str(error.value).startswith("net.prototxt:1:")
-
-
-def test_a_python_layer_without_python_param(net_of: MakeNet) -> None:
-    """The error states that python_param is required."""
-    with pytest.raises(netlib.PrototxtError, match="layer 'p' of type 'Python' needs a python_param"):
-        net_of(X + 'layer { name: "p" type: "Python" bottom: "x" top: "y" }')
+    with rejected:
+        net_of(python(given.replace("MODULE", module)))
 
 
 def test_the_names_of_option_blocks() -> None:

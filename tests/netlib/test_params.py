@@ -49,41 +49,6 @@ def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:
     assert (net.params["b"][0].diff == 2).all()
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (X + ip("a", "x", "a", 'param { name: "w" }', 4) + ip("b", "a", "b", 'param { name: "w" }', 3),
-         r"layer 'b': parameter 0 \(3, 4\) cannot share 'w' with layer 'a' parameter 0 \(4, 3\)"),
-        (shared("lr_mult: 3"), "shared parameter 'w' has lr_mult 3, but 2 in layer 'a'"),
-        (shared("decay_mult: 0"), "shared parameter 'w' has decay_mult 0, but 1 in layer 'a'"),
-        (X + ip("a", "x", "a", "param { } param { } param { }"), "layer 'a': has 2 parameters, but 3 param blocks"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_shared(net_of: MakeNet, text: str, message: str) -> None:
-    """Different shapes, different multipliers and too many param blocks raise an error."""
-    with pytest.raises(netlib.LayerError, match=message):
-        net_of(text)
-
-
-@pytest.mark.parametrize(
-    ("params", "message"),
-    [
-        (["lr_mult: 1 decay_mult: 1", "lr_mult: 1 decay_mult: 2"], "has decay_mult 2, but 1 in layer 'b0'"),
-        (["", "lr_mult: 3", "lr_mult: 2"], "has lr_mult 2, but 3 in layer 'b1'"),
-        (["lr_mult: 3", "", "decay_mult: 0", "lr_mult: 3 decay_mult: 1"], "has decay_mult 1, but 0 in layer 'b2'"),
-    ],
-)
-def test_no_layer_may_contradict_another_about_a_shared_parameter(
-    net_of: MakeNet, params: list[str], message: str
-) -> None:
-    """Contradicting multipliers are reported for any pair of layers."""
-    text = X
-    for i, param in enumerate(params):
-        text += ip(f"b{i}", f"b{i - 1}" if i else "x", f"b{i}", f'param {{ name: "w" {param} }}')
-    with pytest.raises(netlib.LayerError, match=f"layer 'b{len(params) - 1}': shared parameter 'w' {message}"):
-        net_of(text)
-
-
 def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: MakeNet) -> None:
     """A multiplier set in one layer applies to all layers that share the parameter."""
     text = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from netlib.caffe.proto import caffe_pb2
 from netlib.errors import DataError, WireError
 from netlib.proto import binaryproto, prototxt, schema, wire
 from netlib.proto.messages import BlobProto
+from tests.support.bad_input import bad_inputs
 
 
 def proto(text: str) -> BlobProto:
@@ -59,28 +61,31 @@ def test_raw_values(tmp_path: Path, kind: str, written: str, read: type) -> None
         binaryproto.array_of(schema.read(wire.decode(blob.SerializeToString(), BlobProto), BlobProto))
 
 
-@pytest.mark.parametrize("text", ["shape { dim: 3 } data: [1, 2]", "shape { dim: -1 dim: -2 } data: [1, 2]",
-                                  "shape { dim: 4611686018427387904 }", "data: [1, 2]"])  # fmt: skip
-def test_a_shape_that_does_not_fit_its_values(text: str) -> None:
+@bad_inputs(WireError, {
+    "shape { dim: 3 } data: [1, 2]": "<text>:1:1: a blob of shape (3,) has 2 values",
+    "shape { dim: -1 dim: -2 } data: [1, 2]": "<text>:1:1: a blob of shape (-1, -2) has 2 values",
+    "shape { dim: 4611686018427387904 }": "<text>:1:1: a blob of shape (4611686018427387904,) has 0 values",
+    "data: [1, 2]": "<text>:1:1: a blob of shape (0, 0, 0, 0) has 2 values",
+})  # fmt: skip
+def test_a_shape_that_does_not_fit_its_values(given: str, rejected: Any) -> None:
     """A shape that does not match the values raises an error, and no memory is allocated for it."""
-    with pytest.raises(WireError, match=r"a blob of shape \(.*\) has [02] values$"):
-        binaryproto.array_of(proto(text))
+    with rejected:
+        binaryproto.array_of(proto(given))
 
 
-def test_files_that_are_no_blobs(tmp_path: Path) -> None:
+@bad_inputs(DataError, {
+    "missing": (None, "...mean.binaryproto: cannot read the blob: No such file or directory"),
+    "empty": (b"", "...mean.binaryproto: it holds no values; expected a blob (.binaryproto)"),
+    "cut": (b"\x2a\x04", "...mean.binaryproto: byte 0: truncated: field 5 has 4 bytes, but 0 are left; expected ..."),
+    "one value": (b"\x2a\x04" + bytes(4),
+                  "...mean.binaryproto: byte 0: a blob of shape (0, 0, 0, 0) has 1 values; expected a blob ..."),
+})  # fmt: skip
+def test_files_that_are_no_blobs(tmp_path: Path, given: bytes | None, rejected: Any) -> None:
     """A missing or malformed file raises a one-line error."""
-    path = tmp_path / "mean.binaryproto"
-    with pytest.raises(DataError, match="cannot read the blob: No such file"):
-        binaryproto.read_blob(path)
-    for content, message in (
-        (b"", r"expected a blob \(\.binaryproto\)"),
-        (b"\x2a\x04", r"mean\.binaryproto: byte 0: truncated.*; expected a blob"),
-        (b"\x2a\x04" + bytes(4), r"a blob of shape \(0, 0, 0, 0\) has 1 values; expected a blob"),
-    ):
-        path.write_bytes(content)
-        with pytest.raises(DataError, match=message) as error:
-            binaryproto.read_blob(path)
-        assert "\n" not in str(error.value)
+    if given is not None:
+        (tmp_path / "mean.binaryproto").write_bytes(given)
+    with rejected:
+        binaryproto.read_blob(tmp_path / "mean.binaryproto")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")

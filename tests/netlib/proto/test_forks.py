@@ -15,6 +15,7 @@ from netlib.net import Net
 from netlib.proto import forks, messages, prototxt, schema, wire
 from netlib.proto.messages import FORK_NUMBERS, LayerParameter, NetParameter, SolverParameter
 from netlib.proto.options import option_blocks
+from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
 
 CLASSES: dict[str, Any] = {
@@ -57,39 +58,38 @@ def test_options_without_effect_are_ignored(message: str, text: str) -> None:
     assert found == plain
 
 
-@pytest.mark.parametrize(
-    ("message", "text", "error"),
-    [
-        ("BatchNormParameter", "scale_bias: true", "'scale_bias' of NVIDIA's fork, which changes the result: it "
-         "multiplies by a learned scale and adds a learned bias; expected false, or a layer Scale with bias_term"),
-        ("BatchNormParameter", "bias_filler { }", "'bias_filler' of NVIDIA's and Intel's forks, which changes the "
-         "result: it adds a learned scale and bias; expected a layer Scale with bias_term: true after it"),
-        ("ConvolutionParameter", "relu: 1", "'relu' of Intel's fork, which .*: it replaces negative values by 0; "
-         "expected false, or a layer ReLU after it"),
-        ("ConvolutionParameter", "hole: 2", "'hole' of DeepLab's fork, .*: it spaces .*; expected 1, or dilation$"),
-        ("PoolingParameter", "torch_pooling: true", "'torch_pooling' of NV.*; expected false, or round_mode: FLOOR"),
-        ("PoolingParameter", "avg_include_pad: false", "'avg_include_pad' of Intel's .* in a mean; expected true$"),
-        ("PoolingParameter", "kernel_size_3d: 3", "'kernel_size_3d' of Intel's fork, .*: it pools over three axes$"),
-        ("SolverParameter", "min_lr: 1e-5", "'min_lr' of NVIDIA's fork, .*: it bounds the learning rate; expected 0$"),
-        ("SolverParameter", 'momentum_policy: "poly"', "'momentum_policy' of NVIDIA's .*; expected \"fixed\"$"),
-        ("TransformationParameter", "resize_param { }", "'resize_param' of SSD's fork, .*: it changes the images$"),
-        ("LossParameter", "label_smoothing: 0.1", "'label_smoothing' of NVIDIA's and Intel's forks"),
-    ],
-)  # fmt: skip
-def test_options_with_an_effect_are_named(message: str, text: str, error: str) -> None:
+@bad_inputs(netlib.PrototxtError, {
+    text: ((message, text), f"<text>:1:1: error: unknown option {line.replace('#', ', which changes the result: it')}")
+    for message, text, line in (
+        ("BatchNormParameter", "scale_bias: true", "'scale_bias' of NVIDIA's fork# multiplies by a learned scale and "
+         "adds a learned bias; expected false, or a layer Scale with bias_term: true after it"),
+        ("BatchNormParameter", "bias_filler { }", "'bias_filler' of NVIDIA's and Intel's forks# adds a learned scale "
+         "and bias; expected a layer Scale with bias_term: true after it"),
+        ("ConvolutionParameter", "relu: 1",
+         "'relu' of Intel's fork# replaces negative values by 0; expected false, or a layer ReLU after it"),
+        ("ConvolutionParameter", "hole: 2", "'hole' of DeepLab's fork# spaces ...; expected 1, or dilation"),
+        ("PoolingParameter", "torch_pooling: true",
+         "'torch_pooling' of NVIDIA's fork# rounds ...; expected false, or round_mode: FLOOR"),
+        ("PoolingParameter", "avg_include_pad: false",
+         "'avg_include_pad' of Intel's fork# does not count padding in a mean; expected true"),
+        ("PoolingParameter", "kernel_size_3d: 3", "'kernel_size_3d' of Intel's fork# pools over three axes"),
+        ("SolverParameter", "min_lr: 1e-5", "'min_lr' of NVIDIA's fork# bounds the learning rate; expected 0"),
+        ("SolverParameter", 'momentum_policy: "poly"',
+         "'momentum_policy' of NVIDIA's fork# changes the momentum ...; expected \"fixed\""),
+        ("TransformationParameter", "resize_param { }", "'resize_param' of SSD's fork# changes the images"),
+        ("LossParameter", "label_smoothing: 0.1",
+         "'label_smoothing' of NVIDIA's and Intel's forks# replaces each label by a distribution; expected 0"))
+})  # fmt: skip
+def test_options_with_an_effect_are_named(given: tuple[str, str], rejected: Any) -> None:
     """Any other option of a fork is an error that states the fork, the effect and what to write instead."""
-    with pytest.raises(netlib.PrototxtError, match=f"<text>:1:1: error: unknown option {error}"):
-        schema.read(prototxt.parse(text), CLASSES[message])
+    with rejected:
+        schema.read(prototxt.parse(given[1]), CLASSES[given[0]])
 
 
-def test_a_block_of_a_fork_is_named(net_of: Callable[..., Net]) -> None:
+def test_a_block_of_a_fork_without_effect(net_of: Callable[..., Net]) -> None:
     """An options block of a layer is treated like an option."""
-    layer = 'layer {{ name: "r" type: "ReLU" bottom: "x" top: "y" {} }}'
-    net_of(inputs(x=(1,)) + layer.format("mn_activation_param { num_nodes: 1 }"))
-    with pytest.raises(
-        netlib.PrototxtError, match="'quantization_param' of Intel's fork, which changes the result: it comp"
-    ):
-        net_of(inputs(x=(1,)) + layer.format("quantization_param { bw_layer_in: 8 }"))
+    block = "mn_activation_param { num_nodes: 1 }"
+    net_of(inputs(x=(1,)) + f'layer {{ name: "r" type: "ReLU" bottom: "x" top: "y" {block} }}')
 
 
 def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_path: Any) -> None:

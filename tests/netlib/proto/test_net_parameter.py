@@ -11,7 +11,7 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import NetState, NetStateRule
 from netlib.proto.net_parameter import load_parameter, meets
-from tests.support.nets import X, ip
+from tests.support.nets import X
 
 MakeNet = Callable[..., netlib.Net]
 
@@ -74,12 +74,6 @@ def test_the_state_may_stand_in_the_net(net_of: MakeNet) -> None:
     assert names(net) == ["x", "train", "deep", "a_or_test"]
 
 
-def test_include_and_exclude_together_are_a_mistake(net_of: MakeNet) -> None:
-    """A layer with both include and exclude rules raises an error, as in Caffe."""
-    with pytest.raises(netlib.PrototxtError, match="layer 'p' has both include and exclude rules"):
-        net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { } exclude { } }')
-
-
 @pytest.mark.parametrize(
     ("text", "shapes"),
     [
@@ -100,60 +94,13 @@ def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[
     assert {name: blob.shape for name, blob in net.blobs.items()} == shapes
 
 
-@pytest.mark.parametrize(
-    "text", ['input: "a" input_dim: 1', 'input: "a" input: "b" input: "c" input_shape { } input_shape { }']
-)
-def test_inputs_without_a_fitting_shape(net_of: MakeNet, text: str) -> None:
-    """The error states the numbers of inputs and shapes."""
-    with pytest.raises(netlib.PrototxtError, match=r"inputs, but \d+ input_shape"):
-        net_of(text)
-
-
 def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
     """A printed net parses to the same net."""
     text = str(prototxt.parse(RULES))
     assert load_parameter(prototxt.parse(text)) == load_parameter(prototxt.parse(RULES))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('layer { name: "a" type: "Convolutoin" }', r"type 'Convolutoin' \(did you mean 'Convolution'\?\); known"),
-        ('layer { name: "a" }', "layer 'a' has no type"),
-        ("", "this file has no layers; expected a net"),
-        ('net: "train_val.prototxt" base_lr: 0.1', "net.prototxt:1:1: error: this is a solver; expected a net"),
-        ('layers { name: "a" }', "layer 'a' has no type"),
-        ('layers { name: "a" type: "RELU" }', "'type' expects .*, found \"RELU\""),
-        ('layers { name: "a" type: POOLIN }', r"unknown value POOLIN of 'type' \(did you mean 'POOLING'\?\)"),
-        ('layers { type: RELU } layer { type: "ReLU" }', "both 'layer' and 'layers'"),
-        ('layer { name: "x" type: "Power" power_parm { } }', "unknown field 'power_parm'"),
-        ('layer { name: "x" type: "Power" powwer_param { } }', r"'powwer_param' \(did you mean 'power_param'\?\)"),
-        ('layer { name: "x" type: "Power" bottom: "x" top: "y" power_param { scael: 2 } }',
-         r"unknown field 'scael' \(did you mean 'scale'\?\)"),
-    ],
-)  # fmt: skip
-def test_mistakes_in_the_text_of_a_net(net_of: MakeNet, text: str, message: str) -> None:
-    """An unknown type or field is reported with the nearest known one."""
-    with pytest.raises(netlib.PrototxtError, match=message):
-        net_of(text)
-
-
 def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
     """The options of other layer types are ignored, as in Caffe, even if they are invalid."""
     net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { nothing: 1 } }')
     assert np.array_equal(net.forward(x=np.full((2, 3), 5))["p"], np.full((2, 3), 5))
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ('layers { name: "b" type: BN bn_param { } }', "1:26: error: unknown value BN of 'type'"),
-    ],
-)
-def test_a_layer_of_a_fork_of_caffe(net_of: MakeNet, text: str, found: str) -> None:
-    """In the older formats, a layer of a fork is reported by its type; a blob may have its name."""
-    advice = r" \(the layer BN of SegNet and PSPNet needs the current format: layer { type: \"BN\" bn_param"
-    with pytest.raises(netlib.PrototxtError, match=found + advice):
-        net_of(text)
-    with pytest.raises(netlib.LayerError, match="unknown bottom blob 'BN'; known"):
-        net_of(X + ip("a", "BN", "a"))
