@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,7 @@ from exercises.reading import ExerciseError, ReadersFile
 from exercises.runner import LocalRunner
 from exercises.stubs import stub
 from exercises.table import EXERCISES
+from tests.support.bad_input import bad_inputs
 
 RELU = EXERCISES["relu"]
 BODIES = {
@@ -115,37 +117,40 @@ def test_a_file_that_wants_to_end_the_program(how: str, write: Write) -> None:
         ReadersFile(RELU, path)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("def f(:\n    pass\n", r"^relu\.py:1: .*invalid syntax"),
-        ("x = 1\n    y = 2\n", r"^relu\.py:2: .*unexpected indent"),
-        ("import numpy as np\nnp.nothing\n", r"^relu\.py:2 \(np\.nothing\): AttributeError"),
-        ("import nothing_like_it\n", r"^relu\.py:1 \(.*\): ModuleNotFoundError"),
-        ("x = 1\n", r"^relu\.py: ReLU\.setup, .* missing; keep the names of the stub"),
-        ("class ReLU:\n    def setup(self): pass\n", r"^relu\.py: ReLU\.reshape.* missing"),
-        ("class ReLU:\n    forward = 1\n", r"^relu\.py: ReLU\.setup.* missing"),
-        ("", r"^relu\.py: ReLU\.setup.* missing"),
-        ("x = '\0'\n", r"^relu\.py"),
-    ],
-)
-def test_a_file_that_is_no_solution(text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+KEEP = "missing; keep the names of the stub that --start writes"
+
+
+@bad_inputs(ExerciseError, {
+    "syntax": ("def f(:\n    pass\n", "relu.py:1: ...invalid syntax..."),
+    "indent": ("x = 1\n    y = 2\n", "relu.py:2: ...unexpected indent..."),
+    "attribute": ("import numpy as np\nnp.nothing\n", "relu.py:2 (np.nothing): AttributeError: ..."),
+    "import": ("import nothing_like_it\n", "relu.py:1 (import nothing_like_it): ModuleNotFoundError: ..."),
+    "no class": ("x = 1\n", f"relu.py: ReLU.setup, ReLU.reshape, ReLU.forward, ReLU.backward {KEEP}"),
+    "one method": ("class ReLU:\n    def setup(self): pass\n",
+                   f"relu.py: ReLU.reshape, ReLU.forward, ReLU.backward {KEEP}"),
+    "no method": ("class ReLU:\n    forward = 1\n", f"relu.py: ReLU.setup, ReLU.reshape, ...{KEEP}"),
+    "empty": ("", f"relu.py: ReLU.setup, ReLU.reshape, ReLU.forward, ReLU.backward {KEEP}"),
+    "null": ("x = '\0'\n", "relu.py...: source code string cannot contain null bytes"),
+    "late import": ("import os\nfrom __future__ import annotations\n",
+                    "relu.py:2: from __future__ imports must occur at the beginning of the file"),
+    "missing": (None, "relu.py: cannot read the exercise relu: No such file or directory"),
+    "bytes": (b"\xff\xfe\x00", "relu.py: cannot read the exercise relu: not a text file (byte 0 is not UTF-8)"),
+})  # fmt: skip
+def test_a_file_that_is_no_solution(
+    given: str | bytes | None, rejected: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A file that is not a solution gives one line with the file name and, if there is one, the line number."""
     monkeypatch.chdir(tmp_path)
-    Path("relu.py").write_text(text)
-    with pytest.raises(ExerciseError, match=said) as error:
+    if given is not None:
+        Path("relu.py").write_bytes(given.encode() if isinstance(given, str) else given)
+    with rejected:
         ReadersFile(RELU, Path("relu.py"))
-    assert str(error.value).isprintable()
 
 
-def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A missing file, or one that is not text, is reported with its name and the reason."""
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ExerciseError, match=r"^relu\.py: cannot read the exercise relu: No such file"):
-        ReadersFile(RELU, Path("relu.py"))
-    Path("relu.py").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ExerciseError, match="is not UTF-8"):
-        ReadersFile(RELU, Path("relu.py"))
+def test_a_file_that_is_called_otherwise(write: Write) -> None:
+    """A file whose name does not end in .py is rejected, since Python loads no module from it."""
+    with pytest.raises(ExerciseError, match=r"^relu\.txt: expected a Python module \(\.py\)$"):
+        ReadersFile(RELU, write().rename("relu.txt"))
 
 
 @pytest.mark.parametrize(
@@ -206,20 +211,3 @@ def test_an_error_elsewhere_does_not_hide_a_difference(write: Write) -> None:
 def test_an_error_after_the_readers_code(write: Write) -> None:
     """An error raised after the reader's code has returned names the possible causes."""
     assert failed(write(forward="del top[0]"))[1].startswith("It was raised outside relu.py: check what your code")
-
-
-def test_a_file_that_is_called_otherwise(write: Write) -> None:
-    """A file whose name does not end in .py is rejected, since Python loads no module from it."""
-    path = write().rename("relu.txt")
-    with pytest.raises(ExerciseError, match=r"^relu\.txt: expected a Python module \(\.py\)$"):
-        ReadersFile(RELU, path)
-
-
-def test_what_only_the_compiler_finds(write: Write) -> None:
-    """An error that only the compiler finds is reported once, with its line."""
-    path = write()
-    path.write_text("import os\n" + path.read_text())
-    with pytest.raises(
-        ExerciseError, match=r"^relu\.py:\d+: from __future__ imports must occur at the beginning.*file$"
-    ):
-        ReadersFile(RELU, path)

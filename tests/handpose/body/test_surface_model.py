@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-import pytest
 
 from handpose.body.model import Surface
 from handpose.body.render import Capsules
@@ -14,6 +15,7 @@ from layers.hand.skeleton_file import SkeletonParameter, text_of
 from netlib.errors import NetlibError, PrototxtError
 from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import render_image
+from tests.support.bad_input import bad_inputs
 
 HAND = skeletons.load()
 SURFACE_BLOCK = Surface(HAND)
@@ -143,52 +145,38 @@ def test_surface_is_written_and_scaled_with_its_body() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('from: "root"', 'from: "rot"', r":10:13: error: unknown joint 'rot' \(did you mean 'root'"),
-        ('offset { joint: "tip"', 'offset { joint: "tp"', r":9:12: error: unknown joint 'tp'"),
-        ('axes: "root"', 'axes: "rooot"', r":8:25: error: unknown joint 'rooot'"),
-        (
-            "flesh {",
-            'flesh { wedge { joint: "root" joint: "end" radius: 1 }',
-            "joints root, end; expected three different",
-        ),
-        (
-            "flesh {",
-            'flesh { wedge { joint: "root" joint: "end" joint: "end" radius: 1 }',
-            "expected three different",
-        ),
-        (
-            "flesh {",
-            'flesh { wedge { joint: "root" joint: "end" joint: "tip" radius: 1 radius: 2 }',
-            "radius 1, 2; expected one or three > 0",
-        ),
-        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" joint: "tap" radius: 1 }', "unknown joint 'tap'"),
-        ("radius: 0.2 part", "radius: -1 part", r":10:11: error: radius -1; expected one or two > 0"),
-        ("radius: 0.2 part", "radius: 1e200 part", r":10:11: error: radius 1e\+200; expected one or two > 0"),
-        ("radius: 0.2 part", "radius: 12 part", r"radius 12; expected one or two > 0, in half-cubes, at most 10 \("),
-        ("y: 0.5", "y: 20", r"offset 0, 20, 0; expected lengths in half-cubes, at most 10 \("),
-        ("y: 0.5", "y: nan", r":8:10: error: offset 0, nan, 0; expected lengths"),
-        (
-            'joint: "tip" axes: "tip"',
-            'joint: "end" axes: "root"',
-            r":9:10: error: joint 'end' has two offsets along 'root'",
-        ),
-        ("radius: 0.2 part", "part", r":10:11: error: missing required field 'radius'"),
-        ('parent: "end"', 'parent: "ned"', r":7:23: error: unknown parent 'ned'"),
-    ],
-)
-def test_mistakes(old: str, new: str, message: str) -> None:
+LENGTHS = "in half-cubes, at most 10 (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
+FLESH = ARM[ARM.index("flesh") :]
+
+
+@bad_inputs(PrototxtError, {
+    f"{old} -> {new}": ((old, new), f"<text>:{line}") for old, new, line in (
+        ('from: "root"', 'from: "rot"', "10:13: error: unknown joint 'rot' (did you mean 'root'?)"),
+        ('offset { joint: "tip"', 'offset { joint: "tp"', "9:12: error: unknown joint 'tp' (did you mean 'tip'?)"),
+        ('axes: "root"', 'axes: "rooot"', "8:25: error: unknown joint 'rooot' (did you mean 'root'?)"),
+        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" radius: 1 }',
+         "5:15: error: joints root, end; expected three different ones"),
+        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" joint: "end" radius: 1 }',
+         "5:15: error: joints root, end, end; expected three different ones"),
+        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" joint: "tip" radius: 1 radius: 2 }',
+         f"5:15: error: radius 1, 2; expected one or three > 0, {LENGTHS}"),
+        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" joint: "tap" radius: 1 }',
+         "5:17: error: unknown joint 'tap' (did you mean 'tip'?)"),
+        *(("radius: 0.2 part", f"radius: {radius} part",
+           f"10:11: error: radius {float(radius):g}; expected one or two > 0, {LENGTHS}")
+          for radius in ("-1", "1e200", "12")),
+        ("y: 0.5", "y: 20", f"8:10: error: offset 0, 20, 0; expected lengths {LENGTHS}"),
+        ("y: 0.5", "y: nan", f"8:10: error: offset 0, nan, 0; expected lengths {LENGTHS}"),
+        ('joint: "tip" axes: "tip"', 'joint: "end" axes: "root"',
+         "9:10: error: joint 'end' has two offsets along 'root'"),
+        ("radius: 0.2 part", "part", "10:11: error: missing required field 'radius' in capsule"),
+        ('parent: "end"', 'parent: "ned"', "7:23: error: unknown parent 'ned' (did you mean 'end'?)"),
+        (FLESH, "flesh { }", "5:7: error: no capsule and no wedge in the flesh"),
+    )
+} | {"no flesh": ((FLESH, ""), NetlibError, "skeleton 'arm' has no flesh { ... }; expected capsules around its bones")},
+)  # fmt: skip
+def test_mistakes(given: tuple[str, str], rejected: Any) -> None:
     """The error names the place in the file."""
-    assert ARM.count(old) == 1
-    with pytest.raises(PrototxtError, match=message):
-        Surface(body(ARM.replace(old, new)))
-
-
-def test_a_skeleton_without_surface() -> None:
-    """A skeleton without a surface, or with an empty one, raises an error."""
-    with pytest.raises(NetlibError, match=r"skeleton 'arm' has no flesh"):
-        Surface(body(ARM[: ARM.index("flesh")]))
-    with pytest.raises(PrototxtError, match="no capsule"):
-        Surface(body(ARM[: ARM.index("flesh")] + "flesh { }"))
+    assert ARM.count(given[0]) == 1
+    with rejected:
+        Surface(body(ARM.replace(*given)))

@@ -180,13 +180,7 @@ def test_the_camera_follows_from_the_centers(tmp_path):
     assert np.allclose((camera.fx, camera.fy), (500, 510)) and camera.name == "own"
 
 
-@pytest.mark.parametrize("content", [None, b"", b"no HDF5 at all", "cut"], ids=["missing", "empty", "text", "cut"])
-def test_files_that_are_not_hdf5(tmp_path, content):
-    """A missing, empty, truncated or non-HDF5 file raises an error of one line."""
-    path = tmp_path / "a.h5"
-    if content is not None:
-        write(path, joint=ROWS)
-        path.write_bytes(path.read_bytes()[:1000] if content == "cut" else content)
-    with pytest.raises(DataError, match=r"a\.h5: cannot read the HDF5 file: ") as error:
-        labels.read(path, [2])
-    assert "\n" not in str(error.value)
+def test_a_file_that_is_not_there(tmp_path):
+    """A missing file raises an error of one line."""
+    with pytest.raises(DataError, match=r"^.*a\.h5: cannot read the HDF5 file: No such file or directory$"):
+        labels.read(tmp_path / "a.h5", [2])

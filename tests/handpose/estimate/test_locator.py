@@ -38,6 +38,7 @@ from layers.hand.skeleton_file import SkeletonParameter
 from netlib.errors import DataError, NetlibError
 from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
+from tests.support.bad_input import bad_inputs
 
 NET = """
 layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 64 dim: 64 } } }
@@ -110,30 +111,19 @@ def test_the_packaged_locator_finds_hands() -> None:
     assert (np.linalg.norm(nearest - scenes.center, axis=1) < 50).mean() < 0.7
 
 
-def test_nothing_to_be_found(drawn_to_the_right: Locator) -> None:
-    """An image without depth, or with everything far away, raises an error."""
-    with pytest.raises(DataError, match="no depth anywhere in the image"):
-        drawn_to_the_right.hands(np.zeros((480, 640)), NYU)
-    with pytest.raises(DataError, match="nothing as large as a hand is seen nearer than 1600 mm"):
-        drawn_to_the_right.hands(np.full((480, 640), 3000.0), NYU)
-
-
-def test_out_of_sight(drawn_to_the_right: Locator) -> None:
-    """Places that leave the field of view raise an error."""
-    drawn_to_the_right.net.params["where"][1].data[0] = 50
-    with pytest.raises(DataError, match="what may be a hand is out of sight"):
-        drawn_to_the_right.hands(two_plates(), NYU)
-
-
-def test_other_nets(net_of: NetOf) -> None:
+@bad_inputs(NetlibError, {
+    "where": (('top: "where"', 'top: "there"'),
+              "<net>: blob 'where' of shape None an item, expected (3,) of a locator"),
+    "depth": (("dim: 64", "dim: 32"),
+              "<net>: blob 'depth' of shape (1, 32, 64) an item, expected (1, 64, 64) of a locator"),
+    "nan": (("", ""), "<net>: answers that are not finite; check its weights"),
+})  # fmt: skip
+def test_other_nets(net_of: NetOf, given, rejected) -> None:
     """A net with other blobs raises an error at construction, weights that are not finite raise one at evaluation."""
-    with pytest.raises(NetlibError, match=r"blob 'where' of shape None an item, expected \(3,\) of a locator"):
-        Locator(net_of(NET.replace('top: "where"', 'top: "there"'), netlib.TEST))
-    with pytest.raises(NetlibError, match=r"blob 'depth' of shape \(1, 32, 64\) an item, expected \(1, 64, 64\)"):
-        Locator(net_of(NET.replace("dim: 64", "dim: 32", 1), netlib.TEST))
-    net = net_of(NET, netlib.TEST)
-    net.params["where"][1].data[1] = np.nan
-    with pytest.raises(NetlibError, match="answers that are not finite; check its weights"):
+    net = net_of(NET.replace(*given, 1), netlib.TEST)
+    if given == ("", ""):
+        net.params["where"][1].data[1] = np.nan
+    with rejected:
         Locator(net).look(np.zeros((1, SIZE, SIZE)))
 
 
@@ -214,19 +204,49 @@ def test_pixels_without_a_reading(frames, unread):
     assert np.array_equal(find_hand(np.where(np.isfinite(image), image, unread), NYU), find_hand(image, NYU))
 
 
-@pytest.mark.parametrize("unread", [0, np.nan, np.inf])
-def test_an_empty_image(unread):
-    """An image without readings raises an error."""
-    with pytest.raises(DataError, match="no depth anywhere in the image"):
-        find_hand(np.full((480, 640), unread), NYU)
-
-
-def test_too_little_to_be_a_hand():
-    """20 x 20 pixels at 500 mm are 290 mm², less than a hand shows from any side, which raises an error."""
+def patch(side: int) -> np.ndarray:
+    """An image of a square at 500 mm."""
     image = np.zeros((480, 640))
-    image[100:120, 100:120] = 500
-    with pytest.raises(DataError, match="only 290 mm² of surface in the image, expected a hand"):
-        find_hand(image, NYU)
+    image[100 : 100 + side, 100 : 100 + side] = 500
+    return image
+
+
+def stick(joints: str) -> Callable[[], object]:
+    """A function that moves a crop for a skeleton of these joints."""
+    body = Skeleton(schema.read(prototxt.parse(f'name: "stick" {joints}'), SkeletonParameter, "test"))
+    return lambda: recenter(np.zeros((2, 3)), body, (320, 240, 700), CUBE_MM, NYU)
+
+
+@bad_inputs(DataError, {
+    **{f"all {unread}": (lambda unread=unread: find_hand(np.full((480, 640), unread), NYU),
+                         "no depth anywhere in the image") for unread in (0, np.nan, np.inf)},
+    "290 mm²": (lambda: find_hand(patch(20), NYU), "only 290 mm² of surface in the image, expected a hand"),
+    "no depth around": (lambda: depth_around(np.zeros((80, 100)), 30, 50), "no depth around pixel 30, 50"),
+    **{f"pixel {u}, {v}": (lambda u=u, v=v: depth_around(np.zeros((80, 100)), u, v),
+                           f"pixel {u}, {v} lies outside the image of 100 x 80")
+       for u, v in ((-1, 50), (99.6, 50), (50, 80))},
+    "no palm": (stick('joint { name: "a" }'), "skeleton 'stick' has no joint 'palm' to move the crop to"),
+    "one bone": (stick('joint { name: "palm" } joint { name: "a" parent: "palm" bone { axis: X length: 1 } }'),
+                           "skeleton 'stick' has too few joints fixed to the palm to tell how it is turned"),
+})  # fmt: skip
+def test_where_no_hand_can_be(given, rejected):
+    """An image without depth, or with less than a hand shows from any side, and a body without a palm are errors."""
+    with rejected:
+        given()
+
+
+@bad_inputs(DataError, {
+    "no depth": ((np.zeros((480, 640)), 0), "no depth anywhere in the image"),
+    "far away": ((np.full((480, 640), 3000.0), 0), "nothing as large as a hand is seen nearer than 1600 mm"),
+    "out of sight": ((two_plates(), 50), "what may be a hand is out of sight"),
+})  # fmt: skip
+def test_nothing_to_be_found(drawn_to_the_right: Locator, given, rejected) -> None:
+    """An image without depth, with everything far away, and places that leave the field of view raise an error."""
+    depth, right = given
+    if right:
+        drawn_to_the_right.net.params["where"][1].data[0] = right
+    with rejected:
+        drawn_to_the_right.hands(depth, NYU)
 
 
 # ----------------------------------------------------------------------------------------------- recenter
@@ -279,23 +299,6 @@ def test_how_the_palm_is_turned(hands):
         assert np.linalg.det(near) == pytest.approx(1) and np.abs(near - frame).max() < 0.15
 
 
-@pytest.mark.parametrize(
-    ("joints", "message"),
-    [
-        ('joint { name: "a" }', "skeleton 'stick' has no joint 'palm' to move the crop to"),
-        (
-            'joint { name: "palm" } joint { name: "a" parent: "palm" bone { axis: X length: 1 } }',
-            "skeleton 'stick' has too few joints fixed to the palm to tell how it is turned",
-        ),
-    ],
-)
-def test_a_skeleton_without_a_palm(joints, message):
-    """A skeleton without a palm, or with a palm of one bone, raises an error."""
-    body = Skeleton(schema.read(prototxt.parse(f'name: "stick" {joints}'), SkeletonParameter, "test"))
-    with pytest.raises(DataError, match=message):
-        recenter(np.zeros((2, 3)), body, (320, 240, 700), CUBE_MM, NYU)
-
-
 # -------------------------------------------------------------------------------------------- depth_around
 
 
@@ -313,21 +316,6 @@ def test_a_pixel_in_the_corner():
     image = np.full((100, 100), 900.0)
     image[:5, :5] = 0
     assert depth_around(image, 0, 0)[2] == depth_around(image, 99, 99)[2] == 900 + PALM_MM
-
-
-@pytest.mark.parametrize(
-    ("pixel", "message"),
-    [
-        ((30, 50), "no depth around pixel 30, 50"),
-        ((-1, 50), "pixel -1, 50 lies outside the image of 100 x 80"),
-        ((99.6, 50), "pixel 99.6, 50 lies outside the image of 100 x 80"),
-        ((50, 80), "pixel 50, 80 lies outside the image of 100 x 80"),
-    ],
-)
-def test_a_pixel_without_depth(pixel, message):
-    """A pixel outside the image, or without depth around it, raises an error."""
-    with pytest.raises(DataError, match=message):
-        depth_around(np.zeros((80, 100)), *pixel)
 
 
 def test_of_a_huge_image_every_so_manieth_pixel_is_looked_at(frames, monkeypatch):

@@ -34,6 +34,7 @@ from netlib.errors import NetlibError, WeightsError
 from netlib.files import Content
 from netlib.files.paths import ROOT
 from netlib.snapshots import snapshot
+from tests.support.bad_input import bad_inputs
 
 MEGABYTE = 1e6
 
@@ -130,25 +131,23 @@ def test_a_changed_net(copy: Path) -> None:
         load_predictor(folder=copy)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (None, "cannot read the model's card: No such file"),
-        ("# A model", "no front matter; expected lines 'key: value' between two lines '---'"),
-        (
-            "---\nname: x\n---\n",
-            "no 'caffemodel' in the front matter; expected name, caffemodel, license, sha256, ",
-        ),
-        ("---\nname: x\ncaffemodel: a\nlicense:\nsha256: 0\n---\n", "no 'license' in the front matter"),
-    ],
-)
-def test_cards_with_something_wrong(copy: Path, text: str | None, message: str) -> None:
+FIELDS = "expected name, caffemodel, license, sha256, net_sha256"
+
+
+@bad_inputs(NetlibError, {
+    "missing": (None, "...readme.md: cannot read the model's card: No such file or directory"),
+    "no fields": ("# A model", "...readme.md: no front matter; expected lines 'key: value' between two lines '---'"),
+    "no weights": ("---\nname: x\n---\n", f"...readme.md: no 'caffemodel' in the front matter; {FIELDS}"),
+    "no license": ("---\nname: x\ncaffemodel: a\nlicense:\nsha256: 0\n---\n",
+                   f"...readme.md: no 'license' in the front matter; {FIELDS}"),
+})  # fmt: skip
+def test_cards_with_something_wrong(copy: Path, given: str | None, rejected: Any) -> None:
     """An invalid model card raises an error that names the file."""
     card = copy / "readme.md"
     card.unlink()
-    if text is not None:
-        card.write_text(text)
-    with pytest.raises(NetlibError, match=f"readme.md: {message}"):
+    if given is not None:
+        card.write_text(given)
+    with rejected:
         load_predictor(folder=copy)
 
 

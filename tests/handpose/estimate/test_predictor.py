@@ -21,6 +21,7 @@ from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError, NetlibError
 from tests.handpose.estimate.conftest import NET, NetOf, Said, some_crop
+from tests.support.bad_input import bad_inputs
 
 HAND = skeleton.load()
 
@@ -50,25 +51,33 @@ def test_as_the_net_says(net_of: NetOf, batch: int) -> None:
     assert not np.array_equal(Predictor(net).in_crop(-some_crop()).joints, found.joints)
 
 
-def test_a_crop_of_another_shape(seeing: netlib.Net) -> None:
-    """A crop of another shape raises an error."""
-    with pytest.raises(DataError, match=r"crop of shape \(1, 128, 128\), expected \(128, 128\)"):
-        Predictor(seeing).in_crop(some_crop()[None])
+EXPECTED = "expected a net with the input depth and the output pred"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (NET.replace('"depth"', '"crop"'), "no blob 'depth'; expected a net with the input depth and the output pred"),
-        (NET.replace('"pred"', '"joints"'), "no blob 'pred'; expected a net with the input depth and the output pred"),
-        (NET[: NET.index('layer { name: "hand"')].replace('top: "DoF"', 'top: "pred"'), "no HandModel layer, so the"),
-    ],
-    ids=["depth", "pred", "hand"],
-)
-def test_nets_of_another_kind(net_of: NetOf, text: str, message: str) -> None:
+@bad_inputs(NetlibError, {
+    "depth": (NET.replace('"depth"', '"crop"'), f"<net>: no blob 'depth'; {EXPECTED}"),
+    "pred": (NET.replace('"pred"', '"joints"'), f"<net>: no blob 'pred'; {EXPECTED}"),
+    "hand": (NET[: NET.index('layer { name: "hand"')].replace('top: "DoF"', 'top: "pred"'),
+             "<net>: no HandModel layer, so the skeleton is unknown"),
+})  # fmt: skip
+def test_nets_of_another_kind(net_of: NetOf, given: str, rejected: Any) -> None:
     """A net with other blobs or layers raises an error at construction."""
-    with pytest.raises(NetlibError, match=message):
-        Predictor(net_of(text % 1, netlib.TEST))
+    with rejected:
+        Predictor(net_of(given % 1, netlib.TEST))
+
+
+@bad_inputs(DataError, {
+    "shape": (some_crop()[None], "crop of shape (1, 128, 128), expected (128, 128)"),
+    "bytes": (np.arange(128 * 128).reshape(128, 128) % 256, "crop with values from 0 to 255, expected -1 to 1"),
+    "nan": (np.full((128, 128), np.nan), "crop with values that are not numbers, expected -1 to 1"),
+    "infinite": (np.full((128, 128), -np.inf), "crop with values from -inf to -inf, expected -1 to 1"),
+    "list": ([[0.0]], "crop is a list, expected an array of numbers"),
+    "text": (np.full((128, 128), "a"), "crop is an array of <U1, expected numbers"),
+})  # fmt: skip
+def test_crops_that_are_refused(seeing: netlib.Net, given: Any, rejected: Any) -> None:
+    """A crop of another shape or with invalid values raises an error about the crop, not about the net."""
+    with rejected:
+        Predictor(seeing).in_crop(given)
 
 
 SIZED = NET.replace('bottom: "DoF" top: "pred"', 'bottom: "DoF" bottom: "size" top: "pred"').replace(
@@ -102,23 +111,6 @@ def test_a_net_that_predicts_bones(net_of: NetOf) -> None:
     assert best_fit(net) == "no"
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        (np.arange(128 * 128).reshape(128, 128) % 256, "crop with values from 0 to 255, expected -1 to 1"),
-        (np.full((128, 128), np.nan), "crop with values that are not numbers, expected -1 to 1"),
-        (np.full((128, 128), -np.inf), "crop with values from -inf to -inf, expected -1 to 1"),
-        ([[0.0]], "crop is a list, expected an array of numbers"),
-        (np.full((128, 128), "a"), "crop is an array of <U1, expected numbers"),
-    ],
-    ids=["bytes", "nan", "infinite", "list", "text"],
-)
-def test_crops_with_other_values(seeing: netlib.Net, values: Any, message: str) -> None:
-    """A crop with invalid values raises an error about the crop, not about the net."""
-    with pytest.raises(DataError, match=message):
-        Predictor(seeing).in_crop(values)
-
-
 def test_a_masked_crop(seeing: netlib.Net) -> None:
     """Masked pixels of a crop are background."""
     shown = some_crop()
@@ -144,21 +136,33 @@ def test_a_masked_frame(seeing: netlib.Net, frame: np.ndarray) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "center", [(np.nan, 200), (300,), (1, 2, 3, 4), (1, 2, np.inf), "palm", ((1, 2), (3, 4))], ids=str
-)
-def test_centers_that_are_none(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
-    """A centre that is not two or three finite numbers raises an error."""
-    with pytest.raises(DataError, match=r"expected two or three finite numbers: u, v in px or u, v, d in px, px, mm"):
-        Predictor(seeing, KINECT2).in_frame(frame, center)
+SHAPE = "depth image of shape {}, expected {}"
 
 
-@pytest.mark.parametrize("center", [None, (260, 210, 700)], ids=["searched", "given"])
-def test_a_frame_in_another_unit(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
-    """A frame in another unit raises an error, with and without a centre."""
-    for factor in (0.001, 1000, -1):
-        with pytest.raises(UnitError, match="expected mm"):
-            Predictor(seeing, KINECT2).in_frame(frame * factor, center)
+@bad_inputs(DataError, {
+    **{f"center {center}": ((lambda frame: frame, KINECT2, center), f"center {center}, expected two or three finite "
+                            "numbers: u, v in px or u, v, d in px, px, mm")
+       for center in ((np.nan, 200), (300,), (1, 2, 3, 4), (1, 2, np.inf), "palm", ((1, 2), (3, 4)))},
+    **{f"{unit}, {center}": ((lambda frame, factor=factor: frame * factor, KINECT2, center), UnitError, line)
+       for center in (None, (260, 210, 700)) for unit, factor, line in (
+           ("metres", 0.001, "depths from 0.579 to 1.5, expected mm; they may be metres"),
+           ("micrometres", 1000, "depths from 579424 to 1.5e+06, expected mm, nearer than 20000; check the unit"),
+           ("negative", -1, "depths from -1500 to -579.424, expected mm, growing away from the camera"))},
+    "nothing": ((np.zeros_like, KINECT2, None), "no depth anywhere in the image"),
+    "another camera": ((lambda frame: frame, NYU, None), SHAPE.format("(424, 512)", "(480, 640) of camera 'nyu'")),
+    "channels": ((lambda frame: frame[:, :, None], KINECT2, None), SHAPE.format("(424, 512, 1)", "(height, width)")),
+})  # fmt: skip
+def test_frames_that_are_refused(seeing: netlib.Net, frame: np.ndarray, given: Any, rejected: Any) -> None:
+    """A frame in another unit or size, without depth, and a centre that is none, raise an error."""
+    change, camera, center = given
+    with rejected:
+        Predictor(seeing, camera).in_frame(change(frame), center)
+
+
+def test_frames_of_other_sizes_with_a_locator(frame: np.ndarray) -> None:
+    """The size of a frame is checked before the locator runs."""
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
+        load_predictor(NYU).in_frame(frame)
 
 
 def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
@@ -199,20 +203,14 @@ def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
     u, v, _ = nearest
     np.testing.assert_array_equal(predictor.start(frame, (u, v)), locator.depth_around(frame, u, v))
     np.testing.assert_array_equal(predictor.start(frame, (1, 2, 3)), [1, 2, 3])
-    with pytest.raises(DataError, match="no depth anywhere in the image"):
-        predictor.in_frame(np.zeros((424, 512)))
 
 
 def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """A camera without a size accepts any frame; another camera's frame and an image with channels raise errors."""
+    """A camera without a size accepts any frame."""
     own = Camera("own", KINECT2.fx, KINECT2.fy, KINECT2.u0, KINECT2.v0, 0, 0)
     found, same = (Predictor(seeing, camera).in_frame(frame) for camera in (own, KINECT2))
     np.testing.assert_array_equal(found.joints, same.joints)
     assert (found.camera.width, found.camera.height) == (512, 424)
-    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
-        Predictor(seeing, NYU).in_frame(frame)
-    with pytest.raises(DataError, match=r"depth image of shape \(424, 512, 1\), expected \(height, width\)"):
-        Predictor(seeing, KINECT2).in_frame(frame[:, :, None])
 
 
 # ------------------------------------------------------------------------------------------------ places
@@ -227,32 +225,26 @@ def test_the_likeliest_place(seeing: netlib.Net, frame: np.ndarray) -> None:
     np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210, 690)).center_uvd, (260, 210, 690))
 
 
-def test_frames_of_other_sizes_with_a_locator(frame: np.ndarray) -> None:
-    """The size of a frame is checked before the locator runs."""
-    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
-        load_predictor(NYU).in_frame(frame)
-
-
 # ----------------------------------------------------------------------------------------------- options
 
 
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        ({"hand": "Left"}, r"hand='Left' \(did you mean 'left'\?\); expected right, left, either"),
+WHOLE = "expected a whole number from 0 to 100"
+
+
+@bad_inputs(NetlibError, {
+    line: (option, line) for option, line in (
+        ({"hand": "Left"}, "hand='Left' (did you mean 'left'?); expected right, left, either"),
         ({"hand": None}, "hand=None; expected right, left, either"),
         ({"fit": "best"}, "fit='best'; expected no, fast, accurate"),
-        ({"refine": -1}, "refine=-1; expected a whole number from 0 to 100"),
-        ({"refine": 1.5}, "refine=1.5; expected a whole number from 0 to 100"),
-        ({"refine": 10**9}, "refine=1000000000; expected a whole number from 0 to 100"),
+        ({"refine": -1}, f"refine=-1; {WHOLE}"),
+        ({"refine": 1.5}, f"refine=1.5; {WHOLE}"),
+        ({"refine": 10**9}, f"refine=1000000000; {WHOLE}"),
         ({"cube_mm": 0.3}, "cube_mm=0.3; expected 50 to 10000 mm"),
         ({"cube_mm": np.nan}, "cube_mm=nan; expected 50 to 10000 mm"),
-        ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"),
-    ],
-    ids=str,
-)
-def test_options_that_are_none(seeing: netlib.Net, option: dict[str, Any], message: str) -> None:
+        ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"))
+})  # fmt: skip
+def test_options_that_are_none(seeing: netlib.Net, given: dict[str, Any], rejected: Any) -> None:
     """An invalid option raises an error at construction, also with the packaged weights."""
-    for make in (lambda: Predictor(seeing, **option), lambda: load_predictor(**option)):
-        with pytest.raises(NetlibError, match=f"^{message}$"):
+    for make in (lambda: Predictor(seeing, **given), lambda: load_predictor(**given)):
+        with rejected:
             make()

@@ -9,7 +9,6 @@ from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib.errors import NetlibError
 from netlib.proto import prototxt, schema
 from tests.handpose.body.test_surface_model import ARM
 from tests.handpose.fit.conftest import slopes
@@ -80,17 +79,3 @@ def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
     capsules = model.capsules(x, np.array([[1.0, 2, 700]]))
     np.testing.assert_allclose(capsules.radius_a[0], model.radii[:, 0] * 1.2, rtol=1e-6)
     np.testing.assert_allclose(capsules.a[0] - (1, 2, 700), model.posed(x).ends[0, model.start], atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        ARM.replace('name: "end" parent: "root"', 'name: "end" parent: "root" translate { axis: Y dof: "x" }'),
-        ARM.replace('joint { name: "end" parent: "root"', 'joint { name: "end"'),
-    ],
-    ids=["slides", "two roots"],
-)
-def test_bodies_that_cannot_be_fitted(text: str) -> None:
-    """A body whose root does not translate alone, or with two roots, raises an error."""
-    with pytest.raises(NetlibError, match=r"skeleton 'arm': expected one root, without a bone, that alone translates"):
-        body(text)

@@ -19,7 +19,6 @@ from handpose.frames.cameras import NYU
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib import engine
-from netlib.errors import DataError
 from netlib.proto import prototxt, schema
 from tests.handpose.fit.conftest import Scene
 from tests.handpose.fit.test_descent import error, start_of
@@ -238,12 +237,3 @@ def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch:
     loose = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)
     held, free = (np.abs(fit.x - before)[:, model.limbs].mean() for fit in (found, loose))
     assert held < 0.95 * free
-
-
-def test_mistakes(fitter: DepthFitter, scene: Scene) -> None:
-    """The number of starts must match the quarter turns, and the number of frames the crops."""
-    inputs = fitter.model.inputs_of(scene.truth)
-    with pytest.raises(DataError, match="1 starts, expected 4 for the plan 'accurate'"):
-        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], ACCURATE)
-    with pytest.raises(DataError, match="starts of 11 frames for 12 crops"):
-        fitter.fit(scene.seen, [fitter.model.variables_of(inputs[:11])], FAST)

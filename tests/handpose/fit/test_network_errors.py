@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -24,6 +25,7 @@ from handpose.fit.network_errors import (
     weights_of,
 )
 from netlib.errors import DataError
+from tests.support.bad_input import bad_inputs
 
 TABLE = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
 EVEN = np.full(len(SIGNS), 1 / len(SIGNS))
@@ -70,40 +72,36 @@ def test_weights_that_nobody_measured(model: CapsuleModel, tmp_path: Path) -> No
         assert np.isnan(found.expected("fast", all_signs([3]))[1:]).all()
 
 
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ({"limbs": np.eye(19)}, r"fit/limbs of shape \(19, 19\), expected a covariance \(20, 20\)"),
-        ({"fast": TABLE}, r"fit/limbs of shape \(0,\), expected a covariance"),
-        ({"limbs": -np.eye(20)}, "expected a covariance"),
-        ({"limbs": np.eye(20) * np.nan}, "expected a covariance"),
-        ({"limbs": np.eye(20), "fast": TABLE}, "fit: fast: a table without weights of signs, or weights without"),
-        ({"limbs": np.eye(20), "slow.signs": EVEN}, "fit: slow: a table without weights of signs, or weights without"),
-        (
-            {"limbs": np.eye(20), "fast": TABLE[::-1], "fast.signs": EVEN},
-            r"fit/fast of shape \(3, 3\), expected rows of uncertainty",
-        ),
-        (
-            {"limbs": np.eye(20), "fast": TABLE[:, :2], "fast.signs": EVEN},
-            r"fit/fast of shape \(3, 2\), expected rows of uncertainty",
-        ),
-        (
-            {"limbs": np.eye(20), "fast": TABLE * (0, 1, 1) + ((0, 0, 0), (1, 0, 0), (2, 0, 0)), "fast.signs": EVEN},
-            r"fit/fast of shape \(3, 3\), expected rows of uncertainty",
-        ),
-        (
-            {"limbs": np.eye(20), "fast": TABLE, "fast.signs": -EVEN},
-            r"fit/fast.signs of shape \(5,\), expected 5 weights with the sum 1",
-        ),
-        ({"limbs": b"text"}, "cannot read the group 'fit'"),
-    ],
-)
+LIMBS, AGAIN = "expected a covariance (20, 20)", "package the weights again"
+SIGNLESS = f"a table without weights of signs, or weights without a table; {AGAIN}"
+ROWS = "expected rows of uncertainty, error, chance"
+ZEROS = TABLE * (0, 1, 1) + ((0, 0, 0), (1, 0, 0), (2, 0, 0))
+
+
+@bad_inputs(DataError, {
+    name: (arrays, f"...w.h5: {line}") for name, arrays, line in (
+        ("19 limbs", {"limbs": np.eye(19)}, f"fit/limbs of shape (19, 19), {LIMBS}"),
+        ("no limbs", {"fast": TABLE}, f"fit/limbs of shape (0,), {LIMBS}"),
+        ("negative limbs", {"limbs": -np.eye(20)}, f"fit/limbs of shape (20, 20), {LIMBS}"),
+        ("NaN limbs", {"limbs": np.eye(20) * np.nan}, f"fit/limbs of shape (20, 20), {LIMBS}"),
+        ("no signs", {"limbs": np.eye(20), "fast": TABLE}, f"fit: fast: {SIGNLESS}"),
+        ("no table", {"limbs": np.eye(20), "slow.signs": EVEN}, f"fit: slow: {SIGNLESS}"),
+        ("descending", {"limbs": np.eye(20), "fast": TABLE[::-1], "fast.signs": EVEN},
+         f"fit/fast of shape (3, 3), {ROWS}"),
+        ("two columns", {"limbs": np.eye(20), "fast": TABLE[:, :2], "fast.signs": EVEN},
+         f"fit/fast of shape (3, 2), {ROWS}"),
+        ("no uncertainty", {"limbs": np.eye(20), "fast": ZEROS, "fast.signs": EVEN},
+         f"fit/fast of shape (3, 3), {ROWS}"),
+        ("negative signs", {"limbs": np.eye(20), "fast": TABLE, "fast.signs": -EVEN},
+         "fit/fast.signs of shape (5,), expected 5 weights with the sum 1"),
+        ("text", {"limbs": b"text"}, "cannot read the group 'fit': damaged, or not as expected: ..."))
+})  # fmt: skip
 def test_files_with_something_wrong(
-    model: CapsuleModel, tmp_path: Path, arrays: dict[str, object], message: str
+    model: CapsuleModel, tmp_path: Path, given: dict[str, object], rejected: Any
 ) -> None:
     """An invalid group ``fit`` raises an error with the name and the shape."""
-    with pytest.raises(DataError, match=message):
-        read_errors(write(tmp_path / "w.h5", **arrays), model)
+    with rejected:
+        read_errors(write(tmp_path / "w.h5", **given), model)
 
 
 def test_covariance() -> None:
@@ -126,15 +124,6 @@ def test_crops_that_show_nothing() -> None:
     uncertainty, error = np.arange(1.0, 101), np.linspace(2, 60, 100)
     shown = table_of(uncertainty, error)
     np.testing.assert_array_equal(table_of(np.append(uncertainty, [np.inf] * 7), np.append(error, [99.0] * 7)), shown)
-
-
-def test_too_little_to_measure() -> None:
-    """One fit, or many with equal uncertainty, raise an error, because the table could not be interpolated."""
-    for count in (1, 30):
-        with pytest.raises(DataError, match=f"{count} fits with the same uncertainty, expected many different ones"):
-            table_of(np.full(count, 3.0), np.linspace(1, 50, count))
-    with pytest.raises(DataError, match="0 fits with the same uncertainty"):  # no crop shows anything
-        table_of(np.full(30, np.inf), np.linspace(1, 50, 30))
 
 
 def test_a_table_of_fits_that_are_known() -> None:

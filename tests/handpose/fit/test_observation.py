@@ -8,7 +8,6 @@ import pytest
 from handpose.fit.observation import observe
 from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.frames.crops import crop_pixels, window
-from netlib.errors import DataError
 from tests.handpose.fit.conftest import Scene
 
 
@@ -128,9 +127,3 @@ def test_some_frames_and_some_points(scene: Scene) -> None:
     np.testing.assert_array_equal(few.points[1], scene.seen.points[3, :, ::3])
     assert len(few) == 3 and few.frame.tolist() == [3, 3, 1] and few.known.shape == (3, 134)
     assert few.outside is scene.seen.outside  # nothing large is copied
-
-
-def test_mistakes() -> None:
-    """A single crop instead of a stack of crops raises an error."""
-    with pytest.raises(DataError, match=r"crops of shape \(128, 128\), expected \(N, size, size\)"):
-        observe(np.zeros((128, 128)), [[1, 2, 3]], KINECT2, 300.0)

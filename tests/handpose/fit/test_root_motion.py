@@ -9,7 +9,6 @@ import pytest
 
 from handpose.fit.body import SIZE, CapsuleModel, RootMotion
 from layers.hand.bodies import kinematics_of
-from netlib.errors import NetlibError
 from tests.support.made_tracks import skeleton_of
 
 # A body of three joints; {slides} and {turns} are the motions of its root, which have initial values.
@@ -79,15 +78,3 @@ def test_place_and_rotation(model: CapsuleModel, made: CapsuleModel | None) -> N
     joint = int(np.flatnonzero(own.skeleton.parents < 0)[0])
     np.testing.assert_allclose(root.place(x), pose.joints[:, joint] * 150)
     np.testing.assert_allclose(root.rotation(x), kinematics.rotation_of(pose, joint), atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "kind",
-    [("X Y", "Z X Y"), ("X Y Y", "Z X Y"), ("X Y Z", "Z X"), ("X Y Z", "Z X Z"), ("X Y Z", "Z X Y", "fixed: true"),
-     ("X Y Z", "Z X Y", "", "abb")],
-    ids=["two slides", "one slide twice", "two turns", "one turn twice", "a fixed DoF", "one DoF for two"],
-)  # fmt: skip
-def test_other_roots(kind: tuple[str, ...]) -> None:
-    """Bodies whose root has other motions raise an error."""
-    with pytest.raises(NetlibError, match="skeleton 'made up': its root does not translate along x, y, z and turn"):
-        RootMotion(body(*kind))

@@ -1,7 +1,9 @@
 """A net's predictions over a test set, and their figures."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,6 +15,7 @@ from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError, NetlibError
 from netlib.proto import prototxt
+from tests.support.bad_input import bad_inputs
 
 NET = """
 layer {{
@@ -62,33 +65,26 @@ def test_a_second_run_begins_at_the_first_frame(frames: Path) -> None:
     assert np.array_equal(first.joints, second.joints)
 
 
-def test_a_half_cube_that_gives_no_millimetres(frames: Path) -> None:
-    """A half-cube of NaN raises an error."""
-    with h5py.File(frames / "a.h5", "a") as file:
-        file["half_cube"][2] = np.nan
-    with pytest.raises(DataError, match=r"a\.h5: data set 'half_cube' is nan in frame 2"):
-        held_out.predict_all(net_of(frames))
+def predict(folder: Path, name: str = "", at: int = 0, extra: str = "") -> object:
+    """Figures of two files of frames; one has a NaN in row 2 or 3 of a data set."""
+    shutil.copy(folder / "a.h5", folder / "b.h5")
+    (folder / "list.txt").write_text("a.h5\nb.h5\n")
+    with h5py.File(folder / "b.h5", "a") as file:
+        if name:
+            file[name][at] = np.nan
+    return held_out.figures_of(held_out.predict_all(net_of(folder, extra=extra)), skeleton.load())
 
 
-def test_joints_that_are_not_finite(frames: Path) -> None:
-    """The error names the file and the frame within it."""
-    shutil.copy(frames / "a.h5", frames / "b.h5")
-    (frames / "list.txt").write_text("a.h5\nb.h5\n")
-    with h5py.File(frames / "b.h5", "a") as file:
-        file["joint"][3, 5] = np.nan
-    with pytest.raises(DataError, match=r"b\.h5: the annotated joints of frame 3 are not finite \(1 such frames\)"):
-        held_out.predict_all(net_of(frames))
-
-
-def test_predictions_that_are_not_finite(frames: Path) -> None:
-    """The error names the frame."""
-    with h5py.File(frames / "a.h5", "a") as file:
-        file["x"][3, 5] = np.nan
-    with pytest.raises(DataError, match="the predicted joints of frame 3 are not finite"):
-        held_out.figures_of(held_out.predict_all(net_of(frames)), skeleton.load())
-
-
-def test_a_shuffled_test_set(frames: Path) -> None:
-    """A shuffled test set raises an error, because half-cubes are stored in the order of frames."""
-    with pytest.raises(NetlibError, match="layer 'data' shuffles its frames"):
-        held_out.predict_all(net_of(frames, extra="shuffle: true"))
+@bad_inputs(DataError, {
+    "half_cube": (lambda at: predict(at, "half_cube", 2), "...b.h5: data set 'half_cube' is nan in frame 2 ..., "
+                  "expected mm, 25 to 5000"),
+    "joint": (lambda at: predict(at, "joint", 3),
+              "...b.h5: the annotated joints of frame 3 are not finite (1 such frames)"),
+    "x": (lambda at: predict(at, "x", 3), "the predicted joints of frame ... are not finite (1 such frames)"),
+    "shuffle": (lambda at: predict(at, extra="shuffle: true"), NetlibError,
+                "<net>: layer 'data' shuffles its frames; a test set is read in order"),
+})  # fmt: skip
+def test_frames_that_cannot_be_judged(frames: Path, given: Callable[[Path], object], rejected: Any) -> None:
+    """Values that are not finite are reported with the file and frame; half-cubes are in the order of frames."""
+    with rejected:
+        given(frames)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from handpose.tracking.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame
 from layers.hand import skeleton as skeletons
 from netlib.blob import Array
 from netlib.errors import DataError
+from tests.support.bad_input import bad_inputs
 
 SKELETON = skeletons.load()
 HEADER = TrackHeader("made up", NYU, SKELETON)
@@ -127,12 +129,17 @@ def test_no_hands_at_all() -> None:
     assert score(HEADER, TRUTH[:2], empty).invented == 4
 
 
-def test_what_cannot_be_compared() -> None:
+SHORT = [TRUTH[0]._replace(hands=(replace(TRUTH[0].hands[0], xyz=BASE[:21]),))]
+
+
+@bad_inputs(DataError, {
+    "missing": (lambda: score(HEADER, TRUTH, TRUTH[:30]),
+                "frame 30 of the track is not in the truth; expected a track of the same recording"),
+    "twice": (lambda: score(HEADER, [TRUTH[0], TRUTH[0]], TRUTH), "the track has two frames 0; expected one"),
+    "21 joints": (lambda: score(HEADER, SHORT, TRUTH),
+                  "a track of joints (21, 3), its truth has (31, 3); expected one skeleton"),
+})  # fmt: skip
+def test_what_cannot_be_compared(given: Callable[[], object], rejected: Any) -> None:
     """Frames missing in the truth, repeated frames and other skeletons raise errors."""
-    with pytest.raises(DataError, match="frame 30 of the track is not in the truth"):
-        score(HEADER, TRUTH, TRUTH[:30])
-    with pytest.raises(DataError, match="the track has two frames 0"):
-        score(HEADER, [TRUTH[0], TRUTH[0]], TRUTH)
-    short = [TRUTH[0]._replace(hands=(replace(TRUTH[0].hands[0], xyz=BASE[:21]),))]
-    with pytest.raises(DataError, match="expected one skeleton"):
-        score(HEADER, short, TRUTH)
+    with rejected:
+        given()

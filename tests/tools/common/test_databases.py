@@ -13,6 +13,7 @@ import pytest
 from layers.data.images import decode_datum
 from netlib.errors import DataError, NetlibError
 from netlib.proto.messages import Datum
+from tests.support.bad_input import bad_inputs
 from tools.common import databases
 from tools.common.databases import read_database, write_databases
 
@@ -88,31 +89,31 @@ def test_a_signal_leaves_nothing(tmp_path, capsys, number, status):
     assert capsys.readouterr() == ("", "stopped; no database was written\n")
 
 
-def test_names_that_are_taken(tmp_path):
-    """An existing database is never replaced or extended."""
+NEW = "expected a new name for each database"
+
+
+@bad_inputs(NetlibError, {
+    "there": (lambda at: write_databases([at / "b", at / "a"], put(1)), f".../a: exists already; {NEW}"),
+    "twice": (lambda at: write_databases([at / "b", at / "b"], put(1)), f".../b: is named twice; {NEW}"),
+    "twice, by another name": (lambda at: write_databases([at / "b", at / "sub" / ".." / "b"], put(1)),
+                               f".../b: is named twice; {NEW}"),
+    "long key": (lambda at: write_databases([at / "b"], lambda writers: writers[0].put("x" * 512, Datum())), DataError,
+                 "the key 'xxx...xxx' is too long; the limit is 511 bytes"),
+    "missing": (lambda at: read_database(at / "b"), DataError,
+                ".../b: cannot read the database: No such file or directory"),
+})  # fmt: skip
+def test_what_cannot_be_written_or_read(tmp_path, given, rejected):
+    """An existing database is never replaced or extended, and a key has at most 511 bytes, LMDB's limit."""
     (tmp_path / "a").mkdir()
-    with pytest.raises(NetlibError, match="a: exists already"):
-        write_databases([tmp_path / "b", tmp_path / "a"], put(1))
-    with pytest.raises(NetlibError, match="b: is named twice"):
-        write_databases([tmp_path / "b", tmp_path / "b"], put(1))
-    with pytest.raises(NetlibError, match="b: is named twice"):
-        write_databases([tmp_path / "b", tmp_path / "sub" / ".." / "b"], put(1))
+    with rejected:
+        given(tmp_path)
     assert names(tmp_path) == ["a"]
 
 
-def test_a_key_that_is_too_long(tmp_path):
-    """A key above LMDB's limit of 511 bytes raises an error."""
-    with pytest.raises(DataError, match=r"the key 'x+' is too long; the limit is 511 bytes"):
-        write_databases([tmp_path / "a"], lambda writers: writers[0].put("x" * 512, Datum()))
-    assert names(tmp_path) == []
-
-
-def test_what_cannot_be_read(tmp_path):
-    """A missing database and an empty one raise an error."""
-    with pytest.raises(DataError, match="a: cannot read the database: No such file or directory"):
-        read_database(tmp_path / "a")
+def test_an_empty_database(tmp_path):
+    """An empty database raises an error when it is read."""
     write_databases([tmp_path / "a"], put(0))
-    with pytest.raises(DataError, match="a: the database has no entries"):
+    with pytest.raises(DataError, match=r"/a: the database has no entries$"):
         read_database(tmp_path / "a")
 
 

@@ -13,7 +13,6 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton_file import SkeletonParameter, text_of
-from netlib.errors import DataError
 from netlib.proto import prototxt, schema
 
 HAND = skeleton.load()
@@ -179,19 +178,3 @@ def test_packaged_hands_as_text(name):
         'dof { name: "a \\"b\\"\\n" lower: -1e9 } joint { name: "é" rotate { axis: NEG_X dof: "a \\"b\\"\\n" } }'
     )
     assert body(text_of(odd.param, "", "")).param == odd.param
-
-
-@pytest.mark.parametrize(
-    ("targets", "options", "message"),
-    [
-        (np.zeros((19, 31, 3)), {}, "19 frames, expected 20 or more"),
-        (np.zeros((20, 30, 3)), {}, r"joints of shape \(20, 30, 3\), expected \(N, 31, 3\)"),
-        (np.zeros((20, 31, 3)), {}, "joints are all in one place"),
-        (np.zeros((20, 1, 3)), {"joints": [31]}, r"joints \[31\], expected numbers from 0 to 30"),
-        (np.ones((20, 31, 3)), {"percentile": 50}, "percentile 50, expected at least 0 and less than 50"),
-    ],
-)
-def test_mistakes(targets, options, message):
-    """Invalid arguments raise an error that names the wrong value."""
-    with pytest.raises(DataError, match=message):
-        calibrate(HAND, targets, **options)

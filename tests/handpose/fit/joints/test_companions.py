@@ -14,6 +14,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
+from tests.support.bad_input import bad_inputs
 
 SKELETON = skeleton.load()
 PACKAGED_BONES = prior_file.load().but(scale_std=0, bone_std=0)
@@ -206,42 +207,38 @@ def test_a_companion_that_is_broken_is_made_again(source):
 
 
 def test_companions_go_to_another_folder(source, tmp_path):
-    """Companions keep the names of their files; neither data nor other companions are overwritten."""
+    """Companions keep the names of their files."""
     files = [source, source.with_name("more.h5")]
     assert companions.companions_of(files, tmp_path / "out") == [
         tmp_path / "out" / "part.h5",
         tmp_path / "out" / "more.h5",
     ]
-    for folder in (source.parent, source.parent / ".." / "data"):
-        with pytest.raises(DataError, match=r"part.h5: would replace the data themselves; choose another --out"):
-            companions.companions_of(files, folder)
-    with pytest.raises(DataError, match="two files of the list have the same name"):
-        companions.companions_of([source, tmp_path / "other" / "part.h5"], tmp_path / "out")
-    with pytest.raises(DataError, match=r"is not next to the folder of the data, .*; expected --out .*data_angles"):
-        companions.companions_of(files, tmp_path / "far" / "away")
 
 
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ({"other": np.zeros(2)}, "no data set 'joint'; it has depth, half_cube, other"),
-        ({"joint": np.zeros((2, 42))}, r"data set 'joint' has shape \(2, 42\), expected \(N, 93\) for 31 joints"),
-        ({"joint": np.ones((2, 93))}, "frame 0 has no known joint"),
-    ],
-    ids=["none", "14 joints", "all cut off"],
-)
-def test_files_with_something_wrong_in_them(tmp_path, arrays, message):
+@bad_inputs(DataError, {
+    "the data": (("more.h5", "data"), "...part.h5: would replace the data themselves; choose another --out"),
+    "the data, by another name": (("more.h5", "out/../data"),
+                                  "...part.h5: would replace the data themselves; choose another --out"),
+    "one name twice": (("../other/part.h5", "out"),
+                       "...out: two files of the list have the same name, expected different ones"),
+    "far away": (("more.h5", "far/away"), "...part.h5: is not next to the folder of the data, ...part.h5; expected "
+                 "--out ...data_angles, for example"),
+})  # fmt: skip
+def test_companions_replace_nothing(source, tmp_path, given, rejected):
+    """Neither data nor other companions are overwritten, and the folders are next to each other."""
+    with rejected:
+        companions.companions_of([source, source.parent / given[0]], tmp_path / given[1])
+
+
+@bad_inputs(DataError, {
+    "no joints": ({"other": np.zeros(2)}, "...bad.h5: no data set 'joint'; it has depth, half_cube, other"),
+    "14 joints": ({"joint": np.zeros((2, 42))},
+                  "...bad.h5: data set 'joint' has shape (2, 42), expected (N, 93) for 31 joints"),
+    "all cut off": ({"joint": np.ones((2, 93))}, "...bad.h5: frame 0 has no known joint (2 such frames)"),
+})  # fmt: skip
+def test_files_with_something_wrong_in_them(tmp_path, given, rejected):
     """The error names the file on one line, and no file is written."""
-    write(tmp_path / "data" / "bad.h5", **arrays)
-    with pytest.raises(DataError, match=rf"bad.h5: {message}") as error:
+    write(tmp_path / "data" / "bad.h5", **given)
+    with rejected:
         fitted(tmp_path / "data" / "bad.h5")
-    assert "\n" not in str(error.value) and not (tmp_path / "angles").exists()
-
-
-@pytest.mark.parametrize("content", [b"", b"no HDF5 at all", None], ids=["empty", "text", "cut"])
-def test_files_that_are_not_hdf5(source, content):
-    """An empty, non-HDF5 or truncated file raises an error of one line."""
-    source.write_bytes(source.read_bytes()[:1000] if content is None else content)
-    with pytest.raises(DataError, match=r"part.h5: cannot read the HDF5 file") as error:
-        fitted(source)
-    assert "\n" not in str(error.value)
+    assert not (tmp_path / "angles").exists()

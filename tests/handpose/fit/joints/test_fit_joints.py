@@ -12,7 +12,6 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib.errors import DataError
 from netlib.proto import prototxt, schema
 
 SKELETON = skeletons.load()
@@ -129,22 +128,6 @@ def test_threads_change_nothing(inputs, rng, monkeypatch):
     finally:
         netlib.set_threads(before)
     assert np.array_equal(*results)
-
-
-@pytest.mark.parametrize(
-    ("targets", "joints", "message"),
-    [
-        (np.zeros((2, 13, 3)), EVALUATION_JOINTS, r"shape \(2, 13, 3\), expected \(N, 14, 3\)"),
-        (np.full((2, 31, 3), np.nan), None, "frame 0 has no known joint"),
-        (np.full((2, 31, 3), np.inf), None, "frame 0 has an infinite joint"),
-        (np.zeros((2, 2, 3)), [0, 0], "different numbers from 0 to 30"),
-        (np.zeros((2, 1, 3)), [31], "different numbers from 0 to 30"),
-    ],
-)
-def test_wrong_joints_are_refused(targets, joints, message):
-    """Invalid joints raise an error."""
-    with pytest.raises(DataError, match=message):
-        fit_joints(SKELETON, targets, joints)
 
 
 def test_published_predictions_lie_on_the_model(nyu_data):

@@ -10,6 +10,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
+from tests.support.bad_input import bad_inputs
 
 HAND = skeleton.load()
 
@@ -57,27 +58,30 @@ def test_some_joints_and_some_frames(frames, tmp_path):
     assert read_observations(write(tmp_path / "a.h5", frames[:, :16]), icvl).joints == tuple(range(16))
 
 
-def test_files_that_cannot_be_used(frames, tmp_path):
+CUBE = "have half of their joints within the cube (-1 to 1), expected 20 or more"
+
+
+@bad_inputs(DataError, {
+    "gone.h5": "...gone.h5: cannot read the HDF5 file: No such file or directory",
+    "none.txt": "...none.txt: the list of HDF5 files is empty",
+    "empty.h5": "...empty.h5: no data set 'joint'; it has depth",
+    "a.h5": "...a.h5: data set 'joint' has shape (30, 90), expected (N, 93) for 31 joints or (N, 42) for 14 joints",
+    "b.h5": "...b.h5: data set 'joint' is infinite in frame 4 (1 such frames), expected half-cubes from the crop ...",
+    "c.h5": f"...c.h5: 19 of 19 frames {CUBE}",
+    "d.h5": f"...d.h5: 0 of 30 frames {CUBE}",
+    "mixed.txt": "...mixed.txt: some files have 14 joints, others 31; expected as many in all",
+    "fourteen.h5": "...fourteen.h5: has 14 joints of a skeleton of 31; 31 cannot be taken of them",
+})  # fmt: skip
+def test_files_that_cannot_be_used(frames, tmp_path, given, rejected):
     """Each unusable file raises an error with its reason."""
     infinite = frames.copy()
     infinite[4, 2, 1] = np.inf
-    (tmp_path / "none.txt").write_text("")
-    write(tmp_path / "fourteen.h5", frames[:, :14])
-    (tmp_path / "mixed.txt").write_text("c.h5\nfourteen.h5\n")
+    for name, joints in (("fourteen", frames[:, :14]), ("a", frames[:, 1:]), ("b", infinite), ("c", frames[:19]),
+                         ("d", frames * 150)):  # fmt: skip
+        write(tmp_path / f"{name}.h5", joints)
+    for name, text in (("none", ""), ("mixed", "c.h5\nfourteen.h5\n")):
+        (tmp_path / f"{name}.txt").write_text(text)
     with h5py.File(tmp_path / "empty.h5", "w") as file:
         file["depth"] = np.zeros((3, 2))
-    files = {
-        "no such file": tmp_path / "gone.h5",
-        "list of HDF5 files is empty": tmp_path / "none.txt",
-        "no data set 'joint'; it has depth": tmp_path / "empty.h5",
-        r"expected \(N, 93\) for 31 joints or \(N, 42\) for 14": write(tmp_path / "a.h5", frames[:, 1:]),
-        "b.h5: data set 'joint' is infinite in frame 4": write(tmp_path / "b.h5", infinite),
-        "19 of 19 frames have half of their joints within": write(tmp_path / "c.h5", frames[:19]),
-        "0 of 30 frames have half": write(tmp_path / "d.h5", frames * 150),
-        "some files have 14 joints, others 31; expected as many in all": tmp_path / "mixed.txt",
-    }  # fmt: skip
-    for message, path in files.items():
-        with pytest.raises(DataError, match=f"(?i){message}"):
-            read_observations(path, HAND)
-    with pytest.raises(DataError, match="has 14 joints of a skeleton of 31; 31 cannot be taken"):
-        read_observations(tmp_path / "fourteen.h5", HAND, 31)
+    with rejected:
+        read_observations(tmp_path / given, HAND, *([31] if given == "fourteen.h5" else []))

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from handpose.output.drawing import strokes
-from netlib.errors import DataError
 
 
 def test_sheet() -> None:
@@ -17,11 +15,3 @@ def test_sheet() -> None:
     for value, picture in zip((10, 20, 30), pictures, strict=True):
         assert (page == value).all(axis=2).sum() >= picture.shape[0] * picture.shape[1]
     assert strokes.sheet(pictures[:1], 4).shape == (60 + 16, 40 + 16, 3)
-
-
-def test_mistakes() -> None:
-    """A wrong number of titles, and no pictures, raise errors."""
-    with pytest.raises(DataError, match="2 titles for 1"):
-        strokes.sheet([np.ones((128, 128), np.uint8)], 1, ["a", "b"])
-    with pytest.raises(DataError, match="0 pictures"):
-        strokes.sheet([], 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from handpose.output.drawing.strokes import Image
 from handpose.output.drawing.video_file import TICKS, VideoFile
 from netlib.errors import DataError, NetlibError
+from tests.support.bad_input import bad_inputs
 
 av = pytest.importorskip("av", reason="needs PyAV")
 TIMES = [5.0, 5.033, 5.066, 6.5, 6.501, 6.6]  # with a gap
@@ -108,20 +110,33 @@ def test_what_cannot_be_written_is_one_error_about_the_file(tmp_path: Path, monk
     assert list(tmp_path.iterdir()) == [tmp_path / "folder.mp4"]
 
 
-def test_mistakes(tmp_path: Path) -> None:
-    """Times that do not ascend, another size and another suffix raise errors; the video stays valid."""
+LATER = "expected a later one, by 1/60000 s at least and 1e+08 s at most"
+
+
+@bad_inputs(DataError, {
+    **{f"at {time} s": ((96, time), f"...a.mp4: a picture at {time:.6g} s after one at 1 s; {LATER}")
+       for time in (1.0, 1.000001, 1e300)},
+    "another size": ((95, 2.0), "...a.mp4: a picture of 95 x 64 pixels after some of 96 x 64 pixels; expected ..."),
+})  # fmt: skip
+def test_mistakes(tmp_path: Path, given: tuple[int, float], rejected: Any) -> None:
+    """Times that do not ascend and another size raise errors; the video stays valid."""
     with VideoFile(tmp_path / "a.mp4") as video:
         video.write(picture(1), 1.0)
-        with pytest.raises(DataError, match="a picture at 1 s after one at 1 s; expected a later one"):
-            video.write(picture(1), 1.0)
-        for time in (1.000001, 1e300):
-            with pytest.raises(DataError, match="by 1/60000 s at least and 1e\\+08 s at most"):
-                video.write(picture(1), time)
-        with pytest.raises(DataError, match="95 x 64 pixels after some of 96 x 64 pixels"):
-            video.write(picture(1, 64, 95), 2.0)
+        with rejected:
+            video.write(picture(1, 64, given[0]), given[1])
     assert len(read(tmp_path / "a.mp4")) == 1
-    with pytest.raises(NetlibError, match=r"a\.avi: a video is written as \.mp4"):
-        VideoFile(tmp_path / "a.avi")
+
+
+@bad_inputs(NetlibError, {
+    "a.avi": "...a.avi: a video is written as .mp4; expected such a name",
+    "a.mp4": "PyAV is missing: pip install av",
+})  # fmt: skip
+def test_what_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any) -> None:
+    """Another suffix raises an error; without PyAV it names the command that installs it."""
+    if given == "a.mp4":
+        monkeypatch.setitem(sys.modules, "av", None)
+    with rejected:
+        VideoFile(tmp_path / given)
 
 
 @pytest.mark.parametrize("rate", [1e-300, 1e-9, 1e5, 1e300])
@@ -140,10 +155,3 @@ def test_without_an_encoder_of_h264_that_is_said(tmp_path: Path, monkeypatch: py
     assert "a.mp4: PyAV has no H.264 encoder here" in VideoFile(tmp_path / "a.mp4").note
     write(tmp_path / "a.mp4")
     np.testing.assert_allclose([time for time, _ in read(tmp_path / "a.mp4")], np.subtract(TIMES, 5.0), atol=1 / TICKS)
-
-
-def test_without_pyav_there_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The error names the command that installs PyAV."""
-    monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(NetlibError, match=r"^PyAV is missing: pip install av$"):
-        VideoFile(tmp_path / "a.mp4")

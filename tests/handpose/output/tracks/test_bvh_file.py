@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from handpose.output.tracks.bvh_file import BvhWriter, bvh_text, nearest_frames
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import load
-from netlib.errors import DataError
 from tests.support.bvh_reader import Bvh
 from tests.support.made_tracks import any_hand, any_skeleton, header_of, skeleton_of
 
@@ -203,15 +202,11 @@ def test_no_hand_no_file(tmp_path: Path) -> None:
 
 
 def test_nearest_frames() -> None:
-    """The rate is that of most frames, unless given; a single frame stays one; too many frames raise an error."""
+    """The rate is that of most frames, unless given; a single frame stays one."""
     numbers, rate = nearest_frames(np.array([0, 0.1, 0.2, 0.31, 0.4]))
     assert numbers.tolist() == [0, 1, 2, 3, 4]
     assert rate == pytest.approx(10)
     assert nearest_frames(np.array([5.0]))[0].tolist() == [0]
-    with pytest.raises(DataError, match="4 frames from 0 s to 1e\\+09 s, 10 a second, would be 1e\\+10 frames"):
-        nearest_frames(np.array([0, 0.1, 0.2, 1e9]))
-    with pytest.raises(DataError, match="at most 10000 are written"):  # a camera that paused for hours
-        nearest_frames(np.array([0, 0.03, 0.06, 18000, 18000.03]))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,90 @@
+"""Bodies, joints and crops that cannot be fitted, and the line of each error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from handpose.body.nyu import EVALUATION_JOINTS
+from handpose.fit.body import CapsuleModel, RootMotion
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.joints.calibration import calibrate
+from handpose.fit.joints.fit_joints import fit_joints
+from handpose.fit.network_errors import table_of
+from handpose.fit.observation import observe
+from handpose.fit.search import ACCURATE, FAST, turned_back
+from handpose.fit.size_calibration import calibrate_size
+from handpose.frames.cameras import KINECT2
+from layers.hand import skeleton
+from netlib.errors import DataError, NetlibError
+from tests.handpose.body.test_surface_model import ARM
+from tests.handpose.fit import test_root_motion
+from tests.handpose.fit.conftest import Scene
+from tests.handpose.fit.test_body import body
+from tests.handpose.fit.test_depth_residuals import PIPE
+from tests.support.bad_input import bad_inputs
+
+HAND = skeleton.load()
+ROOT = (
+    "skeleton 'made up': its root does not translate along x, y, z and turn about three axes, by a free DoF each, ..."
+)
+PARTS = ("X Y", "Z X Y"), ("X Y Y", "Z X Y"), ("X Y Z", "Z X"), ("X Y Z", "Z X Z"), ("X Y Z", "Z X Y", "fixed: true"), (
+    "X Y Z", "Z X Y", "", "abb")  # fmt: skip
+SAME = "fits with the same uncertainty, expected many different ones to measure"
+
+
+def poses(*shape: int, value: float = 0, joints: Any = None) -> Callable[[], object]:
+    return lambda: fit_joints(HAND, np.full(shape, value), joints)
+
+
+def calibrated(*shape: int, value: float = 0, **options: Any) -> Callable[[], object]:
+    return lambda: calibrate(HAND, np.full(shape, value), **options)
+
+
+def measured(uncertainty: float, count: int) -> Callable[[], object]:
+    return lambda: table_of(np.full(count, uncertainty), np.linspace(1, 50, count))
+
+
+@bad_inputs(DataError, {
+    **{f"root {parts}": (lambda parts=parts: RootMotion(test_root_motion.body(*parts)), NetlibError, ROOT)
+       for parts in PARTS},  # two slides or turns, one twice, a fixed DoF, one DoF for two
+    "a body that cannot turn": (lambda: turned_back(body(PIPE % (1, 1)), np.zeros((1, 4)), 1), NetlibError,
+        "skeleton 'pipe': its root does not translate along x and y and turn about z first, so it cannot be ..."),
+    **{name: (lambda text=text: body(text), NetlibError,
+              "skeleton 'arm': expected one root, without a bone, that alone translates") for name, text in (
+        ("slides", ARM.replace('"end" parent: "root"', '"end" parent: "root" translate { axis: Y dof: "x" }')),
+        ("two roots", ARM.replace('joint { name: "end" parent: "root"', 'joint { name: "end"')))},
+    "one crop": (lambda: observe(np.zeros((128, 128)), [[1, 2, 3]], KINECT2, 300.0),
+                 "crops of shape (128, 128), expected (N, size, size)"),
+    **{f"{count} equal fits": (measured(3.0, count), f"{count} {SAME}") for count in (1, 30)},
+    "no crop shows anything": (measured(np.inf, 30), f"0 {SAME}"),
+    "13 joints": (poses(2, 13, 3, joints=EVALUATION_JOINTS), "joints of shape (2, 13, 3), expected (N, 14, 3)"),
+    "no joint": (poses(2, 31, 3, value=np.nan), "frame 0 has no known joint (2 such frames)"),
+    "an infinite joint": (poses(2, 31, 3, value=np.inf), "frame 0 has an infinite joint"),
+    "the same joint": (poses(2, 2, 3, joints=[0, 0]), "joints [0, 0], expected different numbers from 0 to 30"),
+    "joint 31": (poses(2, 1, 3, joints=[31]), "joints [31], expected different numbers from 0 to 30"),
+    "19 frames": (calibrated(19, 31, 3), "19 frames, expected 20 or more"),
+    "30 joints": (calibrated(20, 30, 3), "joints of shape (20, 30, 3), expected (N, 31, 3)"),
+    "one place": (calibrated(20, 31, 3), "in most frames the joints are all in one place"),
+    "calibration of joint 31": (calibrated(20, 1, 3, joints=[31]), "joints [31], expected numbers from 0 to 30"),
+    "percentile": (calibrated(20, 31, 3, value=1, percentile=50), "percentile 50, expected at least 0 and less ..."),
+})  # fmt: skip
+def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> None:
+    """Bodies with other roots, and joints that are too few, unknown or not finite, raise an error."""
+    with rejected:
+        given()
+
+
+@bad_inputs(DataError, {
+    "starts": (lambda fit, x, scene: fit.fit(scene.seen, [x], ACCURATE),
+               "1 starts, expected 4 for the plan 'accurate'"),
+    "frames": (lambda fit, x, scene: fit.fit(scene.seen, [x[:11]], FAST), "starts of 11 frames for 12 crops"),
+    "few frames": (lambda fit, x, scene: calibrate_size(fit, scene.seen.take(slice(0, 4)), scene.truth[:4]),
+                   "4 frames to estimate a hand's size from, expected 5 or more"),
+})  # fmt: skip
+def test_mistakes(model: CapsuleModel, scene: Scene, given: Callable[..., object], rejected: Any) -> None:
+    """The number of starts must match the quarter turns, the number of frames the crops; a size needs 5 frames."""
+    with rejected:
+        given(DepthFitter(model), model.variables_of(model.inputs_of(scene.truth)), scene)
