@@ -81,7 +81,7 @@ def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
     signs, lags = (np.array([getattr(evidence, key)[row] for evidence, row in rows]) for key in ("signs", "lag_mm"))
     support = Support(*(np.array([part[row] for (evidence, row), part in zip(rows, parts)])
                         for parts in zip(*(evidence.support for evidence, _ in rows))))  # fmt: skip
-    return Poses(recording.name, signs, lags, support, np.array(errors))
+    return Poses(Path(recording.name).name, signs, lags, support, np.array(errors))
 
 
 def fitted(recordings: Sequence[Poses]) -> tuple[Array, float, float]:
