@@ -153,7 +153,8 @@ def _everywhere(w: Windows, op: np.ufunc, x: Array, empty: float) -> Array:
     source = x
     if (high, wide) != w.sizes:
         padded.fill(empty)
-        padded[(slice(None), *w.inside)] = x
+        rows, columns = w.inside
+        padded[:, rows, columns] = x
         source = padded
     out = scratch("pooled", padded.shape, x.dtype)
     running(op, source.reshape(-1), w.kernel[1], out.reshape(-1))
