@@ -27,15 +27,22 @@ def test_weights_are_found_again():
     """Weights, constant and spread of made errors are found, whatever the length of each recording."""
     weights, constant = np.array([0.3, 0.0, 0.2, 0.1, 0.25, 0.3, 0.1, 0.0]), 0.5
     made = [poses("a", weights, constant, seed=1), poses("b", weights, constant, seed=2, count=4000)]
-    found, at, spread = fitted(made)
+    found, at, spread = fitted(made, shrink=0.0)
     np.testing.assert_allclose(found, weights, atol=0.03)
     assert at == pytest.approx(constant, abs=0.1) and spread == pytest.approx(0.2, abs=0.01)
+
+
+def test_few_recordings_hardly_move_the_weights():
+    """With a strong shrink, the weights in use stay, and the constant alone follows the errors."""
+    found, at, _ = fitted([poses("a", WEIGHTS * 1.5, CONSTANT + 1, seed=1)], shrink=100.0)
+    np.testing.assert_allclose(found, WEIGHTS, atol=0.01)
+    assert at > CONSTANT + 0.9
 
 
 def test_a_row_of_the_report():
     """Poses, sure ones, the share of these that is wrong, correlation, and mean expected and true error."""
     made = poses("a", WEIGHTS, CONSTANT, seed=3)
-    name, count, sure, wrong, correlation, expected, true = row("a", [made], WEIGHTS, CONSTANT).split()
+    name, count, sure, wrong, correlation, expected, true = row("a", [made], [made.judged(WEIGHTS, CONSTANT)]).split()
     assert (name, count) == ("a", "400") and 0 < int(sure) < 400 and wrong == "0.0%"
     assert float(correlation) > 0.8
     assert float(expected) == pytest.approx(made.judged(WEIGHTS, CONSTANT)[0].mean(), abs=0.06)
