@@ -37,13 +37,12 @@ from netlib.blob import Array, Blob, Blobs
 from netlib.engine.checks import error_of, guarded
 from netlib.engine.plain import BackwardHook, Connection, Step
 from netlib.layer import Layer
-from netlib.system.memory import blocks
 
-# Limits of a slice: the size of its largest blob, and its multiplications, so that its blobs stay in the cache. Smaller
-# slices need more calls, in which threads wait for each other.
+# Limit of a slice: the size of its largest blob, so that its blobs stay in the cache. Smaller slices need more calls,
+# in which threads wait for each other, and products of more matrices.
 SLICE_BYTES = 16 << 20
-SLICE_COST = 800_000_000
-SPLITS = ((2, 16_000_000), (4, 90_000_000))  # number of slices for several threads, each with this many multiplications
+# Number of slices for several threads, each with this many multiplications and images.
+SPLITS = ((2, 16_000_000, 1), (4, 90_000_000, 8))
 MAX_SLICE = 64
 LANES = 16
 LANE_BYTES = 64 << 20  # of the parameter gradients of all lanes
@@ -155,11 +154,11 @@ class SlicedStep(Step):
         items = self.at.bottom[0].shape[0]
         each = max(items, 1)
         largest = max(b.count * b.dtype.itemsize // each for at in self.run.connections for b in at.top)
-        size = _slice_size(items, largest, sum(_cost(at) for at in self.run.connections) // each)
+        number = _slice_count(items, largest, sum(_cost(at) for at in self.run.connections) // each)
         param_bytes = sum(p.bytes for at in self.run.connections for p in at.layer.blobs)
         count = min(LANES, max(LANE_BYTES // max(param_bytes, 1), MIN_LANES))
         lanes: list[Lane] = []
-        for i, rows in enumerate(blocks(items, size)):
+        for i, rows in enumerate(_nearly_equal(items, number)):
             if i < count:
                 params = [Blobs([ParamOfLane(p) for p in at.layer.blobs]) for at in self.run.order]
                 lanes.append([])
@@ -217,15 +216,24 @@ def _with_params(layer: Layer, params: Blobs) -> Layer:
     return other
 
 
-def _slice_size(items: int, item_bytes: int, item_cost: int) -> int:
-    """Items per slice: nearly equal for an even number of slices; 32 images of the hand network."""
-    wanted = min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1), SLICE_COST // max(item_cost, 1))
-    size = 1 << (max(1, wanted).bit_length() - 1)
-    for count, cost in SPLITS:
-        while size > 1 and size * count > items and size // 2 * item_cost >= cost:
+def _slice_count(items: int, item_bytes: int, item_cost: int) -> int:
+    """Number of slices, even if there are several; of 32 images of the hand network."""
+    count = -(-items // max(1, min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1))))
+    size = -(-items // _even(count))
+    for wanted, cost, images in SPLITS:
+        while size > 1 and size * wanted > items and size // 2 >= images and size // 2 * item_cost >= cost:
             size //= 2
-    count = -(-items // size)
-    return size if count < 2 else -(-items // (count + count % 2))
+    return _even(-(-items // size)) if size else 0
+
+
+def _even(count: int) -> int:
+    return count + count % 2 if count > 1 else max(count, 1)
+
+
+def _nearly_equal(items: int, count: int) -> list[slice]:
+    """Divide the items into slices, the larger ones first, so that two threads end at the same time."""
+    ends = np.cumsum([items // count + (i < items % count) for i in range(min(count, items))]).tolist()
+    return [slice(start, end) for start, end in zip([0, *ends], ends)]
 
 
 def _cost(at: Connection) -> int:
