@@ -8,7 +8,7 @@ overhead.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import hand_poses, network_joints
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import SIZE, CapsuleModel, WorldPose, crop_variables
 from handpose.fit.depth_fit import DepthFit, DepthFitter
 from handpose.fit.joint_starts import near_joints
 from handpose.fit.observation import HandCrops
@@ -30,25 +30,36 @@ from netlib.system.memory import blocks
 MAX_CROPS = 128  # number of crops in one pass of the network
 
 
-class Candidate(NamedTuple):
-    """A crop in which a hand may be.
+@dataclass(frozen=True)
+class SearchRegion:
+    """A place where a hand may be.
 
-    crop        (128, 128) in [-1, 1]
-    center_uvd  (3,) px, px, mm: its centre
+    center_uvd  (3,) px, px, mm: centre of its crop
     side        assumed side of the hand
-    log_odds    of a hand there, by the locator
-    before      (V,) the variables expected from earlier frames, about this centre, or None
+    before      the body expected from earlier frames, or None
     size        of the hand, if known
     moved_mm    distance of the last fit from the network's joints; None runs the network again
+    alone       remove the surroundings of the hand from the crop
+    """
+
+    center_uvd: Array
+    side: Side
+    before: WorldPose | None = None
+    size: float | None = None
+    moved_mm: float | None = None
+    alone: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate(SearchRegion):
+    """A region and its crop.
+
+    crop        (128, 128) in [-1, 1]
+    log_odds    of a hand there, by the locator
     """
 
     crop: NDArray[np.float32]
-    center_uvd: Array
-    side: Side
     log_odds: float = 0.0
-    before: Array | None = None
-    size: float | None = None
-    moved_mm: float | None = None
 
 
 class HandEstimator:
@@ -85,7 +96,7 @@ class HandEstimator:
         hands, first = self._crops(candidates, camera), candidates[0]
         known = np.array([candidate.before is not None for candidate in candidates])
         sizes = None if first.size is None else np.array([candidate.size for candidate in candidates])
-        before = self._expected(candidates, fitter) if known.any() else None
+        before = self._expected(candidates, camera, fitter.model) if known.any() else None
         if before is not None and first.moved_mm is not None:
             moved = np.array([candidate.moved_mm for candidate in candidates])
             fit = fitter.follow(hands.observe(plan.points), before, moved, plan, size=sizes)
@@ -106,12 +117,14 @@ class HandEstimator:
             is_predicted=candidate.moved_mm is None,
         )  # fmt: skip
 
-    def _expected(self, candidates: Sequence[Candidate], fitter: DepthFitter) -> Array:
+    def _expected(self, candidates: Sequence[Candidate], camera: Camera, model: CapsuleModel) -> Array:
         """The expected variables (N, V) within their limits; NaN where nothing is expected."""
-        model = fitter.model
-        nothing = np.full(model.variables, np.nan)
-        expected = [nothing if candidate.before is None else candidate.before for candidate in candidates]
-        return np.clip(np.stack(expected), model.lower, model.upper)
+        x = np.full((len(candidates), model.variables), np.nan)
+        for n, candidate in enumerate(candidates):
+            if candidate.before is not None:
+                center = camera.unproject(candidate.center_uvd) * mirror_of(candidate.side)
+                x[n] = crop_variables(model, candidate.before, center)
+        return np.clip(x, model.lower, model.upper)
 
     def _crops(self, candidates: Sequence[Candidate], camera: Camera) -> HandCrops:
         crops, centers = np.stack([c.crop for c in candidates]), np.stack([c.center_uvd for c in candidates])

@@ -62,7 +62,7 @@ class HandPipeline:
 
     def in_crop(self, crop: NDArray[np.float32], camera: Camera, center_uvd: Array) -> Hand:
         """The hand in one crop (128, 128), of the side whose fit is least uncertain. Raises NetlibError."""
-        candidates = [Candidate(crop, center_uvd, side) for side in self.sides]
+        candidates = [Candidate(center_uvd, side, crop=crop) for side in self.sides]
         return _likelier(self.estimator.estimate(candidates, camera, self.plan))
 
     def in_frame(
@@ -104,7 +104,7 @@ class HandPipeline:
                 outside = error
                 continue
             for side in self.sides:
-                unmoved = Candidate(crop, start, side, odds)
+                unmoved = Candidate(start, side, crop=crop, log_odds=odds)
                 moved = self._moved_to_palm(depth, camera, unmoved)
                 both = search and self.plan is not None and moved is not unmoved
                 candidates += [unmoved, moved] if both else [moved]
@@ -130,7 +130,7 @@ class HandPipeline:
                 crop = clear_crop(depth, palm, self.cube_mm, camera)
             except DataError:  # outside the image
                 break
-            candidate = candidate._replace(crop=crop, center_uvd=palm)
+            candidate = replace(candidate, crop=crop, center_uvd=palm)
         return candidate
 
     def _select(self, candidates: list[Candidate], camera: Camera, search: bool) -> list[Hand]:
@@ -143,7 +143,7 @@ class HandPipeline:
             best.setdefault(tuple(candidate.center_uvd), candidate)
         places = list(best.values())[: KEPT_PLACES if search else 1]
         hands = {_key(candidate): hand for hand, candidate in fast} if self.plan is FAST else {}
-        sides = [[place._replace(side=side) for side in self.sides] for place in places]
+        sides = [[replace(place, side=side) for side in self.sides] for place in places]
         left = [candidate for both in sides for candidate in both if _key(candidate) not in hands]
         hands |= zip(map(_key, left), self.estimator.estimate(left, camera, self.plan))
         of_places = [_likelier([hands[_key(candidate)] for candidate in both]) for both in sides]

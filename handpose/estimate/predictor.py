@@ -134,17 +134,6 @@ class Predictor:
         start = self._start(depth, center)
         return self.pipeline.in_frame(depth, camera, [start], [0.0], search=False)[0].judged(depth)
 
-    def hands_at(self, depth: NDArray[np.generic], starts: Sequence[Array], log_odds: Sequence[float]) -> list[Hand]:
-        """The hands at places that a locator found, as ``in_frame`` fits them, the best first.
-
-        starts    (3,) px, px, mm each
-        log_odds  of a hand at each
-
-        Raises DataError if all places are outside the image, NetlibError.
-        """
-        depth = self._readings(depth)
-        return self.pipeline.in_frame(depth, self._camera_of(depth), starts, log_odds, search=True)
-
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.
 

@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.hand import Hand
 from handpose.estimate.predictor import Predictor
 from handpose.fit.search import ACCURATE, FAST, Plan
 from handpose.tracking.detector import Detector
 from handpose.tracking.hand_track import ENOUGH
-from handpose.tracking.pose_estimator import LIKELY, PoseEstimator, SearchRegion
+from handpose.tracking.pose_estimator import LIKELY, PoseEstimator
 from handpose.tracking.reasons import NO_HAND
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -87,7 +88,7 @@ class Acceptance:
         if score > REJECT_FIRST_MM:
             return Offer([], _unlike(score, REJECT_FIRST_MM))
         try:
-            found = self.predictor.hands_at(depth, [start], [0.0])[0]
+            found = self.predictor.pipeline.in_frame(depth, self.predictor.camera, [start], [0.0], search=True)[0]
         except DataError:
             return Offer([], "it is out of sight")
         if found.rejection_score > REJECT_MM:

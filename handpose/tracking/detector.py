@@ -1,7 +1,7 @@
 """Search for further hands: a few places in every frame, so that no frame takes much longer.
 
 The locator needs a tenth of a second or more for all places of a frame. Here one scan over the places of a frame is
-distributed over the following frames; likely hands are then predicted as by ``Predictor.hands_at``.
+distributed over the following frames; likely hands are then predicted as by ``HandPipeline.in_frame``.
 """
 
 from __future__ import annotations
@@ -90,22 +90,19 @@ class Detector:
                 return None
             self._left, self._begun = self._places(depth), time
             self._a_second = len(self._left) / lasts
-        recent = np.array([r.place for r in self._rejected if time < r.until]).reshape(-1, 3)
-        rejected = recent if len(followed) else NOWHERE
-        left = self._left[_apart(self._left, followed, APART_MM) & _apart(self._left, rejected, REJECTED_MM)]
+        refused = np.array([r.place for r in self._rejected if time < r.until]).reshape(-1, 3)
+        skipped = refused if len(followed) else NOWHERE
+        left = self._left[_apart(self._left, followed, APART_MM) & _apart(self._left, skipped, REJECTED_MM)]
         count = min(seconds, lasts) * min(self._a_second, most) if np.isfinite(seconds) else np.inf
         count = int(min(max(np.ceil(count), 1), len(left)))
         some, self._left = left[:count], left[count:]
-        known = ((followed, APART_MM), (arms, ARM_MM), (rejected, REJECTED_MM)) if len(followed) else ()
         for _ in range(1 + TIMES):
             chance, middle = self.locator.at(depth, some, self.camera)
-            good = chance > LIKELY
-            for places, apart in known:
-                good &= _apart(middle, places, apart)
+            good = (chance > LIKELY) & _apart(middle, followed, APART_MM) & _apart(middle, arms, ARM_MM)
+            new = good & _apart(middle, refused, REJECTED_MM)
+            good = new if len(followed) or new.any() else good
             if not good.any():
                 return None
-            new = good & _apart(middle, recent, REJECTED_MM)
-            good = new if new.any() else good
             chance, middle = chance[good], middle[good]
             some = middle[np.argsort(-chance)][:4]
         return np.asarray(middle[np.argmax(odds_of(chance, middle))])

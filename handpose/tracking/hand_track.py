@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import SIDES, Side
+from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import side_chance, side_evidence
-from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
+from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.reasons import NO_HAND
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter, turn_between, turned
@@ -192,7 +194,7 @@ class HandTrack:
         regions = []
         for side, seen in self.sides.items():
             region = self._region(side, seen.expected(time))
-            regions.append(region if asked else region._replace(moved_mm=seen.estimate.moved_mm))
+            regions.append(region if asked else replace(region, moved_mm=seen.estimate.moved_mm))
         return regions
 
     def other_regions(

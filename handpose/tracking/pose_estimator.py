@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import Side, mirror_of
-from handpose.estimate.estimator import Candidate, HandEstimator
+from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
 from handpose.estimate.hand import Hand
 from handpose.estimate.locator import recenter
 from handpose.estimate.predictor import Predictor
@@ -31,25 +30,6 @@ from netlib.errors import DataError
 LIKELY = 0.5  # minimum probability of a hand, by the locator
 ARM_PLACES = 5  # along a forearm
 TIMES = 2  # number of evaluations of the locator, each at the predicted position
-
-
-class SearchRegion(NamedTuple):
-    """A search region.
-
-    center_uvd  (3,) px, px, mm: centre of the crop
-    side        assumed side of the hand
-    before      the body expected from earlier frames, or None
-    size        of the hand, if known
-    moved_mm    last distance of the fit from the network's joints; None runs the network again
-    alone       remove the surroundings of the hand from the crop
-    """
-
-    center_uvd: Array
-    side: Side
-    before: WorldPose | None = None
-    size: float | None = None
-    moved_mm: float | None = None
-    alone: bool = False
 
 
 class PoseEstimator:
@@ -79,16 +59,11 @@ class PoseEstimator:
         return [found.get(i) for i in range(len(regions))]
 
     def _candidate(self, depth: NDArray[np.float32], region: SearchRegion) -> Candidate:
-        """The crop of a region. Raises DataError outside the image."""
-        crop, before = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera), None
+        """A region with its crop. Raises DataError outside the image."""
+        crop = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera)
         if region.alone:
             crop = alone(crop, region.center_uvd, self.cube_mm, self.camera)
-        if region.before is not None:
-            center = self.camera.unproject(region.center_uvd) * mirror_of(region.side)
-            before = crop_variables(self.model, region.before, center)
-        return Candidate(
-            crop, region.center_uvd, region.side, before=before, size=region.size, moved_mm=region.moved_mm
-        )
+        return Candidate(**vars(region), crop=crop)
 
     def surroundings(self, depth: NDArray[np.float32], center_uvd: Array) -> float:
         """The share of the readings in a crop about a centre (3,) that do not belong to a hand there; 0 without any."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import Side
+from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
@@ -31,7 +32,7 @@ from handpose.tracking.acceptance import Acceptance
 from handpose.tracking.detector import NOWHERE, Detector
 from handpose.tracking.hand_track import COAST, HandTrack
 from handpose.tracking.output import tracked_hand
-from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
+from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.reasons import Expected, reason
 from handpose.tracking.sizing import checked
 from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader

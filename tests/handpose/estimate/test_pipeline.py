@@ -11,6 +11,7 @@ import netlib
 from handpose.body.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate import pipeline
+from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.pipeline import MAX_MOVE_MM
 from handpose.estimate.predictor import Predictor
@@ -109,20 +110,25 @@ def test_the_next_place_if_the_likeliest_is_out_of_sight(seeing: netlib.Net, fra
     np.testing.assert_allclose(found.center_mm, said.said.center[1])
 
 
+def hands_at(predictor: Predictor, frame: np.ndarray, starts: list[np.ndarray], odds: list[float]) -> list[Hand]:
+    """The hands at places that a locator found."""
+    return predictor.pipeline.in_frame(frame, KINECT2, starts, odds, search=True)
+
+
 def test_hands_at_places(frame: np.ndarray) -> None:
     """All hands are returned, the likeliest by fit and odds first; places out of sight are omitted."""
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     hand, wall = KINECT2.project(np.array([[30.0, -20, 700], [-250, 100, 1480]]))
     away = KINECT2.project(np.array([9000.0, 0, 700]))
-    found = predictor.hands_at(frame, [wall, away, hand], [0.0, 5.0, 0.0])
+    found = hands_at(predictor, frame, [wall, away, hand], [0.0, 5.0, 0.0])
     assert len(found) >= 2 and np.linalg.norm(found[0].center_mm - (30, -20, 700)) < 60
     assert all(one.fit is not None and one.camera == KINECT2 for one in found)
     scores = [one.rejection_score for one in found]
     assert scores[0] == min(scores)
-    bribed = predictor.hands_at(frame, [wall, hand], [100.0, 0.0])
+    bribed = hands_at(predictor, frame, [wall, hand], [100.0, 0.0])
     assert np.linalg.norm(bribed[0].center_mm - (-250, 100, 1480)) < 100
     with pytest.raises(DataError, match="lies outside the image"):
-        predictor.hands_at(frame, [away], [0.0])
+        hands_at(predictor, frame, [away], [0.0])
 
 
 def test_hands_as_in_a_whole_frame(frame: np.ndarray) -> None:
@@ -130,14 +136,14 @@ def test_hands_as_in_a_whole_frame(frame: np.ndarray) -> None:
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     assert predictor.locator is not None
     located = predictor.locator.hands(frame, KINECT2)
-    one = predictor.hands_at(frame, list(KINECT2.project(located.center)), list(located.odds))[0]
+    one = hands_at(predictor, frame, list(KINECT2.project(located.center)), list(located.odds))[0]
     np.testing.assert_array_equal(one.joints, predictor.in_frame(frame).joints)
 
 
 def test_a_hand_at_a_place_without_a_fit(seeing: netlib.Net, frame: np.ndarray) -> None:
     """The first place within the image is taken, because there is no score to choose by."""
     away, there = KINECT2.project(np.array([[9000.0, 0, 700], [30, -20, 700]]))
-    (found,) = Predictor(seeing, KINECT2, refine=0).hands_at(frame, [away, there], [1.0, 0.0])
+    (found,) = hands_at(Predictor(seeing, KINECT2, refine=0), frame, [away, there], [1.0, 0.0])
     np.testing.assert_array_equal(found.center_uvd, there)
 
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.body.sides import MIRROR
+from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
@@ -19,7 +20,7 @@ from handpose.frames.cameras import ICVL, Camera
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import Role, Script
-from handpose.tracking.pose_estimator import PoseEstimator, SearchRegion
+from handpose.tracking.pose_estimator import PoseEstimator
 from tests.handpose.tracking.conftest import Take
 
 FAR_OFF = np.array([-900.0, 120, 700])  # px, px, mm: no part of its cube is in the image
