@@ -55,6 +55,7 @@ class CapsuleModel:
     own           indices of the variables that the surface alone has
     deviation     (V - 2,) standard deviations of the inputs; not finite where the file has none
     rigid         indices of the ends that move with the root alone
+    kinematics    of the skeleton
     start, end    (M,) the capsules' ends, among the E
     radii         (M, 2) mm
     """
@@ -94,7 +95,7 @@ class CapsuleModel:
         self._apart = np.flatnonzero(unlike.any(axis=1))  # ends E_j that some motion moves unlike X_j
         only_axes = unlike * np.where(with_axes, 1, -1)
         self._only_axes = only_axes[self._apart][:, self._order].astype(np.float32)
-        self._kinematics = kinematics_of(whole)
+        self.kinematics, self._whole_kinematics = kinematics_of(skeleton), kinematics_of(whole)
         self._turns = whole.turns[self._order].astype(np.float32)
         alone = ~np.isin(whole.driven, self.free[self.root])
         self.rigid = np.flatnonzero(~(with_joint | unlike)[:, alone].any(axis=1))
@@ -136,7 +137,7 @@ class CapsuleModel:
     def joints(self, x: Array) -> Array:
         """The skeleton's joints (N, K, 3) in mm."""
         bones = self.skeleton.bones * np.exp(x[:, [SIZE]])
-        return kinematics_of(self.skeleton).joints(self.inputs_of(x), bones) * self.unit_mm
+        return self.kinematics.joints(self.inputs_of(x), bones) * self.unit_mm
 
     def ends(self, x: Array) -> Floats:
         """The ends of the capsules (N, E, 3) at x (N, V)."""
@@ -147,7 +148,8 @@ class CapsuleModel:
         N, Q, E = len(x), len(self._order), len(self._used)
         joints, ends, pose = self._ends(x)
         axis, pivot = (
-            np.ascontiguousarray(v[:, self._order].transpose(2, 0, 1), np.float32) for v in self._kinematics.axes(pose)
+            np.ascontiguousarray(v[:, self._order].transpose(2, 0, 1), np.float32)
+            for v in self._whole_kinematics.axes(pose)
         )  # (3, N, Q)
         turn = axis * self._turns
         shift = (axis - turn - _cross(turn, pivot)) * np.float32(self.unit_mm)
@@ -175,9 +177,11 @@ class CapsuleModel:
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
         """All joints (N, K, 3), the capsules' ends (N, E, 3), and their pose."""
         unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE])
-        pose = self._kinematics.forward_pose(self.whole_inputs_of(x), self.whole.bones * size[:, None])
+        pose = self._whole_kinematics.forward_pose(self.whole_inputs_of(x), self.whole.bones * size[:, None])
         joints = np.asarray(pose.joints, np.float32) * unit
-        rotations = {f: np.asarray(self._kinematics.rotation_of(pose, f), np.float32) for f in self.surface.offsets}
+        rotations = {
+            f: np.asarray(self._whole_kinematics.rotation_of(pose, f), np.float32) for f in self.surface.offsets
+        }
         return joints, self.surface.ends_at(joints, rotations, (size * unit).astype(np.float32))[:, self._used], pose
 
     def _thickness(self, x: Array) -> Array:

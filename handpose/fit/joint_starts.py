@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from handpose.fit.body import SIZE, CapsuleModel
 from handpose.fit.levenberg_marquardt import minimise
-from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
 from netlib.errors import NetlibError
 
@@ -27,7 +26,7 @@ STEPS, RIDGE = 4, 1e-9
 
 def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
     """Fit bodies x (N, V) to joints (N, K, 3) in mm; variables that the surface alone has are not changed."""
-    skeleton, kinematics = model.skeleton, kinematics_of(model.skeleton)
+    skeleton, kinematics = model.skeleton, model.kinematics
     free = np.unique(skeleton.driven)
     sums = (skeleton.driven[:, None] == free).astype(float)
     columns = np.append(np.searchsorted(model.free, free), model.variables + SIZE)
