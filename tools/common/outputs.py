@@ -6,17 +6,18 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import text_of
 from netlib import files
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
+
+if TYPE_CHECKING:
+    from layers.hand.skeleton import Skeleton
 
 JPEG_QUALITY = 90
 
@@ -38,6 +39,8 @@ def check_place(out: Path, inputs: Iterable[str | Path | None] = ()) -> None:
 
 def write_skeleton(out: Path, skeleton: Skeleton, comment: str) -> None:
     """Write a skeleton file with a comment; its name is that of the file. Raises NetlibError."""
+    from layers.hand.skeleton_file import text_of  # imported here: training needs no hands
+
     try:
         atomic.replace_text(out, text_of(skeleton.param, out.stem, comment))
     except OSError as error:
