@@ -131,7 +131,7 @@ def choose(g: Geometry, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> C
     transpose: Algorithm = Columns()
     if is_depthwise(s):
         transpose = correlate
-    elif g.is_turnable(x_shape, y_shape):
+    elif g.is_turnable(x_shape, y_shape, 2.5 if has_wide_rows(s.turned) else 1.3):
         transpose = next(algorithm for algorithm, fits, _ in ALGORITHMS if fits(s.turned))
     return Choice(*(by_group(g, algorithm) for algorithm in (correlate, transpose, gradient)))
 

@@ -58,9 +58,9 @@ class Geometry:
         by_channel = by_group.reshape(-1, *by_group.shape[2:]) if self.group > 1 else by_group[0]
         return by_channel[(slice(None), slice(None)) + (slice(None, None, -1),) * len(self.kernel)]
 
-    def is_turnable(self, x_shape: Sequence[int], y_shape: Sequence[int]) -> bool:
-        """Whether dx of x (N, C, ...) is a convolution of dy with about as many multiplications as that to y."""
-        small = math.prod(x_shape[2:]) <= 1.3 * math.prod(y_shape[2:])
+    def is_turnable(self, x_shape: Sequence[int], y_shape: Sequence[int], more: float = 1.3) -> bool:
+        """Whether dx of x (N, C, ...) is a convolution of dy with at most ``more`` times the multiplications of y."""
+        small = math.prod(x_shape[2:]) <= more * math.prod(y_shape[2:])
         return set(self.stride) == {1} and min(self.turned.pad) >= 0 and small
 
     def padded(self, sizes: Sequence[int]) -> tuple[int, ...]:
