@@ -4,7 +4,7 @@
     executor      runs a net: sequences of layers slice by slice (slices, slice_blobs), other layers on the whole batch;
                   plan selects them by the properties of the layer types in traits
     tiles         blobs stored in the order in which matrix products write and pooling layers read
-    per_channel   BatchNorm, Scale, Bias and PReLU
+    per_channel   Scale, Bias and PReLU; batch_norm uses it
     convolution, pooling, lrn, eltwise, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
     columns, rows, row_winograd, winograd, depthwise

@@ -39,7 +39,7 @@ FAST_CLASSES: dict[str, str] = {
     "hand.hand_model.HandModel": "kinematics.FastHandModel",
     "hand.kinematics.Kinematics": "kinematics.FastKinematics",
     "hand.sized_hand_model.SizedHandModel": "kinematics.FastSizedHandModel",
-    "normalization.batch_norm.BatchNorm": "per_channel.FastBatchNorm",
+    "normalization.batch_norm.BatchNorm": "batch_norm.FastBatchNorm",
     "normalization.lrn.LRN": "lrn.FastLRN",
     "vision.convolution.Convolution": "convolution.FastConvolution",
     "vision.deconvolution.Deconvolution": "convolution.FastDeconvolution",

@@ -59,6 +59,10 @@ class FastLayer(Layer):
         """Whether forward can compute a multiplication and an addition per channel behind the layer."""
         return False
 
+    def fuses_trained_scale(self) -> bool:
+        """Whether forward and backward can compute a Scale behind the layer that has a backward pass."""
+        return False
+
     # Layers that support tiles (tiles.py) override these methods.
 
     def bottom_tile(self, top_tile: int | None) -> int | None:

@@ -4,7 +4,7 @@ Batch normalization by its sums, a Scale with learned parameters and a ReLU or R
 and a maximum per channel: y = max(gain y + bias, 0). A sum of blobs computes the ReLU behind it, too. The values
 between the layers are overwritten in any case, so no caller can see the difference, unless a part of the net is run:
 then each layer is computed on its own. A layer with a backward pass is fused only if it is a ReLU or ReLU6, which store
-nothing.
+nothing, or a Scale directly behind a BatchNorm by the statistics of the batch (batch_norm.py).
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.fast_layer import FastLayer
-from fast.per_channel import FastBatchNorm
 from layers.activation.relu import ReLU
 from layers.activation.relu6 import ReLU6
 from layers.activation.scale import Scale
+from layers.normalization.batch_norm import BatchNorm
 from netlib.blob import Array
 from netlib.engine.plain import Connection
 from netlib.layer import Layer
@@ -87,8 +87,8 @@ def after_of(bias: Array | None, layers: Sequence[Layer]) -> After:
     gain: Array | None = None
     rectify, limit = False, None
     for layer in layers:
-        if isinstance(layer, FastBatchNorm):
-            mean, deviation = layer.statistics()
+        if isinstance(layer, BatchNorm):
+            mean, deviation = statistics(layer)
             bias = (0 if bias is None else bias) - mean
             gain, bias = (1 if gain is None else gain) / deviation, bias / deviation
         elif isinstance(layer, Scale):
@@ -102,6 +102,13 @@ def after_of(bias: Array | None, layers: Sequence[Layer]) -> After:
     dtype = layers[0].dtype if layers else None
     gain, bias = (None if values is None else np.asarray(values, dtype) for values in (gain, bias))
     return After(gain, bias, rectify, limit)
+
+
+def statistics(layer: BatchNorm) -> tuple[Array, Array]:
+    """Mean and standard deviation of each channel by the sums, (C,)."""
+    weight = layer.weight.data[0]
+    scale = 0 if weight == 0 else 1 / weight
+    return scale * layer.mean.data, np.sqrt(scale * layer.variance.data + layer.param.eps)
 
 
 def fuse(connections: Sequence[Connection]) -> None:
@@ -138,8 +145,11 @@ def _continues(at: Connection, chain: Sequence[Layer], follower: Connection) -> 
         return False
     if isinstance(layer, (ReLU, ReLU6)):
         return layer.slope == 0
-    if follower.needs_backward or not first.fuses_channels():
+    if isinstance(layer, Scale) and first.fuses_trained_scale():
+        if chain:
+            return False
+    elif follower.needs_backward or not first.fuses_channels():
         return False
     if isinstance(layer, Scale):
         return layer.learned and layer.axis == 1 and layer.gain.shape == blob.shape[1:2]
-    return isinstance(layer, FastBatchNorm) and layer.uses_sums
+    return isinstance(layer, BatchNorm) and layer.uses_sums

@@ -1,4 +1,4 @@
-"""FastScale, FastBias, FastPReLU and FastBatchNorm: one value per channel, in blocks that stay in the cache.
+"""FastScale, FastBias and FastPReLU: one value per channel, in blocks that stay in the cache.
 
 A blob is viewed as (outer, G, inner): G values of the parameter, each for ``inner`` adjacent values, ``outer`` times. A
 block is some of the outer items, or some of the G values if there are few items. Several operations run on one block
@@ -20,11 +20,11 @@ from fast.parallel import scratch
 from layers.activation.bias import Bias
 from layers.activation.prelu import PReLU
 from layers.activation.scale import Scale
-from layers.normalization.batch_norm import BatchNorm
 from netlib.blob import Array, Blobs
 from netlib.system.memory import blocks
 
 BLOCK = 1 << 16  # values
+MIN_ROW = 64  # values from which BLAS adds a row faster than NumPy
 Job = Callable[[slice, slice], None]
 
 
@@ -64,15 +64,27 @@ def sums(a: Array, b: Array | None = None) -> tuple[Array, Array | None]:
     total = np.empty((2, *a.shape[:2]), a.dtype)
 
     def job(i: slice, c: slice) -> None:
-        total[0, i, c] = a[i, c].sum(axis=2)
+        total[0, i, c] = row_sums(a[i, c])
         if b is not None:
-            product = np.multiply(a[i, c], b[i, c], out=scratch("product", b[i, c].shape, a.dtype))
-            total[1, i, c] = product.sum(axis=2)
+            total[1, i, c] = row_products(a[i, c], b[i, c])
 
     each_block(a.shape, job)
     plain, product = (total[k].sum(axis=0, dtype=np.float64) if k == 0 or b is not None else None for k in range(2))
     assert plain is not None
     return plain, product
+
+
+def row_sums(a: Array) -> Array:
+    """The sums of a over its last axis."""
+    inner = a.shape[-1]
+    return a @ np.ones(inner, a.dtype) if inner >= MIN_ROW else a.sum(axis=-1)
+
+
+def row_products(a: Array, b: Array) -> Array:
+    """The sums of a b over the last axis."""
+    if a.shape[-1] >= MIN_ROW:
+        return np.matmul(a[..., None, :], b[..., None])[..., 0, 0]
+    return np.multiply(a, b, out=scratch("product", a.shape, a.dtype)).sum(axis=-1)
 
 
 class FastScale(FastLayer, Scale):
@@ -93,7 +105,7 @@ class FastScale(FastLayer, Scale):
         affine(view(x, self.axis, gain.size), gain, bias, view(top[0].data, self.axis, gain.size))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Compute the sums for the parameters, and dx = gain dy."""
+        """Compute the sums for the parameters, and dx = gain dy; a BatchNorm that computes forward needs no dx."""
         if not self.learned:
             super().backward(top, propagate_down, bottom)
             return
@@ -102,10 +114,11 @@ class FastScale(FastLayer, Scale):
         x = self.x if bottom[0] is top[0] else bottom[0].data
         of_dy, of_product = sums(dy, view(x, self.axis, gain.size))
         assert of_product is not None
+        self.totals = of_dy, of_product
         self.gain.diff[...] += of_product.reshape(self.gain.shape)
         if self.param.bias_term:
             self.bias.diff[...] += of_dy.reshape(self.gain.shape)
-        if propagate_down[0]:
+        if propagate_down[0] and not self.is_fused:
             affine(dy, gain, None, view(bottom[0].diff, self.axis, gain.size))
 
 
@@ -172,73 +185,3 @@ class FastPReLU(FastLayer, PReLU):
 
     def _axis(self) -> int:
         return 1 if self.slope.shape else 0
-
-
-class FastBatchNorm(FastLayer, BatchNorm):
-    """Batch normalization: in TEST one operation for each of mean and deviation, in TRAIN three passes."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Compute y by the sums, or by the statistics of the batch, which are added to the sums."""
-        if self.is_fused:
-            return
-        C = self.mean.count
-        x, y = view(bottom[0].data, 1, C), view(top[0].data, 1, C)
-        if self.uses_sums:
-            mean, deviation = self.statistics()
-            self._normalize(x, mean.astype(x.dtype), deviation, y)
-            self.s = self._per_channel(deviation)
-            return
-        count = x.size // C
-        m = sums(x)[0] / count
-        centred = self.y = self.kept("y", bottom[0].data)
-        part = view(centred, 1, C)
-        affine(x, None, -m.astype(x.dtype), part)
-        rest, squares = sums(part, part)
-        assert squares is not None
-        rest /= count  # the rounding error of m
-        v = np.maximum(squares / count - np.square(rest), 0)
-        self._add_to_sums(m, v, count)
-        deviation = np.sqrt(v + self.param.eps)
-        self._normalize(part, rest.astype(x.dtype), deviation, y, part)
-        self.s = self._per_channel(deviation)
-
-    def statistics(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of each channel by the sums, (C,)."""
-        weight = self.weight.data[0]
-        scale = 0 if weight == 0 else 1 / weight
-        return scale * self.mean.data, np.sqrt(scale * self.variance.data + self.param.eps)
-
-    def _normalize(self, x: Array, m: Array, deviation: Array, y: Array, copy: Array | None = None) -> None:
-        """Compute y = (x - m) / deviation, and write it to ``copy``, too."""
-        factor = (1 / deviation).astype(x.dtype)
-
-        def job(i: slice, c: slice) -> None:
-            out = y[i, c] if copy is None else copy[i, c]
-            np.subtract(x[i, c], m[c, None], out=out)
-            out *= factor[c, None]
-            if copy is not None:
-                y[i, c] = out
-
-        each_block(x.shape, job)
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Compute dx = (dy - mean of dy - y mean of (y dy)) / s, or dy / s by the sums."""
-        if not propagate_down[0]:
-            return
-        C = self.mean.count
-        dy, dx = view(top[0].diff, 1, C), view(bottom[0].diff, 1, C)
-        factor = 1 / self.s.reshape(-1)
-        if self.uses_sums:
-            affine(dy, factor, None, dx)
-            return
-        y, count = view(self.y, 1, C), dy.size // C
-        mean, along = (np.asarray(total) / count for total in sums(dy, y))
-        mean, along = mean.astype(dy.dtype), along.astype(dy.dtype)
-
-        def job(i: slice, c: slice) -> None:
-            part = np.multiply(y[i, c], along[c, None], out=scratch("product", y[i, c].shape, y.dtype))
-            part += mean[c, None]
-            np.subtract(dy[i, c], part, out=dx[i, c])
-            dx[i, c] *= factor[c, None]
-
-        each_block(dy.shape, job)

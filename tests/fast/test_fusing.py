@@ -13,6 +13,7 @@ from tests.support.nets import inputs
 
 FILLERS = 'weight_filler { type: "gaussian" std: 0.3 } bias_filler { type: "gaussian" std: 1 }'
 NORM = 'type: "BatchNorm" batch_norm_param { use_global_stats: true }'
+NORM_OF_BATCH = 'type: "BatchNorm" batch_norm_param { use_global_stats: false }'
 SCALE = 'type: "Scale" scale_param { bias_term: true }'
 GAIN = 'type: "Scale"'
 RELU = 'type: "ReLU"'
@@ -39,7 +40,9 @@ CHAINS = {
     "scale, relu6": ([SCALE, RELU6], 2),
     "leaky relu6": (['type: "ReLU6" relu6_param { negative_slope: 0.1 }'], 0),
     "leaky relu": (['type: "ReLU" relu_param { negative_slope: 0.1 }'], 0),
-    "norm of the batch": (['type: "BatchNorm" batch_norm_param { use_global_stats: false }', RELU], 0),
+    "norm of the batch": ([NORM_OF_BATCH, RELU], 1),
+    "norm of the batch, scale, relu": ([NORM_OF_BATCH, SCALE, RELU], 2),
+    "norm of the batch, scale, scale": ([NORM_OF_BATCH, SCALE, SCALE], 1),
     "gain of every place": (['type: "Scale" scale_param { num_axes: 2 }'], 0),
 }
 
@@ -73,7 +76,9 @@ def test_the_plain_layers_values(
     """One image and a batch in slices; the weights may change between passes, and parts of the net may be run."""
     monkeypatch.setattr(depthwise, "FILTERED", 100)
     plain, fast = (make(first, chain, shape, engine) for engine in ("plain", "fast"))
-    wanted = CHAINS[chain][1] if first != "sum" else int(chain in ("relu", "relu6"))
+    wanted = CHAINS[chain][1]
+    if first == "sum" and "batch" not in chain:
+        wanted = int(chain in ("relu", "relu6"))
     assert fused(fast) == wanted
     rng = np.random.default_rng(7)
     for turn in range(2):
@@ -95,20 +100,30 @@ def test_the_plain_layers_values(
     assert fused(fast) == 0
 
 
-def test_a_backward_pass(rng: np.random.Generator) -> None:
-    """Only a ReLU is fused if gradients are computed, which are those of the plain engine."""
+@pytest.mark.parametrize(
+    ("chain", "count"),
+    [("relu", 1), ("norm, scale, relu", 0), ("norm of the batch, scale, relu", 2), ("norm of the batch", 1)],
+)
+def test_a_backward_pass(chain: str, count: int, rng: np.random.Generator) -> None:
+    """Only a ReLU, and a Scale behind a BatchNorm by the statistics of the batch, are fused if gradients are computed,
+    which are those of the plain engine, also if parts of the net are run."""
     end = (
         'layer { name: "l" type: "Reduction" bottom: "y" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }'
     )
-    nets = [make("rows", "norm, scale, relu", (2, 4, 9, 9), engine, end, netlib.TRAIN) for engine in ("plain", "fast")]
-    assert fused(nets[1]) == 0
-    nets += [make("rows", "relu", (2, 4, 9, 9), engine, end, netlib.TRAIN) for engine in ("plain", "fast")]
-    assert fused(nets[3]) == 1
-    x = rng.normal(size=(2, 4, 9, 9)).astype(np.float32)
-    for net in nets:
-        net.forward(x=x)
-        net.backward()
-    for plain, fast in (nets[:2], nets[2:]):
+    plain, fast = (make("rows", chain, (3, 4, 9, 9), engine, end, netlib.TRAIN) for engine in ("plain", "fast"))
+    assert fused(fast) == count
+    x = rng.normal(size=(3, 4, 9, 9)).astype(np.float32)
+    for turn in range(3):
+        for net in (plain, fast):
+            net.clear_param_diffs()
+            net.forward(x=(1 + turn) * x)
+            if turn < 2:
+                net.backward()
+            else:
+                net.backward(start="l")
+        largest = max(np.abs(one.diff).max() for params in plain.params.values() for one in params)
         for name, params in plain.params.items():
             for one, other in zip(params, fast.params[name]):
-                np.testing.assert_allclose(other.diff, one.diff, rtol=0, atol=1e-4 * max(np.abs(one.diff).max(), 1e-3))
+                size = np.abs(one.diff).max() if "batch" not in chain else largest  # that of a bias before it is zero
+                np.testing.assert_allclose(other.diff, one.diff, rtol=0, atol=1e-4 * max(size, 1e-3))
+                np.testing.assert_allclose(other.data, one.data, rtol=1e-5, atol=1e-5)

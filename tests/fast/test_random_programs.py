@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from fast.per_channel import FastBatchNorm
+from fast.batch_norm import FastBatchNorm
 from netlib.blob import Blobs
 from tests.support import random_programs
 
