@@ -58,15 +58,20 @@ def is_depthwise(s: Sizes) -> bool:
     return len(s.sizes) == 2 and s.geometry.group > s.inputs == 1
 
 
-def has_wide_rows(s: Sizes) -> bool:
+def has_wide_rows(s: Sizes, least: int = 6) -> bool:
     """5 x 5, or 3 x 3 with fewer channels and smaller maps than is_wide, and enough channels to make the time of the
     transforms small. Up to twice as fast as the next."""
     if not s.geometry.is_dense or s.geometry.kernel not in ((3, 3), (5, 5)):
         return False
     area, channels, total = s.inputs * math.prod(s.sizes), s.inputs * s.outputs, s.inputs + s.outputs
     if s.geometry.kernel == (5, 5):
-        return channels >= 6 * total and s.images * area >= 4096
+        return channels >= least * total and s.images * area >= 4096
     return channels >= 16 * total and total <= 192 and s.images >= 4 and area <= 1 << 16
+
+
+def has_wide_rows_for_weights(s: Sizes) -> bool:
+    """For dw with fewer channels, because dy has no values to be added."""
+    return has_wide_rows(s, 2)
 
 
 def is_wide(s: Sizes, tiles: int = 48) -> bool:
@@ -104,7 +109,7 @@ def is_any(s: Sizes) -> bool:
 # Algorithm, its sizes for y and dx, its sizes for dw
 ALGORITHMS: tuple[tuple[Algorithm, Callable[[Sizes], bool], Callable[[Sizes], bool]], ...] = (
     (Depthwise(), is_depthwise, is_depthwise),
-    (RowWinograd(), has_wide_rows, has_wide_rows),
+    (RowWinograd(), has_wide_rows, has_wide_rows_for_weights),
     (Winograd(), is_wide, is_wide_batch),
     (Rows(), has_few_outputs, has_small_kernel),
     (Columns(), is_any, is_any),

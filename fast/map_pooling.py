@@ -20,13 +20,14 @@ import numpy as np
 
 from fast import parallel
 from fast.geometry import Geometry
-from fast.last_axis import Maps
+from fast.last_axis import Maps, map_first
 from fast.parallel import scratch
 from layers.vision.pooling import NOTHING
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
 BLOCK_BYTES = 256 << 10  # of the padded maps of a block; the arrays of a block together stay in the cache
+WINNER_BYTES = 1 << 20  # the same with winners, which take more operations on smaller arrays
 MAX_EVERYWHERE = 4  # side of overlapping windows, up to which those at every place take less time
 PART = 1 << 15  # values; starting a thread takes longer than pooling fewer
 
@@ -80,10 +81,10 @@ class Windows:
         g = Geometry(self.kernel, self.stride, self.pad, (1, 1), 1)
         return Maps(g, self.sizes, self.outputs, like, fill)
 
-    def run(self, maps: int, job: Callable[[slice], None]) -> None:
+    def run(self, maps: int, job: Callable[[slice], None], block_bytes: int | None = None) -> None:
         """Call ``job`` for all blocks of maps, on several threads if there are enough values."""
         values = max(self.padded[0] * self.padded[1], 1)
-        size = max(1, BLOCK_BYTES // (4 * values))
+        size = max(1, (block_bytes or BLOCK_BYTES) // (4 * values))
         block = blocks(maps, size)
         if maps * values < 2 * PART:
             for rows in block:
@@ -190,11 +191,11 @@ class MaxOfMaps:
             own = w.maps(x[maps], -np.inf)
             own.read(x[maps])
             best = scratch("pooled", (w.outputs[0], w.outputs[1] * (maps.stop - maps.start)), x.dtype)
-            to_first_axis(self._with_winners(own, best, winners.dtype.type), winners[maps])
+            map_first(self._with_winners(own, best, winners.dtype.type), winners[maps])
             np.maximum(best, y.dtype.type(NOTHING), out=best)
-            to_first_axis(best, y[maps])
+            map_first(best, y[maps])
 
-        w.run(len(x), job)
+        w.run(len(x), job, WINNER_BYTES if winners is not None else None)
 
     @staticmethod
     def _with_winners(maps: Maps, best: Array, kind: type[np.unsignedinteger]) -> Array:
@@ -207,7 +208,7 @@ class MaxOfMaps:
                 best[...] = vector
             else:
                 np.greater(vector, best, out=above)
-                np.multiply(above, kind(k), out=mark)
+                np.multiply(above.view(np.uint8), kind(k), out=mark)
                 np.maximum(winner, mark, out=winner)
                 np.maximum(best, vector, out=best)
         return winner
@@ -234,11 +235,6 @@ class MaxOfMaps:
             dx[maps] = total.reshape(n, high, wide)[:, w.inside[0], w.inside[1]]
 
         w.run(len(dx), job)
-
-
-def to_first_axis(values: Array, out: Array) -> None:
-    """Copy (H, W n) to (n, H, W)."""
-    out[...] = values.reshape(*out.shape[1:], len(out)).transpose(2, 0, 1)
 
 
 class MeanOfMaps:

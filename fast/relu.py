@@ -5,14 +5,20 @@ Backward multiplies by the mask, which takes a twentieth of the time of a masked
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
+from fast import parallel
 from fast.fast_layer import FastLayer
+from fast.parallel import scratch
 from layers.activation.relu import ReLU
 from layers.activation.relu6 import ReLU6
 from netlib.blob import Blobs
+from netlib.system.memory import blocks
 
 ROW = 1 << 14
+BLOCK = 1 << 17  # values of a part of backward
 
 
 class FastReLU(FastLayer, ReLU):
@@ -42,8 +48,14 @@ class FastReLU(FastLayer, ReLU):
         x, dy, dx = bottom[0].data, top[0].diff, bottom[0].diff
         if self.slope:
             np.multiply(dy, np.where(x > 0, self.dtype.type(1), self.slope), out=dx)
-        else:
-            np.multiply(dy, x > 0, out=dx)
+            return
+        x, dy, dx = x.reshape(-1), dy.reshape(-1), dx.reshape(-1)
+
+        def job(own: slice) -> None:
+            above = np.greater(x[own], 0, out=scratch("above", x[own].shape, np.bool_))
+            np.multiply(dy[own], above, out=dx[own])
+
+        parallel.run([partial(job, own) for own in blocks(x.size, BLOCK)])
 
 
 class FastReLU6(FastLayer, ReLU6):
