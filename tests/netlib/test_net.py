@@ -7,13 +7,13 @@ import pickle
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
+from tests.support.hdf5_files import write_hdf5
 from tests.support.nets import X, ip, loss, shared
 
 pytestmark = pytest.mark.both_engines
@@ -178,9 +178,13 @@ def test_weights_without_a_bias_do_not_fill_half_a_layer(net_of: MakeNet, tmp_pa
 
 def test_old_four_dimensional_weights(net_of: MakeNet, tmp_path: Path) -> None:
     """Weights with four axes, as older versions of Caffe stored them, are loaded."""
-    with h5py.File(tmp_path / "old.h5", "w") as file:
-        file["data/a/0"] = np.arange(9, dtype=np.float32).reshape(1, 1, 3, 3)
-        file["data/a/1"] = np.ones((1, 1, 1, 3), np.float32)
+    write_hdf5(
+        tmp_path / "old.h5",
+        **{
+            "data/a/0": np.arange(9, dtype=np.float32).reshape(1, 1, 3, 3),
+            "data/a/1": np.ones((1, 1, 1, 3), np.float32),
+        },
+    )
     net = net_of(X + ip("a", "x", "a"))
     net.copy_from(tmp_path / "old.h5")
     assert net.params["a"][0].data[2].tolist() == [6, 7, 8]

@@ -4,7 +4,6 @@ import dataclasses
 import re
 
 import cv2
-import h5py
 import numpy as np
 import pytest
 
@@ -17,6 +16,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
+from tests.support.hdf5_files import write_hdf5, write_joints
 from tests.support.running import run_tool
 from tools import calibrate_hand
 
@@ -36,15 +36,8 @@ def frames():
 def work(tmp_path, monkeypatch, frames):
     """Make a folder with me.h5 the working directory."""
     monkeypatch.chdir(tmp_path)
-    write("me.h5", frames, half_cube=np.full(60, 125.0))
+    write_joints("me.h5", frames, half_cube=np.full(60, 125.0))
     return tmp_path
-
-
-def write(path, joints, **more):
-    with h5py.File(path, "w") as file:
-        file["joint"] = np.asarray(joints, np.float32).reshape(len(joints), -1)
-        for name, values in more.items():
-            file[name] = values
 
 
 def test_a_hand(work, frames):
@@ -84,8 +77,8 @@ def test_the_same_frames_give_the_same_file(work):
 
 def test_a_list_without_half_cube_and_an_own_template(work, frames):
     """The files of a list are one set in NYU's unit, and a result can be the next template."""
-    write("a.h5", frames[:20])
-    write("b.h5", frames[20:])
+    write_joints("a.h5", frames[:20])
+    write_joints("b.h5", frames[20:])
     (work / "train.txt").write_text("a.h5\nb.h5\n")
     assert "is 150 mm" in run_tool("calibrate_hand", "train.txt", "--out", "one.prototxt").out
     done = run_tool("calibrate_hand", "train.txt", "--out", "two.prototxt", "--template", "one.prototxt")
@@ -97,7 +90,7 @@ def test_a_list_without_half_cube_and_an_own_template(work, frames):
 def test_people_who_differ_are_warned_of(work):
     """Frames that no single hand fits give a warning."""
     rng = np.random.default_rng(0)
-    write(
+    write_joints(
         "noise.h5", np.clip(kinematics_of(HAND).joints(np.zeros((20, 47))) + rng.normal(0, 0.1, (20, 31, 3)), -0.9, 0.9)
     )
     done = run_tool("calibrate_hand", "noise.h5", "--out", "noise.prototxt")
@@ -120,13 +113,12 @@ def test_people_who_differ_are_warned_of(work):
 )
 def test_mistakes(work, frames, more, message):
     """An invalid input gives a one-line error, status 1 and no file."""
-    write("few.h5", frames[:19])
-    write("sixteen.h5", frames[:, :16])
+    write_joints("few.h5", frames[:19])
+    write_joints("sixteen.h5", frames[:, :16])
     infinite = frames.copy()
     infinite[2, 4, 0] = np.inf
-    write("infinite.h5", infinite)
-    with h5py.File("depth.h5", "w") as file:
-        file["depth"] = np.zeros(3)
+    write_joints("infinite.h5", infinite)
+    write_hdf5("depth.h5", depth=np.zeros(3))
     err = run_tool("calibrate_hand", "--out", "x.prototxt", *more, status=1).err
     assert err.startswith(message) and err.count("\n") == 1
     assert not (work / "x.prototxt").exists()
@@ -157,7 +149,7 @@ def test_wrong_usage(work, more):
 
 def test_the_frames_that_are_used_can_be_of_the_14_joints(work, frames):
     """Frames with the 14 evaluation joints, 42 numbers per row, are accepted."""
-    write("fourteen.h5", frames[:, EVALUATION_JOINTS])
+    write_joints("fourteen.h5", frames[:, EVALUATION_JOINTS])
     run_tool("calibrate_hand", "fourteen.h5", "--out", "me.prototxt")
     assert "14 of 31 joints" in (work / "me.prototxt").read_text().replace("\n# ", " ")
 

@@ -15,6 +15,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from netlib.files.hdf5 import File
+from tests.support.hdf5_files import write_hdf5
 from tests.support.running import run_tool
 
 SKELETON = skeletons.load()
@@ -46,8 +47,7 @@ def data(inputs, tmp_path, monkeypatch):
     (tmp_path / "data").mkdir()
     rows = kinematics_of(SKELETON).joints(inputs).reshape(FRAMES, 93).clip(-1, 1)
     for name, some in zip(FILES, (rows[:2], rows[2:])):
-        with h5py.File(f"data/{name}", "w") as file:
-            file["joint"], file["depth"] = some, np.zeros((len(some), 1, 4, 4))
+        write_hdf5(f"data/{name}", joint=some, depth=np.zeros((len(some), 1, 4, 4)))
     (tmp_path / "data" / "train.txt").write_text("".join(f"data/{name}\n" for name in FILES))
     return rows
 

@@ -7,15 +7,18 @@ import h5py
 import numpy as np
 import pytest
 
+from tests.support.hdf5_files import write_hdf5
 from tests.support.running import run_tool
 
 
 @pytest.fixture
 def frames(tmp_path: Path) -> Path:
     """A list of one HDF5 file with five frames."""
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["depth"] = np.random.default_rng(0).uniform(-1, 1, (5, 1, 128, 128)).astype(np.float32)
-        file["joint"] = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 93)).astype(np.float32)
+    write_hdf5(
+        tmp_path / "a.h5",
+        depth=np.random.default_rng(0).uniform(-1, 1, (5, 1, 128, 128)).astype(np.float32),
+        joint=np.random.default_rng(0).uniform(-0.5, 0.5, (5, 93)).astype(np.float32),
+    )
     (tmp_path / "list.txt").write_text(f"{tmp_path / 'a.h5'}\n")
     return tmp_path / "list.txt"
 
@@ -60,8 +63,7 @@ def test_mistakes(tmp_path: Path, make: object, message: str) -> None:
 
 def test_a_file_without_crops(tmp_path: Path) -> None:
     """A data set without crops is reported with its shape."""
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["depth"] = np.zeros((3, 4))
+    write_hdf5(tmp_path / "a.h5", depth=np.zeros((3, 4)))
     done = run_tool("show_data", tmp_path / "a.h5", "--out", tmp_path / "out.png", status=1)
     assert "data set 'depth' has shape (3, 4), expected square crops" in done.err
 

@@ -10,6 +10,7 @@ import pytest
 import netlib
 from handpose.estimate.packaged import SYNTHETIC_HAND, read_card
 from netlib import engine
+from tests.support.hdf5_files import write_hdf5
 from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
 from tools import test
@@ -67,8 +68,7 @@ def test_mistakes(work, snapshot):
     """Weights of another net, a missing file and a net without test data give a one-line error."""
     done = run_tool("test", "--model", "net.prototxt", "nothing.h5", status=1)
     assert done.err == "nothing.h5: cannot read weights: No such file or directory\n"
-    with h5py.File("other.h5", "w") as file:
-        file["data/other/0"] = np.zeros(3)
+    write_hdf5("other.h5", **{"data/other/0": np.zeros(3)})
     done = run_tool("test", "--model", "net.prototxt", "other.h5", status=1)
     assert "it has no layer of net 'DeepModel'" in done.err
     (work / "deploy.prototxt").write_text('layer { name: "i" type: "Input" top: "x" input_param { shape { dim: 1 } } }')

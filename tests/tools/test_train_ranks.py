@@ -13,6 +13,7 @@ import pytest
 
 import netlib
 from tests.support import ranks_started
+from tests.support.hdf5_files import write_hdf5
 from tests.support.ranks_started import CAFFE, PROGRAMS, TRAIN, needs_mpi, ours
 from tools.common import training
 
@@ -47,8 +48,7 @@ def small(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     for i, rows in enumerate((31, 9, 20)):
         x = rng.standard_normal((rows, 6)).astype(np.float32)
-        with h5py.File(f"d{i}.h5", "w") as file:
-            file["x"], file["y"] = x, x[:, :2] - x[:, 2:4]
+        write_hdf5(f"d{i}.h5", x=x, y=x[:, :2] - x[:, 2:4])
     Path("list.txt").write_text("d0.h5\nd1.h5\nd2.h5\n")
     Path("small.prototxt").write_text(NET)
     Path("solver.prototxt").write_text(SOLVER)

@@ -15,6 +15,7 @@ from experiments.table1.settings import ONE_HAND, SETTINGS
 from handpose.synthetic.generator import Generator
 from netlib.proto import prototxt
 from netlib.proto.net_parameter import load_parameter
+from tests.support.hdf5_files import write_hdf5
 
 EVERY = [
     (n, s, r) for n in (*NETWORKS, *LAMBDAS[-1:]) for s in SETTINGS.values() if n.is_for(s) for r in RECIPES.values()
@@ -64,8 +65,7 @@ def test_thirty_components_are_nearly_all_of_a_hand(tmp_path: Path) -> None:
     """For 64 hands of all sizes, 30 components lose less than 2.5 mm per joint; the components have unit variance."""
     joints = Generator(0).block(0).joint.astype(np.float64)
     for n, some in enumerate(np.array_split(joints, 2)):
-        with h5py.File(tmp_path / f"{n}.h5", "w") as file:
-            file["joint"] = some
+        write_hdf5(tmp_path / f"{n}.h5", joint=some)
     write_components(tmp_path / "components.caffemodel.h5", [tmp_path / "0.h5", tmp_path / "1.h5"])
     with h5py.File(tmp_path / "components.caffemodel.h5") as file:
         basis, mean = file["data/joints/0"][...].astype(np.float64), file["data/joints/1"][...]

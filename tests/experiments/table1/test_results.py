@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
@@ -16,6 +15,7 @@ from handpose.synthetic.generator import Generator
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
+from tests.support.hdf5_files import write_hdf5
 
 SKELETON = skeleton.load()
 FRAMES = Generator(5, "test").block(0)
@@ -81,8 +81,7 @@ def test_the_truth_of_a_setting(tmp_path: Path) -> None:
     """Exact angles are read for synthetic hands, bones where they vary; a wrong shape raises an error."""
     for name in ("one_hand", "many_hands", "nyu"):
         (tmp_path / name).mkdir()
-        with h5py.File(tmp_path / name / "a.h5", "w") as file:
-            file["dof"], file["bones"] = INPUTS, np.ones((24, 31))
+        write_hdf5(tmp_path / name / "a.h5", dof=INPUTS, bones=np.ones((24, 31)))
         (tmp_path / name / "test.txt").write_text("a.h5\n")
     settings = [replace(setting, folder=tmp_path / setting.name) for setting in (ONE_HAND, MANY_HANDS, REAL)]
     one, many, real = (truth_of(setting, INPUTS) for setting in settings)

@@ -10,6 +10,7 @@ import pytest
 
 from handpose.datasets.examples import examples_of, spread
 from netlib.errors import DataError
+from tests.support.hdf5_files import write_hdf5
 
 
 @pytest.mark.parametrize(
@@ -23,8 +24,7 @@ def test_spread(total: int, count: int, numbers: list[int]) -> None:
 def test_frames_of_a_list_come_from_all_its_files(tmp_path: Path) -> None:
     """The frames come in order, with joints where the file has them."""
     for name, value in (("a", 0.25), ("b", 0.5)):
-        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
-            file["depth"] = np.full((2, 1, 8, 8), value, np.float32)
+        write_hdf5(tmp_path / f"{name}.h5", depth=np.full((2, 1, 8, 8), value, np.float32))
     with h5py.File(tmp_path / "b.h5", "a") as file:
         file["joint"] = np.arange(12.0).reshape(2, 6)
     (tmp_path / "list.txt").write_text("a.h5\nb.h5\n")

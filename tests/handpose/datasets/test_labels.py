@@ -8,15 +8,9 @@ from handpose.datasets import labels
 from handpose.frames.cameras import CAMERAS, NYU, Camera
 from netlib.errors import DataError
 from netlib.files.hdf5 import File
+from tests.support.hdf5_files import write_hdf5
 
 ROWS = np.linspace(-1, 1, 4 * 6).reshape(4, 6)  # four frames of two joints
-
-
-def write(path, **arrays):
-    with h5py.File(path, "w") as file:
-        for name, array in arrays.items():
-            file[name] = array
-    return path
 
 
 def at(values, number, where=1):
@@ -44,14 +38,14 @@ def test_joints_in_any_storage(tmp_path, shape, dtype, options):
 @pytest.mark.parametrize("dtype", ["f4", "i2"])
 def test_half_cubes(tmp_path, shape, dtype):
     """There is one half-cube per frame, from the labels and from an open file alike."""
-    path = write(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
+    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
     for found in (labels.read(path, [2]).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
 
 def test_a_file_without_half_cubes(tmp_path):
     """A file without half-cubes gets NYU's, or those that the caller passes."""
-    path = write(tmp_path / "a.h5", joint=ROWS)
+    path = write_hdf5(tmp_path / "a.h5", joint=ROWS)
     assert labels.read(path, [2]).half_cube.tolist() == [150] * 4
     assert labels.read(path, [2], usual=125).half_cube.tolist() == [125] * 4
     assert labels.read_half_cubes(File(path, ("joint",)), usual=125).tolist() == [125] * 4
@@ -59,7 +53,7 @@ def test_a_file_without_half_cubes(tmp_path):
 
 def test_what_else_a_file_holds(tmp_path):
     """The names of the other data sets are returned in the order of the file, with the attribute ``made_from``."""
-    path = write(tmp_path / "a.h5", joint=ROWS, depth=np.zeros(4))
+    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, depth=np.zeros(4))
     assert labels.read(path, [2]).made_from == "an unknown source"
     with h5py.File(path, "a") as file:
         file.attrs["made_from"] = "a test"
@@ -70,15 +64,15 @@ def test_what_else_a_file_holds(tmp_path):
 def test_joints_that_are_not_seen(tmp_path):
     """Joints on or beyond the faces of the cube, or NaN, are returned as stored and marked as not seen."""
     joints = np.array([[0.5, -0.5, 0, 0.9, -0.9, 0], [0, 0, 1, 0, -1, 0], [0, 0, 0, np.nan, 0, 0], [0, 2, 0, 0, 0, 0]])
-    found = labels.read(write(tmp_path / "a.h5", joint=joints), [2])
+    found = labels.read(write_hdf5(tmp_path / "a.h5", joint=joints), [2])
     assert np.array_equal(found.joints.reshape(4, 6), joints, equal_nan=True)
     assert found.seen.tolist() == [[True, True], [False, False], [True, False], [False, True]]
 
 
 def test_labels_of_another_file(tmp_path):
     """Data sets that a file lacks are read from the file that its attribute ``rest_in`` names."""
-    write(tmp_path / "first.h5", joint=ROWS, half_cube=np.full(4, 130.5))
-    path = write(tmp_path / "a.h5", dof=np.zeros((4, 3)))
+    write_hdf5(tmp_path / "first.h5", joint=ROWS, half_cube=np.full(4, 130.5))
+    path = write_hdf5(tmp_path / "a.h5", dof=np.zeros((4, 3)))
     with h5py.File(path, "r+") as file:
         file.attrs["rest_in"] = "first.h5"
     assert labels.read(path, [2]).half_cube.tolist() == [130.5] * 4
@@ -134,7 +128,7 @@ def test_labels_of_another_file(tmp_path):
 )
 def test_labels_with_something_wrong_in_them(tmp_path, arrays, message):
     """The error names the file, the data set, what was found and what was expected, on one line."""
-    path = write(tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in arrays else {}), **arrays)
+    path = write_hdf5(tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in arrays else {}), **arrays)
     with pytest.raises(DataError) as error:
         labels.read(path, [2, 3])
     assert str(error.value).startswith(f"{path}: {message}") and "\n" not in str(error.value)
@@ -146,7 +140,7 @@ def test_centers_that_tell_no_camera(tmp_path):
     for camera, spread in ((NYU, (0, 0)), (own, (0, 0)), (own, (9, 90)), (own, (90, 9))):
         uvd = np.tile([camera.u0, camera.v0, 700.0], (4, 1)) + (0 if camera is NYU else 50, 0, 0)
         uvd[1, :2] += spread
-        path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=camera.unproject(uvd))
+        path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=camera.unproject(uvd))
         with pytest.raises(DataError, match=r"a\.h5: .* lie within [09]\S* px .* does not tell the camera; expected"):
             labels.read_crop_centers([File(path, ("joint",))])
 
@@ -157,7 +151,7 @@ def test_centers_that_are_nowhere(tmp_path, value):
     uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
     xyz = NYU.unproject(uvd)
     xyz[2, 2] = value
-    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=xyz)
+    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=xyz)
     with pytest.raises(DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"):
         labels.read_crop_centers([File(path, ("joint",))])
 
@@ -166,7 +160,7 @@ def test_centers_that_are_nowhere(tmp_path, value):
 def test_the_camera_of_one_frame(tmp_path, name):
     """A known camera is recognised from the centre of one frame."""
     uvd = np.tile([200.0, 100.0, 700.0], (4, 1))
-    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=CAMERAS[name].unproject(uvd))
+    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=CAMERAS[name].unproject(uvd))
     found, camera = labels.read_crop_centers([File(path, ("joint",))])
     assert camera == CAMERAS[name] and np.allclose(found, uvd)
 
@@ -175,7 +169,7 @@ def test_the_camera_follows_from_the_centers(tmp_path):
     """The parameters of an unknown camera are estimated from rounded centres."""
     own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
     uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
-    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=np.round(uvd), center=own.unproject(uvd + 0.3))
+    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=np.round(uvd), center=own.unproject(uvd + 0.3))
     _, camera = labels.read_crop_centers([File(path, ("joint",))])
     assert np.allclose((camera.fx, camera.fy), (500, 510)) and camera.name == "own"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import scipy.io
 from handpose.datasets import matlab_file
 from handpose.datasets.matlab_file import read_variables
 from netlib.errors import DataError
+from tests.support.bad_input import bad_inputs
 
 
 @pytest.fixture
@@ -32,30 +34,23 @@ def test_numbers_and_words(path: Path) -> None:
     assert str(np.ravel(found["word"])[0]) == "NYU"
 
 
-def test_what_is_not_there(path: Path) -> None:
-    """The error names the missing variable and those in the file."""
-    with pytest.raises(DataError, match=r"a\.mat: no variable 'nose'; it has cell, joints, table, word"):
-        read_variables(path, ("table", "nose"))
-
-
-def test_objects_are_no_numbers(path: Path) -> None:
-    """A variable of objects raises an error, because it would have to be unpickled."""
-    with pytest.raises(DataError, match=r"a\.mat: cell is object of shape \(1, 1\), expected numbers"):
-        read_variables(path, ("cell",))
-
-
-def test_a_file_that_ends_its_reader(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file that crashes the reading process raises an error of one line."""
-    (tmp_path / "crash.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
-    monkeypatch.setattr(matlab_file, "WORKER", tmp_path / "crash.py")
-    with pytest.raises(DataError, match=r"a\.mat: damaged: SciPy's reader crashes on it \(status -11\)"):
-        read_variables(path, ("table",))
-
-
-def test_a_file_that_keeps_its_reader(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file on which the reading process hangs raises an error of one line."""
-    (tmp_path / "hang.py").write_text("import signal; signal.pause()")
-    monkeypatch.setattr(matlab_file, "WORKER", tmp_path / "hang.py")
-    monkeypatch.setattr(matlab_file, "SECONDS", 0.1)
-    with pytest.raises(DataError, match=r"a\.mat: damaged: SciPy's reader does not come to an end with it"):
-        read_variables(path, ("table",))
+@bad_inputs(DataError, {
+    "nose": (("", 60.0), "...a.mat: no variable 'nose'; it has cell, joints, table, word"),
+    "cell": (("", 60.0), "...a.mat: cell is object of shape (1, 1), expected numbers"),
+    "crash": (("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", 60.0),
+              "...a.mat: damaged: SciPy's reader crashes on it (status -11)"),
+    "hang": (("import signal; signal.pause()", 0.1),
+             "...a.mat: damaged: SciPy's reader does not come to an end with it"),
+})  # fmt: skip
+def test_what_cannot_be_read(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: Any, given: tuple[str, float], rejected: Any
+) -> None:
+    """Missing variables, objects, and a file that crashes or blocks the reading process are errors of one line."""
+    worker, seconds = given
+    if worker:
+        (tmp_path / "worker.py").write_text(worker)
+        monkeypatch.setattr(matlab_file, "WORKER", tmp_path / "worker.py")
+        monkeypatch.setattr(matlab_file, "SECONDS", seconds)
+    name = request.node.callspec.id
+    with rejected:
+        read_variables(path, ("table", name) if name == "nose" else ("cell" if name == "cell" else "table",))

@@ -69,7 +69,8 @@ def measured(uncertainty: float, count: int) -> Callable[[], object]:
     "30 joints": (calibrated(20, 30, 3), "joints of shape (20, 30, 3), expected (N, 31, 3)"),
     "one place": (calibrated(20, 31, 3), "in most frames the joints are all in one place"),
     "calibration of joint 31": (calibrated(20, 1, 3, joints=[31]), "joints [31], expected numbers from 0 to 30"),
-    "percentile": (calibrated(20, 31, 3, value=1, percentile=50), "percentile 50, expected at least 0 and less ..."),
+    "percentile": (calibrated(20, 31, 3, value=1, percentile=50),
+                   "percentile 50, expected at least 0 and less than 50"),
 })  # fmt: skip
 def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> None:
     """Bodies with other roots, and joints that are too few, unknown or not finite, raise an error."""

@@ -26,6 +26,7 @@ from handpose.fit.network_errors import (
 )
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
+from tests.support.hdf5_files import write_hdf5
 
 TABLE = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
 EVEN = np.full(len(SIGNS), 1 / len(SIGNS))
@@ -38,11 +39,7 @@ def all_signs(uncertainty: list[float]) -> np.ndarray:
 
 def write(path: Path, **arrays: object) -> Path:
     """A file with a group ``fit``."""
-    with h5py.File(path, "w") as file:
-        file.create_group("data")
-        for name, values in arrays.items():
-            file[f"fit/{name}"] = values
-    return path
+    return write_hdf5(path, **{f"fit/{name}": values for name, values in arrays.items()}, **{"data/ip": 0})
 
 
 def test_read(model: CapsuleModel, tmp_path: Path) -> None:

@@ -168,7 +168,7 @@ def test_a_writer_that_was_killed_while_the_new_one_took_the_place(tmp_path: Pat
     left = tmp_path / ".take.0123abcd.netlib.old"
     if between:
         (tmp_path / "take").rename(left)
-        with pytest.raises(NetlibError, match="is not empty"):
+        with pytest.raises(NetlibError, match=r"/take: is not empty; name a new folder or replace it by --force$"):
             write(tmp_path / "take", frames(1))
         assert len(contents(tmp_path / "take")) == 5  # including camera.json and the note
     else:
@@ -201,7 +201,7 @@ def test_what_another_writer_took_away_is_put_back(tmp_path: Path, monkeypatch: 
         return kept(path)
 
     monkeypatch.setattr(atomic, "backups", taken_away)
-    with pytest.raises(NetlibError, match="is not empty"):
+    with pytest.raises(NetlibError, match=r"/take: is not empty; name a new folder or replace it by --force$"):
         write(tmp_path / "take", frames(1))
     assert contents(tmp_path / "take") == before
 

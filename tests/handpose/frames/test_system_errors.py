@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import h5py
 import numpy as np
 import pytest
 
@@ -21,6 +20,7 @@ from handpose.frames.recording import CameraInfo
 from handpose.frames.writing import RecordingWriter
 from netlib.errors import DataError, system_error_of
 from netlib.files import reading
+from tests.support.hdf5_files import write_hdf5
 
 CAMERA = Camera("own", 60, 60, 15.5, 11.5, 32, 24)
 DEPTH = np.full((4, 24, 32), 500, np.uint16)
@@ -46,8 +46,7 @@ def archive(path: Path) -> Path:
 
 
 def hdf5(path: Path) -> Path:
-    with h5py.File(path / "take.h5", "w") as file:
-        file["depth"] = DEPTH
+    write_hdf5(path / "take.h5", depth=DEPTH)
     return path / "take.h5"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
@@ -14,6 +13,7 @@ from handpose.scoring.test_sets import centers_of, crops_of, data_layer
 from netlib.errors import NetlibError
 from netlib.net import Net
 from netlib.proto import prototxt
+from tests.support.hdf5_files import write_hdf5
 
 INPUT = 'layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 4 dim: 4 } } }'
 DATA = """layer {{ name: "data" type: "HDF5Data" top: "label" top: "depth"
@@ -28,9 +28,11 @@ def net(text: str) -> Net:
 @pytest.fixture
 def of_file(tmp_path: Path) -> Net:
     """A net that reads five crops (1, 4, 4), of which each value is the number of its frame."""
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["depth"] = np.ones((5, 1, 4, 4), np.float32) * np.arange(5, dtype=np.float32)[:, None, None, None]
-        file["label"] = np.zeros((5, 3), np.float32)
+    write_hdf5(
+        tmp_path / "a.h5",
+        depth=np.ones((5, 1, 4, 4), np.float32) * np.arange(5, dtype=np.float32)[:, None, None, None],
+        label=np.zeros((5, 3), np.float32),
+    )
     (tmp_path / "list.txt").write_text(f"{tmp_path / 'a.h5'}\n")
     return net(DATA.format(tmp_path / "list.txt"))
 

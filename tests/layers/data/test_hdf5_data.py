@@ -9,6 +9,7 @@ import pytest
 
 import netlib
 from tests.support.bad_input import bad_inputs
+from tests.support.hdf5_files import write_hdf5
 
 pytestmark = pytest.mark.both_engines
 
@@ -197,16 +198,9 @@ def test_transform_param_is_rejected(tmp_path, net_of, options):
 # ---------------------------------------------------------------------------------------------- mistakes
 
 
-def write(path, **datasets):
-    """Write an HDF5 file."""
-    with h5py.File(path, "w") as file:
-        for name, value in datasets.items():
-            file[name] = value
-
-
 def listed(folder, *names, **datasets):
     """Write a.h5 and a list of the files with these names."""
-    write(folder / "a.h5", **datasets)
+    write_hdf5(folder / "a.h5", **datasets)
     (folder / "list.txt").write_text("\n".join(names))
 
 
@@ -220,7 +214,7 @@ def unwritten(folder):
 def with_rest(folder, other=None, **datasets):
     """Write a.h5, which says that the rest is in other.h5, and that file."""
     listed(folder, "a.h5", t=np.zeros(3))
-    write(folder / "other.h5", **datasets)
+    write_hdf5(folder / "other.h5", **datasets)
     with h5py.File(folder / "a.h5", "a") as file:
         file.attrs["rest_in"] = other or "other.h5"
     if other == "text.h5":
@@ -235,7 +229,7 @@ def cut_to(folder, keep):
 
 def of_two_shapes(folder):
     """Write two files with other shapes of rows."""
-    write(folder / "b.h5", x=np.zeros((3, 4)), t=np.zeros(3))
+    write_hdf5(folder / "b.h5", x=np.zeros((3, 4)), t=np.zeros(3))
     listed(folder, "a.h5", "b.h5", x=np.zeros((3, 2)), t=np.zeros(3))
 
 
@@ -290,10 +284,10 @@ def test_a_rest_elsewhere(tmp_path, net_of, rest, link):
     for folder in ("set/a", "set/near/below"):
         (tmp_path / folder).mkdir(parents=True)
     for place in ("private.h5", "set/near/below/private.h5"):
-        write(tmp_path / place, x=np.zeros((3, 2)))
+        write_hdf5(tmp_path / place, x=np.zeros((3, 2)))
     if link:
         (tmp_path / "set" / "a" / rest.split("/")[0]).symlink_to(link)
-    write(tmp_path / "set" / "a" / "a.h5", t=np.zeros(3))
+    write_hdf5(tmp_path / "set" / "a" / "a.h5", t=np.zeros(3))
     with h5py.File(tmp_path / "set" / "a" / "a.h5", "r+") as file:
         file.attrs["rest_in"] = rest
     (tmp_path / "list.txt").write_text("set/a/a.h5")
@@ -307,8 +301,8 @@ def test_a_rest_nearby(tmp_path, net_of, rest):
     for folder in ("set/a/below", "set/near"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "set" / "a" / "link.h5").symlink_to("../near/rest.h5")
-    write(tmp_path / "set" / "a" / rest, x=np.zeros((3, 2)))
-    write(tmp_path / "set" / "a" / "a.h5", t=np.zeros(3))
+    write_hdf5(tmp_path / "set" / "a" / rest, x=np.zeros((3, 2)))
+    write_hdf5(tmp_path / "set" / "a" / "a.h5", t=np.zeros(3))
     with h5py.File(tmp_path / "set" / "a" / "a.h5", "r+") as file:
         file.attrs["rest_in"] = rest
     (tmp_path / "list.txt").write_text("set/a/a.h5")
@@ -350,7 +344,7 @@ def test_a_file_that_is_cut_under_a_running_net(data, tmp_path, shuffle, done):
 @pytest.mark.parametrize("row", [(2,), (2000,)], ids=["held in memory", "read"])
 def test_data_that_are_overwritten_in_place(tmp_path, net_of, row):
     """A file that is overwritten during training, with the same size, raises an error."""
-    write(tmp_path / "a.h5", x=np.ones((6, *row), np.float32))
+    write_hdf5(tmp_path / "a.h5", x=np.ones((6, *row), np.float32))
     (tmp_path / "list.txt").write_text("a.h5")
     net = net_of(layer(tmp_path / "list.txt", 2).replace('top: "t"', ""))
     net.forward()
@@ -381,6 +375,6 @@ def test_a_batch_that_nobody_wants(data, tmp_path):
 def test_a_file_that_takes_the_place_of_another(data, tmp_path):
     """The net continues to read the file that it opened."""
     net = data([5], 5)
-    write(tmp_path / "short.h5", x=np.zeros((1, 2)))
+    write_hdf5(tmp_path / "short.h5", x=np.zeros((1, 2)))
     (tmp_path / "short.h5").replace(tmp_path / "0.h5")
     assert numbers(net, 2) == [0, 1, 2, 3, 4] * 2

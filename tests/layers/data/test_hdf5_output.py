@@ -6,6 +6,7 @@ import pytest
 
 import netlib
 from tests.support.bad_input import bad_inputs
+from tests.support.hdf5_files import write_hdf5
 
 pytestmark = pytest.mark.both_engines
 
@@ -55,8 +56,7 @@ def test_its_bottoms_have_no_gradient(tmp_path, net_of):
 @pytest.mark.parametrize("name", ["in.h5", "link.h5"])
 def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
     """A file that the net reads is not replaced, whether named directly or by a link."""
-    with h5py.File(tmp_path / "in.h5", "w") as file:
-        file["x"], file["t"] = np.ones((4, 3)), np.ones((4, 1))
+    write_hdf5(tmp_path / "in.h5", x=np.ones((4, 3)), t=np.ones((4, 1)))
     (tmp_path / "link.h5").symlink_to("in.h5")
     (tmp_path / "list.txt").write_text("in.h5")
     before = (tmp_path / "in.h5").read_bytes()

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from netlib.errors import DataError
 from netlib.files import atomic, locks
 
 
@@ -39,7 +38,7 @@ def test_a_failure_leaves_the_old_one(tmp_path: Path) -> None:
         temporary.write_text("half")
         raise OSError("disk full")
 
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(OSError, match=r"disk full: '.*list\.txt'$"):
         atomic.replace(path, failing)
     with pytest.raises(KeyboardInterrupt), atomic.replacing(path) as temporary:
         temporary.write_text("half")
@@ -49,13 +48,10 @@ def test_a_failure_leaves_the_old_one(tmp_path: Path) -> None:
 
 
 def test_text_of(tmp_path: Path) -> None:
-    """A missing file gives None; a file that is not text raises an error."""
+    """A missing file gives None."""
     assert atomic.text_of(tmp_path / "none.txt") is None
     (tmp_path / "list.txt").write_text("ä")
     assert atomic.text_of(tmp_path / "list.txt") == "ä"
-    (tmp_path / "list.txt").write_bytes(b"\xff")
-    with pytest.raises(DataError, match="not a text file"):
-        atomic.text_of(tmp_path / "list.txt")
 
 
 def test_a_folder_is_not_replaced(tmp_path: Path) -> None:

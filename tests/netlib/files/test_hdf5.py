@@ -18,6 +18,7 @@ from netlib import files
 from netlib.errors import DataError, WeightsError
 from netlib.files import hdf5, hdf5_helper
 from netlib.files.paths import ROOT
+from tests.support.hdf5_files import write_hdf5
 
 PRETENDER = """
 import json, os, signal, sys
@@ -30,14 +31,6 @@ for line in sys.stdin:
         signal.pause()
     print(json.dumps({"fault": ""}), flush=True)
 """
-
-
-def write(path: Path, **datasets: Any) -> Path:
-    """Write an HDF5 file."""
-    with h5py.File(path, "w") as file:
-        for name, value in datasets.items():
-            file[name] = value
-    return path
 
 
 @pytest.fixture
@@ -57,7 +50,7 @@ def pretender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 
 def test_what_is_wrong_says_what_was_wanted(tmp_path: Path) -> None:
     """Errors of the file and of the block have the caller's error class."""
-    path = write(tmp_path / "a.h5", x=np.zeros(3))
+    path = write_hdf5(tmp_path / "a.h5", x=np.zeros(3))
     with hdf5.opened(path, "weights", WeightsError) as file:
         assert list(file) == ["x"]
     wrong = r"a\.h5: cannot read weights: damaged, or not as expected: .*'y'"
@@ -121,7 +114,7 @@ def test_files_that_are_not_opened(tmp_path: Path, make: Any, fault: str) -> Non
 
 def test_links_within_a_file(tmp_path: Path) -> None:
     """Links are followed; a broken or circular link matters only if it is read."""
-    with h5py.File(write(tmp_path / "a.h5", x=np.arange(3)), "r+") as file:
+    with h5py.File(write_hdf5(tmp_path / "a.h5", x=np.arange(3)), "r+") as file:
         file["y"], file["nowhere"] = h5py.SoftLink("/x"), h5py.SoftLink("/none")
         file["group/up"] = file["/"]
     assert hdf5.File(tmp_path / "a.h5", ("x", "y")).datasets[1][:].tolist() == [0, 1, 2]
@@ -132,21 +125,21 @@ def test_links_within_a_file(tmp_path: Path) -> None:
 def test_the_library_crashes(tmp_path: Path, pretender: None) -> None:
     """The library crashes in the helper process; the next file is checked by a new helper."""
     with pytest.raises(DataError, match=r"damaged: the HDF5 library crashes on it \(status -11\)"):
-        hdf5.File(write(tmp_path / "crash.h5", x=np.zeros(3)), ("x",))
-    assert hdf5.File(write(tmp_path / "good.h5", x=np.zeros(3)), ("x",)).rows == 3
+        hdf5.File(write_hdf5(tmp_path / "crash.h5", x=np.zeros(3)), ("x",))
+    assert hdf5.File(write_hdf5(tmp_path / "good.h5", x=np.zeros(3)), ("x",)).rows == 3
 
 
 def test_the_library_never_returns(tmp_path: Path, pretender: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """A helper that does not finish is ended after a time limit; the next file is checked by a new one."""
     with monkeypatch.context() as patch, pytest.raises(DataError, match="damaged: the HDF5 library does not finish"):
         patch.setattr(hdf5_helper, "SECONDS", 0.1)
-        hdf5.File(write(tmp_path / "endless.h5", x=np.zeros(3)), ("x",))
-    assert hdf5.File(write(tmp_path / "good.h5", x=np.zeros(3)), ("x",)).rows == 3
+        hdf5.File(write_hdf5(tmp_path / "endless.h5", x=np.zeros(3)), ("x",))
+    assert hdf5.File(write_hdf5(tmp_path / "good.h5", x=np.zeros(3)), ("x",)).rows == 3
 
 
 def test_a_file_is_looked_at_once(tmp_path: Path, pretender: None) -> None:
     """A file is checked once; a changed file has another identity."""
-    path = write(tmp_path / "crash.h5", x=np.zeros(3))
+    path = write_hdf5(tmp_path / "crash.h5", x=np.zeros(3))
     with path.open("rb") as stream:
         before = files.identity(stream.fileno())
     hdf5_helper.fault_of.cache_clear()
@@ -163,14 +156,14 @@ def test_without_a_helper(
 ) -> None:
     """If the helper cannot be started, the file is opened without a check and a note is logged."""
     monkeypatch.setattr(hdf5_helper, "CHECK", tmp_path / "not there.py")
-    path = write(tmp_path / "a.h5", x=np.zeros(3))
+    path = write_hdf5(tmp_path / "a.h5", x=np.zeros(3))
     assert hdf5.File(path, ("x",)).rows == 3
     assert "cannot start the helper process" in caplog.text
 
 
 def test_a_file_that_is_exchanged_after_the_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file that is replaced between the check and the opening raises an error."""
-    path, other = write(tmp_path / "a.h5", x=np.zeros(3)), write(tmp_path / "other.h5", x=np.zeros(3))
+    path, other = write_hdf5(tmp_path / "a.h5", x=np.zeros(3)), write_hdf5(tmp_path / "other.h5", x=np.zeros(3))
 
     def look(name: str, identity: object) -> str:
         other.replace(path)
@@ -183,12 +176,12 @@ def test_a_file_that_is_exchanged_after_the_look(tmp_path: Path, monkeypatch: py
 
 def test_content_that_was_read_before(tmp_path: Path) -> None:
     """Content that was read before is opened from memory; a file that has changed since raises an error."""
-    path = write(tmp_path / "x.h5", a=np.arange(3))
+    path = write_hdf5(tmp_path / "x.h5", a=np.arange(3))
     content = files.read_content(path, "data")
     for _ in range(2):
         with hdf5.opened(content, "data") as file:
             np.testing.assert_array_equal(file["a"][...], [0, 1, 2])
-    write(path, a=np.zeros(3))
+    write_hdf5(path, a=np.zeros(3))
     with pytest.raises(DataError, match=r"x\.h5: was changed while it was opened"), hdf5.opened(content, "data"):
         pass
 
@@ -196,7 +189,7 @@ def test_content_that_was_read_before(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 def test_a_forked_process_has_a_helper_of_its_own(tmp_path: Path) -> None:
     """A forked process starts its own helper; the parent's helper keeps running."""
-    one, two = write(tmp_path / "one.h5", x=np.zeros(1)), write(tmp_path / "two.h5", x=np.zeros(2))
+    one, two = write_hdf5(tmp_path / "one.h5", x=np.zeros(1)), write_hdf5(tmp_path / "two.h5", x=np.zeros(2))
     hdf5.File(one, ("x",))
     parents = hdf5_helper._state.helper
     child = os.fork()
@@ -206,38 +199,38 @@ def test_a_forked_process_has_a_helper_of_its_own(tmp_path: Path) -> None:
         hdf5_helper._state.end()
         os._exit(rows if own else 99)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 2
-    assert hdf5.File(write(tmp_path / "three.h5", x=np.zeros(3)), ("x",)).rows == 3
+    assert hdf5.File(write_hdf5(tmp_path / "three.h5", x=np.zeros(3)), ("x",)).rows == 3
     assert hdf5_helper._state.helper is parents
 
 
 def test_a_helper_that_is_gone(tmp_path: Path) -> None:
     """If the helper was killed between two files, a new one checks the next file."""
-    hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
+    hdf5.File(write_hdf5(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
     helper = hdf5_helper._state.helper
     assert helper is not None
     helper._process.kill()
     helper._process.wait()
-    assert hdf5.File(write(tmp_path / "two.h5", x=np.zeros(2)), ("x",)).rows == 2
+    assert hdf5.File(write_hdf5(tmp_path / "two.h5", x=np.zeros(2)), ("x",)).rows == 2
 
 
 @pytest.mark.skipif(not hasattr(os, "getsid"), reason="there are no sessions here")
 def test_a_terminals_signals_do_not_reach_the_helper(tmp_path: Path) -> None:
     """The helper runs in its own session, so Ctrl-C ends the training but does not kill the helper."""
-    hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
+    hdf5.File(write_hdf5(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
     assert hdf5_helper._state.helper is not None
     assert os.getsid(hdf5_helper._state.helper._process.pid) != os.getsid(0)
 
 
 def test_an_answer_that_nobody_waited_for(tmp_path: Path, pretender: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """After an interrupted check the helper is ended, so that its late answer is not used for the next file."""
-    hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
+    hdf5.File(write_hdf5(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
     helper = hdf5_helper._state.helper
     assert helper is not None
     with pytest.raises(KeyboardInterrupt), monkeypatch.context() as patch:
         patch.setattr(helper, "_out", Interrupted(helper._out))
-        hdf5.File(write(tmp_path / "two.h5", x=np.zeros(2)), ("x",))
+        hdf5.File(write_hdf5(tmp_path / "two.h5", x=np.zeros(2)), ("x",))
     assert hdf5_helper._state.helper is None
-    assert hdf5.File(write(tmp_path / "three.h5", x=np.zeros(3)), ("x",)).rows == 3
+    assert hdf5.File(write_hdf5(tmp_path / "three.h5", x=np.zeros(3)), ("x",)).rows == 3
 
 
 class Interrupted:
@@ -254,7 +247,7 @@ class Interrupted:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 def test_the_end_of_a_process_whose_child_lives_on(tmp_path: Path) -> None:
     """The helper ends with its process, although a forked child still holds the helper's pipe open."""
-    write(tmp_path / "a.h5", x=np.zeros(1))
+    write_hdf5(tmp_path / "a.h5", x=np.zeros(1))
     done = subprocess.run(
         [sys.executable, "-c", PARENT, str(tmp_path / "a.h5")], env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE, timeout=120, check=True,

@@ -72,7 +72,7 @@ def test_a_planted_link(tmp_path: Path) -> None:
     """A symbolic link in place of the lock file is not followed."""
     (tmp_path / "precious").write_text("mine")
     (tmp_path / ".lock").symlink_to(tmp_path / "precious")
-    with pytest.raises(OSError, match="symbolic links"):
+    with pytest.raises(OSError, match=r"Too many levels of symbolic links: '.*\.lock'$"):
         locks.Lock(tmp_path / ".lock")
     assert (tmp_path / "precious").read_text() == "mine"
 

@@ -6,13 +6,16 @@ import errno
 import os
 import re
 import socket
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from netlib import files
 from netlib.errors import DataError, NetlibError, WeightsError, printable
-from netlib.files import reading
+from netlib.files import atomic, reading
+from tests.support.bad_input import bad_inputs
 
 
 def test_bytes_and_text(tmp_path: Path) -> None:
@@ -24,32 +27,59 @@ def test_bytes_and_text(tmp_path: Path) -> None:
     assert files.read_bytes(path, "the list", first=3) == b"\xef\xbb\xbf"
 
 
-def test_a_git_lfs_pointer_is_named(tmp_path: Path) -> None:
-    """Every way of reading rejects the small text that stands for a file in a clone without Git LFS."""
-    path = tmp_path / "net.prototxt"
-    path.write_text(f"version https://git-lfs.github.com/spec/v1\noid sha256:{'a' * 64}\nsize 123\n")
-    for read in (
-        lambda: files.read_text(path, "the net"),
-        lambda: files.read_bytes(path, "the net", first=2),
-        lambda: files.read_content(path, "the net"),
-        lambda: list(files.read_pieces(path, "the net")),
-        lambda: reading.Source(path, "the net"),
-    ):
-        with pytest.raises(DataError, match=r"net\.prototxt: cannot read the net: it is a Git LFS pointer"):
-            read()
+POINTER = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'a' * 64}\nsize 123\n"
+LFS = ".../pointer: cannot read the net: it is a Git LFS pointer, not the file itself; run git lfs pull"
+
+
+@bad_inputs(DataError, {
+    "pointer as text": (lambda at: files.read_text(at / "pointer", "the net"), LFS),
+    "pointer's first bytes": (lambda at: files.read_bytes(at / "pointer", "the net", first=2), LFS),
+    "pointer as content": (lambda at: files.read_content(at / "pointer", "the net"), LFS),
+    "pointer in pieces": (lambda at: list(files.read_pieces(at / "pointer", "the net")), LFS),
+    "pointer as a source": (lambda at: reading.Source(at / "pointer", "the net"), LFS),
+    "large text": (lambda at: files.read_text(at / "hole", "the list"),
+                   ".../hole: 10000000000 bytes, which is too large for the list; at most 268435456 are read"),
+    "large pieces": (lambda at: next(files.read_pieces(at / "hole", "weights")),
+                     ".../hole: 10000000000 bytes, which is too large for weights; at most 2147483647 are read"),
+    "no pieces": (lambda at: next(files.read_pieces(at / "none", "weights", WeightsError)), WeightsError,
+                  ".../none: cannot read weights: No such file or directory"),
+    "no text": (lambda at: files.read_text(at / "bytes", "the log"),
+                ".../bytes: cannot read the log: not a text file (byte 3 is not UTF-8)"),
+    "no UTF-8": (lambda at: atomic.text_of(at / "bytes"),
+                 ".../bytes: cannot read the text: not a text file (byte 3 is not UTF-8)"),
+    "a file as a folder": (lambda at: files.make_folder(at / "bytes"), NetlibError,
+                           ".../bytes: is a file; expected a folder"),
+    "a file above": (lambda at: files.make_folder(at / "bytes/a/b"), NetlibError,
+                     ".../bytes: is a file; expected a folder"),
+    "device": (lambda at: files.make_folder(Path("/dev/null")), NetlibError,
+               "/dev/null: is a device; expected a folder"),
+    "a link to itself": (lambda at: files.make_folder(at / "loop"), OSError, "[Errno 17] File exists: '.../loop'"),
+})  # fmt: skip
+def test_what_is_refused(tmp_path: Path, given: Callable[[Path], object], rejected: Any) -> None:
+    """Every way of reading rejects the pointer of a clone without Git LFS, and files that are too large or no text."""
+    (tmp_path / "pointer").write_text(POINTER)
+    (tmp_path / "bytes").write_bytes(b"abc\xff")
+    (tmp_path / "loop").symlink_to("loop")
+    with (tmp_path / "hole").open("wb") as file:
+        file.truncate(10**10)  # takes no disk space
+    with rejected:
+        given(tmp_path)
+
+
+def test_the_start_of_a_large_file_and_text_with_errors(tmp_path: Path) -> None:
+    """The first bytes of any file are read, and ``errors`` replaces bytes that are no text."""
+    with (tmp_path / "hole").open("wb") as file:
+        file.truncate(10**10)
+    assert files.read_bytes(tmp_path / "hole", "the list", first=2) == b"\0\0"
+    (tmp_path / "a").write_bytes(b"abc\xff")
+    assert files.read_text(tmp_path / "a", "the log", errors="replace") == "abc\ufffd"
 
 
 def test_folders_are_made(tmp_path: Path) -> None:
-    """make_folder creates parent folders; an error names a file or device in the way."""
+    """make_folder creates parent folders."""
     for _ in range(2):
         files.make_folder(tmp_path / "a" / "b")
-    (tmp_path / "file").touch()
-    for place, what in (("file", "is a file"), ("file/a/b", "is a file"), ("/dev/null", "is a device")):
-        with pytest.raises(NetlibError, match=rf"(/file|^/dev/null): {what}; expected a folder$"):
-            files.make_folder(tmp_path / place)
-    (tmp_path / "loop").symlink_to("loop")
-    with pytest.raises(OSError, match="loop"):
-        files.make_folder(tmp_path / "loop")
+    assert (tmp_path / "a" / "b").is_dir()
 
 
 def test_what_is_read_within_a_block_is_noted(tmp_path: Path) -> None:
@@ -93,17 +123,6 @@ def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
             assert re.fullmatch(re.escape(printable(f"{name}: cannot read weights: ")) + reason, str(error.value))
 
 
-def test_a_file_that_is_too_large(tmp_path: Path) -> None:
-    """The size is checked before the file is read; a sparse file of 10 GB takes no disk space."""
-    with (tmp_path / "hole").open("wb") as file:
-        file.truncate(10**10)
-    with pytest.raises(DataError, match=r"hole: 10000000000 bytes, which is too large for the list; at most 2684"):
-        files.read_text(tmp_path / "hole", "the list")
-    with pytest.raises(DataError, match=r"hole: 10000000000 bytes, which is too large for weights; at most 2147483647"):
-        next(files.read_pieces(tmp_path / "hole", "weights"))
-    assert files.read_bytes(tmp_path / "hole", "the list", first=2) == b"\0\0"
-
-
 @pytest.mark.skipif(not Path("/proc/self/pagemap").is_file(), reason="no file without an end here")
 def test_a_file_without_an_end() -> None:
     """A file that reports size 0 is read as empty; /proc/self/pagemap would return data without end."""
@@ -122,16 +141,6 @@ def test_a_file_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     with path.open("ab") as file:
         file.write(b"hij")
     assert list(pieces) == [b"def", b"g"]
-    with pytest.raises(WeightsError, match="none: cannot read weights: No such file"):
-        next(files.read_pieces(tmp_path / "none", "weights", WeightsError))
-
-
-def test_what_is_no_text(tmp_path: Path) -> None:
-    """Text that is not UTF-8 raises an error with the byte, unless ``errors`` replaces it."""
-    (tmp_path / "a").write_bytes(b"abc\xff")
-    with pytest.raises(DataError, match=r"a: cannot read the log: not a text file \(byte 3 is not UTF-8\)$"):
-        files.read_text(tmp_path / "a", "the log")
-    assert files.read_text(tmp_path / "a", "the log", errors="replace") == "abc\ufffd"
 
 
 # ---------------------------------------------------------------------------------------------- reads from anywhere

@@ -13,6 +13,7 @@ from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter, NetParameter, SolverParameter
 from netlib.proto.prototxt import Message
 from netlib.proto.schema import Double, Int64, UInt
+from tests.support.bad_input import bad_inputs
 
 
 @dataclass(frozen=True)
@@ -96,46 +97,44 @@ def test_default_floats_have_32_bits_too() -> None:
     assert read("").exact == 0.1
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("rato: 1", "f:1:11: error: unknown field 'rato' (did you mean 'ratio'?)"),
-        ("zzz: 1", "f:1:11: error: unknown field 'zzz'; known fields: needed, text, flag"),
-        ("ratio: high", "f:1:18: error: 'ratio' expects a number, found high"),
-        ('ratio: "1"', "f:1:18: error: 'ratio' expects a number, found \"1\""),
-        ("text: 1", "f:1:17: error: 'text' expects a string in quotes, found 1"),
-        ("text: word", "'text' expects a string in quotes, found word"),
-        ("flag: 2", "'flag' expects true or false, found 2"),
-        ("flag: yes", "'flag' expects true or false, found yes"),
-        ("count: -1", "'count' expects an integer from 0 to 4294967295, found -1"),
-        ("count: 1.5", "'count' expects an integer from 0 to 4294967295, found 1.5"),
-        ("needed: 2", "f:1:11: error: field 'needed' is given twice, but is not a repeated field"),
-        ("pool: MAXX", "f:1:17: error: unknown value MAXX of 'pool' (did you mean 'MAX'?)"),
-        ("pool: 7", "unknown value 7 of 'pool'; known values: MAX, AVE"),
-        ('pool: "MAX"', "'pool' expects a name without quotes, found \"MAX\" (did you mean 'MAX'?)"),
-        ("inner: 1", "'inner' is a message: expected inner { ... }, found 1"),
-        ("inner { x: 5 } inner: 1", "f:1:26: error: 'inner' is a message: expected inner { ... }, found 1"),
-        ("ratio { }", "'ratio' is not a message: expected 'ratio: a number'"),
-        ("pool { }", "'pool' is not a message: expected 'pool: MAX or AVE'"),
-        ("inner {\n y: 1 }", "f:2:2: error: unknown field 'y'; known fields: x, names"),
-        ("needed: 99999999999999999999", "given twice"),
-        ("count: 4294967296", "'count' expects an integer from 0 to 4294967295, found 4294967296"),
-        (
-            "whole: 2147483648",
-            "f:1:18: error: 'whole' expects an integer from -2147483648 to 2147483647, found 214748364",
-        ),
-        ("whole: -2147483649", "'whole' expects an integer from -2147483648 to 2147483647, found -2147483649"),
-        ("long: 9223372036854775808", "'long' expects an integer from -9223372036854775808 to 9223372036854775807, f"),
-        ("long: -9223372036854775809", "'long' expects an integer from -9223372036854775808 to 922337203685477580"),
-        ("many: 99999999999999999999", "'many' expects an integer"),
-        ("tree: 1", "'tree' is a message"),
-    ],
-)
-def test_mistakes(text: str, message: str) -> None:
+UNSIGNED, SIGNED = "expects an integer from 0 to 4294967295", "expects an integer from -2147483648 to 2147483647"
+LONG = "expects an integer from -9223372036854775808 to 9223372036854775807"
+
+
+@bad_inputs(netlib.PrototxtError, {
+    text: f"f:{line}" for text, line in (
+        ("rato: 1", "1:11: error: unknown field 'rato' (did you mean 'ratio'?)"),
+        ("zzz: 1", "1:11: error: unknown field 'zzz'; known fields: needed, text, flag, ..."),
+        ("ratio: high", "1:18: error: 'ratio' expects a number, found high"),
+        ('ratio: "1"', "1:18: error: 'ratio' expects a number, found \"1\""),
+        ("text: 1", "1:17: error: 'text' expects a string in quotes, found 1"),
+        ("text: word", "1:17: error: 'text' expects a string in quotes, found word"),
+        ("flag: 2", "1:17: error: 'flag' expects true or false, found 2"),
+        ("flag: yes", "1:17: error: 'flag' expects true or false, found yes"),
+        ("count: -1", f"1:18: error: 'count' {UNSIGNED}, found -1"),
+        ("count: 1.5", f"1:18: error: 'count' {UNSIGNED}, found 1.5"),
+        ("count: 4294967296", f"1:18: error: 'count' {UNSIGNED}, found 4294967296"),
+        ("many: 99999999999999999999", f"1:17: error: 'many' {UNSIGNED}, found 99999999999999999999"),
+        ("whole: 2147483648", f"1:18: error: 'whole' {SIGNED}, found 2147483648"),
+        ("whole: -2147483649", f"1:18: error: 'whole' {SIGNED}, found -2147483649"),
+        ("long: 9223372036854775808", f"1:17: error: 'long' {LONG}, found 9223372036854775808"),
+        ("long: -9223372036854775809", f"1:17: error: 'long' {LONG}, found -9223372036854775809"),
+        ("needed: 2", "1:11: error: field 'needed' is given twice, but is not a repeated field"),
+        ("needed: 99999999999999999999", "1:11: error: field 'needed' is given twice, but is not a repeated field"),
+        ("pool: MAXX", "1:17: error: unknown value MAXX of 'pool' (did you mean 'MAX'?)"),
+        ("pool: 7", "1:17: error: unknown value 7 of 'pool'; known values: MAX, AVE"),
+        ('pool: "MAX"', "1:17: error: 'pool' expects a name without quotes, found \"MAX\" (did you mean 'MAX'?)"),
+        ("inner: 1", "1:11: error: 'inner' is a message: expected inner { ... }, found 1"),
+        ("inner { x: 5 } inner: 1", "1:26: error: 'inner' is a message: expected inner { ... }, found 1"),
+        ("tree: 1", "1:11: error: 'tree' is a message: expected tree { ... }, found 1"),
+        ("ratio { }", "1:11: error: 'ratio' is not a message: expected 'ratio: a number'"),
+        ("pool { }", "1:11: error: 'pool' is not a message: expected 'pool: MAX or AVE'"),
+        ("inner {\n y: 1 }", "2:2: error: unknown field 'y'; known fields: x, names"))
+})  # fmt: skip
+def test_mistakes(given: str, rejected: Any) -> None:
     """The error has the position of the field or value and the nearest known name."""
-    with pytest.raises(netlib.PrototxtError) as error:
-        read(text)
-    assert message in str(error.value)
+    with rejected:
+        read(given)
 
 
 def test_a_missing_required_field() -> None:

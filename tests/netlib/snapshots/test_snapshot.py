@@ -17,6 +17,8 @@ from netlib.files import atomic
 from netlib.snapshots import snapshot
 from netlib.snapshots.solver_state import SolverState
 from netlib.snapshots.weights import image
+from tests.support.bad_input import bad_inputs
+from tests.support.hdf5_files import write_hdf5
 
 pytestmark = pytest.mark.both_engines
 
@@ -239,12 +241,6 @@ def test_directories_are_made(net: netlib.Net, tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "new" / "deep").iterdir()] == ["w.h5"]
 
 
-def test_a_name_that_no_file_can_have(net: netlib.Net) -> None:
-    """An empty file name raises a one-line error."""
-    with pytest.raises(netlib.WeightsError, match="cannot write the snapshot"):
-        net.save("")
-
-
 def test_no_string_of_a_state_is_in_a_heap(net: netlib.Net, names: tuple[Path, Path]) -> None:
     """Strings are not stored in an HDF5 heap, because the library hangs in some damaged heaps."""
     write_pair(net, state_of(net), *names)
@@ -297,20 +293,6 @@ def pair(net: netlib.Net, names: tuple[Path, Path]) -> tuple[Path, Path]:
     return names
 
 
-def test_a_state_where_weights_are_wanted(pair: tuple[Path, Path]) -> None:
-    """The error names the weights that belong to the state and the option for resuming."""
-    with pytest.raises(
-        netlib.WeightsError, match=r"this is a solver state, not weights; .*w_iter_5\.caffemodel\.h5.*--snapshot"
-    ):
-        snapshot.read_weights(pair[1])
-
-
-def test_weights_where_a_state_is_wanted(pair: tuple[Path, Path]) -> None:
-    """The error names the option for starting from weights."""
-    with pytest.raises(netlib.WeightsError, match=r"this is a weights file; pass it as --weights"):
-        snapshot.read_state(pair[0])
-
-
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.parametrize("keep", [0, 4, 8, 100, 0.3, 0.5, 0.9, 0.99])
 def test_a_truncated_file_is_one_line(pair: tuple[Path, Path], which: int, keep: float) -> None:
@@ -356,37 +338,43 @@ def test_a_flipped_bit_of_a_state_is_noticed(pair: tuple[Path, Path]) -> None:
     assert refused > 10
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("gone.h5", None, "cannot read weights: No such file or directory"),
-        ("empty.h5", b"", "expected weights (.caffemodel); the file is empty"),
-        ("text.caffemodel", b"layer {}", "expected weights (.caffemodel); it looks like a text file"),
-        ("x.caffemodel", b"version https://git-lfs.github.com/spec/v1\noid", "it is a Git LFS pointer, not the file"),
-        ("folder", "folder", "cannot read weights: Is a directory"),
-    ],
-)
-def test_other_files_where_weights_are_wanted(tmp_path: Path, name: str, content: Any, message: str) -> None:
+POINTER = b"version https://git-lfs.github.com/spec/v1\noid"
+
+
+@bad_inputs(netlib.WeightsError, {
+    "gone.h5": (None, "...gone.h5: cannot read weights: No such file or directory"),
+    "empty.h5": (b"", "...empty.h5: it has no layers; expected weights (.caffemodel); the file is empty"),
+    "text.caffemodel": (b"layer {}", "...: ...; expected weights (.caffemodel); it looks like a text file"),
+    "x.caffemodel": (POINTER, "...x.caffemodel: cannot read weights: it is a Git LFS pointer, not the file ..."),
+})  # fmt: skip
+def test_other_files_where_weights_are_wanted(tmp_path: Path, request: Any, given: bytes | None, rejected: Any) -> None:
     """The error states the actual and the expected kind of file."""
-    path = tmp_path / name
-    if content == "folder":
-        path.mkdir()
-    elif content is not None:
-        path.write_bytes(content)
-    with pytest.raises(netlib.WeightsError) as error:
+    path = tmp_path / request.node.callspec.id.split("-")[-1]
+    if given is not None:
+        path.write_bytes(given)
+    with rejected:
         snapshot.read_weights(path)
-    assert str(error.value).startswith(f"{path}: ")
-    assert message in str(error.value)
 
 
-def test_an_hdf5_file_of_another_kind(tmp_path: Path) -> None:
-    """An HDF5 file of training data is rejected as weights and as a state."""
-    with h5py.File(tmp_path / "data.h5", "w") as file:
-        file["depth"] = np.zeros(3)
-    with pytest.raises(netlib.WeightsError, match="no group /data"):
-        snapshot.read_weights(tmp_path / "data.h5")
-    with pytest.raises(netlib.WeightsError, match="not a solver state"):
-        snapshot.read_state(tmp_path / "data.h5")
+STATE = "this is a solver state, not weights; expected its pair, dir/w_iter_5.caffemodel.h5 (... --snapshot)"
+
+
+@bad_inputs(netlib.WeightsError, {
+    "folder": (lambda at, pair: snapshot.read_weights(at), "...: cannot read weights: Is a directory; expected a file"),
+    "a state as weights": (lambda at, pair: snapshot.read_weights(pair[1]), f"...solverstate...: {STATE}"),
+    "weights as a state": (lambda at, pair: snapshot.read_state(pair[0]), "...caffemodel...: this is a weights file; "
+                           "pass it as --weights, or its pair *.solverstate... here"),
+    "data": (lambda at, pair: snapshot.read_weights(at / "data.h5"),
+                        "...data.h5: no group /data; expected weights in the layout of Caffe's HDF5 snapshots"),
+    "data as a state": (lambda at, pair: snapshot.read_state(at / "data.h5"), "...data.h5: not a solver state"),
+})  # fmt: skip
+def test_files_of_another_kind(
+    tmp_path: Path, pair: tuple[Path, Path], given: Callable[..., object], rejected: Any
+) -> None:
+    """The error names the weights that belong to a state, and the options for resuming and for starting."""
+    write_hdf5(tmp_path / "data.h5", depth=np.zeros(3))
+    with rejected:
+        given(tmp_path, pair)
 
 
 @pytest.mark.parametrize(

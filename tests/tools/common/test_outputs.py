@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
-import h5py
 import numpy as np
 import pytest
 
 from netlib.errors import NetlibError
 from netlib.proto.messages import Datum
+from tests.support.hdf5_files import write_hdf5
 from tests.support.running import run_tool
 from tools.common import databases, outputs
 
@@ -78,9 +78,9 @@ def test_tools(tool: str, argv: list[str]) -> None:
     for folder in ("deep", "crops"):
         Path(folder).mkdir()
     for name in ("crops.h5", "deep/crops.h5", "deep/crops.png"):
-        with h5py.File(name, "w") as file:
-            file["depth"] = np.zeros((60, 1, 4, 4), np.float32)
-            file["joint"] = np.random.default_rng(0).uniform(-0.5, 0.5, (60, 93))
+        write_hdf5(
+            name, depth=np.zeros((60, 1, 4, 4), np.float32), joint=np.random.default_rng(0).uniform(-0.5, 0.5, (60, 93))
+        )
     Path("list.txt").write_text("deep/crops.h5\n")
     Path("list.png").write_text("deep/crops.png\n")
     for n in range(3):

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from netlib.errors import NetlibError
 from tools.common.stopper import StoppedError, Stopper, fill_folder
 
 
@@ -51,10 +50,3 @@ def test_a_signal_ends_the_filling(
     assert fill_folder(tmp_path, "whole files are", 3, fill) == status
     assert filled == [0]
     assert capsys.readouterr() == ("", "stopped; whole files are kept, and the next run continues after them\n")
-
-
-def test_a_folder_that_cannot_be_filled(tmp_path: Path) -> None:
-    """The error names the file that is in the way."""
-    (tmp_path / "file").touch()
-    with pytest.raises(NetlibError, match=f"^{tmp_path}/file: is a file; expected a folder$"):
-        fill_folder(tmp_path / "file", "all is", 1, lambda advance: None)

@@ -115,7 +115,10 @@ def test_what_ends_it_keeps_what_was_done(error: type[BaseException]) -> None:
 def test_one_that_fails_at_the_end(stopped: bool) -> None:
     """If one output fails at the end the others are complete; the first of several errors is raised."""
     Path("a_right_1.bvh").mkdir()
-    with pytest.raises(OSError, match="a_right_1"), Outputs(parsed(*ALL), HEADER, 30.0) as outputs:
+    with (
+        pytest.raises(OSError, match=r"directory: 'a_right_1\.bvh'$"),
+        Outputs(parsed(*ALL), HEADER, 30.0) as outputs,
+    ):
         for depth, frame in frames():
             outputs.write(depth, frame)
         if stopped:
@@ -123,7 +126,10 @@ def test_one_that_fails_at_the_end(stopped: bool) -> None:
     track = read_track("a.json")
     assert bool(track.cut) == stopped and len(track.frames) == 4
     assert len(Path("a.csv").read_text().splitlines()) == 5 and cv2.imread("a.png") is not None
-    with pytest.raises(NetlibError, match="the camera"), Outputs(parsed(*ALL), HEADER, 30.0) as outputs:
+    with (
+        pytest.raises(NetlibError, match=r"^the camera was unplugged$"),
+        Outputs(parsed(*ALL), HEADER, 30.0) as outputs,
+    ):
         outputs.write(*next(frames()))
         raise NetlibError("the camera was unplugged")
     assert read_track("a.json").cut

@@ -10,9 +10,7 @@ from handpose.sequences.gestures import SHOWN
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics
-from layers.hand.skeleton import NYU_HAND, load
 from netlib.blob import Array
-from netlib.errors import DataError
 
 SAMPLER = BodySampler(prior_file.load().but(pose=SHOWN))
 SK = SAMPLER.skeleton
@@ -44,10 +42,3 @@ def test_a_half_bent_hand_shows_none() -> None:
 def test_numbers() -> None:
     """The gestures that are numbers range from 0 to 5."""
     assert set(NUMBERS) < set(GESTURES) and sorted(NUMBERS.values()) == [0, 1, 2, 3, 4, 5]
-
-
-def test_another_body_shows_none() -> None:
-    """A body that is not a hand raises an error."""
-    arm = load(NYU_HAND.parents[1] / "body" / "arm.prototxt")
-    with pytest.raises(DataError, match="only hands"):
-        scores(arm, "right", np.zeros((len(arm.joint_names), 3)))

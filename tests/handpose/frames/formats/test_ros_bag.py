@@ -323,7 +323,7 @@ class TestOneTopicOfSeveralTypes:
             content = next(message for end, message in other.items() if kind.endswith(end))
             return [(topic, declared, ns, content) for topic, declared, ns, _ in bags.driver(of, depth)]
 
-        with pytest.raises(DataError, match=f"{name}: {bags.TOPIC}"):
+        with pytest.raises(DataError, match=f"{name}: {bags.TOPIC}: no message can be read: "):
             read(write(tmp_path / name, DEPTH, make=make), GIVEN)
 
     def test_an_index_that_leads_to_another_topic(self, tmp_path: Path) -> None:

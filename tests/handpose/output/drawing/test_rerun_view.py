@@ -157,7 +157,10 @@ def test_mistakes(streams: list[FakeStream], tmp_path: Path, monkeypatch: pytest
     """Another suffix, another image size, a viewer that does not start and a missing rerun raise errors."""
     with pytest.raises(NetlibError, match=r"a\.bin: a recording for Rerun is written as \.rrd"):
         RerunView(HEADER, tmp_path / "a.bin")
-    with RerunView(HEADER) as view, pytest.raises(DataError, match="480"):
+    with (
+        RerunView(HEADER) as view,
+        pytest.raises(DataError, match=r"of shape \(480, 640\), expected \(120, 160\)"),
+    ):
         view.log(np.zeros((480, 640), np.float32), BOTH)
 
     def spawn(stream: FakeStream) -> None:
