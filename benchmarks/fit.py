@@ -25,7 +25,7 @@ import numpy as np
 
 from handpose import NYU, load_predictor
 from handpose.estimate.estimator import MAX_CROPS, fit_crops
-from handpose.estimate.nets import hand_inputs
+from handpose.estimate.nets import hand_poses
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import PLANS
 from handpose.synthetic.generator import Generator
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         turned = np.stack([np.rot90(crops[0], quarter) for quarter in plan.quarters])
         rows.append([
             plan.name,
-            f"{_median(lambda turned=turned, net=net: hand_inputs(net, turned), args.repeats):.1f}",  # type: ignore[misc]
+            f"{_median(lambda turned=turned, net=net: hand_poses(net, turned), args.repeats):.1f}",  # type: ignore[misc]
             f"{single(lambda r, p=plan: hands.take(r).observe(p.points)):.1f}",  # type: ignore[misc]
             f"{single(lambda r, net=net, f=fitter, p=plan: fit_crops(net, f, hands.take(r), p)):.1f}",  # type: ignore[misc]
             f"{_median(lambda net=net, f=fitter, p=plan: fit_crops(net, f, hands, p), 3) / len(crops):.1f}",  # type: ignore[misc]

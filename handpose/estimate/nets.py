@@ -153,8 +153,3 @@ def network_joints(net: Net, crop: NDArray[np.floating]) -> Array:
     if not np.isfinite(joints).all():
         raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
     return np.asarray(joints)
-
-
-def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
-    """The inputs (N, D) of ``hand_poses``. Raises NetlibError."""
-    return hand_poses(net, crops).inputs

@@ -111,6 +111,7 @@ class HandTrack:
     trusted     s, of its last reported pose with enough confidence; only hands without surroundings need one
     reason      why it was lost
     alone       True if its surroundings are removed from its crops
+    usual_cost  the average selection cost of its poses
     """
 
     def __init__(
@@ -135,7 +136,7 @@ class HandTrack:
         self.sides = {estimate.hand: SideState(estimate, time) for estimate in estimates}
         self._asked = self._looked = time
         self._pause, self._missed = PAUSE, False
-        self._usual = min(estimate.selection_cost for estimate in estimates)
+        self.usual_cost = min(estimate.selection_cost for estimate in estimates)
         self._evidence, self._compared, self._begun = side_prior, 0, time
         self._compare(_best(estimates), time)
         self._keep_side()
@@ -169,11 +170,6 @@ class HandTrack:
         return len(self.sides) == 1
 
     @property
-    def usual_cost(self) -> float:
-        """The average selection cost of its poses."""
-        return self._usual
-
-    @property
     def side_confidence(self) -> float:
         """The probability of the more likely side; 1 once it is decided."""
         if self.is_decided:
@@ -188,7 +184,7 @@ class HandTrack:
 
     def regions(self, time: float) -> list[SearchRegion]:
         """The search regions in a frame; with and without the network, whose last use is recorded."""
-        troubled = self._missed or self.best.estimate.selection_cost > TROUBLE * self._usual
+        troubled = self._missed or self.best.estimate.selection_cost > TROUBLE * self.usual_cost
         asked = troubled or not self.is_decided or time - self._asked >= ASK
         self._asked = time if asked else self._asked
         regions = []
@@ -208,7 +204,7 @@ class HandTrack:
         sure = max((estimate.chance for estimate in estimates if estimate is not None), default=0.0)
         alarmed = (
             min((estimate.selection_cost for estimate in estimates if estimate is not None), default=np.inf)
-            > ALARM * self._usual
+            > ALARM * self.usual_cost
         )
         pause = COMPARE if not self.is_decided else SOON if alarmed else self._pause
         if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
@@ -244,7 +240,7 @@ class HandTrack:
             self.sides[estimate.hand].take(estimate, time)
         self.time = time
         self._keep_side()
-        self._usual += HABIT * (self.best.estimate.selection_cost - self._usual)
+        self.usual_cost += HABIT * (self.best.estimate.selection_cost - self.usual_cost)
         if self.is_sure:
             self._pause = PAUSE
         return True

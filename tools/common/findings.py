@@ -13,7 +13,7 @@ from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.body.joint_formats.frames import hand_frames
 from handpose.body.sides import as_right
 from handpose.estimate.hand import Hand
-from handpose.estimate.nets import hand_inputs
+from handpose.estimate.nets import hand_poses
 from handpose.estimate.predictor import Predictor
 from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, strokes, surface
@@ -159,7 +159,7 @@ def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
     if found.fit is not None:
         inputs, size, thickness = found.whole_inputs, found.size, found.thickness
     else:
-        inputs, size, thickness = hand_inputs(predictor.net, as_right(found.crop, found.hand)[None])[0], 1.0, 1.0
+        inputs, size, thickness = hand_poses(predictor.net, as_right(found.crop, found.hand)[None]).inputs[0], 1.0, 1.0
     words = in_words(found, predictor).partition(";")[0]
     return hand(Path(image).name, words, inputs, camera=found.camera, center_uvd=found.center_uvd,
                 cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness, side=found.hand)  # fmt: skip

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose.estimate.nets import hand_inputs, hand_poses, skeleton_to_fit, trained
+from handpose.estimate.nets import hand_poses, skeleton_to_fit, trained
 from handpose.estimate.packaged import HAND_LOCATOR, load_predictor, read_card
 from handpose.frames.cameras import NYU
 from layers.hand.bodies import kinematics_of
@@ -58,8 +58,8 @@ def test_a_net_computes_the_same_before_and_after(net: Net, crops: np.ndarray) -
     depth = crops[:1, None]
     net.blobs["depth"].reshape(*depth.shape)
     before = net.forward(depth=depth)["pred"].copy()
-    inputs = hand_inputs(net, crops[:1])
-    hand_inputs(net, crops)
+    inputs = hand_poses(net, crops[:1]).inputs
+    hand_poses(net, crops)
     net.blobs["depth"].reshape(*depth.shape)
     np.testing.assert_array_equal(net.forward(depth=depth)["pred"], before)
-    np.testing.assert_array_equal(hand_inputs(net, crops[:1]), inputs)
+    np.testing.assert_array_equal(hand_poses(net, crops[:1]).inputs, inputs)
