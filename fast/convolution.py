@@ -66,7 +66,7 @@ def has_wide_rows(s: Sizes, least: int = 6) -> bool:
     area, channels, total = s.inputs * math.prod(s.sizes), s.inputs * s.outputs, s.inputs + s.outputs
     if s.geometry.kernel == (5, 5):
         return channels >= least * total and s.images * area >= 4096
-    return channels >= 16 * total and total <= 192 and s.images >= 4 and area <= 1 << 16
+    return channels >= 16 * total and total <= 192 and s.images >= 8 and area <= 1 << 16
 
 
 def has_wide_rows_for_weights(s: Sizes) -> bool:
@@ -74,18 +74,26 @@ def has_wide_rows_for_weights(s: Sizes) -> bool:
     return has_wide_rows(s, 2)
 
 
-def is_wide(s: Sizes, tiles: int = 48) -> bool:
-    """3 x 3, with enough channels to make the time of the transforms small, and enough tiles to make that of the
-    weights small. Up to twice as fast."""
-    if not s.geometry.is_dense or s.geometry.kernel != (3, 3):
+def is_wide(s: Sizes) -> bool:
+    """3 x 3, with enough channels to make the time of the transforms small, more if the last tiles extend far beyond
+    the map, and enough tiles to make that of the weights small. Up to twice as fast."""
+    if not _is_tiled(s, tiles=48):
         return False
-    channels = s.inputs * s.outputs >= 12 * (s.inputs + s.outputs)
-    return channels and s.images * math.prod(-(-n // TILE) for n in s.windows) >= tiles
+    waste = math.prod(-(-n // TILE) * TILE / n for n in s.windows)
+    return s.inputs * s.outputs >= 32 * waste**3 * (s.inputs + s.outputs)
 
 
 def is_wide_batch(s: Sizes) -> bool:
-    """For dw with more tiles, because each block adds four times as many values as the weights have."""
-    return is_wide(s, tiles=96)
+    """For dw with fewer channels, and with more tiles, because each block adds four times as many values as the weights
+    have."""
+    return _is_tiled(s, tiles=96) and s.inputs * s.outputs >= 12 * (s.inputs + s.outputs)
+
+
+def _is_tiled(s: Sizes, tiles: int) -> bool:
+    """Whether this is a sum over adjacent 3 x 3 windows with so many tiles."""
+    if not s.geometry.is_dense or s.geometry.kernel != (3, 3):
+        return False
+    return s.images * math.prod(-(-n // TILE) for n in s.windows) >= tiles
 
 
 def has_few_outputs(s: Sizes) -> bool:
