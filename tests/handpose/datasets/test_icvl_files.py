@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pytest
 
 from handpose.datasets import icvl_files
 from netlib.errors import DataError
+from tests.support.bad_input import bad_inputs
 
 
 def test_labels_of_two_sequences(tmp_path: Path) -> None:
@@ -22,18 +23,16 @@ def test_labels_of_two_sequences(tmp_path: Path) -> None:
     np.testing.assert_array_equal(uvd, np.stack([joints.reshape(16, 3)] * 2))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("a.png 1 2 3\n", ":1: found 3 values after the path, expected 48 numbers"),
-        ("a.png " + "60 " * 48 + "\nb.png " + "x " * 48, ":2: found something that is not a number"),
-        ("", "no labels in it"),
-        ("a.png " + "-300.5 " * 48, "the palm is mostly at -300.5 -300.5 -300.5, expected u v d"),
-    ],
-)
-def test_broken_labels(tmp_path: Path, text: str, message: str) -> None:
+@bad_inputs(DataError, {
+    "three values": ("a.png 1 2 3\n",
+                     "...labels.txt:1: found 3 values after the path, expected 48 numbers, u v d of 16 joints"),
+    "text": ("a.png " + "60 " * 48 + "\nb.png " + "x " * 48,
+             "...labels.txt:2: found something that is not a number..."),
+    "empty": ("", "...: no labels in it..."),
+    "x y z": ("a.png " + "-300.5 " * 48, "...the palm is mostly at -300.5 -300.5 -300.5, expected u v d..."),
+})  # fmt: skip
+def test_broken_labels(tmp_path: Path, given: str, rejected: Any) -> None:
     """The error names the line of the file and what is wrong with it."""
-    (tmp_path / "labels.txt").write_text(text)
-    with pytest.raises(DataError) as error:
+    (tmp_path / "labels.txt").write_text(given)
+    with rejected:
         icvl_files.read_annotation([tmp_path / "labels.txt"])
-    assert message in str(error.value)

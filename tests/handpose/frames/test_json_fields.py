@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-
-import pytest
+from typing import Any
 
 from handpose.frames.json_fields import Fields, parsed
 from netlib.errors import DataError
+from tests.support.bad_input import bad_inputs
 
 
 def fields() -> Fields:
@@ -27,9 +27,8 @@ def test_values() -> None:
     assert "n" in of and "m" not in of and of.positive("n") == 3
 
 
-@pytest.mark.parametrize(
-    ("ask", "message"),
-    [
+@bad_inputs(DataError, {
+    line: (ask, line) for ask, line in (
         (lambda of: of.whole("m"), "f: there is no 'm'"),
         (lambda of: of.whole("x"), "f: 'x' is -1.5, expected a whole number"),
         (lambda of: of.whole("yes"), "f: 'yes' is True, expected a whole number of at least 0"),
@@ -40,29 +39,21 @@ def test_values() -> None:
         (lambda of: of.positive("x"), "f: 'x' is -1.5, expected a number above 0"),
         (lambda of: of.numbers("a", 3, 2), "f: 'a' is [[1, 2], [3, 4]], expected 3 x 2 numbers"),
         (lambda of: of.part("o").part("b"), "f: 'o': 'b': found 1, expected an object"),
-        (lambda of: list(of.parts("t")), "f: 't' is 'text', expected a list"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_what_is_not_what_it_should_be(ask: Callable[[Fields], object], message: str) -> None:
+        (lambda of: list(of.parts("t")), "f: 't' is 'text', expected a list"))
+})  # fmt: skip
+def test_what_is_not_what_it_should_be(given: Callable[[Fields], object], rejected: Any) -> None:
     """The error names the place, the field, what was found and what was expected."""
-    with pytest.raises(DataError) as caught:
-        ask(fields())
-    assert str(caught.value) == message
+    with rejected:
+        given(fields())
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("{", "f: not whole JSON: "),
-        ("[" * 100_000, "f: JSON of too many levels"),
-        ('{"a": 1, "b": {"c": 1, "c": 2}}', "f: has 'c' twice"),
-        ("1" * 5000, "f: not whole JSON: "),
-    ],
-    ids=["cut", "deep", "twice", "long"],
-)
-def test_what_is_no_json(text: str, message: str) -> None:
+@bad_inputs(DataError, {
+    "cut": ("{", "f: not whole JSON: ..."),
+    "deep": ("[" * 100_000, "f: JSON of too many levels"),
+    "twice": ('{"a": 1, "b": {"c": 1, "c": 2}}', "f: has 'c' twice"),
+    "long": ("1" * 5000, "f: not whole JSON: ..."),
+})  # fmt: skip
+def test_what_is_no_json(given: str, rejected: Any) -> None:
     """Invalid JSON raises an error of one line."""
-    with pytest.raises(DataError) as caught:
-        parsed(text, "f")
-    assert str(caught.value).startswith(message) and "\n" not in str(caught.value)
+    with rejected:
+        parsed(given, "f")

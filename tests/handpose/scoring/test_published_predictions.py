@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from handpose.scoring.metrics import joint_errors
 from handpose.scoring.published_predictions import Format, Score
 from netlib.errors import DataError
 from tests.handpose.conftest import SHARED
+from tests.support.bad_input import bad_inputs
 
 LINE = "320 240 700  330.5 230 -1e2\n"  # two joints
 
@@ -38,29 +40,42 @@ def test_what_editors_make_of_a_file(tmp_path: Path, text: str) -> None:
     np.testing.assert_array_equal(read(tmp_path, text), read(tmp_path, LINE * 3))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "joints.txt: empty, expected the numbers of a frame on each line"),
-        (" \n\n", "joints.txt: empty, expected the numbers of a frame on each line"),
-        (b"\x89HDF\r\n\x1a\n", "joints.txt: cannot read the joints: not a text file (byte 0 is not UTF-8)"),
-        (b"\0\0", r"joints.txt:1:1: found '\x00\x00', expected a number of px or mm, below 1e+06"),
-        (LINE + "1 2 3 4 5\n", "joints.txt:2: found 5 numbers, expected 6 = 2 joints x 3"),
-        ("1\n" + LINE, "joints.txt:1: found 1 number, expected 6 = 2 joints x 3"),
-        (LINE + "\n" + LINE, "joints.txt:2: found 0 numbers, expected 6 = 2 joints x 3"),
-        (LINE + "1 2  x3 4 5 6\n", "joints.txt:2:6: found 'x3', expected a number of px or mm, below 1e+06"),
-        ("# u v d\n" + LINE, "joints.txt:1:1: found '#', expected a number of px or mm, below 1e+06"),
-        ("1,2,3,4,5,6\n", "joints.txt:1:1: found '1,2,3,4,5,6', expected a number of px or mm, below 1e+06"),
-        (LINE + "1 2 3 4 nan 6\n", "joints.txt:2:9: found 'nan', expected a number of px or mm, below 1e+06"),
-        (LINE + "1 2 3 4 5 -inf\n", "joints.txt:2:11: found '-inf', expected a number of px or mm, below 1e+06"),
-        (LINE + "1e300 2 3 4 5 6\n", "joints.txt:2:1: found '1e300', expected a number of px or mm, below 1e+06"),
-    ],
-)
-def test_mistakes(tmp_path: Path, text: str | bytes, message: str) -> None:
+NUMBER, SIX = "expected a number of px or mm, below 1e+06", "expected 6 = 2 joints x 3"
+METRES = "320 240 0.7  330.5 230 0.65\n300 200 0.71  310 200 0.7\n"
+
+
+@bad_inputs(DataError, {
+    f"{text!r} as {fmt}": ((text, fmt), f"...joints.txt{line}") for text, fmt, line in (
+        ("", "xyz", ": empty, expected the numbers of a frame on each line"),
+        (" \n\n", "xyz", ": empty, expected the numbers of a frame on each line"),
+        (b"\x89HDF\r\n\x1a\n", "xyz", ": cannot read the joints: not a text file (byte 0 is not UTF-8)"),
+        (None, "xyz", ": cannot read the joints: No such file or directory"),
+        (b"\0\0", "xyz", rf":1:1: found '\x00\x00', {NUMBER}"),
+        (LINE + "1 2 3 4 5\n", "xyz", f":2: found 5 numbers, {SIX}"),
+        ("1\n" + LINE, "xyz", f":1: found 1 number, {SIX}"),
+        (LINE + "\n" + LINE, "xyz", f":2: found 0 numbers, {SIX}"),
+        (LINE + "1 2  x3 4 5 6\n", "xyz", f":2:6: found 'x3', {NUMBER}"),
+        ("# u v d\n" + LINE, "xyz", f":1:1: found '#', {NUMBER}"),
+        ("1,2,3,4,5,6\n", "xyz", f":1:1: found '1,2,3,4,5,6', {NUMBER}"),
+        (LINE + "1 2 3 4 nan 6\n", "xyz", f":2:9: found 'nan', {NUMBER}"),
+        (LINE + "1 2 3 4 5 -inf\n", "xyz", f":2:11: found '-inf', {NUMBER}"),
+        (LINE + "1e300 2 3 4 5 6\n", "xyz", f":2:1: found '1e300', {NUMBER}"),
+        *((METRES, fmt, ": half of all depths are below 0.7; expected mm, more than 100: are they metres?")
+          for fmt in ("uvd", "xyz")))
+})  # fmt: skip
+def test_mistakes(tmp_path: Path, given: tuple[str | bytes | None, Format], rejected: Any) -> None:
     """The error names the line and the column, what was found and what was expected."""
-    with pytest.raises(DataError) as caught:
-        read(tmp_path, text)
-    assert str(caught.value) == f"{tmp_path}/{message}"
+    text, fmt = given
+    with rejected:
+        if text is None:
+            published.read_joints(tmp_path / "joints.txt", 2, fmt, NYU)
+        read(tmp_path, text, fmt)
+
+
+def test_a_folder(tmp_path: Path) -> None:
+    """A folder raises an error with the reason."""
+    with pytest.raises(DataError, match=f"^{tmp_path}: cannot read the joints: Is a directory; expected a file$"):
+        published.read_joints(tmp_path, 2, "uvd", NYU)
 
 
 def test_pixels_without_depth(tmp_path: Path) -> None:
@@ -69,26 +84,6 @@ def test_pixels_without_depth(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"txt:2: found a joint at depth 0, expected more than 0 mm \(2 of 3 frames"):
         read(tmp_path, text, "uvd")
     assert len(read(tmp_path, text, "xyz")) == 3
-
-
-@pytest.mark.parametrize("fmt", ["uvd", "xyz"])
-def test_metres(tmp_path: Path, fmt: Format) -> None:
-    """Depths in metres raise an error, because they would make all errors tiny."""
-    with pytest.raises(
-        DataError, match=r"txt: half of all depths are below 0\.7; expected mm, more than 100: are they"
-    ):
-        read(tmp_path, "320 240 0.7  330.5 230 0.65\n300 200 0.71  310 200 0.7\n", fmt)
-
-
-def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    """A missing file and a folder raise an error with the reason."""
-    for path, reason in (
-        (tmp_path / "no.txt", "No such file or directory"),
-        (tmp_path, "Is a directory; expected a file"),
-    ):
-        with pytest.raises(DataError) as caught:
-            published.read_joints(path, 2, "uvd", NYU)
-        assert str(caught.value) == f"{path}: cannot read the joints: {reason}"
 
 
 def test_benchmarks() -> None:

@@ -16,6 +16,7 @@ from netlib.errors import NetlibError, WireError
 from netlib.proto import messages, prototxt, schema, upgrade, wire
 from netlib.proto.messages import BlobProto, Datum, LayerParameter, SolverParameter, SolverState
 from netlib.proto.options import option_blocks
+from tests.support.bad_input import bad_inputs
 
 MESSAGES = [
     *(cls for cls in vars(messages).values() if getattr(cls, "__module__", "") == messages.__name__),
@@ -120,27 +121,24 @@ def test_every_options_block_has_a_number() -> None:
 # ---------------------------------------------------------------------------------------------- nonsense
 
 
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        (b"\x0a", "x: byte 1: truncated: the message ends within a number"),
-        (b"\x0a\x05ab", "x: byte 0: truncated: field 1 has 5 bytes, but 2 are left"),
-        (b"\x42\x02\x08", "x: byte 0: truncated: field 8 has 2 bytes, but 1 are left"),
-        (b"\x42\x01\x08", "x: byte 3: truncated: the message ends within a number"),
-        (b"\x50" + b"\xff" * 11, "x: byte 1: malformed: a number of more than ten bytes"),
-        (b"\x02\x01a", "x: byte 0: malformed: a field with number 0"),
-        (b"\x0e\x00", "x: byte 0: malformed: wire type 6"),
-        (b"\x0c", "x: byte 0: malformed: wire type 4"),
-        (b"\x0b\x10\x01", "x: byte 3: truncated: the message ends within a number"),
-        (b"\x0b" * 102, "x: byte 100: groups are nested more than 100 deep"),
-        (b"\x3a\x07\x2a\x05" + bytes(5), "x: byte 2: malformed: 5 bytes of 'data' are no float32 array"),
-    ],
-)
-def test_nonsense_is_one_line_with_its_byte(data: bytes, message: str) -> None:
+@bad_inputs(WireError, {
+    f"{data[:20]!r}": (data, f"x: byte {line}") for data, line in (
+        (b"\x0a", "1: truncated: the message ends within a number"),
+        (b"\x0a\x05ab", "0: truncated: field 1 has 5 bytes, but 2 are left"),
+        (b"\x42\x02\x08", "0: truncated: field 8 has 2 bytes, but 1 are left"),
+        (b"\x42\x01\x08", "3: truncated: the message ends within a number"),
+        (b"\x50" + b"\xff" * 11, "1: malformed: a number of more than ten bytes"),
+        (b"\x02\x01a", "0: malformed: a field with number 0"),
+        (b"\x0e\x00", "0: malformed: wire type 6"),
+        (b"\x0c", "0: malformed: wire type 4"),
+        (b"\x0b\x10\x01", "3: truncated: the message ends within a number"),
+        (b"\x0b" * 102, "100: groups are nested more than 100 deep"),
+        (b"\x3a\x07\x2a\x05" + bytes(5), "2: malformed: 5 bytes of 'data' are no float32 array"))
+})  # fmt: skip
+def test_nonsense_is_one_line_with_its_byte(given: bytes, rejected: Any) -> None:
     """The error states the byte and the fault."""
-    with pytest.raises(WireError) as error:
-        tree_of(data)
-    assert str(error.value) == message
+    with rejected:
+        tree_of(given)
 
 
 UNKNOWN = {  # field 222
