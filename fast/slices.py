@@ -8,6 +8,7 @@ Each slice has copies of the layers, with the same parameter values and with sma
 
 - a blob that only this run reads and writes is *hidden*: its values are in working memory of the thread, or in memory
   of the slice if backward needs them again, and it is not stored for the whole batch;
+- a copy of a blob for several readers is the blob itself if no layer overwrites it and there is no backward pass;
 - any other blob is a view of the whole one.
 
 Slices are assigned to a fixed number of *lanes* in turn. The slices of a lane share parameter gradients and run one
@@ -61,6 +62,7 @@ class SlicedStep(Step):
         self._secret, self._users = set(run.hidden), uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
         self._kept = {b for at in run.order for b in _read_again(at)}
+        self._sources = {} if self._needs_backward else self._copied()
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
@@ -173,7 +175,8 @@ class SlicedStep(Step):
 
         def on_slice(whole: Blob) -> Blob:
             if whole not in blobs:
-                blobs[whole] = self._slice_blob(whole, rows)
+                source = self._sources.get(whole)
+                blobs[whole] = on_slice(source) if source is not None else self._slice_blob(whole, rows)
             return blobs[whole]
 
         piece = []
@@ -183,6 +186,16 @@ class SlicedStep(Step):
             guarded(layer, "reshape", bottom, top)
             piece.append(Connection(layer, bottom, top, at.propagate_down, at.needs_backward))
         return piece
+
+    def _copied(self) -> dict[Blob, Blob]:
+        """Hidden tops of Split layers that no layer overwrites, and the bottoms whose memory they can share."""
+        sources: dict[Blob, Blob] = {}
+        for at in self.run.order:
+            if at.layer.type == "Split" and self._users[at.bottom[0]][-1].at is at:
+                uses = [use for top in at.top for use in self._users[top]]
+                if all(top in self._secret for top in at.top) and sum(use.writes for use in uses) == len(at.top):
+                    sources |= dict.fromkeys(at.top, at.bottom[0])
+        return sources
 
     def _slice_blob(self, whole: Blob, rows: slice) -> Blob:
         shape = (rows.stop - rows.start, *whole.shape[1:])
