@@ -159,7 +159,7 @@ def _multiply_by_bands(g: Geometry, x: Array, kernels: Array, after: After, y: A
         outputs = slice(own.start * count, own.stop * count)
         target = y[:, outputs].reshape(N, each, count, Ho, Wo)
         np.matmul(rows, bands.reshape(each, count, kh * W, Wo), out=target)
-        flat = target.reshape(N, each * count, -1)
+        flat = target.reshape(N, each * count, Ho * Wo)
         after.write(flat, flat, outputs, axis=1)
 
 
