@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import pickle
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,9 +20,13 @@ from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop_pixels, restore_joints, window
 from handpose.synthetic import prior_file, recipes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
+from handpose.synthetic.many import generate
+from handpose.synthetic.places import PlaceGenerator
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
+from handpose.synthetic.workers import processes
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
+from tests.support.bad_input import bad_inputs
 from tests.support.same_frames import assert_equal
 
 
@@ -153,12 +159,20 @@ def test_the_present_version_is_documented() -> None:
     assert len(rows) == 1 and rows[0].startswith(f"| {VERSION} |")
 
 
-def test_mistakes() -> None:
-    """An invalid seed or split raises an error that names it."""
-    for make, message in (
-        (lambda: Generator(-1), "seed -1"),
-        (lambda: Generator(1 << 32), "seed 4294967296, expected 0 to 4294967295"),  # seed 0 of the other split
-        (lambda: Generator(0, "tset"), "'tset', expected one of train, test"),  # type: ignore[arg-type]
-    ):
-        with pytest.raises(DataError, match=message):
-            make()
+SEED, SPLIT = "expected 0 to 4294967295", "expected one of train, test"
+
+
+@bad_inputs(DataError, {
+    "seed": (lambda: Generator(-1), f"seed -1, {SEED}"),
+    "seed of the other split": (lambda: Generator(1 << 32), f"seed 4294967296, {SEED}"),
+    "split": (lambda: Generator(0, "tset"), f"split 'tset', {SPLIT}"),  # type: ignore[arg-type]
+    "places' seed": (lambda: PlaceGenerator(-1), f"seed -1, {SEED}"),
+    "places' split": (lambda: PlaceGenerator(0, "valid"), f"split 'valid', {SPLIT}"),  # type: ignore[arg-type]
+    "frames": (lambda: list(generate(-1, Generator())), "-1 frames from number 0, expected 0 or more of both"),
+    "workers": (lambda: list(generate(1, Generator(), workers=0)), "0 worker processes, expected at least one"),
+    "a pool": (lambda: processes(0).__enter__(), "0 worker processes, expected at least one"),
+})  # fmt: skip
+def test_mistakes(given: Callable[[], object], rejected: Any) -> None:
+    """An invalid seed, split or number raises an error that names it."""
+    with rejected:
+        given()

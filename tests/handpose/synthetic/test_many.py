@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from handpose.datasets.frames import Frames
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.many import generate
-from netlib.errors import DataError
 from tests.support.same_frames import assert_equal
 
 
@@ -28,12 +26,3 @@ def test_workers_change_nothing(generator: Generator) -> None:
     count = 3 * BLOCK + 5
     for one, two in zip(generate(count, generator), generate(count, generator, workers=2), strict=True):
         assert_equal(one, two)
-
-
-@pytest.mark.parametrize(
-    ("count", "workers", "message"), [(-1, 1, "-1 frames"), (1, 0, "0 worker processes")], ids=["frames", "workers"]
-)
-def test_mistakes(count: int, workers: int, message: str) -> None:
-    """Invalid numbers raise an error that names them."""
-    with pytest.raises(DataError, match=message):
-        list(generate(count, Generator(), workers=workers))

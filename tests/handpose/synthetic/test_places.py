@@ -15,7 +15,6 @@ from handpose.synthetic.generator import BLOCK
 from handpose.synthetic.many import generate
 from handpose.synthetic.places import BEYOND_MM, PER_SCENE, UNKNOWN, WITHIN_MM, PlaceGenerator, PlaceRows
 from handpose.synthetic.recipes import any_roll
-from netlib.errors import DataError
 
 
 @pytest.fixture(scope="module")
@@ -89,11 +88,3 @@ def test_a_few_of_them(block: PlaceRows) -> None:
     columns = PlaceGenerator(3).columns()
     for name, values in few.arrays().items():
         assert columns[name].dtype == values.dtype and columns[name].shape == (0, *values.shape[1:])
-
-
-def test_a_seed_below_zero() -> None:
-    """A negative seed or an unknown split raises an error."""
-    with pytest.raises(DataError, match="seed -1, expected 0 to 4294967295"):
-        PlaceGenerator(-1)
-    with pytest.raises(DataError, match="split 'valid', expected one of train, test"):
-        PlaceGenerator(0, "valid")  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import check_in_view, recipe, recipe_of
 from layers.hand.skeleton import NYU_HAND
-from netlib.errors import NetlibError
+from netlib.errors import NetlibError, PrototxtError
+from tests.support.bad_input import bad_inputs
 
 SKELETON = """\
 name: "tail"
@@ -118,56 +120,65 @@ def test_one_hand_and_a_second() -> None:
     np.testing.assert_array_equal(again[0, : len(hand.bones)], own[0])
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('dof: "turn"', 'dof: "trun"', r"tail_prior.prototxt:6:\d+: error: unknown dof 'trun'.*'turn'"),
-        ("std: 5", "std: -5", "std: expected 0 or more"),
-        ("std: 5", "std: nan", "std: expected 0 or more"),
-        ("std: 5", "any: 1.5", "any: expected a fraction"),
-        ('"kinect2"', '"kinect3"', "unknown camera 'kinect3'"),
-        ("cube_mm: 1000", "cube_mm: 0", "cube_mm: expected a length in mm > 0"),
-        ("low: 2000", "low: 3000", "low: expected 0 < low <= high"),
-        ("a: 2 b: 2", "a: 2 b: 0", "expected a and b > 0"),
-        ('between { dof: "c" }', 'between { dof: "a" }', "dof: expected DoF 'a' once"),
-        ('between { dof: "c" }', 'between { dof: "still" }', "dof: expected no fixed DoF such as 'still'"),
-        ('between { dof: "c" }', 'between { dof: "x" }', r"dof: expected limits of DoF 'x' in tail.prototxt"),
-        ('of: "tail"', 'of: "tial"', "unknown of 'tial'.*'tail'"),
-        ("part: 0.5", "part: 1.5", "part: expected a part of the range"),
-        ('joint: "root"', 'joint: "rot"', "unknown joint 'rot'"),
-        ('"tail.prototxt"', '"tial.prototxt"', "tial.prototxt: cannot read"),
-        ("turn {", "trun {", "unknown field 'trun'"),
-        ("cube_mm: 1000", "cube_mm: 1000 blend: 0.5 redraws: 0", "redraws: expected 1 to 1000"),
-        ("cube_mm: 1000", "cube_mm: 1000 redraws: 2000000000", "redraws: expected 1 to 1000"),
-        ("mean: 30", "mean: nan", "mean: expected a number between"),
-        ("std: 5", "most: -1", "most: expected 0 or more"),
-        ("y: 100", "y: 1e20", "y: expected a number between"),
-        ("y: 100", "y: nan", "y: expected a number between"),
-        ("high: 2500", "high: 1e30", "low: expected 0 < low <= high <= 100000"),
-        ("a: 2 b: 2", "a: inf b: 2", "expected a and b > 0"),
-        ("cube_mm: 1000", "cube_mm: 1000 penetration: nan", "penetration: expected a depth in mm"),
-        ("cube_mm: 1000", "cube_mm: 1000 blend_noise: -1", "blend_noise: expected 0 or more"),
-        ("cube_mm: 1000", "cube_mm: 1000 bone_std: 1e308", "bone_std: expected 0 or more"),
-        ("cube_mm: 1000", "cube_mm: 1000 scale_clip: nan", "scale_clip: expected 0 or more"),
-        ("cube_mm: 1000", "cube_mm: 1000 scale_std: 0.4", "scale_std: expected less than 1 / scale_clip"),
-        ("cube_mm: 1000", "cube_mm: 1000 scale_mean: 0", "scale_mean: expected a factor above 0"),
-        (
-            "cube_mm: 1000",
-            "cube_mm: 1000 proportion { std: 0.4 joint: 'root' }",
-            "std: expected less than 1 / scale_clip",
-        ),
-        ("cube_mm: 1000", "cube_mm: 1000 proportion { std: 0.1 joint: 'rot' }", "unknown joint 'rot'.*'root'"),
-        ("cube_mm: 1000", "cube_mm: 1000 lateral_x { mean: inf }", "mean: expected a number between"),
-        ('joint: "root"', 'joint: "first"', r":4:\d+: error: joint: expected one without a parent that translates"),
-        ('center { joint: "root" y: 100 }', "center_jitter: 5", "center_jitter: expected a center"),
-        ('of: "c" part: 0.5 }', 'of: "c" part: 0.5 } at { of: "c" part: 1 }', "of: expected 'c' once in a pose"),
-    ],
-)
-def test_refusals(tail: Path, old: str, new: str, message: str) -> None:
-    """An invalid value raises an error of one line with its place."""
-    assert old in PRIOR
-    tail.write_text(PRIOR.replace(old, new, 1))
-    with pytest.raises(NetlibError, match=message):
+CUBE, NUMBER, POSITIVE = "cube_mm: 1000", "expected a number between -100000 and 100000", "expected 0 or more"
+CLIP = "expected less than 1 / scale_clip, so that none is below 0"
+FREE = "joint: expected one without a parent that translates along X, Y and Z"
+
+
+@bad_inputs(PrototxtError, {
+    f"{old} -> {new}": ((old, new), f"...tail_prior.prototxt:{line}") for old, new, line in (
+        ('dof: "turn"', 'dof: "trun"', "6:8: error: unknown dof 'trun' (did you mean 'turn'?)"),
+        ("std: 5", "std: -5", f"6:29: error: std: {POSITIVE}, up to 100000"),
+        ("std: 5", "std: nan", f"6:29: error: std: {POSITIVE}, up to 100000"),
+        ("std: 5", "any: 1.5", "6:29: error: any: expected a fraction, 0 to 1"),
+        ("std: 5", "most: -1", f"6:29: error: most: {POSITIVE}"),
+        ('"kinect2"', '"kinect3"', "2:1: error: unknown camera 'kinect3' (did you mean 'kinect2'?)"),
+        (CUBE, "cube_mm: 0", "3:1: error: cube_mm: expected a length in mm > 0"),
+        ("low: 2000", "low: 3000", "5:9: error: low: expected 0 < low <= high <= 100000, in mm"),
+        ("high: 2500", "high: 1e30", "5:9: error: low: expected 0 < low <= high <= 100000, in mm"),
+        ("a: 2 b: 2", "a: 2 b: 0", "7:17: error: a: expected a and b > 0"),
+        ("a: 2 b: 2", "a: inf b: 2", "7:17: error: a: expected a and b > 0"),
+        ('between { dof: "c" }', 'between { dof: "a" }', "8:11: error: dof: expected DoF 'a' once"),
+        ('between { dof: "c" }', 'between { dof: "still" }',
+         "8:11: error: dof: expected no fixed DoF such as 'still'"),
+        ('between { dof: "c" }', 'between { dof: "x" }',
+         "8:11: error: dof: expected limits of DoF 'x' in tail.prototxt"),
+        ('of: "tail"', 'of: "tial"', "9:30: error: unknown of 'tial' (did you mean 'tail'?)"),
+        ("part: 0.5", "part: 1.5", "9:64: error: part: expected a part of the range, 0 to 1"),
+        ('of: "c" part: 0.5 }', 'of: "c" part: 0.5 } at { of: "c" part: 1 }',
+         "9:81: error: of: expected 'c' once in a pose"),
+        ('joint: "root"', 'joint: "rot"', "4:10: error: unknown joint 'rot' (did you mean 'root'?)"),
+        ('joint: "root"', 'joint: "first"', f"4:10: error: {FREE}"),
+        ('center { joint: "root" y: 100 }', "center_jitter: 5",
+         "4:1: error: center_jitter: expected a center { ... } to be away from"),
+        ("turn {", "trun {", "6:1: error: unknown field 'trun' (did you mean 'turn'?)"),
+        (CUBE, f"{CUBE} blend: 0.5 redraws: 0", "3:26: error: redraws: expected 1 to 1000"),
+        (CUBE, f"{CUBE} redraws: 2000000000", "3:15: error: redraws: expected 1 to 1000"),
+        ("mean: 30", "mean: nan", f"6:20: error: mean: {NUMBER}"),
+        ("y: 100", "y: 1e20", f"4:24: error: y: {NUMBER}"),
+        ("y: 100", "y: nan", f"4:24: error: y: {NUMBER}"),
+        (CUBE, f"{CUBE} penetration: nan", "3:15: error: penetration: expected a depth in mm"),
+        (CUBE, f"{CUBE} blend_noise: -1", f"3:15: error: blend_noise: {POSITIVE}, up to 100000"),
+        (CUBE, f"{CUBE} bone_std: 1e308", f"3:15: error: bone_std: {POSITIVE}, up to 100000"),
+        (CUBE, f"{CUBE} scale_clip: nan", f"3:15: error: scale_clip: {POSITIVE}"),
+        (CUBE, f"{CUBE} scale_std: 0.4", f"3:15: error: scale_std: {CLIP}"),
+        (CUBE, f"{CUBE} scale_mean: 0", "3:15: error: scale_mean: expected a factor above 0"),
+        (CUBE, f"{CUBE} proportion {{ std: 0.4 joint: 'root' }}", f"3:28: error: std: {CLIP}"),
+        (CUBE, f"{CUBE} proportion {{ std: 0.1 joint: 'rot' }}",
+         "3:37: error: unknown joint 'rot' (did you mean 'root'?)"),
+        (CUBE, f"{CUBE} lateral_x {{ mean: inf }}", f"3:27: error: mean: {NUMBER}"))
+} | {
+    "no skeleton": (('"tail.prototxt"', '"tial.prototxt"'), NetlibError,
+                    "tial.prototxt: cannot read the prototxt: No such file or directory"),
+    "a fixed translation": (('dof { name: "z" }', 'dof { name: "z" fixed: true }'),
+                            f"...tail_prior.prototxt:4:10: error: {FREE}"),
+})  # fmt: skip
+def test_refusals(tail: Path, given: tuple[str, str], rejected: Any) -> None:
+    """An invalid value of the prior or its skeleton raises an error of one line with its place."""
+    assert given[0] in PRIOR + SKELETON
+    tail.write_text(PRIOR.replace(*given, 1))
+    tail.with_name("tail.prototxt").write_text(SKELETON if given[0] in PRIOR else SKELETON.replace(*given))
+    with rejected:
         prior_file.load(tail)
 
 
@@ -178,13 +189,6 @@ def test_the_skeleton_beside_the_prior_comes_first(tail: Path, monkeypatch: pyte
     (other / "tail.prototxt").write_text('name: "other" joint { name: "root" }')
     monkeypatch.chdir(other)
     assert prior_file.load(tail).body().name == "tail"
-
-
-def test_a_centre_that_cannot_move(tail: Path) -> None:
-    """A centre at a joint with a fixed translation raises an error."""
-    tail.with_name("tail.prototxt").write_text(SKELETON.replace('dof { name: "z" }', 'dof { name: "z" fixed: true }'))
-    with pytest.raises(NetlibError, match="joint: expected one without a parent that translates along X, Y and Z"):
-        prior_file.load(tail)
 
 
 @pytest.mark.parametrize(("old", "new"), [("0.3", "5"), ("cube_mm: 1000", "cube_mm: 1"), ("y: 100", "y: 3000")])
