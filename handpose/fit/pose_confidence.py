@@ -18,8 +18,9 @@ better than that. So
 
     expected error = exp(mean + SPREAD² / 2)        confidence = P(error < 30 mm) = Φ((log 30 - mean) / SPREAD)
 
-Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs: UNSEEN. docs/fit.md
-has the frames from which the weights were computed, and the results on others.
+Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs: UNSEEN. The
+expected error is at least 30 mm times the probability of a larger one (Markov's inequality). docs/fit.md has the
+recordings from which the weights were computed, and the results on others. Those of the fingers, below, are older.
 
 The error of a hand is a mean over its joints, and a hand that is right as a whole may have a finger that is a guess:
 because the palm or another finger hides it, because it is in empty space, or because the smoothed pose lags. With means
@@ -53,9 +54,9 @@ from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
 SIGNS = (*FIT_SIGNS, "behind", "before", "penetration")
-WEIGHTS = np.array([0.19, 0.21, 0.19, 0.16, 0.13, 0.28, 0.05, 0.05])
-CONSTANT = -0.29
-SPREAD = 0.4  # between the deviation in the sequences of the regression, 0.32, and in each when it is left out, 0.54
+WEIGHTS = np.array([0.21, 0.09, 0.08, 0.01, 0.36, 0.33, 0.04, 0.10])
+CONSTANT = -0.47
+SPREAD = 0.4  # between the deviation in the regression, 0.37, and in recordings left out, 0.25 to 0.64
 # Share of the surface that faces the camera and was not seen at its place; factors of confidence and expected error.
 UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (0.15, 0.3, 0.45, 0.6), (1.0, 0.7, 0.3, 0.1), (1.0, 1.3, 2.0, 3.0)
 OF_HAND, OF_BEHIND, OF_BEFORE, OF_LAG, OF_UNSEEN = 0.327, 0.270, 0.118, 0.095, 0.291  # of a finger's error
@@ -78,7 +79,7 @@ def judged(signs: Array, lag_mm: Array, support: Support) -> tuple[Array, Array]
     unseen = 1 - support.seen
     error = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
     confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
-    return np.minimum(error, LOST_MM), confidence
+    return np.clip(error, GOOD_MM * (1 - confidence), LOST_MM), confidence
 
 
 def unknown_finger_errors() -> Array:
