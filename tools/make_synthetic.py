@@ -23,6 +23,8 @@ writes training data of the locator (models/hand_locator): small crops of scenes
          cameras      as any_roll, with hands of many people, sleeves, and Kinect, RealSense and time-of-flight cameras:
                       for training with your own camera
          people       as cameras, with adults and children, any viewpoint and any direction of the arm
+         cluttered    as people, with walls, objects, wide forearms, specks, filtered depth, and fingers whose joints
+                      bend independently
          one_hand     one hand, with NYU's orientations, and in the test split a second, smaller one: the setting of the
                       paper
          many_hands   the same poses, with hands of many people
