@@ -8,7 +8,7 @@ overhead.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,10 +56,12 @@ class Candidate(SearchRegion):
 
     crop        (128, 128) in [-1, 1]
     log_odds    of a hand there, by the locator
+    shown       (128, 128) the crop for the network, if it is another one
     """
 
     crop: NDArray[np.float32]
     log_odds: float = 0.0
+    shown: NDArray[np.float32] | None = None
 
 
 class HandEstimator:
@@ -128,7 +130,10 @@ class HandEstimator:
 
     def _crops(self, candidates: Sequence[Candidate], camera: Camera) -> HandCrops:
         crops, centers = np.stack([c.crop for c in candidates]), np.stack([c.center_uvd for c in candidates])
-        return HandCrops.of_sides(crops, centers, camera, self.cube_mm, [c.side for c in candidates])
+        hands = HandCrops.of_sides(crops, centers, camera, self.cube_mm, [c.side for c in candidates])
+        if all(c.shown is None for c in candidates):
+            return hands
+        return replace(hands, shown=np.stack([c.crop if c.shown is None else c.shown for c in candidates]))
 
 
 def fit_crops(

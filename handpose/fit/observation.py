@@ -99,6 +99,7 @@ class HandCrops:
     camera      of the frames
     cube_mm     edge of the crops' cubes
     mirrored    (N,) True for left hands
+    shown       (N, S, S) instead of the crops for the network, or None
     """
 
     crops: NDArray[np.floating]
@@ -106,6 +107,7 @@ class HandCrops:
     camera: Camera
     cube_mm: float
     mirrored: NDArray[np.bool_]
+    shown: NDArray[np.floating] | None = None
 
     @classmethod
     def of_sides(
@@ -122,15 +124,17 @@ class HandCrops:
 
     def take(self, rows: slice) -> HandCrops:
         """Some of the crops."""
-        return replace(self, crops=self.crops[rows], center_uvd=self.center_uvd[rows], mirrored=self.mirrored[rows])
+        own = {name: getattr(self, name)[rows] for name in ("crops", "center_uvd", "mirrored")}
+        return replace(self, **own, shown=None if self.shown is None else self.shown[rows])
 
     @property
     def as_right(self) -> NDArray[np.floating]:
         """(N, S, S) with left hands mirrored: the network's input."""
+        shown = self.crops if self.shown is None else self.shown
         if not self.mirrored.any():
-            return self.crops
-        crops = self.crops.copy()
-        crops[self.mirrored] = self.crops[self.mirrored][:, :, ::-1]
+            return shown
+        crops = shown.copy()
+        crops[self.mirrored] = shown[self.mirrored][:, :, ::-1]
         return crops
 
     @property

@@ -208,6 +208,21 @@ def clear_crop(
     )
 
 
+def with_hidden(
+    crop_of_hand: NDArray[np.float32], readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float,
+    camera: Camera,
+) -> NDArray[np.float32]:  # fmt: skip
+    """A crop (S, S) whose pixels with a reading in front of the cube are at the near face, even isolated ones.
+
+    What is behind them is unknown: the hand may continue there.
+
+    readings    (height, width) mm, with the readings that are nearer than the camera measures
+    center_uvd  (3,) middle of the cube, of edge ``cube_mm``
+    """
+    hidden = crop(readings, center_uvd, cube_mm, camera, len(crop_of_hand)) <= NEAR_FACE
+    return np.where(hidden, np.float32(-1), crop_of_hand) if hidden.any() else crop_of_hand
+
+
 def without_flying_pixels(crop: NDArray[np.float32], half_mm: float, pixel_mm: float) -> NDArray[np.float32]:
     """A crop (S, S) in [-1, 1] in which flying pixels are background.
 

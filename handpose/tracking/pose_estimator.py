@@ -21,7 +21,7 @@ from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
 from handpose.fit.support import Support, support
 from handpose.frames.cameras import Camera
-from handpose.frames.crops import BACKGROUND, clear_crop
+from handpose.frames.crops import BACKGROUND, clear_crop, with_hidden
 from handpose.frames.segmentation import alone
 from handpose.tracking.reasons import Expected
 from netlib.blob import Array
@@ -45,25 +45,33 @@ class PoseEstimator:
         self._middle = self._middle_of_crops()
 
     def estimate(
-        self, depth: NDArray[np.float32], regions: Sequence[SearchRegion], plan: Plan | None = None
-    ) -> list[Hand | None]:
+        self, depth: NDArray[np.float32], regions: Sequence[SearchRegion], plan: Plan | None = None,
+        readings: NDArray[np.float32] | None = None,
+    ) -> list[Hand | None]:  # fmt: skip
         """The hand in each region; None if it is outside the image. Raises NetlibError.
 
-        plan  of the fit; by default the predictor's
+        plan      of the fit; by default the predictor's
+        readings  the image with those readings that are nearer than the camera measures: what is in front of a
+                  region's cube may cover a part of the hand. By default it is background
         """
         candidates: dict[int, Candidate] = {}
         for i, region in enumerate(regions):
             with contextlib.suppress(DataError):  # outside the image
-                candidates[i] = self._candidate(depth, region)
+                candidates[i] = self._candidate(depth, region, readings)
         found = dict(zip(candidates, self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan)))
         return [found.get(i) for i in range(len(regions))]
 
-    def _candidate(self, depth: NDArray[np.float32], region: SearchRegion) -> Candidate:
+    def _candidate(
+        self, depth: NDArray[np.float32], region: SearchRegion, readings: NDArray[np.float32] | None
+    ) -> Candidate:
         """A region with its crop. Raises DataError outside the image."""
-        crop = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera)
+        shown = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera)
         if region.alone:
-            crop = alone(crop, region.center_uvd, self.cube_mm, self.camera)
-        return Candidate(**vars(region), crop=crop)
+            shown = alone(shown, region.center_uvd, self.cube_mm, self.camera)
+        if readings is None:
+            return Candidate(**vars(region), crop=shown)
+        crop = with_hidden(shown, readings, region.center_uvd, self.cube_mm, self.camera)
+        return Candidate(**vars(region), crop=crop, shown=None if crop is shown else shown)
 
     def surroundings(self, depth: NDArray[np.float32], center_uvd: Array) -> float:
         """The share of the readings in a crop about a centre (3,) that do not belong to a hand there; 0 without any."""

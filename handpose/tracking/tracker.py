@@ -25,7 +25,7 @@ from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_whole
 from handpose.fit.search import ACCURATE, Fit, Plan
 from handpose.frames.cameras import Camera
-from handpose.frames.crops import check_size
+from handpose.frames.crops import NEAR_FACE, check_size
 from handpose.frames.images import check_unit, depth_image
 from handpose.frames.recording import DepthFrame
 from handpose.tracking.acceptance import Acceptance
@@ -50,6 +50,7 @@ MAX_COVERED_MOVED = 0.15  # share of that pose's own surface that is covered, at
 MAX_DEARER = 2.0  # cost of that pose, relative to the average, at most
 MAX_UNCOVERED = 1.2  # cost of a pose, relative to the average, up to which the hand is not covered
 COVERING_MM = 120.0  # distance of a covering object from the line of sight to the hand's middle, at most
+BEHIND_MM = 150.0  # distance behind a covered hand from which another object is not this hand
 MAX_REFUSED = 8  # number of places that are refused in the search of one frame
 MAX_REJECTIONS = 2  # number of consecutive rejections that end a track
 
@@ -177,16 +178,18 @@ class Tracker:
         for track in tracks:
             track.likely = self._size_beside(track.id)
         regions = {track.id: track.regions(time) for track in tracks}
-        estimates = self._estimates(depth, regions)
+        estimates = self._estimates(depth, readings, regions)
         others = {track.id: track.other_regions(depth, estimates[track.id], time) for track in tracks}
-        again = self._estimates(depth, others, AGAIN)
+        again = self._estimates(depth, readings, others, AGAIN)
         for track in tracks:
             seen, more = estimates[track.id], again[track.id]
-            least = min((one.selection_cost for one in [*seen, *more] if one is not None), default=np.inf)
-            if track.covered or least > MAX_UNCOVERED * track.usual_cost:
+            found = [one for one in [*seen, *more] if one is not None]
+            least = min((one.selection_cost for one in found), default=np.inf)
+            behind = any((one.crop <= NEAR_FACE).any() for one in found)  # something; then the cost says little
+            if track.covered or behind or least > MAX_UNCOVERED * track.usual_cost:
                 track.covered = bool(self._expected(readings, track, time).support.covered[0] > MAX_COVERED)
             if track.covered:
-                seen, more = ([one for one in found if self._goes_on(readings, track, one)] for found in (seen, more))
+                seen, more = ([one for one in hands if self._goes_on(readings, track, one)] for hands in (seen, more))
             if track.take(seen, more, time):
                 continue
             confidence = max((one.chance for one in [*seen, *more] if one is not None), default=0.0)
@@ -194,10 +197,12 @@ class Tracker:
             track.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
 
     def _estimates(
-        self, depth: NDArray[np.float32], regions: dict[int, list[SearchRegion]], plan: Plan | None = None
-    ) -> dict[int, list[Hand | None]]:
+        self, depth: NDArray[np.float32], readings: NDArray[np.float32], regions: dict[int, list[SearchRegion]],
+        plan: Plan | None = None,
+    ) -> dict[int, list[Hand | None]]:  # fmt: skip
         """The poses in regions of several hands, by their ids."""
-        estimates = iter(self.estimator.estimate(depth, [region for own in regions.values() for region in own], plan))
+        every = [region for own in regions.values() for region in own]
+        estimates = iter(self.estimator.estimate(depth, every, plan, readings))
         return {id: [next(estimates) for _ in own] for id, own in regions.items()}
 
     def _drop_doubles(self) -> None:
@@ -241,8 +246,8 @@ class Tracker:
         if place is None:
             return []
         seen, why, alone = self.acceptance.hands_at(depth, place)
-        if any(self._covers(place, track, time) for track in self.tracks):
-            seen, why = [], "it covers a tracked hand"
+        for doubt in filter(None, (self._in_line(place, track, time) for track in self.tracks)):
+            seen, why = [], doubt
         if not seen:
             self.detector.reject(place, time)
             x, y, z = place.tolist()
@@ -255,14 +260,19 @@ class Tracker:
         self.known[id] = track
         return []
 
-    def _covers(self, place: Array, track: HandTrack, time: float) -> bool:
-        """True if a place (3,) in mm is in front of a covered hand."""
+    def _in_line(self, place: Array, track: HandTrack, time: float) -> str:
+        """Why a place (3,) in mm on the line of sight to a covered hand is no hand; empty if it is not on it.
+
+        It is what covers the hand, or what is seen next to the covering, behind the hand.
+        """
         if track.time == time or not track.covered:
-            return False
-        body = track.best.expected(time)
-        u, v, d = (self.camera.project(place) - self.estimator.center_of(body, track.hand)).tolist()
-        reach = COVERING_MM * self.camera.fx / place[2]
-        return d < 0 and max(abs(u), abs(v)) < reach
+            return ""
+        middle = self.estimator.center_of(track.best.expected(time), track.hand)
+        u, v, d = (self.camera.project(place) - middle).tolist()
+        reach = COVERING_MM * self.camera.fx / min(place[2], middle[2])
+        if max(abs(u), abs(v)) >= reach or 0 <= d < BEHIND_MM:
+            return ""
+        return "it covers a tracked hand" if d < 0 else "it is behind a covered hand"
 
     def _missing(self, time: float) -> list[int]:
         """The ids of known hands that are not found in this frame."""

@@ -24,6 +24,7 @@ from handpose.frames.crops import (
     normalise_joints,
     restore_joints,
     window,
+    with_hidden,
     without_flying_pixels,
     without_isolated_near,
 )
@@ -209,3 +210,16 @@ def test_isolated_near_readings() -> None:
     arm = plate()
     arm[30:100, 60:80] = np.clip(np.linspace(-1.5, 0.2, 70, dtype=np.float32), -1, 1)[:, None]
     np.testing.assert_array_equal(without_isolated_near(arm, 150.0), arm)
+
+
+def test_what_hides_the_hand() -> None:
+    """Readings in front of the cube are at the near face, those nearer than the camera measures included."""
+    depth = np.full((424, 512), 600, np.float32)
+    depth[200:220, 250:260], depth[220:225, 250:260] = 40, 300
+    center = (256.0, 212.0, 600.0)
+    plain = clear_crop(KINECT2.in_range(depth), center, 300.0, KINECT2)
+    hidden = with_hidden(plain, depth, center, 300.0, KINECT2)
+    np.testing.assert_array_equal(hidden == -1, crop(depth, center, 300.0, KINECT2) == -1)
+    assert (hidden == -1).sum() > 100 and plain.min() == 0
+    np.testing.assert_array_equal(hidden[hidden > -1], plain[hidden > -1])
+    assert with_hidden(plain, np.full_like(depth, 600), center, 300.0, KINECT2) is plain

@@ -101,6 +101,17 @@ def test_a_part(begun: Tracker, resting: Take, value: float) -> None:
     assert min(confidences[:4]) > DOUBTFUL and confidences[4] < confidences[0] + 0.01
 
 
+@pytest.mark.parametrize("value", [30.0, 200.0])
+def test_the_pose_of_a_part(begun: Tracker, resting: Take, value: float) -> None:
+    """The visible part of a hand keeps its pose: the fit does not move the hidden part into sight."""
+    own, errors = copied(begun), []
+    for number in range(BEGUN, BEGUN + 5):
+        (hand,) = own.step(covered(resting, number, 0.35, value)).hands
+        errors.append(np.linalg.norm(hand.xyz - resting.truth[number].hands[0].xyz, axis=1).mean())
+        assert hand.id == 0 and hand.confidence < 0.95
+    assert max(errors) < 20
+
+
 @pytest.mark.parametrize("share", [0.6, 1.0])
 def test_no_readings(begun: Tracker, resting: Take, share: float) -> None:
     """Without readings of the hand no confident pose is reported, and the reason."""

@@ -181,3 +181,18 @@ def test_where_the_locator_sees_no_hand(
     beside = dataclasses.replace(estimate, network_mm=estimate.network_mm + (10, 20, 30))
     first, second = (ICVL.unproject(estimator.hand_near(depth, hand)) for hand in (estimate, beside))
     np.testing.assert_allclose(second - first, (10, 20, 30), atol=1e-3)
+
+
+def test_the_network_sees_no_covering(
+    estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, shown: Take
+) -> None:
+    """What is in front of the cube is hidden for the fit, and background for the network."""
+    (whole,) = estimator.estimate(depth, [SearchRegion(center, "right")])
+    assert whole is not None
+    left = depth.copy()
+    left[:, : int(center[0]) - 10] = 100
+    region = SearchRegion(center, "right", whole.body)
+    among, behind = (estimator.estimate(ICVL.in_range(left), [region], None, given)[0] for given in (None, left))
+    assert among is not None and behind is not None
+    np.testing.assert_array_equal(among.network_mm, behind.network_mm)
+    assert error(behind, shown) < error(among, shown)
