@@ -29,6 +29,7 @@ from netlib.errors import DataError
 
 LIKELY = 0.5  # minimum probability of a hand, by the locator
 ARM_PLACES = 5  # along a forearm
+HIDING = 0.08  # minimum share of the expected surface behind nearer readings: fewer are reflections, mostly beside it
 TIMES = 2  # number of evaluations of the locator, each at the predicted position
 
 
@@ -52,7 +53,7 @@ class PoseEstimator:
 
         plan      of the fit; by default the predictor's
         readings  the image with those readings that are nearer than the camera measures: what is in front of a
-                  region's cube may cover a part of the hand. By default it is background
+                  region's cube and of the expected body hides a part of it. By default it is background
         """
         candidates: dict[int, Candidate] = {}
         for i, region in enumerate(regions):
@@ -68,9 +69,11 @@ class PoseEstimator:
         shown = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera)
         if region.alone:
             shown = alone(shown, region.center_uvd, self.cube_mm, self.camera)
-        if readings is None:
+        if readings is None or region.before is None:
             return Candidate(**vars(region), crop=shown)
         crop = with_hidden(shown, readings, region.center_uvd, self.cube_mm, self.camera)
+        if crop is not shown and self.expected(readings, region.before, region.side).support.hidden[0] < HIDING:
+            crop = shown
         return Candidate(**vars(region), crop=crop, shown=None if crop is shown else shown)
 
     def surroundings(self, depth: NDArray[np.float32], center_uvd: Array) -> float:
