@@ -189,10 +189,10 @@ def test_the_network_sees_no_covering(
     """What is in front of the cube is hidden for the fit, and background for the network."""
     (whole,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert whole is not None
-    left = depth.copy()
-    left[:, : int(center[0]) - 10] = 100
+    half = depth.copy()
+    half[: int(center[1])] = 100
     region = SearchRegion(center, "right", whole.body)
-    among, behind = (estimator.estimate(ICVL.in_range(left), [region], None, given)[0] for given in (None, left))
+    among, behind = (estimator.estimate(ICVL.in_range(half), [region], None, given)[0] for given in (None, half))
     assert among is not None and behind is not None
     np.testing.assert_array_equal(among.network_mm, behind.network_mm)
     assert error(behind, shown) < error(among, shown)

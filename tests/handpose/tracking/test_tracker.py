@@ -225,7 +225,7 @@ def test_what_no_fit_is_sure_of(shown: Take, predictor: Predictor, monkeypatch: 
     """A hand that only the locator sees is not tracked."""
     tracker = Tracker(predictor)
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: shown.truth[0].hands[0].origin_mm)
-    monkeypatch.setattr(tracker.estimator, "estimate", lambda depth, regions, plan=None: [None] * len(regions))
+    monkeypatch.setattr(tracker.estimator, "estimate", lambda depth, regions, *others: [None] * len(regions))
     assert not tracker.step(shown.frames[0]).hands
 
 
