@@ -44,7 +44,7 @@ SAME_MM = 70.0  # palms closer together are the same hand
 CHECK, SUSPECT = 0.2, 0.08  # s between checks of certain and of uncertain hands
 RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a new hand is a lost one
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
-# Limits for covered hands, chosen on one synthetic recording; docs/fit.md has the table of coverings.
+# Limits for covered hands, chosen on one synthetic recording; docs/fit.md has a table of coverings of others.
 MAX_COVERED = 0.4  # share of a hand's expected surface that is covered: only a pose that explains this is accepted
 MAX_COVERED_MOVED = 0.15  # share of that pose's own surface that is covered, at most
 MAX_DEARER = 2.0  # cost of that pose, relative to the average, at most
