@@ -79,7 +79,7 @@ def read_errors(path: str | Path | Content, model: CapsuleModel) -> NetworkError
     with hdf5.opened(path, f"the group {GROUP!r}") as file:
         if GROUP not in file:
             return unknown_errors(model)
-        found = {name: np.asarray(item, dtype=np.float64) for name, item in file[GROUP].items()}
+        found = {name: np.asarray(item, dtype=np.float64) for name, item in hdf5.members(file[GROUP])}
     limbs = found.pop(LIMBS, np.zeros(0))
     L = len(model.limbs)
     if limbs.shape != (L, L) or not np.isfinite(limbs).all() or np.linalg.eigvalsh(limbs).min(initial=1.0) <= 0:

@@ -59,6 +59,15 @@ def _identity(path: str | Path | Content, what: str, kind: type[NetlibError]) ->
         return files.identity(stream.fileno())
 
 
+def members(group: h5py.Group | h5py.AttributeManager) -> list[tuple[str, Any]]:
+    """The names and members of a group or of attributes.
+
+    h5py's own ``items()`` and ``values()`` hold the lock of the library between two members, so that other threads
+    wait; for ever, if a loop that was left is collected by another thread.
+    """
+    return [(name, group.get(name)) for name in group]
+
+
 @contextlib.contextmanager
 def in_memory() -> Iterator[tuple[h5py.File, io.BytesIO]]:
     """Yield a new file and the stream that holds its bytes after the block. The caller writes them with plain writes,

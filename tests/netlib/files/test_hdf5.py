@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from netlib import files
 from netlib.errors import DataError, WeightsError
 from netlib.files import hdf5, hdf5_helper
 from netlib.files.paths import ROOT
+from netlib.snapshots import hdf5_format
 from tests.support.hdf5_files import write_hdf5
 
 PRETENDER = """
@@ -321,3 +323,16 @@ def test_rows_are_what_h5py_reads(tmp_path: Path, shape: tuple[int, ...], dtype:
     out = np.empty((4, *shape), np.float32)
     rows.take(np.array([7, 8, 2, 3]), out)
     assert np.array_equal(out, values[[7, 8, 2, 3]])
+
+
+def test_a_loop_over_members_does_not_stop_other_threads(tmp_path: Path) -> None:
+    """Between two members of a group, also of weights that are read, another thread can use h5py."""
+    path = write_hdf5(tmp_path / "a.h5", **{"data/a/0": np.zeros(1), "data/b/0": np.zeros(1)})
+    rows: list[int] = []
+    with h5py.File(path) as file:
+        loops = hdf5_format._layers(file["data"]), iter(hdf5.members(file["data"]))
+        assert [next(loop)[0] for loop in loops] == ["a", "a"]
+        reader = threading.Thread(target=lambda: rows.append(len(h5py.File(path)["data"])), daemon=True)
+        reader.start()
+        reader.join(60)
+        assert rows == [2]
