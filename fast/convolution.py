@@ -90,7 +90,7 @@ def is_wide_batch(s: Sizes) -> bool:
 
 
 def _is_tiled(s: Sizes, tiles: int) -> bool:
-    """Whether this is a sum over adjacent 3 x 3 windows with so many tiles."""
+    """Whether this is a sum over adjacent 3 x 3 windows with at least this number of tiles."""
     if not s.geometry.is_dense or s.geometry.kernel != (3, 3):
         return False
     return s.images * math.prod(-(-n // TILE) for n in s.windows) >= tiles

@@ -27,7 +27,7 @@ PEOPLE_SURFACE = SurfacePrior(
     thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), limb=(0.75, 1.2), towards_camera=0.7,
     cut=0.3, sleeve=0.4,
 )  # fmt: skip
-# The same with forearms as wide as the palm that come towards the camera, and objects beside some hands.
+# The same with forearms as wide as the palm that come towards the camera, and objects near some hands.
 CLUTTERED_SURFACE = replace(PEOPLE_SURFACE, limb=(0.75, 1.45), towards_camera=0.9, cut=0.2, sleeve=0.35, object=0.1)
 
 

@@ -29,7 +29,7 @@ from netlib.errors import DataError
 
 LIKELY = 0.5  # minimum probability of a hand, by the locator
 ARM_PLACES = 5  # along a forearm
-HIDING = 0.08  # minimum share of the expected surface behind nearer readings: fewer are reflections, mostly beside it
+HIDING = 0.08  # minimum share of the expected surface behind nearer readings: fewer are reflections, mostly next to it
 TIMES = 2  # number of evaluations of the locator, each at the predicted position
 
 

@@ -18,6 +18,7 @@ SOURCES = [
 ]
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
+    "experiments/confidence.py": "reads labels with np.load, and looks at their shape",
     "experiments/table1/results.py": "asks netlib/files/hdf5.py for rows, and looks at their shape",
     "handpose/__main__.py": "reads the commands that come with the project",
     "handpose/output/drawing/page/assembly.py": "reads the page that comes with the project",
