@@ -153,7 +153,7 @@ SHAPE = "depth image of shape {}, expected {}"
     "channels": ((lambda frame: frame[:, :, None], KINECT2, None), SHAPE.format("(424, 512, 1)", "(height, width)")),
 })  # fmt: skip
 def test_frames_that_are_refused(seeing: netlib.Net, frame: np.ndarray, given: Any, rejected: Any) -> None:
-    """A frame in another unit or size, without depth, and a centre that is none, raise an error."""
+    """A frame in another unit, of another size or without readings, and an invalid centre, raise an error."""
     change, camera, center = given
     with rejected:
         Predictor(seeing, camera).in_frame(change(frame), center)

@@ -121,7 +121,7 @@ def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
 
 
 @bad_inputs(netlib.PrototxtError, {
-    **dict.fromkeys(("", 'name: "nobody"', 'dof { name: "x" }'),
+    **dict.fromkeys(("", 'name: "empty"', 'dof { name: "x" }'),
                     "...skeleton0.prototxt:1:1: error: this file has no joints; expected a skeleton"),
     "no file": (None, netlib.NetlibError, "...gone.prototxt: cannot read the prototxt: No such file or directory"),
 })  # fmt: skip

@@ -142,7 +142,7 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
 
 
 @bad_inputs(netlib.PrototxtError, {
-    "class": (python("Nobody"), "f:1:187: error: layer 'own': squares.Nobody has no such class (...squares.py)"),
+    "class": (python("Absent"), "f:1:187: error: layer 'own': squares.Absent has no such class (...squares.py)"),
     "no layer": (python("Stranger"), "f:1:187: error: layer 'own': squares.Stranger is not a subclass of netlib.Layer"),
     "module": (python("Square", module="missing"),
                f"f:1:169: error: layer 'own': cannot import 'missing' (ModuleNotFoundError: ...); {BESIDE}"),
