@@ -25,10 +25,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from handpose import load_tracker, open_recording
-from handpose.body.fingers import FINGERS
+from handpose.body.fingers import Fingers
+from handpose.body.model import Surface
 from handpose.fit import pose_confidence
 from handpose.fit.network_errors import GOOD_MM, LOST_MM
-from handpose.fit.pose_confidence import SIGNS, SPREAD, Evidence, judged
+from handpose.fit.pose_confidence import SIGNS, SPREAD, Evidence, judged, mean_log_error
 from handpose.fit.support import Support
 from handpose.frames.cameras import Camera
 from handpose.frames.recording import Recording
@@ -39,7 +40,6 @@ SURE = 0.9
 # Chosen by recordings left out. Of 1, 0.25, 0.1 and 0.05 for what is no hand: with 1, 12% of the hands have less than
 # 50%, with 0.05 more of the others have more. Of 0, 0.3, 1, 3 and 10 for the weights in use: up to 1 they are alike.
 OTHERS, SHRINK = 0.1, 1.0
-BEFORE = SIGNS.index("before")
 
 
 class Poses(NamedTuple):
@@ -53,8 +53,7 @@ class Poses(NamedTuple):
 
     def judged(self, weights: Array, constant: float) -> tuple[Array, Array]:
         """The expected errors and the confidence (N,) with other weights (8,)."""
-        with mock.patch.multiple(pose_confidence, WEIGHTS=weights, CONSTANT=constant):
-            return judged(self.signs, self.lag_mm, self.support)
+        return judged(self.signs, self.lag_mm, self.support, weights, constant)
 
 
 def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
@@ -73,7 +72,7 @@ def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
     observe = pose_confidence.evidence_of
     rows, errors = [], []
     tracker = load_tracker(_mirrored(recording.camera) if mirrored else recording.camera)
-    names = list(tracker.predictor.skeleton.joint_names)
+    fingers = Fingers(Surface(tracker.predictor.skeleton))
     with recording, mock.patch.object(pose_confidence, "evidence_of", recorded):
         for frame, truth in zip(recording, labels):
             if mirrored:
@@ -81,7 +80,7 @@ def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
             hands = tracker.step(frame).hands
             if np.isnan(truth).any() or not hands:
                 continue
-            apart = [np.linalg.norm(labelled(hand.xyz, names) - truth, axis=2).mean() for hand in hands]
+            apart = [np.linalg.norm(labelled(fingers, hand.xyz) - truth, axis=2).mean() for hand in hands]
             rows += [seen[hand.error_mm] for hand in hands]
             errors += [min(one, LOST_MM) if one == min(apart) else LOST_MM for one in apart]
     signs, lags = (np.array([getattr(evidence, key)[row] for evidence, row in rows]) for key in ("signs", "lag_mm"))
@@ -99,12 +98,9 @@ def fitted(recordings: Sequence[Poses], shrink: float = SHRINK) -> tuple[Array, 
     own = np.sqrt(np.concatenate([count / count.sum() for count in counts]))
     signs, lag, error = (np.concatenate([getattr(one, key) for one in recordings])
                          for key in ("signs", "lag_mm", "error_mm"))  # fmt: skip
-    log_signs = np.log1p(signs)
 
     def differences(x: Array) -> Array:
-        fit = np.exp(log_signs @ x[:-1] + x[-1])
-        mean = np.log(fit**2 + lag**2 + signs[:, BEFORE] ** 2) / 2
-        return np.asarray((mean - np.log(error)) * own)
+        return np.asarray((mean_log_error(signs, lag, x[:-1], x[-1]) - np.log(error)) * own)
 
     def residuals(x: Array) -> Array:
         return np.append(differences(x), shrink * (x[:-1] - pose_confidence.WEIGHTS))
@@ -144,11 +140,9 @@ def _in_use(poses: Sequence[Poses]) -> list[tuple[Array, Array]]:
     return [one.judged(pose_confidence.WEIGHTS, pose_confidence.CONSTANT) for one in poses]
 
 
-def labelled(xyz: Array, names: Sequence[str]) -> Array:
-    """PIP, DIP and tip (5, 3, 3) of the fingers; of the thumb MCP, IP and tip. Axes of the labels."""
-    place = {name: xyz[n] * (1, -1, 1) for n, name in enumerate(names)}
-    pips = [place["thumb_pip"]] + [(place[f"{f}_pip_a"] + place[f"{f}_pip_b"]) / 2 for f in FINGERS[1:]]
-    return np.array([[pip, place[f"{f}_dip"], place[f"{f}_tip"]] for pip, f in zip(pips, FINGERS)])
+def labelled(fingers: Fingers, xyz: Array) -> Array:
+    """PIP, DIP and tip (5, 3, 3) of each finger (of the thumb MCP, IP and tip) of joints (K, 3); axes of the labels."""
+    return fingers.joints(xyz[None])[0] * (1, -1, 1)
 
 
 def _mirrored(camera: Camera) -> Camera:

@@ -72,10 +72,17 @@ def pose_signs(fit: Array, depths: JointDepths, penetration_mm: Array) -> Array:
     return np.minimum(np.column_stack([fit, depths.behind, depths.before, penetration_mm]), MAX_SIGN)
 
 
-def judged(signs: Array, lag_mm: Array, support: Support) -> tuple[Array, Array]:
+def mean_log_error(signs: Array, lag_mm: Array, weights: Array = WEIGHTS, constant: float = CONSTANT) -> Array:
+    """The mean (N,) of the logarithm of the error in mm, of poses with these signs (N, 8)."""
+    fit = np.exp(np.log1p(signs) @ weights + constant)
+    return np.asarray(np.log(np.sqrt(fit**2 + lag_mm**2 + signs[:, SIGNS.index("before")] ** 2)))
+
+
+def judged(
+    signs: Array, lag_mm: Array, support: Support, weights: Array = WEIGHTS, constant: float = CONSTANT
+) -> tuple[Array, Array]:
     """Expected error in mm, and probability of an error below GOOD_MM, (N,) each, of poses with these signs (N, 8)."""
-    fit = np.exp(np.log1p(signs) @ WEIGHTS + CONSTANT)
-    mean = np.log(np.sqrt(fit**2 + lag_mm**2 + signs[:, SIGNS.index("before")] ** 2))
+    mean = mean_log_error(signs, lag_mm, weights, constant)
     unseen = 1 - support.seen
     error = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
     confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)

@@ -203,9 +203,12 @@ def clear_crop(
 ) -> NDArray[np.float32]:
     """``crop`` of a depth image, in which flying pixels and isolated near ones are background. Raises DataError."""
     d, half = float(np.asarray(center_uvd, dtype=np.float64)[2]), cube_mm / 2
-    return without_isolated_near(
-        without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx), half
-    )
+    return cleared(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx)
+
+
+def cleared(crop: NDArray[np.float32], half_mm: float, pixel_mm: float) -> NDArray[np.float32]:
+    """A crop in which flying pixels and isolated near ones are background, as for ``without_flying_pixels``."""
+    return without_isolated_near(without_flying_pixels(crop, half_mm, pixel_mm), half_mm)
 
 
 def with_hidden(

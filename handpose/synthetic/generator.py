@@ -28,7 +28,7 @@ import numpy as np
 from handpose.body.render import Floats, normalise_depth, render_crop
 from handpose.datasets.frames import Frames, empty_frames
 from handpose.frames.cameras import NYU, Camera
-from handpose.frames.crops import SIZE, window, without_flying_pixels, without_isolated_near
+from handpose.frames.crops import SIZE, cleared, window
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal
 from handpose.synthetic.prior_file import PosePrior
@@ -151,7 +151,7 @@ class Generator:
         depth = normalise_depth(depth, center_uvd[:, 2], cube_mm)
         if self.recipe.cleared:
             for n, d in enumerate(center_uvd[:, 2]):
-                depth[n] = without_isolated_near(without_flying_pixels(depth[n], half, d / camera.fx), half)
+                depth[n] = cleared(depth[n], half, d / camera.fx)
         return Scene(bodies, camera, center_uvd, depth, cube_mm)
 
     def columns(self) -> dict[str, Array]:

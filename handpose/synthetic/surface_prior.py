@@ -78,16 +78,14 @@ def draw_capsules(
     worn = rng.random(N) < prior.sleeve
     sleeve_from = rng.uniform(*prior.sleeve_from, N)
     thicker = np.where(worn, rng.uniform(*prior.sleeve_mm, N), 0.0)
-    sleeves = []
+    further = []
     for m in np.flatnonzero(surface.limbs):
         a[:, m], b[:, m], radii[:, m] = _piece(a[:, m], b[:, m], radii[:, m], np.zeros(N), cut)
         if prior.sleeve:
-            sleeves.append(_piece(a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)))
-    for start, end, r in sleeves:  # bodies without a sleeve have a second arm in the same place
-        a, b = np.concatenate([a, start[:, None]], axis=1), np.concatenate([b, end[:, None]], axis=1)
-        radii = np.concatenate([radii, r[:, None]], axis=1)
+            further.append(_piece(a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)))
     if prior.object:
-        start, end, r = _objects(rng, prior, unit_mm, origin, a[:, 0])
+        further.append(_objects(rng, prior, unit_mm, origin, a[:, 0]))
+    for start, end, r in further:  # bodies without a sleeve have a second arm in the same place
         a, b = np.concatenate([a, start[:, None]], axis=1), np.concatenate([b, end[:, None]], axis=1)
         radii = np.concatenate([radii, r[:, None]], axis=1)
     return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1], surface.facets))

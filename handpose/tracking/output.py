@@ -39,10 +39,9 @@ def _as_sides(
     model, found = estimator.model, [seen.estimate for seen in sides]
     center = np.stack([hand.mirrored_center_mm for hand in found])
     mirror = np.stack([mirror_of(hand.hand) for hand in found])
-    x = raw = _variables(track, model, [seen.estimate.body for seen in sides], center)
-    if smooth:
-        x = _variables(track, model, [seen.smooth for seen in sides], center)
-    xyz, raw_xyz = ((model.joints(pose) + center[:, None]) * mirror[:, None] for pose in (x, raw))
+    raw = _variables(track, model, [seen.estimate.body for seen in sides], center)
+    x = _variables(track, model, [seen.smooth for seen in sides], center) if smooth else raw
+    xyz, *raw_xyz = ((model.joints(pose) + center[:, None]) * mirror[:, None] for pose in ([x, raw] if smooth else [x]))
     error_mm, confidence = (np.array([getattr(hand, name) for hand in found]) for name in ("error_mm", "confidence"))
     judged = Judged(error_mm, confidence, np.stack([hand.finger_error_mm for hand in found]))
     if np.isfinite(error_mm).all():  # the errors of the network were measured
@@ -66,7 +65,7 @@ def _as_sides(
             capsules=None if capsules is None else capsules.frames(slice(n, n + 1)),
             side_confidence=chances[n],
             finger_error_mm=judged.finger_error_mm[n],
-            raw_xyz=raw_xyz[n] if smooth else None,
+            raw_xyz=raw_xyz[0][n] if smooth else None,
         )
         for n, hand in enumerate(found)
     ]

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from experiments.confidence import Poses, fitted, labelled, main, row, tracked
+from handpose.body.fingers import Fingers
+from handpose.body.model import Surface
 from handpose.fit.pose_confidence import CONSTANT, SIGNS, WEIGHTS
 from handpose.fit.support import Support
 from handpose.frames.cameras import ICVL
@@ -53,8 +55,8 @@ def test_a_row_of_the_report():
 def test_poses_of_a_recording(mirrored: bool):
     """Every frame's nearest pose has its own signs; a mirrored recording shows a left hand at the mirrored places."""
     recording = SyntheticRecording("rest", ICVL, rate=5, seconds=1, seed=1)
-    names = list(recording.header.skeleton.joint_names)
-    labels = np.stack([labelled(recording.truth(n).hands[0].xyz, names) for n in range(recording.count)])
+    fingers = Fingers(Surface(recording.header.skeleton))
+    labels = np.stack([labelled(fingers, recording.truth(n).hands[0].xyz) for n in range(recording.count)])
     found = tracked(recording, labels, mirrored)
     assert found.signs.shape == (recording.count, len(SIGNS)) and len(np.unique(found.signs, axis=0)) == recording.count
     assert found.error_mm.mean() < 25
