@@ -81,8 +81,7 @@ def is_inside() -> bool:
 def run(jobs: Sequence[Callable[[], None]]) -> None:
     """Run all jobs, in any order, and return when all are done. Raises the first exception of a job."""
     if len(jobs) < 2 or is_inside():
-        for job in jobs:
-            job()
+        run_here(jobs)
         return
     pool = _pool()
     helpers = min(pool.count, len(jobs) - 1)
@@ -108,6 +107,12 @@ def run(jobs: Sequence[Callable[[], None]]) -> None:
         other.result()
     if failed:
         raise failed[0]
+
+
+def run_here(jobs: Sequence[Callable[[], None]]) -> None:
+    """Run all jobs in the calling thread."""
+    for job in jobs:
+        job()
 
 
 _scratch = threading.local()

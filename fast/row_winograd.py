@@ -146,7 +146,7 @@ def spread(k: int, y: Vectors, out: Vectors) -> None:
         cv2.scaleAdd(o, -p, e, dst=out[2 * i + 2])
 
 
-def _items(values: Array) -> Array:
+def items(values: Array) -> Array:
     """View each vector along the last axis as one item, because NumPy copies an item faster than its values."""
     return values.view(np.dtype((np.void, values.shape[-1] * values.itemsize)))[..., 0]
 
@@ -171,7 +171,7 @@ def _inputs(g: Geometry, x: Array, outputs: tuple[int, ...]) -> Array:
     map_last(x.reshape(n, C * H, W), flat.reshape(C * H, W, n))
     split = scratch("split", (TILE, outputs[0] + k - 1, C, T + 1, n), x.dtype)
     split[:, :top] = split[:, top + H :] = 0
-    _by_column(_items(flat).transpose(1, 2, 0), left, _items(split)[:, top : top + H].swapaxes(2, 3))
+    _by_column(items(flat).transpose(1, 2, 0), left, items(split)[:, top : top + H].swapaxes(2, 3))
     V = scratch("inputs", (k + 3, *split.shape[1:]), x.dtype)
     vectors, size = split.reshape(TILE, -1), split[0].size - n
     later = [vector[n:] for vector in vectors[: k - 1]]  # the same columns of the next tile
@@ -197,8 +197,8 @@ def _correlate(weights: Array, V: Array, after: After, y: Array) -> None:
     rows = sums.reshape(TILE * Ho, O, T * n)
     after.write(rows, rows, slice(0, O), axis=1)
     flat = scratch("by place", (O, Ho, Wo, n), y.dtype)
-    for phase, values in enumerate(_items(sums)):
-        target = _items(flat)[:, :, phase::TILE]
+    for phase, values in enumerate(items(sums)):
+        target = items(flat)[:, :, phase::TILE]
         target[...] = values.swapaxes(0, 1)[:, :, : target.shape[2]]
     map_first(flat.reshape(-1, n), y)
 
@@ -210,7 +210,7 @@ def _outputs(k: int, dy: Array) -> Array:
     flat = scratch("by place", (Ho, Wo, n, O), dy.dtype)
     map_last(dy.reshape(n * O, Ho, Wo), flat.reshape(Ho, Wo, n * O))
     split = scratch("split", (TILE, Ho, T, n, O), dy.dtype)
-    _by_column(_items(flat.reshape(Ho, Wo, n * O)), 0, _items(split.reshape(TILE, Ho, T, n * O)))
+    _by_column(items(flat.reshape(Ho, Wo, n * O)), 0, items(split.reshape(TILE, Ho, T, n * O)))
     Z = scratch("products", (k + 3, Ho, T * n, O), dy.dtype)
     spread(k, split.reshape(TILE, -1), Z.reshape(k + 3, -1))
     return Z

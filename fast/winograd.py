@@ -14,23 +14,27 @@ The elements of a tile are arrays over all tiles and channels, so a transform is
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
+import math
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
 
-import cv2
 import numpy as np
 
 from fast import parallel
 from fast.fusing import After
 from fast.geometry import Geometry, image_blocks
 from fast.parallel import scratch
-from fast.row_winograd import TILE, from_points, kernel_matrix, spread, to_points
+from fast.row_winograd import TILE, from_points, items, kernel_matrix, spread, to_points
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
 BLOCK_BYTES = 4 << 20  # of both factors of the products of a block; smaller ones take more calls
 MIN_TILES = 192  # of a block, because BLAS copies the weights for every product
 MIN_PART = 64  # tiles of a thread
+FEW_TILES = 256  # of a batch, up to which transforming the weights takes a large part of the time
+WEIGHT_BYTES = 5 << 19  # of the transformed weights of a block of outputs
+MIN_OUTPUTS = 32  # of such a block
+MIN_COST = 100_000_000  # multiplications of the products, from which several threads save more than their calls take
 KERNEL = 3
 SIDE = TILE + KERNEL - 1  # of the inputs of a tile
 
@@ -42,8 +46,10 @@ class Winograd:
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
-        O, C = w.shape[:2]
-        weights = (_gg().astype(w.dtype) @ w.reshape(O * C, -1).T).reshape(SIDE * SIDE, O, C)
+        if 0 < len(x) * math.prod(_tiles(y)) <= FEW_TILES:
+            _correlate_few(g, x, w, after, y)
+            return
+        weights = _weights(w, scratch("weights", (SIDE * SIDE, *w.shape[:2]), w.dtype))
 
         def job(part: Part) -> None:
             images, rows = part
@@ -81,82 +87,125 @@ class Winograd:
             dw += (_gg().T.astype(dw.dtype) @ totals[0].reshape(SIDE * SIDE, -1)).T.reshape(dw.shape)
 
 
+@lru_cache
 def _gg() -> Array:
     """The matrix (36, 9) of G w Gᵀ as one product."""
     G = kernel_matrix(KERNEL)
     return np.kron(G, G)
 
 
-def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
-    """Bᵀ d B of the tiles of these rows, V (36, C, tiles), from x (n, C, H, W)."""
+@lru_cache
+def _matrix(transform: Callable[[int, Array, Array], None], inputs: int, outputs: int) -> Array:
+    """The matrix (outputs, inputs) of a transform in row_winograd.py."""
+    found = np.empty((outputs, 1, inputs))
+    transform(KERNEL, np.eye(inputs)[:, None], found)
+    return found[:, 0]
+
+
+def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
+    """Write y by blocks of outputs, whose transformed weights stay in the cache."""
+    N, C, O, (R, T) = len(x), x.shape[1], len(w), _tiles(y)
+    V = scratch("shared", (SIDE, SIDE * C * N, R * T), x.dtype)
+
+    def transform(rows: slice) -> None:
+        _inputs(g, x, rows, y.shape[2:], V[..., rows.start * T : rows.stop * T])
+
+    def job(o: slice) -> None:
+        weights = _weights(w[o], scratch("weights", (SIDE * SIDE, o.stop - o.start, C), w.dtype))
+        _correlate(weights, V.reshape(SIDE * SIDE, C, -1), after.part(o), y[:, o])
+
+    threads = parallel.threads() if SIDE * SIDE * O * C * N * R * T >= MIN_COST else 1
+    bands = min(threads, -(-N * R * T // MIN_PART))
+    each = min(max(WEIGHT_BYTES // (SIDE * SIDE * C * w.itemsize), MIN_OUTPUTS), -(-O // threads))
+    run = parallel.run if threads > 1 else parallel.run_here
+    run([partial(transform, rows) for rows in blocks(R, -(-R // bands))])
+    run([partial(job, o) for o in blocks(O, each)])
+
+
+def _weights(w: Array, out: Array) -> Array:
+    """Write G w Gᵀ of w (O, C, 3, 3) to out (36, O, C)."""
+    np.matmul(_gg().astype(w.dtype), w.reshape(-1, KERNEL * KERNEL).T, out=out.reshape(SIDE * SIDE, -1))
+    return out
+
+
+def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...], V: Array | None = None) -> Array:
+    """Bᵀ d B of the tiles of these rows, V (36, C, tiles), from x (n, C, H, W).
+
+    The rows of d are transformed by one product with all tiles, for which each tile is copied with the one to the right
+    of it.
+    """
     n, C = x.shape[:2]
-    R, T, more = rows.stop - rows.start, -(-outputs[1] // TILE), 1
-    padded = scratch("padded", (C, n, R + more, TILE, TILE * (T + more)), x.dtype)
-    _place(x.swapaxes(0, 1), g.pad[0] - TILE * rows.start, g.pad[1], padded.reshape(C, n, (R + more) * TILE, -1))
-    split = scratch("split", (TILE, SIDE, C, n, R + more, T), x.dtype)
-    by_row = padded.transpose(3, 0, 1, 2, 4)
-    for column in range(SIDE):
-        split[:, column] = by_row[..., column : column + TILE * (T - 1) + 1 : TILE]
-    mixed = scratch("mixed", (TILE, SIDE, C * n, (R + more) * T), x.dtype)
-    for row in range(TILE):
-        to_points(KERNEL, split[row].reshape(SIDE, C * n, -1), mixed[row])
-    V = scratch("inputs", (SIDE, SIDE * C * n, R * T), x.dtype)
-    whole = mixed.reshape(TILE, SIDE * C * n, -1)
+    R, T, L = rows.stop - rows.start, -(-outputs[1] // TILE), C * n
+    padded = scratch("padded", (TILE, C, n, R + 1, TILE * (T + 1)), x.dtype)
+    _place(x.swapaxes(0, 1), g.pad[0] - TILE * rows.start, g.pad[1], padded)
+    tiles = items(padded.reshape(TILE, L, R + 1, T + 1, TILE))
+    pairs = scratch("split", (TILE, L, R + 1, T, 2 * TILE), x.dtype)
+    halves = items(pairs.reshape(*pairs.shape[:-1], 2, TILE))
+    halves[..., 0], halves[..., 1] = tiles[..., :-1], tiles[..., 1:]
+    mixed = scratch("mixed", (TILE, SIDE, L * (R + 1) * T), x.dtype)
+    windows = pairs.reshape(TILE, -1, 2 * TILE)[..., :SIDE]
+    np.matmul(_matrix(to_points, SIDE, SIDE).astype(x.dtype), windows.swapaxes(1, 2), out=mixed)
+    whole = mixed.reshape(TILE, SIDE * L, (R + 1) * T)
+    if V is None:
+        V = scratch("inputs", (SIDE, SIDE * L, R * T), x.dtype)
     elements = [whole[i % TILE, :, i // TILE * T : (i // TILE + R) * T] for i in range(SIDE)]
     to_points(KERNEL, elements, V)
-    return V.reshape(SIDE * SIDE, C, -1)
+    return V if not V.flags.c_contiguous else V.reshape(SIDE * SIDE, C, -1)
 
 
 def _place(x: Array, top: int, left: int, out: Array) -> None:
-    """Write x (C, n, H, W) to ``out`` from row ``top`` and column ``left``, with zeros around it."""
-    (H, W), (high, wide) = x.shape[2:], out.shape[2:]
-    first, end = min(max(top, 0), high), min(max(top + H, 0), high)
+    """Write x (C, n, H, W) to ``out`` from row ``top`` and column ``left``, with zeros around it.
+
+    Row r of ``out`` (TILE, C, n, R, wide) is at [r % TILE, :, :, r // TILE].
+    """
+    (H, W), (count, wide) = x.shape[2:], out.shape[3:]
     start, stop = min(max(left, 0), wide), min(max(left + W, 0), wide)
-    out[:, :, :first] = out[:, :, end:] = 0
-    inner = out[:, :, first:end]
-    inner[..., :start] = inner[..., stop:] = 0
-    inner[..., start:stop] = x[:, :, first - top : end - top, start - left : stop - left]
+    for phase, target in enumerate(out):
+        first = min(max(-(-(top - phase) // TILE), 0), count)
+        end = min(max(-(-(top + H - phase) // TILE), first), count)
+        target[:, :, :first] = target[:, :, end:] = 0
+        inner = target[:, :, first:end]
+        inner[..., :start] = inner[..., stop:] = 0
+        row = TILE * first + phase - top
+        inner[..., start:stop] = x[:, :, row : row + TILE * (end - first) : TILE, start - left : stop - left]
 
 
 def _correlate(weights: Array, V: Array, after: After, y: Array) -> None:
     """Write the rows y (n, O, rows, Wo) of one block."""
-    n, O, rows, Wo = y.shape
-    R, T = -(-rows // TILE), -(-Wo // TILE)
+    (n, O, _, Wo), (R, T) = y.shape, _tiles(y)
     products = scratch("products", (SIDE * SIDE, O, n * R * T), y.dtype)
     np.matmul(weights, V, out=products)
-    halves = scratch("mixed", (TILE, SIDE, n * R * T * O), y.dtype)
+    halves = scratch("mixed", (TILE, SIDE, O * n * R * T), y.dtype)
     from_points(KERNEL, products.reshape(SIDE, 1, -1), halves.reshape(TILE, 1, -1))
-    sums = scratch("split", (TILE, O * n * R, T), y.dtype)
-    merged = scratch("padded", (O * n * R, T, TILE), y.dtype)
+    merged = scratch("split", (TILE, O * n * R * T, TILE), y.dtype)
+    np.matmul(halves.swapaxes(1, 2), _matrix(from_points, SIDE, TILE).T.astype(y.dtype), out=merged)
     by_channel = y.swapaxes(0, 1)
-    for row in range(TILE):
+    for row, values in enumerate(merged.reshape(TILE, O, n, R, -1)):
         target = by_channel[:, :, row::TILE]
-        from_points(KERNEL, halves[row].reshape(SIDE, 1, -1), sums.reshape(TILE, 1, -1))
-        cv2.merge(list(sums), merged)
-        after.write(merged.reshape(O, n, R, -1)[:, :, : target.shape[2], :Wo], target, slice(0, O))
+        after.write(values[:, :, : target.shape[2], :Wo], target, slice(0, O))
 
 
 def _outputs(dy: Array) -> Array:
     """A dy Aᵀ of the tiles of dy (n, O, rows, Wo), Z (36, O, tiles)."""
-    n, O, rows, Wo = dy.shape
-    R, T = -(-rows // TILE), -(-Wo // TILE)
-    padded = scratch("padded", (O, n, R, TILE, TILE * T), dy.dtype)
-    _place(dy.swapaxes(0, 1), 0, 0, padded.reshape(O, n, R * TILE, -1))
-    split = scratch("split", (TILE, TILE, O * n * R * T), dy.dtype)
-    by_row = padded.transpose(3, 0, 1, 2, 4)
-    for column in range(TILE):
-        split[:, column].reshape(TILE, O, n, R, T)[...] = by_row[..., column::TILE]
+    (n, O), (R, T) = dy.shape[:2], _tiles(dy)
+    padded = scratch("padded", (TILE, O, n, R, TILE * T), dy.dtype)
+    _place(dy.swapaxes(0, 1), 0, 0, padded)
     mixed = scratch("mixed", (TILE, SIDE, O * n * R * T), dy.dtype)
-    for row in range(TILE):
-        spread(KERNEL, split[row], mixed[row])
+    tiles = padded.reshape(TILE, -1, TILE)
+    np.matmul(_matrix(spread, TILE, SIDE).astype(dy.dtype), tiles.swapaxes(1, 2), out=mixed)
     Z = scratch("products", (SIDE, SIDE * O * n * R * T), dy.dtype)
     spread(KERNEL, mixed.reshape(TILE, -1), Z)
     return Z.reshape(SIDE * SIDE, O, -1)
 
 
+def _tiles(y: Array) -> tuple[int, int]:
+    """The rows of tiles of an image, and the tiles of a row."""
+    return -(-y.shape[2] // TILE), -(-y.shape[3] // TILE)
+
+
 def _blocks(x: Array, y: Array) -> Iterator[Part]:
     """The images and rows of tiles of each block; at least one for each thread outside of slices."""
-    tiles = -(-y.shape[2] // TILE), -(-y.shape[3] // TILE)
+    tiles = _tiles(y)
     each = max(BLOCK_BYTES // (SIDE * SIDE * (x.shape[1] + y.shape[1]) * x.itemsize), MIN_TILES)
     if not parallel.is_inside():
         each = min(each, max(-(-len(x) * tiles[0] * tiles[1] // parallel.threads()), MIN_PART))
