@@ -10,6 +10,8 @@ practice below it, so the variance is their difference. The second pass computes
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fast.fast_layer import FastLayer
@@ -24,11 +26,15 @@ class FastBatchNorm(FastLayer, BatchNorm):
     """Batch normalization."""
 
     def fuses_relu(self) -> bool:
-        """Whether forward computes what is behind the layer: by the statistics of the batch."""
-        return not self.uses_sums
+        """Forward computes what is behind the layer."""
+        return True
+
+    def fuses_channels(self) -> bool:
+        """By the sums, also a Scale that has no backward pass."""
+        return self.uses_sums
 
     def fuses_trained_scale(self) -> bool:
-        """The same for a Scale with a backward pass, which needs y."""
+        """By the statistics of the batch, also a Scale with a backward pass, which needs y."""
         return not self.uses_sums
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -39,8 +45,15 @@ class FastBatchNorm(FastLayer, BatchNorm):
         x, out = view(bottom[0].data, 1, C), view(top[0].data, 1, C)
         if self.uses_sums:
             mean, deviation = statistics(self)
-            affine(x, None, -mean.astype(x.dtype), out)
-            affine(out, (1 / deviation).astype(x.dtype), None, out)
+            mean, after = mean.astype(x.dtype), after_of(None, self.after)
+            factor = (1 / deviation if after.gain is None else after.gain / deviation).astype(x.dtype)
+            after = replace(after, gain=factor)
+
+            def scale_and_shift(i: slice, c: slice) -> None:
+                own = np.subtract(x[i, c], mean[c, None], out=out[i, c])
+                after.write(own, own, c, axis=1)
+
+            each_block(x.shape, scale_and_shift)
             self.s = self._per_channel(deviation)
             return
         self.y = self.kept("y", bottom[0].data)

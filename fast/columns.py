@@ -17,7 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import Geometry, at, image_blocks, run_parts
+from fast.geometry import Geometry, at, image_blocks, run_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
 
@@ -34,9 +34,12 @@ class Columns:
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
-        for images, rows in _blocks(g, x, y.shape):
+
+        def job(images: slice, rows: slice) -> None:
             columns = lower(g, x[images], rows, y.shape[2:])
             _correlate(g, w, after, columns, y[images, :, rows])
+
+        run_blocks(job, _blocks(g, x, y.shape), w[0].size * y.size)
 
     def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx."""

@@ -77,10 +77,10 @@ def has_wide_rows_for_weights(s: Sizes) -> bool:
 def is_wide(s: Sizes) -> bool:
     """3 x 3, with enough channels to make the time of the transforms small, more if the last tiles extend far beyond
     the map, and enough tiles to make that of the weights small. Up to twice as fast."""
-    if not _is_tiled(s, tiles=48):
+    if not _is_tiled(s, tiles=24):
         return False
     waste = math.prod(-(-n // TILE) * TILE / n for n in s.windows)
-    return s.inputs * s.outputs >= 32 * waste**3 * (s.inputs + s.outputs)
+    return s.inputs * s.outputs >= 20 * waste**3 * (s.inputs + s.outputs)
 
 
 def is_wide_batch(s: Sizes) -> bool:

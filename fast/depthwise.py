@@ -13,8 +13,10 @@ weights.
 
     Y[c] (Ho, Wo)  =  X[c] (Ho, kh W) @ B[c] (kh W, Wo)        B[c, i W + v, u] = w[c, i, v + left - u] or 0
 
-There are W / kw times as many multiplications, but one call for all channels of a block, in which threads do not wait
-for each other.
+There are W / kw times as many multiplications, but one call for all channels of a block.
+
+The channels are not divided between threads: the calls take so little time that two threads wait for the interpreter
+longer than they save.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ import cv2
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import Geometry, run_parts
+from fast.geometry import Geometry
 from fast.last_axis import Maps, map_first, map_last, shape_of
 from fast.parallel import scratch
 from netlib.blob import Array
@@ -39,7 +41,6 @@ ACTIVATED = 1 << 15  # values of the outputs to which an activation is applied a
 MAX_VALUES = 1 << 18  # of the maps of a block
 MIN_CHANNELS = 32  # of a block
 BAND_VALUES = 1 << 15  # of the rows of outputs in one call
-VALUE = 20  # multiplications in a product that take as long as one in a depthwise convolution
 
 
 class Depthwise:
@@ -52,24 +53,18 @@ class Depthwise:
             w = w * after.gain[:, None, None, None]
         kernels, target = _by_input(C, w, 0), _by_input(C, y, 1)
         biases = (np.zeros(len(w), w.dtype) if after.bias is None else after.bias).reshape(C, -1)
-        filtered = is_filtered(g, x.shape[2:], y.shape[2:])
-        banded = x.shape[3] <= BANDED and {*g.dilation, *g.stride} == {1}
-
-        def job(part: slice) -> None:
-            if banded:
-                _multiply_by_bands(g, x, kernels, replace(after, gain=None), y, part)
-                return
-            if filtered:
-                _filter(g, x[:, part], kernels[part], biases[part], after, target[:, part])
-                return
-            for c, maps, sums in _blocks(g, x, y, part):
-                for m in range(kernels.shape[1]):
-                    weights = sums.repeated(kernels[c, m])
-                    for image, out in zip(x[:, c], target[:, c, m]):
-                        maps.read(image)
-                        sums.correlate(weights, biases[c, m], after, out)
-
-        run_parts(job, C, C, y.size * w[0].size * VALUE)
+        if x.shape[3] <= BANDED and {*g.dilation, *g.stride} == {1}:
+            _multiply_by_bands(g, x, kernels, replace(after, gain=None), y)
+            return
+        if is_filtered(g, x.shape[2:], y.shape[2:]):
+            _filter(g, x, kernels, biases, after, target)
+            return
+        for c, maps, sums in _blocks(g, x, y):
+            for m in range(kernels.shape[1]):
+                weights = sums.repeated(kernels[c, m])
+                for image, out in zip(x[:, c], target[:, c, m]):
+                    maps.read(image)
+                    sums.correlate(weights, biases[c, m], after, out)
 
     def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx."""
@@ -80,33 +75,27 @@ class Depthwise:
             self.correlate(g.turned, dy, w[:, :, ::-1, ::-1], after, dx)
             return
 
-        def job(part: slice) -> None:
-            for c, maps, sums in _blocks(g, dx, dy, part):
-                weights = [sums.repeated(kernels[c, m], f"kernels {m}") for m in range(kernels.shape[1])]
-                for image, out in zip(gradient[:, c], dx[:, c]):
-                    maps.values[...] = 0
-                    for m, own in enumerate(weights):
-                        sums.transpose(image[:, m], own)
-                    maps.write(out)
-                    after.write(out, out, c)
-
-        run_parts(job, C, C, dy.size * w[0].size * VALUE)
+        for c, maps, sums in _blocks(g, dx, dy):
+            weights = [sums.repeated(kernels[c, m], f"kernels {m}") for m in range(kernels.shape[1])]
+            for image, out in zip(gradient[:, c], dx[:, c]):
+                maps.values[...] = 0
+                for m, own in enumerate(weights):
+                    sums.transpose(image[:, m], own)
+                maps.write(out)
+                after.write(out, out, c)
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
         C = x.shape[1]
         total, gradient = _by_input(C, dw, 0), _by_input(C, dy, 1)
 
-        def job(part: slice) -> None:
-            for c, maps, sums in _blocks(g, x, dy, part):
-                for m in range(total.shape[1]):
-                    found = sums.repeated(np.zeros_like(total[c, m]))
-                    for image, own in zip(x[:, c], gradient[:, c, m]):
-                        maps.read(image)
-                        sums.gradient(own, found)
-                    total[c, m] += found.reshape(*found.shape[:2], -1, len(total[c])).sum(axis=2).transpose(2, 0, 1)
-
-        run_parts(job, C, C, dy.size * dw[0].size * VALUE)
+        for c, maps, sums in _blocks(g, x, dy):
+            for m in range(total.shape[1]):
+                found = sums.repeated(np.zeros_like(total[c, m]))
+                for image, own in zip(x[:, c], gradient[:, c, m]):
+                    maps.read(image)
+                    sums.gradient(own, found)
+                total[c, m] += found.reshape(*found.shape[:2], -1, len(total[c])).sum(axis=2).transpose(2, 0, 1)
 
 
 def is_filtered(g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]) -> bool:
@@ -136,14 +125,14 @@ def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, 
             after.activate(outputs[part], outputs[part])
 
 
-def _multiply_by_bands(g: Geometry, x: Array, kernels: Array, after: After, y: Array, part: slice) -> None:
-    """Write the outputs y (N, O, Ho, Wo) of the channels in ``part`` by one product for each channel and image."""
-    (N, _, H, W), (kh, kw), (top, left) = x.shape, g.kernel, g.pad
+def _multiply_by_bands(g: Geometry, x: Array, kernels: Array, after: After, y: Array) -> None:
+    """Write y (N, O, Ho, Wo) by one product for each channel and image."""
+    (N, C, H, W), (kh, kw), (top, left) = x.shape, g.kernel, g.pad
     count, (Ho, Wo) = kernels.shape[1], y.shape[2:]
     high = Ho + kh - 1
     size = max(MAX_VALUES // max(N * high * W + count * kh * W * Wo, 1), 1)
-    for c in blocks(part.stop - part.start, size):
-        own, each = slice(part.start + c.start, part.start + c.stop), c.stop - c.start
+    for own in blocks(C, size):
+        each = own.stop - own.start
         padded = scratch("padded", (N, each, high, W), x.dtype)
         padded[:, :, :top] = padded[:, :, top + H :] = 0
         padded[:, :, top : top + H] = x[:, own]
@@ -226,11 +215,10 @@ class Sums:
         return gradient
 
 
-def _blocks(g: Geometry, x: Array, y: Array, part: slice) -> Iterator[tuple[slice, Maps, Sums]]:
-    """Yield blocks of the channels in ``part``, each with maps that are zero."""
+def _blocks(g: Geometry, x: Array, y: Array) -> Iterator[tuple[slice, Maps, Sums]]:
+    """Yield blocks of the channels, each with maps that are zero."""
     sizes = x.shape[2:], y.shape[2:]
     each = max(MAX_VALUES // max(math.prod(shape_of(g, *sizes)), 1), MIN_CHANNELS)
-    for c in blocks(part.stop - part.start, each):
-        own = slice(part.start + c.start, part.start + c.stop)
+    for own in blocks(x.shape[1], each):
         maps = Maps(g, *sizes, x.swapaxes(0, 1)[own], 0)
         yield own, maps, Sums(maps)

@@ -24,7 +24,7 @@ from netlib.engine.plain import Connection
 from netlib.layer import Layer
 from netlib.system.memory import blocks
 
-BLOCK = 1 << 16  # values
+BLOCK = 1 << 17  # values
 MIN_ROW = 32  # values from which NumPy's loop over the rows of an array takes little time
 
 
@@ -116,7 +116,7 @@ def fuse(connections: Sequence[Connection]) -> None:
     release(connections)
     for i, at in enumerate(connections):
         layer = at.layer
-        if isinstance(layer, FastLayer) and layer.fuses_relu() and len(at.top) == 1:
+        if isinstance(layer, FastLayer) and not layer.is_fused and layer.fuses_relu() and len(at.top) == 1:
             chain: list[FastLayer] = []
             for follower in connections[i + 1 :]:
                 if not _continues(at, chain, follower):

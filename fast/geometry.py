@@ -23,6 +23,7 @@ from netlib.blob import Array
 from netlib.system.memory import blocks
 
 MIN_PART = 32  # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
+MIN_BLOCK_COST = 5_000_000
 MIN_PARTS_COST = 20_000_000  # multiplications; a virtual processor wakes a thread more slowly than a smaller product
 
 
@@ -148,6 +149,16 @@ def channel_parts(channels: int, group: int, cost: float) -> list[slice]:
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
     """Call ``job`` for each of ``channel_parts``, on several threads."""
     parallel.run([partial(job, part) for part in channel_parts(channels, group, cost)])
+
+
+def run_blocks(job: Callable[[slice, slice], None], parts: Iterator[tuple[slice, slice]], cost: float) -> None:
+    """Call ``job`` for independent blocks of images and rows with together ``cost`` multiplications.
+
+    Several expensive blocks run on several threads; otherwise each may divide its channels between them.
+    """
+    jobs = [partial(job, *part) for part in parts]
+    run = parallel.run if cost >= len(jobs) * MIN_BLOCK_COST else parallel.run_here
+    run(jobs)
 
 
 def image_blocks(images: int, outputs: Sequence[int], columns: int) -> Iterator[tuple[slice, slice]]:

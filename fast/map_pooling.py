@@ -26,8 +26,7 @@ from layers.vision.pooling import NOTHING
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
-BLOCK_BYTES = 256 << 10  # of the padded maps of a block; the arrays of a block together stay in the cache
-WINNER_BYTES = 1 << 20  # the same with winners, which take more operations on smaller arrays
+BLOCK_BYTES = 1 << 20  # of the padded maps of a block; on fewer, two threads wait for the interpreter
 MAX_EVERYWHERE = 4  # side of overlapping windows, up to which those at every place take less time
 PART = 1 << 15  # values; starting a thread takes longer than pooling fewer
 
@@ -81,10 +80,10 @@ class Windows:
         g = Geometry(self.kernel, self.stride, self.pad, (1, 1), 1)
         return Maps(g, self.sizes, self.outputs, like, fill)
 
-    def run(self, maps: int, job: Callable[[slice], None], block_bytes: int | None = None) -> None:
+    def run(self, maps: int, job: Callable[[slice], None]) -> None:
         """Call ``job`` for all blocks of maps, on several threads if there are enough values."""
         values = max(self.padded[0] * self.padded[1], 1)
-        size = max(1, (block_bytes or BLOCK_BYTES) // (4 * values))
+        size = max(1, BLOCK_BYTES // (4 * values))
         block = blocks(maps, size)
         if maps * values < 2 * PART:
             for rows in block:
@@ -195,7 +194,7 @@ class MaxOfMaps:
             np.maximum(best, y.dtype.type(NOTHING), out=best)
             map_first(best, y[maps])
 
-        w.run(len(x), job, WINNER_BYTES if winners is not None else None)
+        w.run(len(x), job)
 
     @staticmethod
     def _with_winners(maps: Maps, best: Array, kind: type[np.unsignedinteger]) -> Array:

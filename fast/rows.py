@@ -16,7 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import Geometry, run_parts
+from fast.geometry import Geometry, run_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
 from netlib.system.memory import blocks
@@ -35,9 +35,12 @@ class Rows:
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
         weights = w.transpose(0, 2, 3, 1).reshape(len(w), -1)
-        for images, rows in _blocks(g, x, y.shape):
+
+        def job(images: slice, rows: slice) -> None:
             X = stacked(g, x[images], rows, y.shape[3])
             _correlate(weights, X, after, y[images, :, rows])
+
+        run_blocks(job, _blocks(g, x, y.shape), weights.size * y.size // len(w))
 
     def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx."""

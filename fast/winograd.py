@@ -115,7 +115,7 @@ def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> N
         _correlate(weights, V.reshape(SIDE * SIDE, C, -1), after.part(o), y[:, o])
 
     threads = parallel.threads() if SIDE * SIDE * O * C * N * R * T >= MIN_COST else 1
-    bands = min(threads, -(-N * R * T // MIN_PART))
+    bands = min(threads, R)
     each = min(max(WEIGHT_BYTES // (SIDE * SIDE * C * w.itemsize), MIN_OUTPUTS), -(-O // threads))
     run = parallel.run if threads > 1 else parallel.run_here
     run([partial(transform, rows) for rows in blocks(R, -(-R // bands))])
