@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Benchmark of ordinary nets: the forward pass of six public ones, a training step of four small ones.
+"""Benchmark of ordinary nets: the forward pass of nine, a training step of four small ones.
 
     make bench                                  or: python benchmarks/nets.py --threads 1 --cpu
 

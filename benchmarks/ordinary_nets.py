@@ -1,4 +1,4 @@
-"""Ordinary nets as text: six public classifiers of images, and four small nets for training.
+"""Ordinary nets as text: eight public classifiers of images, a net for segmentation, and four small nets for training.
 
 Weights are random, so that nothing is downloaded; times do not depend on them.
 """
@@ -43,6 +43,12 @@ class Text:
             self.add("BatchNorm", [top], top=top)
             self.add("Scale", [top], "scale_param { bias_term: true }", top=top)
         return self.relu(top) if relu else top
+
+    def normed(self, bottom: str) -> str:
+        """BatchNorm, and behind it in place Scale and ReLU."""
+        top = self.add("BatchNorm", [bottom])
+        self.add("Scale", [top], "scale_param { bias_term: true }", top=top)
+        return self.relu(top)
 
     def pool(self, bottom: str, kernel: int, stride: int, pad: int = 0, kind: str = "MAX") -> str:
         """Pooling; over the whole map if ``kernel`` is 0."""
@@ -141,6 +147,49 @@ def resnet50() -> Text:
     return net
 
 
+def vgg16() -> Text:
+    """VGG-16, one image."""
+    net, x = Text(1, 3, 224, 224), "data"
+    for count, repeats in ((64, 2), (128, 2), (256, 3), (512, 3), (512, 3)):
+        for _ in range(repeats):
+            x = net.conv(x, count, 3, pad=1)
+        x = net.pool(x, 2, 2)
+    net.product(net.relu(net.product(net.relu(net.product(x, 4096)), 4096)), 1000)
+    return net
+
+
+def densenet121() -> Text:
+    """DenseNet-121, one image: BatchNorm, Scale and ReLU in front of each convolution."""
+    net = Text(1, 3, 224, 224)
+    x, channels = net.pool(net.conv("data", 64, 7, stride=2, pad=3, norm=True), 3, 2), 64
+    for number, repeats in enumerate((6, 12, 24, 16)):
+        if number:
+            channels //= 2
+            x = net.pool(net.conv(net.normed(x), channels, 1, relu=False), 2, 2, kind="AVE")
+        for _ in range(repeats):
+            y = net.conv(net.conv(net.normed(x), 128, 1, norm=True), 32, 3, pad=1, relu=False)
+            x, channels = net.add("Concat", [x, y]), channels + 32
+    net.product(net.pool(net.normed(x), 0, 1, kind="AVE"), 1000)
+    return net
+
+
+def unet() -> Text:
+    """A U-Net with deconvolutions, one image of 256 x 256."""
+    net, x = Text(1, 3, 256, 256), "data"
+    passed: list[str] = []
+    for count in (32, 64, 128, 256):
+        passed.append(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1))
+        x = net.pool(passed[-1], 2, 2)
+    x = net.conv(x, 512, 3, pad=1)
+    for count in (256, 128, 64, 32):
+        wider = net.add(
+            "Deconvolution", [x], f"convolution_param {{ num_output: {count} kernel_size: 2 stride: 2 {FILLER} }}"
+        )
+        x = net.conv(net.conv(net.add("Concat", [wider, passed.pop()]), count, 3, pad=1), count, 3, pad=1)
+    net.conv(x, 2, 1, relu=False)
+    return net
+
+
 def lenet() -> Text:
     """LeNet, batch 64."""
     net = Text(64, 1, 28, 28)
@@ -202,6 +251,7 @@ class Ordinary:
 NETS = (
     Ordinary("CaffeNet", caffenet), Ordinary("GoogLeNet", googlenet), Ordinary("SqueezeNet", squeezenet),
     Ordinary("MobileNet-v1", mobilenet_v1), Ordinary("MobileNet-v2", mobilenet_v2), Ordinary("ResNet-50", resnet50),
+    Ordinary("VGG-16", vgg16), Ordinary("DenseNet-121", densenet121), Ordinary("U-Net", unet),
     Ordinary("LeNet", lenet, True), Ordinary("CIFAR-10", cifar10, True), Ordinary("VGG-like", vgg, True),
     Ordinary("residual", residual, True),
 )  # fmt: skip

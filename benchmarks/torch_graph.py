@@ -27,12 +27,13 @@ class TorchGraph(nn.Module):
         self.steps: list[tuple[Operation, tuple[str, ...], tuple[str, ...]]] = []
         layers = [layer for layer in net.layers if layer.type != "Input"]
         for before, layer in zip([None, *layers], layers):
+            bottom = layer.spec.bottom
             if layer.type == "Scale" and before is not None and before.type == "BatchNorm":
-                self.steps.pop()
+                bottom = self.steps.pop()[1]
                 step = self._norm(before, layer)
             else:
                 step = getattr(self, f"_{layer.type.lower()}")(layer)
-            self.steps.append((step, layer.spec.bottom, layer.spec.top))
+            self.steps.append((step, bottom, layer.spec.top))
 
     def forward(self, **inputs: Tensor) -> Tensor:
         """The net's only output."""
@@ -55,6 +56,11 @@ class TorchGraph(nn.Module):
         w, b = self._param(layer, 0), self._param(layer, 1)
         options = {"stride": layer.stride, "padding": layer.pad, "groups": layer.param.group}  # type: ignore[attr-defined]
         return lambda x: F.conv2d(x, w, b, **options)  # type: ignore[arg-type]
+
+    def _deconvolution(self, layer: Layer) -> Operation:
+        w, b = self._param(layer, 0), self._param(layer, 1)
+        options = {"stride": layer.stride, "padding": layer.pad, "groups": layer.param.group}  # type: ignore[attr-defined]
+        return lambda x: F.conv_transpose2d(x, w, b, **options)  # type: ignore[arg-type]
 
     def _innerproduct(self, layer: Layer) -> Operation:
         w, b = self._param(layer, 0), self._param(layer, 1)
