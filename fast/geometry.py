@@ -23,7 +23,7 @@ from netlib.blob import Array
 from netlib.system.memory import blocks
 
 MIN_PART = 32  # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
-MIN_BLOCK_COST = 5_000_000
+MIN_BLOCK_COST = 5_000_000  # multiplications of a block, on average, from which blocks run on several threads
 MIN_PARTS_COST = 20_000_000  # multiplications; a virtual processor wakes a thread more slowly than a smaller product
 
 
