@@ -174,6 +174,8 @@ class Tracker:
                 track.end(f"no frame for {pause:.1f} s, and not found again")
             elif track.given_up(time):
                 track.end()
+                if track.is_untrusted:
+                    self.detector.reject(self._middle(track), time)
         tracks = self.tracks
         for track in tracks:
             track.likely = self._size_beside(track.id)

@@ -297,17 +297,20 @@ def test_losing(seen: list[Hand | None]) -> None:
     assert not one.given_up(4 * FRAME) and one.given_up(4 * FRAME + 2)
 
 
-@pytest.mark.parametrize(("alone", "confidence", "given_up"), [(True, 0.1, True), (True, 0.5, False),
-                                                               (False, 0.1, False), (True, np.nan, False)])  # fmt: skip
-def test_a_hand_without_its_surroundings_must_be_trusted(alone: bool, confidence: float, given_up: bool) -> None:
-    """A hand found without its surroundings is given up when its reported confidence is low for longer than 0.4 s."""
+@pytest.mark.parametrize(("alone", "confidence", "frames"), [(True, 0.1, 13), (True, 0.5, None), (True, np.nan, None),
+                                                             (False, 0.1, 31), (False, 0.5, None)])  # fmt: skip
+def test_a_hand_must_be_trusted(alone: bool, confidence: float, frames: int | None) -> None:
+    """A hand is given up when its reported confidence is low for longer than 1 s, without its surroundings 0.4 s."""
     one = HandTrack(ESTIMATOR, [estimate()], 0.0, alone=alone)
-    for n in range(1, 14):
-        time = n * FRAME
-        assert one.take([estimate()], [], time)
-        one.trust(confidence, time)
-        assert one.given_up(time) == (given_up and n == 13)
-    assert ("confidence 10% among its surroundings" in one.reason) == given_up
+    for n in range(1, frames or 40):
+        assert one.take([estimate()], [], n * FRAME)
+        one.trust(confidence, n * FRAME)
+        assert not one.is_untrusted and not one.given_up(n * FRAME)
+    if frames:
+        assert one.take([estimate()], [], frames * FRAME)
+        one.trust(confidence, frames * FRAME)
+        assert one.is_untrusted and one.given_up(frames * FRAME)
+        assert f"confidence 10%{' among its surroundings' if alone else ''}" in one.reason
 
 
 def test_smoothing_begins_with_the_first_pose() -> None:

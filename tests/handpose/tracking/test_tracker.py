@@ -209,6 +209,18 @@ def test_what_does_not_look_like_a_hand_is_dropped(
     assert reported[-1].lost[0].reason.startswith(NO_HAND)
 
 
+def test_what_is_never_trusted_is_dropped(shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hand that was reported without confidence for more than a second is lost, and its place is skipped."""
+    tracker = begun(predictor, shown)
+    skipped: list[np.ndarray] = []
+    monkeypatch.setattr(tracker.detector, "reject", lambda place, time: skipped.append(place))
+    monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
+    tracker.tracks[0].trusted -= 1.1
+    reported = tracker.step(shown.frames[6])
+    assert not reported.hands and [lost.id for lost in reported.lost] == [0]
+    assert np.linalg.norm(skipped[0] - shown.truth[6].hands[0].origin_mm) < 100
+
+
 def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
     """The hand's position is unknown: it is lost, with that reason, until it is found again."""
     tracker = begun(predictor, shown)
