@@ -9,7 +9,11 @@ The matrices are those of row_winograd.py. Summed over channels, each of the 36 
 tiles of a block. The gradient of x is a convolution of dy with the flipped kernel; that of w is
 Gᵀ [sum over tiles of (A dy Aᵀ) * (Bᵀ d B)] G.
 
-The elements of a tile are arrays over all tiles and channels, so a transform is a few sums of long vectors.
+The columns of tiles are transformed by a few sums of long vectors, of which each holds one row of all tiles. The rows
+are transformed by one product of all tiles with the matrix: two threads wait for each other between calls, and a sum of
+vectors for each column would take four times as many.
+
+The limits were measured with 16 to 512 channels and 7 to 224 pixels, on two cores with AVX-512.
 """
 
 from __future__ import annotations
