@@ -15,7 +15,8 @@ mistakes. --look stops after it, with a figure of the first hand.
 
 Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more. Handedness
 is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm poses are
-smoothed, so bones keep their length; --raw turns this off. --fit accurate takes about a third longer than fast. --serve
+smoothed, so bones keep their length; those of recordings also with the frames after them, up to two seconds later.
+--raw turns this off. --fit accurate takes about a third longer than fast. --serve
 shows the track in a browser as it is computed (docs/live.md).
 
 Without an output option, FILE.json and a contact sheet FILE.png are written to the working folder, named after the
@@ -48,6 +49,7 @@ from handpose.tracking.lookahead import Lookahead
 from handpose.tracking.summary import Summary
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
+from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from netlib.errors import DataError
 from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
 from tools.common.console import DONE, aligned, errors_of, guarded, say
@@ -111,6 +113,7 @@ def _track(
 ) -> None:  # fmt: skip
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
     held = Lookahead[NDArray[np.float32]]()
+    smoothing = TwoWaySmoothing[NDArray[np.float32]](tracker.estimator.model)
 
     def write(ready: list[tuple[NDArray[np.float32], TrackedFrame]]) -> None:
         for depth, found in ready:
@@ -124,10 +127,14 @@ def _track(
                 stopper.check()
                 with errors_of(f"{recording.name}: frame {frame.number}"):
                     found = tracker.step(frame)
-                write([(frame.depth, found)] if outputs.is_live or recording.live else held.add(frame.depth, found))
+                if outputs.is_live or recording.live:
+                    write([(frame.depth, found)])
+                else:
+                    write(smoothing.add(held.add(frame.depth, found)))
                 progress(1)
         finally:
-            write(held.finish())
+            write(smoothing.add(held.finish()))
+            write(smoothing.finish())
 
 
 def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextIO, doubt: str) -> None:

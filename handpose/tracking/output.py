@@ -13,7 +13,7 @@ from handpose.fit.body import SIZE, CapsuleModel, WorldPose, crop_variables
 from handpose.fit.pose_confidence import Judged, judged_poses
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.pose_estimator import PoseEstimator
-from handpose.tracking.track import TrackedHand
+from handpose.tracking.track import TrackedHand, TrackedPoses
 from netlib.blob import Array
 
 
@@ -66,8 +66,9 @@ def _as_sides(
             side_confidence=chances[n],
             finger_error_mm=judged.finger_error_mm[n],
             raw_xyz=raw_xyz[0][n] if smooth else None,
+            poses=TrackedPoses(hand.body, seen.smooth, hand.error_mm, track.size) if smooth else None,
         )
-        for n, hand in enumerate(found)
+        for n, (hand, seen) in enumerate(zip(found, sides))
     ]
 
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from handpose.body.nyu import CUBE_MM
 from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
+from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import Camera
 from layers.hand.bodies import kinematics_of
@@ -46,6 +47,21 @@ class TrackHeader:
     smoothed: bool = True
 
 
+class TrackedPoses(NamedTuple):
+    """The poses of a tracked hand, in the axes of the fit, which are mirrored for a left hand.
+
+    fitted    of the fit
+    smoothed  of the output
+    error_mm  expected error of the fit, on which the smoothing depends
+    size      of the hand relative to the skeleton, once it is known, otherwise None
+    """
+
+    fitted: WorldPose
+    smoothed: WorldPose
+    error_mm: float
+    size: float | None
+
+
 @dataclass(frozen=True)
 class TrackedHand:
     """One hand in one frame.
@@ -67,6 +83,7 @@ class TrackedHand:
     finger_error_mm  (5,) expected error of each finger, from the thumb on: mean over PIP joint, DIP joint and tip; NaN
                 where it is unknown
     raw_xyz     (K, 3) mm, likewise: the joints before smoothing; None if poses are not smoothed, or if unknown
+    poses       before and after smoothing; None likewise
     """
 
     id: int
@@ -84,6 +101,7 @@ class TrackedHand:
     other: TrackedHand | None = None
     finger_error_mm: Array = field(default_factory=unknown_finger_errors)
     raw_xyz: Array | None = None
+    poses: TrackedPoses | None = None
 
     @property
     def known_side(self) -> Side | None:

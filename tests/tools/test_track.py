@@ -20,6 +20,7 @@ from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.tracking.tracker import Tracker, load_tracker
+from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from tests.support import json_schema
 from tests.support.running import run_tool
 from tools import track
@@ -68,13 +69,15 @@ def stopped_at(monkeypatch: pytest.MonkeyPatch, number: int, stop: Any) -> None:
 
 
 def test_without_any_output_named() -> None:
-    """By default a JSON file and a contact sheet, named after the source, contain the tracker's results."""
+    """By default a JSON file and a contact sheet, named after the source, have the results, smoothed both ways."""
     _, said, error = run_tool("track", "takes/take.npz")
     assert files() == ["take.json", "take.png"]
     found = read_track("take.json")
     with open_recording("takes/take.npz") as recording:
         tracker = load_tracker(recording.camera)
-        expected = list(tracker.follow(recording))
+        smoothing = TwoWaySmoothing[None](tracker.estimator.model)
+        smoothing.add([(None, frame) for frame in tracker.follow(recording)])
+        expected = [frame for _, frame in smoothing.finish()]
     assert not found.cut and found.header.smoothed and found.header.camera == ICVL
     assert len(found.frames) == COUNT
     for one, other in zip(found.frames, expected):

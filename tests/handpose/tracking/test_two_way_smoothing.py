@@ -1,0 +1,142 @@
+"""handpose/tracking/two_way_smoothing.py: recordings of a moving, a trembling and a missing hand"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handpose.body.sides import Side, mirror_of
+from handpose.fit.body import SIZE, CapsuleModel, crop_variables, world_pose
+from handpose.tracking.smoothing import PoseFilter
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackedPoses, joints_of
+from handpose.tracking.two_way_smoothing import AHEAD, AHEAD_S, TwoWaySmoothing, middle_of
+from tests.support.tracked_hands import HEADER, tracked
+
+RATE = 30.0
+ORIGIN = np.array([20.0, -30, 700])
+
+
+def take(
+    model: CapsuleModel, poses: np.ndarray, side: Side = "right", size: float | None = None, missing: Sequence[int] = ()
+) -> list[TrackedFrame]:
+    """A track of one hand with these variables (N, V), smoothed by a tracker; some frames are without it."""
+    one, frames, mirror = PoseFilter(), [], mirror_of(side)
+    for n, x in enumerate(poses):
+        hands: tuple[TrackedHand, ...] = ()
+        if n not in missing:
+            fitted = world_pose(model, x, ORIGIN * mirror)
+            smoothed = one(fitted, n / RATE)
+            hand = replace(tracked(side), origin_mm=ORIGIN, poses=TrackedPoses(fitted, smoothed, 5.0, size))
+            hands = (hand,)
+        frames.append(TrackedFrame(n, n / RATE, hands))
+    return frames
+
+
+def smoothed(model: CapsuleModel, frames: list[TrackedFrame]) -> list[TrackedFrame]:
+    """All frames, smoothed."""
+    one = TwoWaySmoothing[int](model)
+    released = [pair for frame in frames for pair in one.add([(frame.number, frame)])] + one.finish()
+    assert [item for item, _ in released] == [frame.number for frame in frames]
+    return [frame for _, frame in released]
+
+
+def joints(frames: list[TrackedFrame]) -> np.ndarray:
+    """The joints (N, K, 3) in mm of the only hand."""
+    return np.stack([frame.hands[0].xyz for frame in frames])
+
+
+def swinging(model: CapsuleModel) -> np.ndarray:
+    """Variables (120, V) of fingers that close and open once per second, in a palm that swings by 100 mm."""
+    phase = 2 * np.pi * np.arange(120) / RATE
+    x = np.zeros((120, model.variables))
+    x[:, 0] = 0.05 / 0.15 * np.sin(phase)
+    x[:, model.limbs] = np.clip(0.3 + 0.3 * np.sin(phase)[:, None], model.lower[model.limbs], model.upper[model.limbs])
+    return x
+
+
+def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:
+    """The error of smoothing is less than half of that of the filter that knows earlier frames only."""
+    x = swinging(model)
+    true = model.joints(x) + ORIGIN
+    frames = take(model, x)
+    causal = np.stack([
+        model.joints(variables_of(model, frame.hands[0]))[0] + ORIGIN for frame in frames
+    ])  # fmt: skip
+    off, causal_off = (np.linalg.norm(found - true, axis=2)[30:-30].mean() for found in
+                       (joints(smoothed(model, frames)), causal))  # fmt: skip
+    assert off < 0.5 * causal_off
+
+
+def variables_of(model: CapsuleModel, hand: TrackedHand) -> np.ndarray:
+    """The variables (1, V) of the smoothed pose of a tracker."""
+    assert hand.poses is not None
+    return crop_variables(model, hand.poses.smoothed, ORIGIN * mirror_of(hand.hand))[None]
+
+
+def test_a_trembling_hand_becomes_steadier(model: CapsuleModel) -> None:
+    """The deviation at rest is smaller than that of the tracker's smoothing."""
+    off = np.random.default_rng(0).normal(0, 0.004, (120, model.variables))
+    off[:, SIZE:] = 0
+    frames = take(model, 0.1 + off)
+    causal = np.stack([model.joints(variables_of(model, frame.hands[0]))[0] for frame in frames])
+    assert joints(smoothed(model, frames))[30:-30].std(axis=0).mean() < 0.9 * causal[30:-30].std(axis=0).mean()
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
+    """Joints follow from inputs, bones and origin; bones keep the known size; the surface moves with the pose."""
+    frames = smoothed(model, take(model, swinging(model), side, size=0.9))
+    for frame in frames[::40]:
+        (hand,) = frame.hands
+        own = joints_of(HEADER.skeleton, HEADER.unit_mm, side, hand.inputs, hand.bones, hand.origin_mm)
+        np.testing.assert_allclose(hand.xyz, own, atol=1e-6)
+        np.testing.assert_allclose(hand.bones, 0.9 * model.skeleton.bones)
+        x = variables_of(model, hand)
+        x[:, SIZE] = np.log(0.9)
+        expected = model.capsules(x, (ORIGIN * mirror_of(side))[None]).mirrored(mirror_of(side)[None])
+        assert hand.capsules is not None
+        np.testing.assert_allclose(hand.capsules.a, expected.a, atol=1e-4)
+
+
+def test_frames_are_held_for_a_limited_time(model: CapsuleModel) -> None:
+    """A frame waits for twice the time ahead at most, and for a limited number of frames."""
+    for rate, most in ((RATE, 2 * AHEAD_S * RATE + 1), (1000.0, 2 * AHEAD)):
+        one, waiting = TwoWaySmoothing[int](model), 0
+        for n in range(400):
+            waiting += 1 - len(one.add([(n, TrackedFrame(n, n / rate, ()))]))
+            assert waiting <= most
+    assert one.add([]) == [] and len(one.finish()) == waiting and one.finish() == []
+
+
+def test_a_missing_hand_is_not_smoothed_across(model: CapsuleModel) -> None:
+    """A pose before a gap does not depend on the poses after it."""
+    x = swinging(model)
+    other = x.copy()
+    other[61:, model.limbs] = 0.0
+    first, second = (smoothed(model, take(model, poses, missing=[60])) for poses in (x, other))
+    assert not first[60].hands
+    for n in range(60):
+        np.testing.assert_array_equal(first[n].hands[0].xyz, second[n].hands[0].xyz)
+    assert np.abs(first[62].hands[0].xyz - second[62].hands[0].xyz).max() > 1
+
+
+def test_hands_that_were_not_smoothed_are_unchanged(model: CapsuleModel) -> None:
+    """Raw poses, and those of other sources, pass."""
+    frames = [TrackedFrame(n, n / RATE, (tracked(),)) for n in range(5)]
+    for found, given in zip(smoothed(model, frames), frames):
+        assert found.hands[0] is given.hands[0]
+
+
+def test_the_middle_of_two_poses(model: CapsuleModel) -> None:
+    """Half the way and half the turn."""
+    x = np.zeros((3, model.variables))
+    x[:, 5] = 0.0, 0.2, 0.4
+    x[:, 0] = 0.0, 0.1, 0.2
+    first, middle, last = (world_pose(model, one, ORIGIN) for one in x)
+    found = middle_of(first, last)
+    np.testing.assert_allclose(found.place, middle.place, atol=1e-9)
+    np.testing.assert_allclose(found.rotation, middle.rotation, atol=1e-9)
+    np.testing.assert_allclose(found.others, middle.others, atol=1e-9)
