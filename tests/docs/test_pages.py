@@ -163,7 +163,7 @@ def test_windows_in_use(visit: Visit, page_of: PageOf) -> None:
 
 def test_numbers_are_changed_and_played(visit: Visit, page_of: PageOf) -> None:
     """An edited number changes all that depends on it, a weight shows dw as a sum, and Play stamps one dy at a time."""
-    tab = visit(page_of("windows"))
+    tab = visit(page_of("windows"), alone=True)
     tab.locator("#b button").click()
     tab.locator("#value").fill("10")
     assert tab.locator("#y button").first.inner_text() == "−11"  # -21 without the bias

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -29,30 +30,58 @@ def browser() -> Iterator[Any]:
         yield opened
 
 
+SIZE = {"width": 1000, "height": 800}
+_idle: weakref.WeakKeyDictionary[Any, list[Any]] = weakref.WeakKeyDictionary()  # tabs by browser; a new one costs 0.4 s
+
+
 @contextlib.contextmanager
 def visits(browser: Any) -> Iterator[Callable[..., Any]]:
     """``visit(path)``: open a page from a file, as from disk, or from an address. In the end, no other address was
     fetched, and the console is empty.
-    """
-    contexts, fetched, said, files = [], [], [], []
 
-    def opened(place: Path | str, fragment: str = "", **options: Any) -> Any:
-        context = browser.new_context(**{"viewport": {"width": 1000, "height": 800}, **options})
-        contexts.append(context)
+    A tab that differs from others by its size only shows one page after the other, unless it is ``alone``.
+    """
+    contexts, shared, fetched, said, files = [], [], [], [], []
+    watched: dict[str, Callable[[Any], None]] = {
+        "request": lambda request: fetched.append(request.url),
+        "console": lambda message: said.append(message.text),
+        "pageerror": lambda error: said.append(str(error)),
+    }
+
+    def new(**options: Any) -> Any:
+        context = browser.new_context(**options)
         context.set_default_timeout(120_000)  # reached by a hang only
-        tab = context.new_page()
+        return context.new_page()
+
+    def opened(place: Path | str, fragment: str = "", alone: bool = False, **options: Any) -> Any:
+        size = options.pop("viewport", SIZE)
+        if options or alone:
+            tab = new(viewport=size, **options)
+            contexts.append(tab.context)
+        else:
+            idle = _idle.setdefault(browser, [])
+            tab = idle.pop() if idle else new(viewport=SIZE)
+            shared.append(tab)
+            tab.set_viewport_size(size)
         file = place if isinstance(place, str) else place.as_uri()
         address = file + (f"#{fragment}" if fragment else "")
         files.append(file)
-        tab.on("request", lambda request: fetched.append(request.url))
-        tab.on("console", lambda message: said.append(message.text))
-        tab.on("pageerror", lambda error: said.append(str(error)))
+        for event, hear in watched.items():
+            tab.on(event, hear)
         tab.goto(address)
         return tab
 
     yield opened
     for context in contexts:
         context.close()
+    for tab in (tab for tab in shared if not tab.is_closed()):
+        for event, hear in watched.items():
+            tab.remove_listener(event, hear)
+        tab.mouse.up()
+        tab.mouse.move(-1, -1)  # over no element of the next page
+        tab.evaluate("if (location.protocol !== 'file:') sessionStorage.clear()")
+        tab.goto("about:blank")
+        _idle[browser].append(tab)
     assert fetched == files
     assert said == []
 

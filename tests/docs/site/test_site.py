@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -75,19 +76,25 @@ def test_pages_are_embedded_in_their_chapters(site: Path) -> None:
     assert (site / "docs/hand.html").is_file()
 
 
-@pytest.mark.parametrize("name", ["3_convolution", "5_net", "6_descent", "9_gradient"])
-def test_an_embedded_page_does_not_scroll(site: Path, browser: Any, name: str) -> None:
-    """On a phone an iframe is as high as the page in it, when the page has been laid out and when it has changed."""
+@pytest.fixture(scope="module")
+def phone(browser: Any) -> Iterator[Any]:
+    """A tab of a phone's size, for one page after the other."""
     tab = browser.new_page(viewport={"width": 400, "height": 800})
-    tab.goto((site / f"docs/book/{name}.html").as_uri())
-    tab.locator("iframe[height]").scroll_into_view_if_needed()
+    yield tab
+    tab.close()
+
+
+@pytest.mark.parametrize("name", ["3_convolution", "5_net", "6_descent", "9_gradient"])
+def test_an_embedded_page_does_not_scroll(site: Path, phone: Any, name: str) -> None:
+    """On a phone an iframe is as high as the page in it, when the page has been laid out and when it has changed."""
+    phone.goto((site / f"docs/book/{name}.html").as_uri())
+    phone.locator("iframe[height]").scroll_into_view_if_needed()
     fits = "() => document.body && document.documentElement.scrollHeight <= document.documentElement.clientHeight"
     for change in ("", "document.body.append(Object.assign(document.createElement('p'), {style: 'height: 300px'}))"):
-        inner = tab.locator("iframe[height]").element_handle().content_frame()
+        inner = phone.locator("iframe[height]").element_handle().content_frame()
         inner.wait_for_selector("main")
         inner.evaluate(change)
         inner.wait_for_function(fits)
-    tab.close()
 
 
 def test_figures_can_be_enlarged(site: Path) -> None:
@@ -116,24 +123,20 @@ def test_the_search_works_from_the_disk(site: Path) -> None:
     assert "iframe-worker.js" in (site / "index.html").read_text(encoding="utf-8")
 
 
-def test_code_scrolls_on_a_narrow_screen(site: Path, browser: Any) -> None:
+def test_code_scrolls_on_a_narrow_screen(site: Path, phone: Any) -> None:
     """No page is wider than a phone, even with long lines of prototxt, Python sessions, tables or source files."""
-    tab = browser.new_page(viewport={"width": 400, "height": 800})
     for name in ("index", "docs/book/1_blob", "docs/book/8_hand", "docs/fit"):
-        tab.goto((site / f"{name}.html").as_uri())
+        phone.goto((site / f"{name}.html").as_uri())
         root = "document.documentElement"
-        assert tab.evaluate(f"{root}.scrollWidth - {root}.clientWidth") == 0, name
-    tab.close()
+        assert phone.evaluate(f"{root}.scrollWidth - {root}.clientWidth") == 0, name
 
 
-def test_the_copy_button_takes_the_code_of_a_session(site: Path, browser: Any) -> None:
+def test_the_copy_button_takes_the_code_of_a_session(site: Path, phone: Any) -> None:
     """The copy button copies a session without prompts and output; the theme sets the attribute while it copies."""
-    tab = browser.new_page()
-    tab.goto((site / "docs/book/1_blob.html").as_uri())
-    copied = tab.evaluate("""() => {
+    phone.goto((site / "docs/book/1_blob.html").as_uri())
+    copied = phone.evaluate("""() => {
         const code = [...document.querySelectorAll(".highlight code")].find(code => code.querySelector(".gp"));
         code.setAttribute("data-md-copying", "");
         return code.innerText;
     }""")
     assert copied.startswith("x, w, t = 2.0, 3.0, 5.0\na = w * x\n") and copied.rstrip().endswith("L, dw, dx")
-    tab.close()
