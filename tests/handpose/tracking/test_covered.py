@@ -47,7 +47,8 @@ def begun(resting: Take, request: pytest.FixtureRequest) -> Tracker:
 
 def copied(tracker: Tracker) -> Tracker:
     """A tracker in the same state."""
-    shared = (tracker.predictor, tracker.estimator, tracker.detector.locator)
+    models = [track.best.estimate.model for track in tracker.tracks]
+    shared = (tracker.predictor, tracker.estimator, tracker.detector.locator, *models)
     return copy.deepcopy(tracker, {id(one): one for one in shared})
 
 
