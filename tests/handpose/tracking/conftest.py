@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field, replace
 
 import pytest
@@ -54,6 +55,13 @@ def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
             done.reported.append(tracker.step(frame))
             done.sizes.append({id: known.size for id, known in tracker.known.items()})
     return done
+
+
+def copied(tracker: Tracker) -> Tracker:
+    """A tracker in the same state, which shares what tracking does not change."""
+    models = [track.best.estimate.model for track in tracker.tracks]
+    shared = (tracker.predictor, tracker.estimator, tracker.detector.locator, *models)
+    return copy.deepcopy(tracker, {id(one): one for one in shared})
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import csv
 import json
 from collections.abc import Iterator
@@ -21,7 +20,7 @@ from handpose.sequences.acts import Act
 from handpose.sequences.scripts import Role, Script
 from handpose.tracking.track import HIDDEN, TrackedFrame
 from handpose.tracking.tracker import Tracker
-from tests.handpose.tracking.conftest import RATE, Take, played
+from tests.handpose.tracking.conftest import RATE, Take, copied, played
 
 BEGUN = 6  # frames before the covering
 DOUBTFUL = 0.3  # maximum confidence of a pose of a covered hand
@@ -43,13 +42,6 @@ def begun(resting: Take, request: pytest.FixtureRequest) -> Tracker:
         reported = tracker.step(frame)
     assert reported.hands[0].confidence > 0.5
     return tracker
-
-
-def copied(tracker: Tracker) -> Tracker:
-    """A tracker in the same state."""
-    models = [track.best.estimate.model for track in tracker.tracks]
-    shared = (tracker.predictor, tracker.estimator, tracker.detector.locator, *models)
-    return copy.deepcopy(tracker, {id(one): one for one in shared})
 
 
 def own_pixels(take: Take, number: int) -> NDArray[np.bool_]:

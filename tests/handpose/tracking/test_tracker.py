@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from handpose.tracking.reasons import NO_HAND
 from handpose.tracking.track import LEFT, LostHand, TrackedFrame, TrackedHand, joints_of
 from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError, NetlibError
-from tests.handpose.tracking.conftest import RATE, Take, tracked
+from tests.handpose.tracking.conftest import RATE, Take, copied, tracked
 
 SOME = 12  # frames of a recording that are tracked again
 
@@ -29,11 +29,18 @@ def again(predictor: Predictor, take: Take, frames: int = SOME, **options: objec
     return list(Tracker(predictor, **options).follow(take.frames[:frames]))  # type: ignore[arg-type]
 
 
-def begun(predictor: Predictor, take: Take, **options: object) -> Tracker:
-    """A tracker that has seen the first six frames."""
-    tracker = Tracker(predictor, **options)  # type: ignore[arg-type]
-    for frame in take.frames[:6]:
-        tracker.step(frame)
+@pytest.fixture(scope="module")
+def begun(predictor: Predictor, shown: Take) -> Callable[..., Tracker]:
+    """``begun(...)``: a tracker with these options that has seen the first six frames of the gestures."""
+    made: dict[str, Tracker] = {}
+
+    def tracker(**options: object) -> Tracker:
+        if str(options) not in made:
+            made[str(options)] = own = Tracker(predictor, **options)  # type: ignore[arg-type]
+            for frame in shown.frames[:6]:
+                own.step(frame)
+        return copied(made[str(options)])
+
     return tracker
 
 
@@ -126,7 +133,7 @@ def test_the_same_again(shown: Take, predictor: Predictor) -> None:
         assert one.lost == other.lost and len(one.hands) == len(other.hands)
         for own, same in zip(one.hands, other.hands):
             for field in (field for field in dataclasses.fields(TrackedHand) if field.name != "other"):
-                np.testing.assert_array_equal(getattr(own, field.name), getattr(same, field.name))
+                np.testing.assert_equal(getattr(own, field.name), getattr(same, field.name))
 
 
 def test_surface(shown: Take, leaving: Take, predictor: Predictor) -> None:
@@ -179,9 +186,9 @@ def test_nothing_lost_is_repeated(leaving: Take) -> None:
             assert frame.lost[0].since == since and frame.lost[0].reason
 
 
-def test_what_becomes_of_a_hand(shown: Take, predictor: Predictor) -> None:
+def test_what_becomes_of_a_hand(shown: Take, begun: Callable[..., Tracker]) -> None:
     """The reason is an empty frame, then the wall at the hand's place."""
-    tracker, step = begun(predictor, shown), 1 / RATE
+    tracker, step = begun(), 1 / RATE
     empty, wall = np.zeros((240, 320), np.float32), np.full((240, 320), 1500, np.float32)
     reported = [tracker.step(DepthFrame(6, 6 * step, empty)), tracker.step(DepthFrame(7, 7 * step, wall))]
     assert [frame.hands for frame in reported] == [(), ()]
@@ -190,17 +197,17 @@ def test_what_becomes_of_a_hand(shown: Take, predictor: Predictor) -> None:
 
 
 def test_what_does_not_look_like_a_hand_is_dropped(
-    shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
+    shown: Take, begun: Callable[..., Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A hand is dropped after some frames that do not look like one, even if the fit is certain.
 
     The locator alone drops no hand whose score is low.
     """
-    tracker = begun(predictor, shown)
+    tracker = begun()
     monkeypatch.setattr(tracker.detector, "probability", lambda depth, middle: 0.0)
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
     assert all(tracker.step(frame).hands for frame in shown.frames[6:12])
-    tracker = begun(predictor, shown)
+    tracker = begun()
     monkeypatch.setattr(tracker.detector, "probability", lambda depth, middle: 0.0)
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
     monkeypatch.setattr(Hand, "rejection_score", 120.0)
@@ -209,9 +216,11 @@ def test_what_does_not_look_like_a_hand_is_dropped(
     assert reported[-1].lost[0].reason.startswith(NO_HAND)
 
 
-def test_what_is_never_trusted_is_dropped(shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_never_trusted_is_dropped(
+    shown: Take, begun: Callable[..., Tracker], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A hand that was reported without confidence for more than a second is lost, and its place is skipped."""
-    tracker = begun(predictor, shown)
+    tracker = begun()
     skipped: list[np.ndarray] = []
     monkeypatch.setattr(tracker.detector, "reject", lambda place, time: skipped.append(place))
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
@@ -221,9 +230,9 @@ def test_what_is_never_trusted_is_dropped(shown: Take, predictor: Predictor, mon
     assert np.linalg.norm(skipped[0] - shown.truth[6].hands[0].origin_mm) < 100
 
 
-def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
+def test_after_a_gap_in_time(shown: Take, begun: Callable[..., Tracker]) -> None:
     """The hand's position is unknown: it is lost, with that reason, until it is found again."""
-    tracker = begun(predictor, shown)
+    tracker = begun()
     reported = tracker.step(DepthFrame(99, 9.0, np.full((240, 320), 1500, np.float32)))
     assert not reported.hands and reported.lost[0].reason == "no frame for 8.7 s, and not found again"
     for n in range(20):
@@ -301,9 +310,9 @@ def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
     assert np.ptp(places, axis=0).max() < 60
 
 
-def test_one_hand_is_not_two(shown: Take, predictor: Predictor) -> None:
+def test_one_hand_is_not_two(shown: Take, begun: Callable[..., Tracker]) -> None:
     """If two tracks come to the same place, one continues and the other is lost."""
-    tracker = begun(predictor, shown)
+    tracker = begun()
     last = tracker.tracks[0].best.estimate
     tracker.known[1] = HandTrack(tracker.estimator, [last], shown.frames[5].time)
     tracker.known[1].identify(1)
@@ -325,17 +334,17 @@ def test_nobody(predictor: Predictor) -> None:
 
 
 @pytest.mark.parametrize("hands", [1, 2])
-def test_a_frame_of_another_size(shown: Take, predictor: Predictor, hands: int) -> None:
+def test_a_frame_of_another_size(shown: Take, begun: Callable[..., Tracker], hands: int) -> None:
     """A frame of another size raises an error, also while the maximum number of hands is tracked."""
-    tracker = begun(predictor, shown, hands=hands)
+    tracker = begun(hands=hands)
     other = DepthFrame(6, 6 / RATE, np.full((480, 640), 700, np.float32))
     with pytest.raises(DataError, match=r"depth image of shape \(480, 640\), expected \(240, 320\) of camera 'icvl'"):
         tracker.step(other)
 
 
-def test_times_that_do_not_ascend(shown: Take, predictor: Predictor) -> None:
+def test_times_that_do_not_ascend(shown: Take, begun: Callable[..., Tracker]) -> None:
     """Times that do not ascend raise an error, because velocities would be undefined."""
-    tracker = begun(predictor, shown)
+    tracker = begun()
     for time in (5 / RATE, 0.0, float("nan")):
         with pytest.raises(DataError, match=r"frame 9 is of \S+ s, after one of 0.333333 s; times must ascend"):
             tracker.step(DepthFrame(9, time, shown.frames[6].depth))
@@ -349,14 +358,14 @@ def test_numbers_of_hands(predictor: Predictor, hands: int) -> None:
         Tracker(predictor, hands=hands)
 
 
-def test_another_unit(shown: Take, predictor: Predictor) -> None:
+def test_another_unit(shown: Take, begun: Callable[..., Tracker], predictor: Predictor) -> None:
     """Another unit raises an error at the first frame with readings; a speck in a later frame does not."""
     for factor in (0.001, -1):
         tracker = Tracker(predictor)
         tracker.step(DepthFrame(0, 0.0, np.zeros((240, 320), np.float32)))
         with pytest.raises(UnitError, match="expected mm"):
             tracker.step(DepthFrame(1, 0.1, shown.frames[0].depth * np.float32(factor)))
-    tracker = begun(predictor, shown)
+    tracker = begun()
     tracker.step(DepthFrame(6, 6 / RATE, np.eye(240, 320, dtype=np.float32)))
 
 
