@@ -38,7 +38,7 @@ def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[
 
 
 def with_noise(values: np.ndarray, times: np.ndarray, cutoff: Cutoff, trust: np.ndarray) -> list[float]:
-    """The paper's filter with a bounded noise floor of the speed: the geometric mean of its deviations."""
+    """The paper's filter with a bounded noise floor of the speed, the geometric mean of its deviations, and gaps."""
 
     out, speed, scatter = [values[0]], 0.0, 1.0
     for i in range(1, len(values)):
@@ -48,7 +48,9 @@ def with_noise(values: np.ndarray, times: np.ndarray, cutoff: Cutoff, trust: np.
         part = max(alpha(SCATTER_HZ, seconds), 1 / i)  # at first the mean of all deviations so far
         scatter = scatter ** (1 - part) * abs(now - speed) ** part
         excess = max(abs(speed) - min(cutoff.noise * scatter, cutoff.most), 0.0)
-        out.append(out[-1] + alpha(trust[i] * (cutoff.least + cutoff.slope * excess), seconds) * (values[i] - out[-1]))
+        gap = max(abs(values[i] - out[-1]) - cutoff.least_gap, 0.0)
+        hertz = trust[i] * (cutoff.least + cutoff.slope * excess) + trust[i] ** 3 * cutoff.gap * gap
+        out.append(out[-1] + alpha(hertz, seconds) * (values[i] - out[-1]))
     return out
 
 
@@ -96,12 +98,12 @@ def test_a_point_has_no_axes(seed: int) -> None:
                            filtered(OneEuro(CUTOFF), values, times) @ R.T)  # fmt: skip
 
 
-@given(seed=SEEDS, noise=st.floats(0, 3), most=st.sampled_from([2.0, 30.0, math.inf]))
-def test_trembling_is_no_movement(seed: int, noise: float, most: float) -> None:
-    """The deviation of the speed is subtracted from it, up to a bound, and values can have weights."""
+@given(seed=SEEDS, noise=st.floats(0, 3), most=st.sampled_from([2.0, 30.0, math.inf]), gap=st.sampled_from([0.0, 2.0]))
+def test_trembling_is_no_movement(seed: int, noise: float, most: float, gap: float) -> None:
+    """The deviation of the speed is subtracted from it, up to a bound, gaps add to it, and values can have weights."""
     rng = np.random.default_rng(seed)
     times, values, trust = uneven(rng), np.cumsum(rng.normal(0, 2, (30, 3)), axis=0), rng.uniform(0.1, 1, 30)
-    cutoff = Cutoff(0.8, 0.5, 1.5, noise, most)
+    cutoff = Cutoff(0.8, 0.5, 1.5, noise, most, gap, least_gap=1.0)
     one = OneEuro(cutoff)
     found = np.array([one(value, float(time), float(t)) for value, time, t in zip(values, times, trust)])
     expected = np.transpose([with_noise(own, times, cutoff, trust) for own in values.T])
@@ -118,6 +120,17 @@ def test_steadier_at_rest_and_as_quick_in_motion() -> None:
     moving = 300 * times[:, None] + still
     behind = [np.abs(moving - filtered(OneEuro(cutoff), moving, times))[60:].mean() for cutoff in (plain, floored)]
     assert behind[1] < behind[0] + 0.1
+
+
+def test_a_jump_is_followed_and_jitter_is_not() -> None:
+    """A large gap opens the filter in the same frame; gaps of the size of jitter do not."""
+    times, slow = np.arange(40) / 30, Cutoff(0.5, 0.0, 1.0)
+    quick = Cutoff(0.5, 0.0, 1.0, gap=150.0, least_gap=0.06)
+    still = np.random.default_rng(0).uniform(-0.02, 0.02, (40, 1))
+    jumping = still + (np.arange(40) >= 20)[:, None]
+    np.testing.assert_array_equal(*(filtered(OneEuro(cutoff), still, times) for cutoff in (slow, quick)))
+    after = [filtered(OneEuro(cutoff), jumping, times)[20, 0] for cutoff in (slow, quick)]
+    assert after[0] < 0.15 and after[1] > 0.9
 
 
 def test_at_rest_it_stays() -> None:
