@@ -16,8 +16,8 @@ mistakes. --look stops after it, with a figure of the first hand.
 Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more. Handedness
 is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm poses are
 smoothed, so bones keep their length; those of recordings also with the frames after them, up to two seconds later.
---raw turns this off. --fit accurate takes about a third longer than fast. --serve
-shows the track in a browser as it is computed (docs/live.md).
+--raw turns this off. --fit accurate takes about a third longer than fast. --serve shows the track in a browser as it is
+computed (docs/live.md).
 
 Without an output option, FILE.json and a contact sheet FILE.png are written to the working folder, named after the
 source, unless they exist. Ctrl-C or a truncated recording leaves complete files of the frames so far.
@@ -44,15 +44,15 @@ from numpy.typing import NDArray
 from handpose import Recording, Tracker, load_predictor
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.frames.inspection import Inspection, inspect
-from handpose.tracking import sizing
 from handpose.tracking.lookahead import Lookahead
 from handpose.tracking.summary import Summary
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
 from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from netlib.errors import DataError
-from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
+from tools.common.arguments import add_engine, count, parser_of, whole
 from tools.common.console import DONE, aligned, errors_of, guarded, say
+from tools.common.hand_arguments import hand_size
 from tools.common.progress import ProgressBar
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
 from tools.common.stopper import StoppedError, Stopper
@@ -68,7 +68,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
                         help="hands in the recording, if known (default: either, decided from the depth)")  # fmt: skip
     parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
-    parser.add_argument("--size", type=_size, metavar="S",
+    parser.add_argument("--size", type=hand_size, metavar="S",
                         help="relative to the skeleton (default: estimated in the first seconds)")  # fmt: skip
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
@@ -150,14 +150,6 @@ def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextI
         print(aligned(rows), file=talk)
     for name in outputs.written:
         say(f"wrote {name}", file=talk)
-
-
-def _size(text: str) -> float:
-    """Parse a size of hands that the fit supports."""
-    try:
-        return sizing.checked(positive_number(text))
-    except DataError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 if __name__ == "__main__":
