@@ -59,6 +59,7 @@ CONSTANT = -0.47
 SPREAD = 0.4  # between the deviation in the regression, 0.37, and in recordings left out, 0.25 to 0.64
 # Share of the surface that faces the camera and was not seen at its place; factors of confidence and expected error.
 UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (0.15, 0.3, 0.45, 0.6), (1.0, 0.7, 0.3, 0.1), (1.0, 1.3, 2.0, 3.0)
+COVERED, MIN_COVERED = 2.0, 0.1  # covered or unread shares above it count three times: other poses explain the rest
 OF_HAND, OF_BEHIND, OF_BEFORE, OF_LAG, OF_UNSEEN = 0.327, 0.270, 0.118, 0.095, 0.291  # of a finger's error
 FINGER_CONSTANT, FINGER_SPREAD = 0.715, 0.443
 # The side of a hand is judged by the log-ratio of the costs of the fits as either side.
@@ -83,7 +84,7 @@ def judged(
 ) -> tuple[Array, Array]:
     """Expected error in mm, and probability of an error below GOOD_MM, (N,) each, of poses with these signs (N, 8)."""
     mean = mean_log_error(signs, lag_mm, weights, constant)
-    unseen = 1 - support.seen
+    unseen = 1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0)
     error = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
     confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
     return np.clip(error, GOOD_MM * (1 - confidence), LOST_MM), confidence

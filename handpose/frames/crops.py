@@ -226,6 +226,15 @@ def with_hidden(
     return np.where(hidden, np.float32(-1), crop_of_hand) if hidden.any() else crop_of_hand
 
 
+def unread(
+    readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera, size: int = SIZE
+) -> NDArray[np.bool_]:
+    """True (size, size) for the pixels of a crop that are in the image and have no reading; arguments as ``crop``."""
+    columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera, size))
+    picked = readings[rows[:, None], columns]
+    return np.asarray((columns >= 0) & (rows >= 0)[:, None] & ~(picked > 0))
+
+
 def without_flying_pixels(crop: NDArray[np.float32], half_mm: float, pixel_mm: float) -> NDArray[np.float32]:
     """A crop (S, S) in [-1, 1] in which flying pixels are background.
 

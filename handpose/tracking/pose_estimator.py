@@ -9,9 +9,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.render import in_front, normalise_depth, render_crop
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
 from handpose.estimate.hand import Hand
@@ -21,14 +23,22 @@ from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
 from handpose.fit.support import Support, support
 from handpose.frames.cameras import Camera
-from handpose.frames.crops import BACKGROUND, clear_crop, with_hidden
+from handpose.frames.coverings import covering
+from handpose.frames.crops import BACKGROUND, SIZE, clear_crop, unread, with_hidden
 from handpose.frames.segmentation import alone
-from handpose.tracking.reasons import Expected
+from handpose.tracking.reasons import LEAVING, Expected
 from netlib.blob import Array
 from netlib.errors import DataError
 
 LIKELY = 0.5  # minimum probability of a hand, by the locator
 ARM_PLACES = 5  # along a forearm
+# Of an expected surface: minimum shares without a reading, and behind other objects in the crop; and of its rest, at
+# least, at its place, or the hand itself has moved. In the ordinary frames of CVAR's P1, P3, P4, P7 and of hpx the
+# first is below 0.06 in 99% and at most 0.15, though 75% of a crop are background without readings; the second is at
+# most 0.20. With 0.15 for it, P1 and hpx were 0.5 and 1.0 mm less accurate.
+UNREAD, COVERED, AT_PLACE = 0.15, 0.21, 0.25
+FACE_MM = 0.1  # distance from the far face to what is rendered, at least
+AROUND_MM = 15.0  # pixels without a reading this close to it may be of it
 HIDING = 0.08  # minimum share of the expected surface behind nearer readings: fewer are reflections, mostly next to it
 TIMES = 2  # number of evaluations of the locator, each at the predicted position
 
@@ -44,6 +54,8 @@ class PoseEstimator:
         self.locator = predictor.locator
         self.hands = HandEstimator(predictor.net, self.cube_mm, self.fitter)
         self._middle = self._middle_of_crops()
+        reach = 2 * round(AROUND_MM * SIZE / self.cube_mm) + 1
+        self._around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
 
     def estimate(
         self, depth: NDArray[np.float32], regions: Sequence[SearchRegion], plan: Plan | None = None,
@@ -71,10 +83,51 @@ class PoseEstimator:
             shown = alone(shown, region.center_uvd, self.cube_mm, self.camera)
         if readings is None or region.before is None:
             return Candidate(**vars(region), crop=shown)
-        crop = with_hidden(shown, readings, region.center_uvd, self.cube_mm, self.camera)
-        if crop is not shown and self.expected(readings, region.before, region.side).support.hidden[0] < HIDING:
-            crop = shown
+        crop = self._with_unknown(shown, readings, region, region.before)
         return Candidate(**vars(region), crop=crop, shown=None if crop is shown else shown)
+
+    def _with_unknown(
+        self, shown: NDArray[np.float32], readings: NDArray[np.float32], region: SearchRegion, body: WorldPose
+    ) -> NDArray[np.float32]:
+        """A region's crop with the pixels at the near face that do not show what an expected body has there.
+
+        These have readings of something in front of it, or none although the body was read.
+        """
+        seen, uvd = self.expected(readings, body, region.side).support, region.center_uvd
+        crop = shown
+        if seen.hidden[0] >= HIDING:
+            crop = with_hidden(crop, readings, uvd, self.cube_mm, self.camera)
+        missing = seen.missing[0] >= UNREAD and seen.outside[0] < LEAVING
+        covered = seen.hidden[0] >= COVERED
+        if region.alone or seen.seen[0] < AT_PLACE or not (missing or covered):
+            return crop
+        surface = self._rendered(body, region.side, uvd)
+        if missing:
+            around = cv2.dilate((surface < BACKGROUND).astype(np.uint8), self._around) > 0
+            crop = np.where(around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop)
+        if covered:
+            apart = covering(shown, surface, self.cube_mm / 2, uvd[2] / self.camera.fx).apart
+            crop = np.where(apart, np.float32(-1), crop)
+        return crop
+
+    def behind_flat(self, depth: NDArray[np.float32], body: WorldPose, side: Side) -> float:
+        """The share of an expected body in an image, in mm, that a flat object covers."""
+        uvd = self.center_of(body, side)
+        try:
+            crop = clear_crop(depth, uvd, self.cube_mm, self.camera)
+        except DataError:  # outside the image
+            return 0.0
+        surface = self._rendered(body, side, uvd)
+        return covering(crop, surface, self.cube_mm / 2, uvd[2] / self.camera.fx).flat
+
+    def _rendered(self, body: WorldPose, side: Side, center_uvd: Array) -> NDArray[np.float32]:
+        """The crop (S, S) in [-1, 1] about a centre (3,) that a body without its limbs would have."""
+        x = crop_variables(self.model, body, body.place)[None]
+        capsules = self.model.capsules(x, body.place[None]).mirrored(mirror_of(side)).chosen(~self.model.surface.limbs)
+        d, cube = center_uvd[2:], self.cube_mm
+        image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, self.camera, SIZE)[0]
+        shown = image < d + cube / 2 - FACE_MM
+        return np.where(shown, normalise_depth(image[None], d, cube)[0], np.float32(BACKGROUND))
 
     def surroundings(self, depth: NDArray[np.float32], center_uvd: Array) -> float:
         """The share of the readings in a crop about a centre (3,) that do not belong to a hand there; 0 without any."""

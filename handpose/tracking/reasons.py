@@ -19,8 +19,9 @@ NO_HAND = "the object there does not look like a hand"
 MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
 COVERED = 0.3  # share of a crop that is nearer than the cube: the hand is hidden
 MAX_HIDDEN = 0.25  # share of the hand's own surface behind nearer objects: it is hidden
-MAX_MISSING = 0.5  # share of that surface without a reading
+MAX_MISSING = 0.25  # share of that surface without a reading
 MAX_OUTSIDE = 0.25  # share of the joints outside the image: the hand has left it
+LEAVING = 0.05  # share of the surface outside the image: what is not read of the hand may be there, too
 
 
 class Expected(NamedTuple):
@@ -60,18 +61,19 @@ def reason(
     if (np.abs(shown) < BACKGROUND).mean() < MIN_VISIBLE:
         return f"only background at its last position, {d:.0f} mm away"
     if hand.support.missing[0] > MAX_MISSING:
-        return f"no depth at its last position, {d:.0f} mm away"
+        edges = _edges_left(camera, hand.xyz, 0.0) if hand.support.outside[0] > LEAVING else None
+        return f"{LEFT}{edges}" if edges else f"no depth at its last position, {d:.0f} mm away"
     return doubt or f"{NO_HAND} (confidence {confidence:.0%})"
 
 
-def _edges_left(camera: Camera, xyz: Array) -> str | None:
-    """The edges of the image beyond which joints (K, 3) are, in words; None if few are outside."""
+def _edges_left(camera: Camera, xyz: Array, share: float = MAX_OUTSIDE) -> str | None:
+    """The edges of the image beyond which joints (K, 3) are, in words; None if no more than this share is outside."""
     before = xyz[:, 2] > 0
     if not before.all():
         return ""
     u, v, _ = camera.project(xyz).T
     beyond = {"left": u < 0, "right": u > camera.width - 1, "upper": v < 0, "lower": v > camera.height - 1}
-    if not np.any(list(beyond.values()), axis=0).mean() > MAX_OUTSIDE:
+    if not np.any(list(beyond.values()), axis=0).mean() > share:
         return None
-    edges = [edge for edge, joints in beyond.items() if joints.mean() > MAX_OUTSIDE / 2]
+    edges = [edge for edge, joints in beyond.items() if joints.mean() > share / 2]
     return f" at the {' '.join(edges)} edge" if edges else ""

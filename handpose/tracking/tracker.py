@@ -32,7 +32,7 @@ from handpose.tracking.acceptance import Acceptance
 from handpose.tracking.detector import NOWHERE, Detector
 from handpose.tracking.hand_track import COAST, HandTrack
 from handpose.tracking.output import tracked_hand
-from handpose.tracking.pose_estimator import PoseEstimator
+from handpose.tracking.pose_estimator import UNREAD, PoseEstimator
 from handpose.tracking.reasons import Expected, reason
 from handpose.tracking.sizing import checked
 from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader
@@ -49,6 +49,7 @@ MAX_COVERED = 0.4  # share of a hand's expected surface that is covered: only a 
 MAX_COVERED_MOVED = 0.15  # share of that pose's own surface that is covered, at most
 MAX_DEARER = 2.0  # cost of that pose, relative to the average, at most
 MAX_UNCOVERED = 1.2  # cost of a pose, relative to the average, up to which the hand is not covered
+MAX_FLAT = 0.2  # share of a hand behind a flat object: no pose is accepted
 COVERING_MM = 120.0  # distance of a covering object from the line of sight to the hand's middle, at most
 BEHIND_MM = 150.0  # distance behind a covered hand from which another object is not this hand
 MAX_REFUSED = 8  # number of places that are refused in the search of one frame
@@ -188,14 +189,19 @@ class Tracker:
             found = [one for one in [*seen, *more] if one is not None]
             least = min((one.selection_cost for one in found), default=np.inf)
             behind = any((one.crop <= NEAR_FACE).any() for one in found)  # something; then the cost says little
+            expected = self._expected(readings, track, time)
             if track.covered or behind or least > MAX_UNCOVERED * track.usual_cost:
-                track.covered = bool(self._expected(readings, track, time).support.covered[0] > MAX_COVERED)
-            if track.covered:
+                track.covered = bool(expected.support.covered[0] > MAX_COVERED)
+            if track.is_decided and expected.support.covered[0] > UNREAD:
+                # The fits as the other side have no expected pose for what is hidden.
+                more = [one for one in more if one is None or one.hand == track.hand]
+            if expected.support.hidden[0] > MAX_FLAT and self._is_behind_flat(depth, track, time):
+                track.covered, seen, more = True, [], []
+            elif track.covered:
                 seen, more = ([one for one in hands if self._goes_on(readings, track, one)] for hands in (seen, more))
             if track.take(seen, more, time):
                 continue
             confidence = max((one.chance for one in [*seen, *more] if one is not None), default=0.0)
-            expected = self._expected(readings, track, time)
             track.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
 
     def _estimates(
@@ -226,6 +232,10 @@ class Tracker:
         if found is None or found.selection_cost > MAX_DEARER * track.usual_cost:
             return False
         return bool(self.estimator.support(readings, found).covered[0] < MAX_COVERED_MOVED)
+
+    def _is_behind_flat(self, depth: NDArray[np.float32], track: HandTrack, time: float) -> bool:
+        """True if a flat object covers a large part of a hand where it is expected."""
+        return self.estimator.behind_flat(depth, track.best.expected(time), track.hand) > MAX_FLAT
 
     def _drop_other_objects(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
         """Drop tracks of objects that are not hands, which network and fit may resemble."""

@@ -48,10 +48,11 @@ def test_half_at_thirty_millimetres() -> None:
 
 
 def test_less_in_sight() -> None:
-    """The less was seen, the lower the confidence and the higher the expected error; whatever the reason."""
+    """The less was seen, the lower the confidence and the higher the expected error, most if it is covered."""
     signs = np.full((1, 8), 1.0)
     found = [
-        judged(signs, NONE, support(seen, hidden)) for seen, hidden in ((0.9, 0.1), (0.75, 0.2), (0.6, 0.0), (0.3, 0.6))
+        judged(signs, NONE, support(seen, hidden))
+        for seen, hidden in ((0.9, 0.1), (0.75, 0.0), (0.75, 0.2), (0.3, 0.6))
     ]
     errors, confidences = (np.ravel(values) for values in zip(*found))
     assert (np.diff(errors) > 0).all() and (np.diff(confidences) < 0).all() and confidences[-1] < 0.3

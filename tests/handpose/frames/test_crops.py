@@ -23,6 +23,7 @@ from handpose.frames.crops import (
     crops_of_windows,
     normalise_joints,
     restore_joints,
+    unread,
     window,
     with_hidden,
     without_flying_pixels,
@@ -223,3 +224,14 @@ def test_what_hides_the_hand() -> None:
     assert (hidden == -1).sum() > 100 and plain.min() == 0
     np.testing.assert_array_equal(hidden[hidden > -1], plain[hidden > -1])
     assert with_hidden(plain, np.full_like(depth, 600), center, 300.0, KINECT2) is plain
+
+
+def test_pixels_without_a_reading() -> None:
+    """Only pixels within the image can lack a reading: those of 0 and of NaN."""
+    depth = np.full((KINECT2.height, KINECT2.width), 600, np.float32)
+    depth[:, 100:110], depth[:, 110:120] = 0, np.nan
+    center = (100.0, 20.0, 600.0)
+    found, shown = unread(depth, center, 300.0, KINECT2), crop(depth, center, 300.0, KINECT2)
+    rows = window(np.array([center]), 300.0, KINECT2).rows[0]
+    assert (rows < 0).any() and not found[rows < 0].any()
+    np.testing.assert_array_equal(found[rows >= 0], shown[rows >= 0] == 1)
