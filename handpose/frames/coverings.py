@@ -29,7 +29,7 @@ _AROUND = np.ones((3, 3), np.uint8)
 class Covering(NamedTuple):
     """What is in front of an expected surface in a crop.
 
-    apart  (S, S) True for the pixels of objects that are no part of the hand
+    apart  (S, S) True for the pixels of objects other than the hand
     flat   share of the expected surface's pixels behind objects that are flat
     """
 
