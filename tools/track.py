@@ -44,15 +44,15 @@ from numpy.typing import NDArray
 from handpose import Recording, Tracker, load_predictor
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.frames.inspection import Inspection, inspect
+from handpose.tracking import sizing
 from handpose.tracking.lookahead import Lookahead
 from handpose.tracking.summary import Summary
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
 from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from netlib.errors import DataError
-from tools.common.arguments import add_engine, count, parser_of, whole
+from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
 from tools.common.console import DONE, aligned, errors_of, guarded, say
-from tools.common.hand_arguments import hand_size
 from tools.common.progress import ProgressBar
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
 from tools.common.stopper import StoppedError, Stopper
@@ -68,8 +68,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
                         help="hands in the recording, if known (default: either, decided from the depth)")  # fmt: skip
     parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
-    parser.add_argument("--size", type=hand_size, metavar="S",
-                        help="relative to the skeleton (default: estimated in the first seconds)")  # fmt: skip
+    parser.add_argument("--size", type=_size, metavar="S", help="relative to the skeleton (default: estimated)")
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
     add_engine(parser)
@@ -127,14 +126,11 @@ def _track(
                 stopper.check()
                 with errors_of(f"{recording.name}: frame {frame.number}"):
                     found = tracker.step(frame)
-                if outputs.is_live or recording.live:
-                    write([(frame.depth, found)])
-                else:
-                    write(smoothing.add(held.add(frame.depth, found)))
+                at_once = outputs.is_live or recording.live
+                write([(frame.depth, found)] if at_once else smoothing.add(held.add(frame.depth, found)))
                 progress(1)
         finally:
-            write(smoothing.add(held.finish()))
-            write(smoothing.finish())
+            write(smoothing.add(held.finish()) + smoothing.finish())
 
 
 def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextIO, doubt: str) -> None:
@@ -150,6 +146,14 @@ def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextI
         print(aligned(rows), file=talk)
     for name in outputs.written:
         say(f"wrote {name}", file=talk)
+
+
+def _size(text: str) -> float:
+    """Parse a size of hands that the fit supports."""
+    try:
+        return sizing.checked(positive_number(text))
+    except DataError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 if __name__ == "__main__":

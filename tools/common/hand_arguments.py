@@ -7,8 +7,7 @@ import argparse
 from handpose import CAMERAS, Camera
 from handpose.body.joint_formats.formats import FORMAT_NAMES
 from handpose.frames.crops import CUBES_MM
-from netlib.errors import DataError
-from tools.common.arguments import finite, finite_values, positive_number
+from tools.common.arguments import finite, finite_values
 
 MAX_PX = 1e6  # of focal lengths and principal points, as in a camera.json
 
@@ -50,13 +49,3 @@ def cube(text: str, part: float = 1.0) -> float:
 def half_cube(text: str) -> float:
     """Parse half the edge of a cube around a body, in mm."""
     return cube(text, 0.5)
-
-
-def hand_size(text: str) -> float:
-    """Parse a size of hands that the fit supports."""
-    from handpose.tracking import sizing  # imported here: other tools do not need it
-
-    try:
-        return sizing.checked(positive_number(text))
-    except DataError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
