@@ -23,7 +23,6 @@ from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
 from handpose.fit.support import Support, support
 from handpose.frames.cameras import Camera
-from handpose.frames.coverings import covering
 from handpose.frames.crops import BACKGROUND, SIZE, clear_crop, unread, with_hidden
 from handpose.frames.segmentation import alone
 from handpose.tracking.reasons import LEAVING, Expected
@@ -32,11 +31,10 @@ from netlib.errors import DataError
 
 LIKELY = 0.5  # minimum probability of a hand, by the locator
 ARM_PLACES = 5  # along a forearm
-# Of an expected surface: minimum shares without a reading, and behind other objects in the crop; and of its rest, at
-# least, at its place, or the hand itself has moved. In the ordinary frames of CVAR's P1, P3, P4, P7 and of hpx the
-# first is below 0.06 in 99% and at most 0.15, though 75% of a crop are background without readings; the second is at
-# most 0.20. With 0.15 for it, P1 and hpx were 0.5 and 1.0 mm less accurate.
-UNREAD, COVERED, AT_PLACE = 0.15, 0.21, 0.25
+# Of an expected surface: the minimum share without a reading; and of its rest, at least, at its place, or the hand
+# itself has moved. In the ordinary frames of CVAR's P1, P3, P4, P7 and of hpx the first is below 0.06 in 99% and at
+# most 0.15, though 75% of a crop are background without readings.
+UNREAD, AT_PLACE = 0.15, 0.25
 FACE_MM = 0.1  # distance from the far face to what is rendered, at least
 AROUND_MM = 15.0  # pixels without a reading this close to it may be of it
 HIDING = 0.08  # minimum share of the expected surface behind nearer readings: fewer are reflections, mostly next to it
@@ -98,27 +96,11 @@ class PoseEstimator:
         if seen.hidden[0] >= HIDING:
             crop = with_hidden(crop, readings, uvd, self.cube_mm, self.camera)
         missing = seen.missing[0] >= UNREAD and seen.outside[0] < LEAVING
-        covered = seen.hidden[0] >= COVERED
-        if region.alone or seen.seen[0] < AT_PLACE or not (missing or covered):
-            return crop
-        surface = self._rendered(body, region.side, uvd)
-        if missing:
-            around = cv2.dilate((surface < BACKGROUND).astype(np.uint8), self._around) > 0
+        if missing and seen.seen[0] >= AT_PLACE and not region.alone:
+            surface = self._rendered(body, region.side, uvd) < BACKGROUND
+            around = cv2.dilate(surface.astype(np.uint8), self._around) > 0
             crop = np.where(around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop)
-        if covered:
-            apart = covering(shown, surface, self.cube_mm / 2, uvd[2] / self.camera.fx).apart
-            crop = np.where(apart, np.float32(-1), crop)
         return crop
-
-    def behind_flat(self, depth: NDArray[np.float32], body: WorldPose, side: Side) -> float:
-        """The share of an expected body in an image, in mm, that a flat object covers."""
-        uvd = self.center_of(body, side)
-        try:
-            crop = clear_crop(depth, uvd, self.cube_mm, self.camera)
-        except DataError:  # outside the image
-            return 0.0
-        surface = self._rendered(body, side, uvd)
-        return covering(crop, surface, self.cube_mm / 2, uvd[2] / self.camera.fx).flat
 
     def _rendered(self, body: WorldPose, side: Side, center_uvd: Array) -> NDArray[np.float32]:
         """The crop (S, S) in [-1, 1] about a centre (3,) that a body without its limbs would have."""

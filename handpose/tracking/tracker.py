@@ -49,7 +49,6 @@ MAX_COVERED = 0.4  # share of a hand's expected surface that is covered: only a 
 MAX_COVERED_MOVED = 0.15  # share of that pose's own surface that is covered, at most
 MAX_DEARER = 2.0  # cost of that pose, relative to the average, at most
 MAX_UNCOVERED = 1.2  # cost of a pose, relative to the average, up to which the hand is not covered
-MAX_FLAT = 0.2  # share of a hand behind a flat object: no pose is accepted
 COVERING_MM = 120.0  # distance of a covering object from the line of sight to the hand's middle, at most
 BEHIND_MM = 150.0  # distance behind a covered hand from which another object is not this hand
 MAX_REFUSED = 8  # number of places that are refused in the search of one frame
@@ -195,9 +194,7 @@ class Tracker:
             if track.is_decided and expected.support.covered[0] > UNREAD:
                 # The fits as the other side have no expected pose for what is hidden.
                 more = [one for one in more if one is None or one.hand == track.hand]
-            if expected.support.hidden[0] > MAX_FLAT and self._is_behind_flat(depth, track, time):
-                track.covered, seen, more = True, [], []
-            elif track.covered:
+            if track.covered:
                 seen, more = ([one for one in hands if self._goes_on(readings, track, one)] for hands in (seen, more))
             if track.take(seen, more, time):
                 continue
@@ -232,10 +229,6 @@ class Tracker:
         if found is None or found.selection_cost > MAX_DEARER * track.usual_cost:
             return False
         return bool(self.estimator.support(readings, found).covered[0] < MAX_COVERED_MOVED)
-
-    def _is_behind_flat(self, depth: NDArray[np.float32], track: HandTrack, time: float) -> bool:
-        """True if a flat object covers a large part of a hand where it is expected."""
-        return self.estimator.behind_flat(depth, track.best.expected(time), track.hand) > MAX_FLAT
 
     def _drop_other_objects(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
         """Drop tracks of objects that are not hands, which network and fit may resemble."""

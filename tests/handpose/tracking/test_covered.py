@@ -123,17 +123,6 @@ def test_the_pose_of_a_part_that_is_read(begun: Tracker, resting: Take, share: f
             assert share < 0.5 or hand.confidence <= DOUBTFUL
 
 
-def test_an_object_that_nearly_touches(begun: Tracker, resting: Take) -> None:
-    """A flat object 60 mm in front of a hand is not the hand: a pose is right or doubtful, or none."""
-    near = resting.truth[BEGUN].hands[0].center_uvd[2] - 60
-    for share in (0.5, 0.7, 1.0):
-        for reported in after(begun, resting, share, near, 4):
-            for hand in reported.hands:
-                off = np.linalg.norm(hand.xyz - resting.truth[reported.number].hands[0].xyz, axis=1).mean()
-                assert share < 0.7 and (off < 20 or hand.confidence <= DOUBTFUL)
-            assert all(lost.reason == REASON for lost in reported.lost)
-
-
 @pytest.mark.parametrize("value", [250.0, 600.0])
 def test_frames_of_one_value(begun: Tracker, resting: Take, value: float) -> None:
     """A lens that is covered for a second shows no hand, whether or not one was tracked before."""

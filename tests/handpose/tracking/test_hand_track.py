@@ -136,6 +136,13 @@ def test_what_else_is_known(side_prior: float, side: Side) -> None:
     assert list(one.sides) == [side]
 
 
+def test_the_side_of_a_hand_among_other_things_is_not_decided() -> None:
+    """Fits without the surroundings prefer the wrong side too often: both sides are tracked, at most 68% sure."""
+    one = HandTrack(ESTIMATOR, both(right=9), 0.0, alone=True)
+    compared(one, [both(right=9)] * (5 * SECOND))
+    assert not one.is_decided and set(one.sides) == set(SIDES) and one.side_confidence == 0.68
+
+
 def test_a_side_that_is_not_seen_says_nothing() -> None:
     """A side out of sight is no evidence; a side whose crop shows no hand counts against that side."""
     one = HandTrack(ESTIMATOR, both(), 0.0, None)
