@@ -40,15 +40,17 @@ class Text:
         bias = "bias_term: false" if norm else ""
         top = self.add("Convolution", [bottom], f"convolution_param {{ {options} {bias} {FILLER} }}")
         if norm:
-            self.add("BatchNorm", [top], top=top)
-            self.add("Scale", [top], "scale_param { bias_term: true }", top=top)
+            self.norm_and_scale(top, top)
         return self.relu(top) if relu else top
 
     def normed(self, bottom: str) -> str:
         """BatchNorm, and behind it in place Scale and ReLU."""
-        top = self.add("BatchNorm", [bottom])
-        self.add("Scale", [top], "scale_param { bias_term: true }", top=top)
-        return self.relu(top)
+        return self.relu(self.norm_and_scale(bottom))
+
+    def norm_and_scale(self, bottom: str, top: str = "") -> str:
+        """BatchNorm, and behind it in place Scale."""
+        top = self.add("BatchNorm", [bottom], top=top)
+        return self.add("Scale", [top], "scale_param { bias_term: true }", top=top)
 
     def pool(self, bottom: str, kernel: int, stride: int, pad: int = 0, kind: str = "MAX") -> str:
         """Pooling; over the whole map if ``kernel`` is 0."""

@@ -157,8 +157,7 @@ def run_blocks(job: Callable[[slice, slice], None], parts: Iterator[tuple[slice,
     Several expensive blocks run on several threads; otherwise each may divide its channels between them.
     """
     jobs = [partial(job, *part) for part in parts]
-    run = parallel.run if cost >= len(jobs) * MIN_BLOCK_COST else parallel.run_here
-    run(jobs)
+    parallel.run(jobs, here=cost < len(jobs) * MIN_BLOCK_COST)
 
 
 def image_blocks(images: int, outputs: Sequence[int], columns: int) -> Iterator[tuple[slice, slice]]:

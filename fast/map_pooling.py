@@ -84,12 +84,7 @@ class Windows:
         """Call ``job`` for all blocks of maps, on several threads if there are enough values."""
         values = max(self.padded[0] * self.padded[1], 1)
         size = max(1, BLOCK_BYTES // (4 * values))
-        block = blocks(maps, size)
-        if maps * values < 2 * PART:
-            for rows in block:
-                job(rows)
-        else:
-            parallel.run([partial(job, rows) for rows in block])
+        parallel.run([partial(job, rows) for rows in blocks(maps, size)], here=maps * values < 2 * PART)
 
 
 def running(op: np.ufunc, values: Array, k: int, out: Array) -> None:

@@ -78,10 +78,14 @@ def is_inside() -> bool:
     return bool(getattr(_here, "inside", False))
 
 
-def run(jobs: Sequence[Callable[[], None]]) -> None:
-    """Run all jobs, in any order, and return when all are done. Raises the first exception of a job."""
-    if len(jobs) < 2 or is_inside():
-        run_here(jobs)
+def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
+    """Run all jobs, in any order, and return when all are done. Raises the first exception of a job.
+
+    here  in the calling thread, which is faster for jobs of little work
+    """
+    if here or len(jobs) < 2 or is_inside():
+        for job in jobs:
+            job()
         return
     pool = _pool()
     helpers = min(pool.count, len(jobs) - 1)
@@ -107,12 +111,6 @@ def run(jobs: Sequence[Callable[[], None]]) -> None:
         other.result()
     if failed:
         raise failed[0]
-
-
-def run_here(jobs: Sequence[Callable[[], None]]) -> None:
-    """Run all jobs in the calling thread."""
-    for job in jobs:
-        job()
 
 
 _scratch = threading.local()

@@ -121,9 +121,8 @@ def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> N
     threads = parallel.threads() if SIDE * SIDE * O * C * N * R * T >= MIN_COST else 1
     bands = min(threads, R)
     each = min(max(WEIGHT_BYTES // (SIDE * SIDE * C * w.itemsize), MIN_OUTPUTS), -(-O // threads))
-    run = parallel.run if threads > 1 else parallel.run_here
-    run([partial(transform, rows) for rows in blocks(R, -(-R // bands))])
-    run([partial(job, o) for o in blocks(O, each)])
+    parallel.run([partial(transform, rows) for rows in blocks(R, -(-R // bands))], here=threads == 1)
+    parallel.run([partial(job, o) for o in blocks(O, each)], here=threads == 1)
 
 
 def _weights(w: Array, out: Array) -> Array:

@@ -39,8 +39,8 @@ def _as_sides(
     model, found = estimator.model, [seen.estimate for seen in sides]
     center = np.stack([hand.mirrored_center_mm for hand in found])
     mirror = np.stack([mirror_of(hand.hand) for hand in found])
-    raw = _variables(track, model, [seen.estimate.body for seen in sides], center)
-    x = _variables(track, model, [seen.smooth for seen in sides], center) if smooth else raw
+    raw = variables_of(model, [seen.estimate.body for seen in sides], center, track.size)
+    x = variables_of(model, [seen.smooth for seen in sides], center, track.size) if smooth else raw
     xyz, *raw_xyz = ((model.joints(pose) + center[:, None]) * mirror[:, None] for pose in ([x, raw] if smooth else [x]))
     error_mm, confidence = (np.array([getattr(hand, name) for hand in found]) for name in ("error_mm", "confidence"))
     judged = Judged(error_mm, confidence, np.stack([hand.finger_error_mm for hand in found]))
@@ -72,9 +72,9 @@ def _as_sides(
     ]
 
 
-def _variables(track: HandTrack, model: CapsuleModel, poses: Sequence[WorldPose], center: Array) -> Array:
+def variables_of(model: CapsuleModel, poses: Sequence[WorldPose], center: Array, size: float | None) -> Array:
     """The model's variables (N, V) of poses in crops with these centres (N, 3), of the known size if there is one."""
     x = np.stack([crop_variables(model, *pose) for pose in zip(poses, center)])
-    if track.size is not None:
-        x[:, SIZE] = np.log(track.size)  # instead of a filtered one
+    if size is not None:
+        x[:, SIZE] = np.log(size)  # instead of a filtered one
     return x

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.render import in_front, normalise_depth, render_crop
+from handpose.body.render import in_front, render_crop
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
 from handpose.estimate.hand import Hand
@@ -97,19 +97,17 @@ class PoseEstimator:
             crop = with_hidden(crop, readings, uvd, self.cube_mm, self.camera)
         missing = seen.missing[0] >= UNREAD and seen.outside[0] < LEAVING
         if missing and seen.seen[0] >= AT_PLACE and not region.alone:
-            surface = self._rendered(body, region.side, uvd) < BACKGROUND
-            around = cv2.dilate(surface.astype(np.uint8), self._around) > 0
+            around = cv2.dilate(self._outline(body, region.side, uvd), self._around) > 0
             crop = np.where(around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop)
         return crop
 
-    def _rendered(self, body: WorldPose, side: Side, center_uvd: Array) -> NDArray[np.float32]:
-        """The crop (S, S) in [-1, 1] about a centre (3,) that a body without its limbs would have."""
+    def _outline(self, body: WorldPose, side: Side, center_uvd: Array) -> NDArray[np.uint8]:
+        """1 for the pixels (S, S) of a crop about a centre (3,) that would show a body without its limbs."""
         x = crop_variables(self.model, body, body.place)[None]
         capsules = self.model.capsules(x, body.place[None]).mirrored(mirror_of(side)).chosen(~self.model.surface.limbs)
         d, cube = center_uvd[2:], self.cube_mm
         image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, self.camera, SIZE)[0]
-        shown = image < d + cube / 2 - FACE_MM
-        return np.where(shown, normalise_depth(image[None], d, cube)[0], np.float32(BACKGROUND))
+        return (image < d + cube / 2 - FACE_MM).astype(np.uint8)
 
     def surroundings(self, depth: NDArray[np.float32], center_uvd: Array) -> float:
         """The share of the readings in a crop about a centre (3,) that do not belong to a hand there; 0 without any."""

@@ -188,10 +188,11 @@ class Tracker:
             found = [one for one in [*seen, *more] if one is not None]
             least = min((one.selection_cost for one in found), default=np.inf)
             behind = any((one.crop <= NEAR_FACE).any() for one in found)  # something; then the cost says little
-            expected = self._expected(readings, track, time)
-            if track.covered or behind or least > MAX_UNCOVERED * track.usual_cost:
-                track.covered = bool(expected.support.covered[0] > MAX_COVERED)
-            if track.is_decided and expected.support.covered[0] > UNREAD:
+            doubtful = track.covered or behind or least > MAX_UNCOVERED * track.usual_cost
+            covered = self._expected(readings, track, time).support.covered[0] if doubtful or more else 0.0
+            if doubtful:
+                track.covered = bool(covered > MAX_COVERED)
+            if track.is_decided and covered > UNREAD:
                 # The fits as the other side have no expected pose for what is hidden.
                 more = [one for one in more if one is None or one.hand == track.hand]
             if track.covered:
@@ -199,6 +200,7 @@ class Tracker:
             if track.take(seen, more, time):
                 continue
             confidence = max((one.chance for one in [*seen, *more] if one is not None), default=0.0)
+            expected = self._expected(readings, track, time)
             track.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
 
     def _estimates(

@@ -16,7 +16,8 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from handpose.body.sides import mirror_of
-from handpose.fit.body import SIZE, CapsuleModel, WorldPose, crop_variables
+from handpose.fit.body import SIZE, CapsuleModel, WorldPose
+from handpose.tracking.output import variables_of
 from handpose.tracking.smoothing import PoseFilter, turn_between, turned
 from handpose.tracking.track import TrackedFrame, TrackedHand
 
@@ -84,9 +85,7 @@ class TwoWaySmoothing(Generic[T]):
         assert hand.poses is not None
         model, poses, mirror = self._model, hand.poses, mirror_of(hand.hand)
         body, center = middle_of(poses.smoothed, backward), hand.origin_mm * mirror
-        x = crop_variables(model, body, center)[None]
-        if poses.size is not None:
-            x[:, SIZE] = np.log(poses.size)
+        x = variables_of(model, [body], center[None], poses.size)
         return replace(
             hand,
             inputs=model.inputs_of(x)[0],
