@@ -6,12 +6,15 @@ import configparser
 import importlib
 import re
 import shlex
+import signal
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+import tools
 from handpose import __version__
 from handpose.__main__ import EXAMPLES, GROUPS, NET_TOOLS, commands, main
 from tests.support.running import Done, run_python
@@ -32,11 +35,14 @@ def shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     """``shown("track", "--help")``: the output of ``handpose track --help``, run in this process, which is faster."""
 
     def run(*words: str) -> str:
-        with monkeypatch.context() as patch, pytest.raises(SystemExit) as ended:
+        interrupt = signal.getsignal(signal.SIGINT)
+        with monkeypatch.context() as patch, warnings.catch_warnings(), pytest.raises(SystemExit) as ended:
+            patch.setattr(tools, "_is_program", False)  # as the signal and the warnings, changed by tools.begin
             patch.setattr(sys, "argv", ["handpose", *words])
             patch.setattr(sys, "path", [*sys.path])
             patch.setitem(sys.modules, "__main__", sys.modules["__main__"])
             main()
+        signal.signal(signal.SIGINT, interrupt)
         assert ended.value.code == 0
         return capsys.readouterr().out
 
