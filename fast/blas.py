@@ -76,7 +76,7 @@ def has_several_threads() -> bool:
 
 @contextmanager
 def several_threads(count: int) -> Iterator[None]:
-    """Let OpenBLAS compute each product inside the block with ``count`` threads of its own.
+    """Let OpenBLAS compute each product inside the block with ``count`` threads of BLAS.
 
     A waiting thread starts in a few microseconds, so products of 0.05 ms gain from it. Where sums are long, rounding
     depends on the number of threads.
