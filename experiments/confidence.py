@@ -39,20 +39,20 @@ from netlib.errors import DataError, NetlibError
 SURE = 0.9
 # Chosen by recordings left out. Of 1, 0.25, 0.1 and 0.05 for what is no hand: with 1, 12% of the hands have less than
 # 50%, with 0.05 more of the others have more. Of 0, 0.3, 1, 3 and 10 for the weights in use: up to 1 they are alike.
-OTHERS, SHRINK = 0.1, 1.0
+OTHERS, SHRINK = 0.1, 0.3
 
 
 class Poses(NamedTuple):
     """N tracked poses of one recording: what was seen of them, and their true errors (N,) in mm."""
 
     name: str
-    signs: Array  # (N, 8)
+    signs: Array  # (N, 9)
     lag_mm: Array  # (N,)
     support: Support
     error_mm: Array
 
     def judged(self, weights: Array, constant: float) -> tuple[Array, Array]:
-        """The expected errors and the confidence (N,) with other weights (8,)."""
+        """The expected errors and the confidence (N,) with other weights (9,)."""
         return judged(self.signs, self.lag_mm, self.support, weights, constant)
 
 
@@ -90,7 +90,7 @@ def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
 
 
 def fitted(recordings: Sequence[Poses], shrink: float = SHRINK) -> tuple[Array, float, float]:
-    """Weights (8,), constant and spread of the log errors; every recording counts alike, no weight is below 0.
+    """Weights (9,), constant and spread of the log errors; every recording counts alike, no weight is below 0.
 
     shrink  weight of the squared difference from the weights in use, against the mean squares of one recording
     """

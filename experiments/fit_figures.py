@@ -56,6 +56,7 @@ class Figures:
     right    per plan, (N,) True if the frame's fit is less uncertain than its mirror image's; if requested
     roll     (N,) degrees: rotation of the palm in the image from its mean pose, -180 to 180
     limbs    (N, L) errors of the limbs' inputs of the network
+    poses    (N, L) the limbs' inputs themselves
     """
 
     network: Array
@@ -67,6 +68,7 @@ class Figures:
     right: dict[str, Array]
     roll: Array
     limbs: Array
+    poses: Array
 
 
 def measure(
@@ -90,10 +92,11 @@ def measure(
             fitters[block.unit] = fitter_of(block.unit)
         fitter = fitters[block.unit]
         x = fit_starts(net, fitter.model, block.crops, (0,))[0]
-        limbs = fitter.model.limbs
+        truth, limbs = fitter.model.variables_of(block.inputs), fitter.model.limbs
         part = {
             "network": mean_errors_14(fitter.model.joints(x), block.joints),
-            "limbs": (x - fitter.model.variables_of(block.inputs))[:, limbs],
+            "limbs": (x - truth)[:, limbs],
+            "poses": truth[:, limbs],
             "roll": roll_of(fitter.model.skeleton, block.inputs),
         }
         right, left = (
@@ -122,6 +125,7 @@ def measure(
         right=per_plan("right"),
         roll=whole["roll"],
         limbs=whole["limbs"],
+        poses=whole["poses"],
     )
 
 

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import Geometry, at, image_blocks, run_blocks, run_parts, run_product
+from fast.geometry import Geometry, at, image_blocks, run_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
 
@@ -80,7 +80,7 @@ def _correlate(g: Geometry, w: Array, after: After, columns: Array, y: Array) ->
         multiply(g, w, columns, result, o)
         after.write(by_image[:, o], target[:, o], o, axis=1)
 
-    run_product(job, O, g.group, w.size * columns.shape[1], result.size)
+    run_parts(job, O, g.group, w.size * columns.shape[1])
 
 
 def _transpose(
@@ -112,7 +112,7 @@ def _transpose_in_place(g: Geometry, w: Array, after: After, dy: Array, dx: Arra
         multiply_transposed(g, w, dy, dx, c)
         after.write(dx[c], dx[c], c)
 
-    run_product(job, len(dx), g.group, w.size * dy.shape[1], dx.size)
+    run_parts(job, len(dx), g.group, w.size * dy.shape[1])
 
 
 def _gradient(g: Geometry, columns: Array, dy: Array, dw: Array) -> None:
@@ -124,7 +124,7 @@ def _gradient(g: Geometry, columns: Array, dy: Array, dw: Array) -> None:
         factor = columns.reshape(g.group, -1, L)[group].swapaxes(1, 2)
         dw[o] += (dy[o].reshape(-1, each, L) @ factor).reshape(dw[o].shape)
 
-    run_product(job, O, g.group, dw.size * L, dw.size)
+    run_parts(job, O, g.group, dw.size * L)
 
 
 def _is_pointwise(g: Geometry) -> bool:

@@ -17,7 +17,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fast import blas, parallel
+from fast import parallel
 from fast.fusing import After
 from netlib.blob import Array
 from netlib.system.memory import blocks
@@ -25,9 +25,6 @@ from netlib.system.memory import blocks
 MIN_PART = 32  # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
 MIN_BLOCK_COST = 5_000_000  # multiplications of a block, on average, from which blocks run on several threads
 MIN_PARTS_COST = 20_000_000  # multiplications; a virtual processor wakes a thread more slowly than a smaller product
-MIN_BLAS_COST = 750_000  # multiplications for each of BLAS's threads
-MAX_BLAS_COST = 40_000_000  # multiplications, from which a thread that computes many values should also activate them
-MAX_BLAS_VALUES = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -152,17 +149,6 @@ def channel_parts(channels: int, group: int, cost: float) -> list[slice]:
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
     """Call ``job`` for each of ``channel_parts``, on several threads."""
     parallel.run([partial(job, part) for part in channel_parts(channels, group, cost)])
-
-
-def run_product(job: Callable[[slice], None], channels: int, group: int, cost: float, values: int) -> None:
-    """The same if a product of ``values`` takes most of the time of ``job``: small ones on BLAS's threads."""
-    count = min(parallel.threads(), int(cost / group / MIN_BLAS_COST))
-    is_small = values <= MAX_BLAS_VALUES or cost < MAX_BLAS_COST
-    if count > 1 and is_small and not parallel.is_inside() and blas.has_several_threads():
-        with blas.several_threads(count):
-            job(slice(0, channels))
-    else:
-        run_parts(job, channels, group, cost)
 
 
 def run_blocks(job: Callable[[slice, slice], None], parts: Iterator[tuple[slice, slice]], cost: float) -> None:

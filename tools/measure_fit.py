@@ -53,6 +53,8 @@ TERMS = {  # omitted term -> weights
     "free space": replace(Weights(), front=0.0),
     "both": replace(Weights(), outline=0.0, front=0.0),
     "limbs' prior": replace(Weights(), limbs=0.05),
+    "natural poses": replace(Weights(), poses=0.0),
+    "less forearm": replace(Weights(), beyond=1.0),
     "palm's prior": replace(Weights(), rigid=140.0),
     "size": replace(Weights(), size=0.0),
     "thickness": replace(Weights(), thickness=1e-3),

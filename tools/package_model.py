@@ -4,10 +4,10 @@
     python tools/package_model.py snapshots/synthetic_iter_80000.caffemodel.h5 \
         --model models/synthetic_hand/deploy.prototxt --out models/synthetic_hand/synthetic_hand.caffemodel.h5
 
-Errors are measured on training frames of a recipe (listed by tools/make_synthetic.py --help) that the network was not
-trained on: the errors of its angles, which determine further starts of a fit and its prior; and how the uncertainty of
-each plan relates to joint errors, which gives the confidence. Weights of a net without a hand model are only rounded
-and compressed. Caffe can read the file.
+Measured on training frames of a recipe (listed by tools/make_synthetic.py --help) that the network was not trained on:
+the errors of its angles, which determine further starts of a fit and its prior; the distribution of the angles, natural
+poses for the fit; and how the uncertainty of each plan relates to joint errors, which gives the confidence. Weights of
+a net without a hand model are only rounded and compressed. Caffe can read the file.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import argparse
 import hashlib
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -31,7 +32,7 @@ from handpose.estimate.nets import hand_layer, refuse_other_bodies, skeleton_to_
 from handpose.estimate.packaged import net_content, rounded, write_model
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.network_errors import NetworkErrors, covariance, table_of, uncertainty_of, weights_of
+from handpose.fit.network_errors import NetworkErrors, Poses, covariance, table_of, uncertainty_of, weights_of
 from handpose.fit.search import PLANS, Plan
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
@@ -100,11 +101,11 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
         exact = measured(None, ())
         _round(net, args.bits)
         first = measured(None, ())
-        errors = NetworkErrors(covariance(first.limbs), {}, {})
+        errors = NetworkErrors(covariance(first.limbs), {}, {}, Poses.of(first.poses))
         found = measured(errors, list(PLANS.values()))
     weights = {plan: weights_of(found.signs[plan], found.fits[plan]) for plan in PLANS}
     tables = {plan: table_of(uncertainty_of(found.signs[plan], weights[plan]), found.fits[plan]) for plan in PLANS}
-    write_model(net, NetworkErrors(errors.limbs, tables, weights), args.out)
+    write_model(net, replace(errors, tables=tables, weights=weights), args.out)
     say(f"{args.frames} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
         f"{args.bits} bits {first.network.mean():.2f} mm, "
         + ", ".join(f"{plan} fit {errors.mean():.2f} mm" for plan, errors in found.fits.items()))  # fmt: skip

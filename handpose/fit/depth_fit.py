@@ -93,7 +93,7 @@ class DepthFitter:
     ) -> None:
         self.model = model
         self.errors = errors or unknown_errors(self.model)
-        self.objective = Objective(self.model, weights or Weights())
+        self.objective = Objective(self.model, weights or Weights(), self.errors.poses)
         self.precision = np.linalg.inv(self.errors.limbs)
 
     @classmethod

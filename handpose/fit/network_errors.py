@@ -1,8 +1,9 @@
-"""The errors of a network and of the fits after it, measured once and stored in the weights file.
+"""The errors of a network and of the fits after it, and natural poses, measured once and stored in the weights file.
 
 A weights file in Caffe's HDF5 layout has a group ``data``; a group ``fit`` next to it, which Caffe ignores, has
 
     fit/limbs          (L, L) covariance of the errors of the limbs' inputs: spread of further starts, and prior
+    fit/poses          (L + 1, L) mean of the limbs' inputs in natural poses, and below it their covariance; optional
     fit/PLAN           (k, 3) for each plan, ascending: uncertainty, expected error in mm, P(error < 30 mm)
     fit/PLAN.signs     (5,) weights >= 0 with the sum 1, for the uncertainty
 
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,14 +28,28 @@ from netlib.files import Content, hdf5
 from netlib.snapshots import snapshot
 
 GROUP = "fit"
-LIMBS = "limbs"
+LIMBS, POSES = "limbs", "poses"
 GOOD_MM = 30.0  # a fit with a larger error has failed
+POSE_STD = 0.02  # radians: added to the deviations of natural poses
 UNKNOWN_STD = 0.3  # radians: assumed error of the limbs of a network whose errors were not measured
 LOST_MM = 150.0  # upper bound of expected errors: then the hand is elsewhere
 KNOTS = 24  # maximum number of rows of a table
 SIGNS = ("surface", "outline", "front", "prior", "moved")
 _SUFFIX = ".signs"
 _RIDGE = 1e-4  # keeps weights finite where failures are separable
+
+
+class Poses(NamedTuple):
+    """The distribution of natural poses: mean (L,) and covariance (L, L) of the limbs' inputs."""
+
+    mean: Array
+    covariance: Array
+
+    @classmethod
+    def of(cls, limbs: Array) -> Poses:
+        """That of poses (N, L); a limb that moves in none is as if it moved by POSE_STD."""
+        mean = limbs.mean(axis=0)
+        return cls(mean, covariance(limbs - mean) + np.eye(len(mean)) * POSE_STD**2)
 
 
 @dataclass(frozen=True)
@@ -43,11 +59,13 @@ class NetworkErrors:
     limbs    (L, L) covariance of the errors of the limbs' inputs
     tables   for each measured plan (k, 3): uncertainty, expected error in mm, probability of an error below GOOD_MM
     weights  for each measured plan (5,): of the signs
+    poses    natural poses; None if they are unknown
     """
 
     limbs: Array
     tables: dict[str, Array]
     weights: dict[str, Array]
+    poses: Poses | None = None
 
     def expected(self, plan: str, signs: Array) -> tuple[Array, Array, Array]:
         """Uncertainty, expected error in mm, and probability of an error below GOOD_MM, (N,) each, for signs (N, 5).
@@ -82,8 +100,15 @@ def read_errors(path: str | Path | Content, model: CapsuleModel) -> NetworkError
         found = {name: np.asarray(item, dtype=np.float64) for name, item in hdf5.members(file[GROUP])}
     limbs = found.pop(LIMBS, np.zeros(0))
     L = len(model.limbs)
-    if limbs.shape != (L, L) or not np.isfinite(limbs).all() or np.linalg.eigvalsh(limbs).min(initial=1.0) <= 0:
+    if limbs.shape != (L, L) or not _is_covariance(limbs):
         raise DataError(f"{path}: {GROUP}/{LIMBS} of shape {limbs.shape}, expected a covariance ({L}, {L})")
+    poses = found.pop(POSES, None)
+    if poses is not None and (
+        poses.shape != (L + 1, L) or not np.isfinite(poses).all() or not _is_covariance(poses[1:])
+    ):
+        raise DataError(
+            f"{path}: {GROUP}/{POSES} of shape {poses.shape}, expected a mean and a covariance ({L + 1}, {L})"
+        )
     weights = {name.removesuffix(_SUFFIX): found.pop(name) for name in list(found) if name.endswith(_SUFFIX)}
     if set(weights) != set(found):
         raise DataError(f"{path}: {GROUP}: {', '.join(sorted(set(weights) ^ set(found)))}: a table without weights of "
@@ -98,13 +123,18 @@ def read_errors(path: str | Path | Content, model: CapsuleModel) -> NetworkError
             raise DataError(
                 f"{path}: {GROUP}/{name} of shape {table.shape}, expected rows of uncertainty, error, chance"
             )
-    return NetworkErrors(limbs, found, weights)
+    return NetworkErrors(limbs, found, weights, None if poses is None else Poses(poses[0], poses[1:]))
+
+
+def _is_covariance(values: Array) -> bool:
+    return bool(np.isfinite(values).all() and np.linalg.eigvalsh(values).min(initial=1.0) > 0)
 
 
 def arrays_of(errors: NetworkErrors) -> dict[str, Array]:
     """The arrays of a file's group ``fit`` by name, as ``read_errors`` reads them."""
     weights = {plan + _SUFFIX: own for plan, own in errors.weights.items()}
-    return {LIMBS: errors.limbs, **errors.tables, **weights}
+    poses = {} if errors.poses is None else {POSES: np.vstack(errors.poses)}
+    return {LIMBS: errors.limbs, **poses, **errors.tables, **weights}
 
 
 def uncertainty_of(signs: Array, weights: Array) -> Array:

@@ -2,10 +2,13 @@
 
 surface  points on the capsules, robust (Geman-McClure): k q / (k + q) for the squared distance q, with k the square of
          ``robust``. Errors of neighbouring points are correlated, so all of a frame count as ``independent`` points.
+         Points on capsules that the skeleton does not have, a hand's forearm, count less, because sleeves and
+         everything else that touches them would pull the body.
 outline  spheres outside the silhouette, robust likewise
 front    spheres in front of the surface, robust likewise
-prior    limbs near the start's angles (covariance of the network's errors), the palm near the network's, the surface's
-         own variables near their means, size and thickness near the skeleton's
+prior    limbs near the start's angles (covariance of the network's errors) and in natural poses (normal distribution),
+         the palm near the network's, the surface's own variables near their means, size and thickness near the
+         skeleton's
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ import numpy as np
 from handpose.body.nyu import CUBE_MM
 from handpose.fit.body import CapsuleModel, Posed
 from handpose.fit.depth_residuals import nearest_capsules, point_residuals, sphere_residuals, spheres_of
+from handpose.fit.network_errors import Poses
 from handpose.fit.observation import Floats, Observation
 from handpose.fit.residuals import Residuals, cones_of, joined, normal_equations
 from netlib.blob import Array
@@ -27,8 +31,8 @@ MIN_SIZE_STD = 1e-4  # deviation of the logarithm of a size that is known
 
 @dataclass(frozen=True)
 class Weights:
-    """The weights of the terms, chosen on synthetic frames that are in no reported result; ``outline`` also on the real
-    recordings of docs/fit.md.
+    """The weights of the terms, chosen on synthetic frames that are in no reported result; ``outline``, ``beyond`` and
+    ``poses`` also on real recordings: docs/fit.md.
 
     For a body in a cube larger than a hand's, lengths in mm and the robust distance are scaled accordingly.
     """
@@ -38,7 +42,9 @@ class Weights:
     outline: float = 2.0
     front: float = 0.1
     slack: float = 3.0  # mm that a sphere may extend into free space
+    beyond: float = 0.3  # of points on capsules beyond the skeleton's joints
     limbs: float = 1.0
+    poses: float = 0.2  # of natural poses
     rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
     size: float = 0.08  # deviation of the logarithm of the size; 0: it is known
     thickness: float = 0.08  # deviation of the logarithm of the thickness
@@ -71,19 +77,25 @@ class Cost(NamedTuple):
 
 
 class Objective:
-    """The terms of frames, as a function of x."""
+    """The terms of frames, as a function of x.
 
-    def __init__(self, model: CapsuleModel, weights: Weights) -> None:
-        self.model, self.weights = model, weights
+    poses  natural poses; None: all are alike
+    """
+
+    def __init__(self, model: CapsuleModel, weights: Weights, poses: Poses | None = None) -> None:
+        self.model, self.weights, self.poses = model, weights, poses
         self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
         self.spheres = spheres_of(model)
         deviation = np.append(model.deviation, [max(weights.size, MIN_SIZE_STD), weights.thickness])
         self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a finite deviation
         self.plain_precision = deviation[self.plain] ** -2.0
+        self.counts = np.where(model.surface.limbs, weights.beyond, 1.0).astype(np.float32)
+        if poses is not None:
+            self.natural = weights.poses * np.linalg.inv(poses.covariance)
 
     def of_known_size(self) -> Objective:
         """The same terms for bodies with the size of their start."""
-        return Objective(self.model, replace(self.weights, size=0.0))
+        return Objective(self.model, replace(self.weights, size=0.0), self.poses)
 
     def prior_of(self, x: Array, precision: Array) -> Prior:
         """The prior of fits that start at x (N, V), with the precision (L, L) of the limbs' variables."""
@@ -109,7 +121,8 @@ class Objective:
         q[:, :, :P] = q[:, :1, :P] + q[:, 1:, :P]  # a point's two residuals are robust together
         weight = np.empty_like(q)
         unit = w.independent / sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
-        weight[:, :, :P] = (seen.known * unit.astype(np.float32))[:, None]
+        counts = self.counts[m.residuals.capsule[:, :P]]
+        weight[:, :, :P] = (seen.known * counts * unit.astype(np.float32))[:, None]
         weight[:, :, P:] = np.array([w.outline, w.front], np.float32)[:, None] / np.float32(sigma**2)
         robustly = k / (k + q)
         weight *= robustly
@@ -130,8 +143,16 @@ class Objective:
         d = x - prior.x
         b = d @ prior.curvature
         cost = (b * d).sum(axis=1)
+        if self.poses is not None:
+            d = x[:, model.limbs] - self.poses.mean
+            pull = d @ self.natural
+            b[:, model.limbs] += pull
+            cost += (pull * d).sum(axis=1)
         d = (posed.ends[:, model.rigid] - prior.rigid).reshape(len(x), -1) / rigid
         J = posed.motion[:, model.rigid].reshape(*d.shape, -1).astype(np.float64) / rigid
         A = J.swapaxes(1, 2) @ J + prior.curvature
+        if self.poses is not None:
+            rows, columns = np.ix_(model.limbs, model.limbs)
+            A[:, rows, columns] += self.natural
         b += (J.swapaxes(1, 2) @ d[..., None])[..., 0]
         return cost + (d * d).sum(axis=1), A, b

@@ -8,6 +8,7 @@ reported is judged by more signs, all 0 or more:
     behind       mm, by which its joints are behind the surface that was read: the hand hides them itself
     before       mm, by which they are in front of it, in empty space
     penetration  mm, mean over the capsules of how deep another part penetrates them
+    guessed      share of the fingers' own surface towards the camera that was not seen, mean over the fingers
 
 The logarithm of the error in mm is taken to be normally distributed, with the deviation SPREAD. Its mean is
 
@@ -53,10 +54,10 @@ from handpose.fit.support import JointDepths, Support, joint_depths, support_of_
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
-SIGNS = (*FIT_SIGNS, "behind", "before", "penetration")
-WEIGHTS = np.array([0.21, 0.09, 0.08, 0.01, 0.36, 0.33, 0.04, 0.10])
-CONSTANT = -0.47
-SPREAD = 0.4  # between the deviation in the regression, 0.37, and in recordings left out, 0.25 to 0.64
+SIGNS = (*FIT_SIGNS, "behind", "before", "penetration", "guessed")
+WEIGHTS = np.array([0.32, 0.0, 0.05, 0.0, 0.46, 0.0, 0.0, 0.45, 0.22])
+CONSTANT = -0.18
+SPREAD = 0.43  # the deviation in the regression
 # Share of the surface that faces the camera and was not seen at its place; factors of confidence and expected error.
 UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (0.15, 0.3, 0.45, 0.6), (1.0, 0.7, 0.3, 0.1), (1.0, 1.3, 2.0, 3.0)
 COVERED, MIN_COVERED = 2.0, 0.1  # covered or unread shares above it count three times: other poses explain the rest
@@ -68,13 +69,13 @@ SIDE_SLOPE = 8.0  # of the log-odds of a side by the mean ratio
 MAX_SIGN = 1e6  # instead of the infinite signs of an empty crop
 
 
-def pose_signs(fit: Array, depths: JointDepths, penetration_mm: Array) -> Array:
-    """The signs (N, 8) of N poses; ``fit`` (N, 5) are those of their fits."""
-    return np.minimum(np.column_stack([fit, depths.behind, depths.before, penetration_mm]), MAX_SIGN)
+def pose_signs(fit: Array, depths: JointDepths, penetration_mm: Array, guessed: Array) -> Array:
+    """The signs (N, 9) of N poses; ``fit`` (N, 5) are those of their fits."""
+    return np.minimum(np.column_stack([fit, depths.behind, depths.before, penetration_mm, guessed]), MAX_SIGN)
 
 
 def mean_log_error(signs: Array, lag_mm: Array, weights: Array = WEIGHTS, constant: float = CONSTANT) -> Array:
-    """The mean (N,) of the logarithm of the error in mm, of poses with these signs (N, 8)."""
+    """The mean (N,) of the logarithm of the error in mm, of poses with these signs (N, 9)."""
     fit = np.exp(np.log1p(signs) @ weights + constant)
     return np.asarray(np.log(np.sqrt(fit**2 + lag_mm**2 + signs[:, SIGNS.index("before")] ** 2)))
 
@@ -82,7 +83,7 @@ def mean_log_error(signs: Array, lag_mm: Array, weights: Array = WEIGHTS, consta
 def judged(
     signs: Array, lag_mm: Array, support: Support, weights: Array = WEIGHTS, constant: float = CONSTANT
 ) -> tuple[Array, Array]:
-    """Expected error in mm, and probability of an error below GOOD_MM, (N,) each, of poses with these signs (N, 8)."""
+    """Expected error in mm, and probability of an error below GOOD_MM, (N,) each, of poses with these signs (N, 9)."""
     mean = mean_log_error(signs, lag_mm, weights, constant)
     unseen = 1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0)
     error = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
@@ -117,7 +118,7 @@ class OfFingers(NamedTuple):
 class Evidence(NamedTuple):
     """What an image shows of N poses.
 
-    signs    (N, 8), those of ``SIGNS``
+    signs    (N, 9), those of ``SIGNS``
     lag_mm   (N,) distance of the joints from those of the fit
     support  of the whole hand
     fingers  None for bodies without fingers
@@ -173,13 +174,13 @@ def evidence_of(
     lag = np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1)
     in_camera = (joints + center_mm[:, None]) * mirror[:, None]
     depths = joint_depths(in_camera, readings, camera)
-    signs = pose_signs(fit_signs, depths, model.surface.mean_penetration(capsules))
+    shares = np.stack([part.seen for part in seen], axis=1) if seen else np.ones((len(x), 1))
+    signs = pose_signs(fit_signs, depths, model.surface.mean_penetration(capsules), 1 - shares.mean(axis=1))
     if fingers is None:
         return Evidence(signs, lag, whole, None)
     shape = len(x), len(seen)
     behind, before = joint_depths(fingers.joints(in_camera).reshape(-1, 3, 3), readings, camera)
     lags = np.linalg.norm(fingers.joints(joints) - fingers.joints(fit_joints), axis=3).mean(axis=2)
-    shares = np.stack([part.seen for part in seen], axis=1)
     return Evidence(signs, lag, whole, OfFingers(behind.reshape(shape), before.reshape(shape), lags, shares))
 
 

@@ -154,6 +154,12 @@ def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> 
     return JointDepths(*(np.clip(way * behind, 0, FAR_MM).sum(axis=1) / count for way in (1, -1)))
 
 
+def joints_in_empty_space(joints: Array, depth: NDArray[np.floating], camera: Camera) -> NDArray[np.int_]:
+    """The number (N,) of the joints (N, K, 3) in mm, camera axes, whose pixel shows something far behind them."""
+    reading, inside = _readings(joints, depth, camera)
+    return np.asarray((inside & (reading > joints[..., 2] + APART_MM)).sum(axis=1))
+
+
 def _readings(
     points: Array, depth: NDArray[np.floating], camera: Camera
 ) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:

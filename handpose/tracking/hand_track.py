@@ -24,6 +24,7 @@ ENOUGH = 0.3  # minimum confidence of a hand
 SURE = 0.985  # confidence below which a full fit is run
 PAUSE, MAX_PAUSE = 0.25, 1.0  # s between full fits; doubled after each without improvement
 SOON = 0.06  # s between full fits after an alarm, or if the side is uncertain
+CONTRADICTED = 2  # number of joints in empty space from which a full fit is run
 TROUBLE, ALARM = 1.4, 2.0  # selection cost relative to its average: run the network; run a full fit
 HABIT = 0.1  # weight of the last frame in the average selection cost
 BETTER = 0.9  # ratio of selection costs that counts as an improvement
@@ -202,22 +203,21 @@ class HandTrack:
     def other_regions(
         self, depth: NDArray[np.float32], estimates: Sequence[Hand | None], time: float
     ) -> list[SearchRegion]:
-        """Further search regions for a full fit, if the pose or the side is uncertain.
+        """Further search regions for a full fit, if the pose or the side is uncertain, or the image contradicts it.
 
         These are the last pose, and the hand found by the locator, or else the palm predicted by the network, there as
         either side: a side decided in bad conditions may be wrong.
         """
-        sure = max((estimate.chance for estimate in estimates if estimate is not None), default=0.0)
-        alarmed = (
-            min((estimate.selection_cost for estimate in estimates if estimate is not None), default=np.inf)
-            > ALARM * self.usual_cost
-        )
+        found = [estimate for estimate in estimates if estimate is not None]
+        sure = max((estimate.chance for estimate in found), default=0.0)
+        best = min(found, key=lambda estimate: estimate.selection_cost, default=None)
+        alarmed = best is None or best.selection_cost > ALARM * self.usual_cost or best.in_empty_space >= CONTRADICTED
         pause = COMPARE if not self.is_decided else SOON if alarmed else self._pause
         if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
             return []
         self._looked = time
         regions = []
-        for side, estimate in ((estimate.hand, estimate) for estimate in estimates if estimate is not None):
+        for side, estimate in ((estimate.hand, estimate) for estimate in found):
             center = self._estimator.hand_near(depth, estimate)
             regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self._size, alone=self.alone))
             if self.is_decided:

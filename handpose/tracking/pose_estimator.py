@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -21,7 +22,7 @@ from handpose.estimate.locator import recenter
 from handpose.estimate.predictor import Predictor
 from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
-from handpose.fit.support import Support, support
+from handpose.fit.support import Support, joints_in_empty_space, support
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import BACKGROUND, SIZE, clear_crop, unread, with_hidden
 from handpose.frames.segmentation import alone
@@ -70,6 +71,10 @@ class PoseEstimator:
             with contextlib.suppress(DataError):  # outside the image
                 candidates[i] = self._candidate(depth, region, readings)
         found = dict(zip(candidates, self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan)))
+        if found:
+            joints = np.array([hand.xyz for hand in found.values()])
+            empty = joints_in_empty_space(joints, depth, self.camera).tolist()
+            found = {i: replace(hand, in_empty_space=n) for (i, hand), n in zip(found.items(), empty)}
         return [found.get(i) for i in range(len(regions))]
 
     def _candidate(

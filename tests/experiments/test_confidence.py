@@ -27,7 +27,7 @@ def poses(name: str, weights: np.ndarray, constant: float, seed: int, count: int
 
 def test_weights_are_found_again():
     """Weights, constant and spread of made errors are found, whatever the length of each recording."""
-    weights, constant = np.array([0.3, 0.0, 0.2, 0.1, 0.25, 0.3, 0.1, 0.0]), 0.5
+    weights, constant = np.array([0.3, 0.0, 0.2, 0.1, 0.25, 0.3, 0.1, 0.0, 0.2]), 0.5
     made = [poses("a", weights, constant, seed=1), poses("b", weights, constant, seed=2, count=4000)]
     found, at, spread = fitted(made, shrink=0.0)
     np.testing.assert_allclose(found, weights, atol=0.03)

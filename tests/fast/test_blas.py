@@ -8,7 +8,7 @@ import pytest
 from tests.support.running import run_python
 
 ROOT = Path(__file__).resolve().parents[2]
-OURS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_CORETYPE", "OPENBLAS_THREAD_TIMEOUT")
+OURS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_CORETYPE")
 
 
 def run(code: str, **environment: str) -> str:
@@ -34,41 +34,6 @@ def test_one_thread_a_product(first: str) -> None:
     if not counts:
         pytest.skip("NumPy has no OpenBLAS here")
     assert set(counts) == {"1"}
-
-
-SEVERAL = """
-get = blas._functions_of_numpy()[0] if blas._functions_of_numpy() else lambda: "no OpenBLAS"
-print(get())
-with blas.several_threads(3):
-    print(get())
-    with blas.several_threads(2):
-        print(get())
-print(get())
-"""
-
-
-@pytest.mark.parametrize(
-    ("first", "environment", "expected"),
-    [
-        ("import netlib, numpy", {}, "1 3 3 1"),
-        ("import numpy, netlib", {}, "1 1 1 1"),  # too late to limit the waiting of the threads
-        ("import netlib, numpy", {"OPENBLAS_NUM_THREADS": "1"}, "1 1 1 1"),
-        ("import netlib, numpy", {"OPENBLAS_NUM_THREADS": "2"}, "2 2 2 2"),
-    ],
-)
-def test_several_threads(first: str, environment: dict[str, str], expected: str) -> None:
-    """Products inside a block use its threads, and those behind it one, unless the user has set a number."""
-    counts = run(f"{first}\nfrom fast import blas{SEVERAL}", **environment).split()
-    if counts[0] == "no":
-        pytest.skip("NumPy has no OpenBLAS here")
-    assert counts == expected.split()
-
-
-def test_a_child_process_uses_several_threads_as_its_parent() -> None:
-    """A process that inherits the environment computes with the same threads, so that rounding is the same."""
-    code = "import netlib, numpy; from fast import blas; print(blas.has_several_threads())"
-    child = f"import netlib, subprocess, sys; subprocess.run([sys.executable, '-c', {code!r}], check=True)"
-    assert run(child) == run(code)
 
 
 def test_the_user_decides() -> None:

@@ -28,6 +28,7 @@ def test_packaging(tmp_path, monkeypatch):
     assert len(small) < 0.5 * (tmp_path / "big.caffemodel.h5").stat().st_size
     errors = read_errors("small.caffemodel.h5", CapsuleModel(skeleton.load(), 150.0))
     assert set(errors.tables) == {"fast", "accurate"} and len(errors.limbs) == 20
+    assert errors.poses is not None and errors.poses.mean.shape == (20,)
     own = ["--weights", "small.caffemodel.h5", "--model", DEPLOY]
     run_tool("measure_fit", *own, "--frames", "3", "--recipes", "nyu")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.body.sides import MIRROR, SIDES, Side, mirror_of
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import EMPTY_SPACE_MM, Hand
 from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
@@ -80,6 +80,7 @@ def test_errors_that_were_not_measured(model: CapsuleModel) -> None:
     assert empty.chance == 0
     known = fitted(model, "right")
     assert known.chance == known.confidence and known.selection_cost == known.error_mm
+    assert replace(known, in_empty_space=4).selection_cost == known.error_mm + 4 * EMPTY_SPACE_MM
 
 
 def test_the_side_lowers_the_confidence(model: CapsuleModel) -> None:

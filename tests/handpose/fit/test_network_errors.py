@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from handpose.fit.body import CapsuleModel
 from handpose.fit.network_errors import (
     GOOD_MM,
+    POSE_STD,
     SIGNS,
     UNKNOWN_STD,
     NetworkErrors,
+    Poses,
     arrays_of,
     covariance,
     read_errors,
@@ -58,6 +60,20 @@ def test_read(model: CapsuleModel, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.weights["fast"], EVEN)
 
 
+def test_natural_poses(model: CapsuleModel, tmp_path: Path) -> None:
+    """Mean and covariance of poses are stored and read; a limb that never moves keeps the covariance invertible."""
+    limbs = np.random.default_rng(0).normal(0.5, 0.2, (1000, 20))
+    limbs[:, 7] = 0.1
+    poses = Poses.of(limbs)
+    np.testing.assert_allclose(poses.mean, limbs.mean(axis=0))
+    np.testing.assert_allclose(poses.covariance, np.cov(limbs.T, bias=True) + np.eye(20) * POSE_STD**2)
+    found = read_errors(write(tmp_path / "w.h5", **arrays_of(NetworkErrors(np.eye(20), {}, {}, poses))), model).poses
+    assert found is not None
+    np.testing.assert_array_equal(found.mean, poses.mean)
+    np.testing.assert_array_equal(found.covariance, poses.covariance)
+    assert read_errors(write(tmp_path / "without.h5", limbs=np.eye(20)), model).poses is None
+
+
 def test_weights_that_nobody_measured(model: CapsuleModel, tmp_path: Path) -> None:
     """For Caffe's weights, or those of another format, a default spread is assumed and the confidence is NaN."""
     with h5py.File(tmp_path / "w.h5", "w") as file:
@@ -81,6 +97,10 @@ ZEROS = TABLE * (0, 1, 1) + ((0, 0, 0), (1, 0, 0), (2, 0, 0))
         ("no limbs", {"fast": TABLE}, f"fit/limbs of shape (0,), {LIMBS}"),
         ("negative limbs", {"limbs": -np.eye(20)}, f"fit/limbs of shape (20, 20), {LIMBS}"),
         ("NaN limbs", {"limbs": np.eye(20) * np.nan}, f"fit/limbs of shape (20, 20), {LIMBS}"),
+        ("poses without a mean", {"limbs": np.eye(20), "poses": np.eye(20)},
+         "fit/poses of shape (20, 20), expected a mean and a covariance (21, 20)"),
+        ("poses that are all alike", {"limbs": np.eye(20), "poses": np.zeros((21, 20))},
+         "fit/poses of shape (21, 20), expected a mean and a covariance (21, 20)"),
         ("no signs", {"limbs": np.eye(20), "fast": TABLE}, f"fit: fast: {SIGNLESS}"),
         ("no table", {"limbs": np.eye(20), "slow.signs": EVEN}, f"fit: slow: {SIGNLESS}"),
         ("descending", {"limbs": np.eye(20), "fast": TABLE[::-1], "fast.signs": EVEN},

@@ -9,6 +9,7 @@ import pytest
 
 from handpose.fit import objective as objectives
 from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.network_errors import Poses
 from handpose.fit.objective import Objective, Prior, Weights
 from tests.handpose.fit.conftest import Scene
 
@@ -63,6 +64,40 @@ def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
     known = objective.of_known_size()
     x[4, SIZE] += 0.01
     assert cost(known, x, scene).parts[4, PRIOR] > 1000 > cost(objective, x, scene).parts[4, PRIOR]
+
+
+def test_natural_poses_cost_less(model: CapsuleModel, scene: Scene) -> None:
+    """The squared distance from the mean pose, in units of the covariance, adds to the prior, with its gradient."""
+    rng, L = np.random.default_rng(1), len(model.limbs)
+    poses = Poses.of(rng.normal(0.3, 0.2, (500, L)) @ rng.normal(0, 0.3, (L, L)))
+    weights = Weights(poses=0.5, outline=0.0, front=0.0, independent=1e-9)
+    plain, natural = Objective(model, weights), Objective(model, weights, poses)
+    x = moved(scene)
+    off = x[:, model.limbs] - poses.mean
+    expected = 0.5 * (off * np.linalg.solve(poses.covariance, off.T).T).sum(axis=1)
+    found = cost(natural, x, scene).parts - cost(plain, x, scene).parts
+    np.testing.assert_allclose(found[:, PRIOR], expected)
+    assert not found[:, :PRIOR].any()
+    assert (cost(natural.of_known_size(), x, scene).parts[:, PRIOR] > expected).all()
+    (A, b), (plain_A, plain_b) = equations(natural, x, scene), equations(plain, x, scene)
+    step = np.zeros(model.variables)
+    step[model.limbs] = rng.normal(0, 1e-2, L)
+    change = cost(natural, x + step, scene).total - cost(natural, x - step, scene).total
+    plain_change = cost(plain, x + step, scene).total - cost(plain, x - step, scene).total
+    np.testing.assert_allclose(change - plain_change, 4 * (b - plain_b) @ step)
+    np.testing.assert_allclose(step @ (A - plain_A) @ step, step[model.limbs] @ natural.natural @ step[model.limbs])
+
+
+def test_a_forearm_counts_less(model: CapsuleModel, scene: Scene) -> None:
+    """Points on the skeleton's own capsules count fully, those on a forearm by the weight ``beyond``."""
+    weights = Weights(beyond=0.5)
+    whole, less = (Objective(model, w) for w in (Weights(beyond=1.0), weights))
+    measured = whole.measure(scene.truth, scene.seen, prior_of(whole, scene))
+    P = scene.seen.points.shape[2]
+    weight = [one.weigh(measured, scene.seen, 40.0).weight[:, :, :P] for one in (whole, less)]
+    arm = model.surface.limbs[measured.residuals.capsule[:, :P]]
+    assert 0.01 < arm.mean() < 0.5
+    np.testing.assert_allclose(weight[1], weight[0] * np.where(arm, 0.5, 1.0)[:, None], rtol=1e-6)
 
 
 @pytest.mark.parametrize("robust", [40.0, 10.0])

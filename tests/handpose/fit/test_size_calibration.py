@@ -26,7 +26,7 @@ def test_the_size_of_a_hand(model: CapsuleModel, scene: Scene, size: float, thic
     fitted = scene.truth + np.random.default_rng(0).normal(0, 0.03, scene.truth.shape)
     done: list[int] = []
     found = calibrate_size(DepthFitter(model), seen, fitted, done.append)
-    assert found.size == pytest.approx(size, abs=0.012) and found.thickness == pytest.approx(thickness, abs=0.05)
+    assert found.size == pytest.approx(size, abs=0.012) and found.thickness == pytest.approx(thickness, abs=0.07)
     assert found.deviation < 0.02 and sum(done) == 12 * len(GRID)
     assert found.costs.argmin() == np.abs(GRID - size).argmin() and not found.at_the_edge
 

@@ -9,7 +9,7 @@ import pytest
 
 from handpose.body.render import render
 from handpose.fit.body import CapsuleModel
-from handpose.fit.support import FAR_MM, Support, joint_depths, support, support_of_parts
+from handpose.fit.support import FAR_MM, Support, joint_depths, joints_in_empty_space, support, support_of_parts
 from handpose.frames.cameras import KINECT2
 
 CAMERA = replace(KINECT2, width=512, height=424)
@@ -78,7 +78,11 @@ def test_joints_in_the_image(image: np.ndarray) -> None:
     joints = np.stack([surface * (1 + dz / d) for dz in (12, -30, 500)])[None]
     found = joint_depths(joints, image, CAMERA)
     np.testing.assert_allclose([found.behind[0], found.before[0]], [(12 + FAR_MM) / 3, 10], rtol=1e-4)
+    assert joints_in_empty_space(joints, image, CAMERA) == [1]
+    assert joints_in_empty_space(joints * (1 - 35 / d), image, CAMERA) == [2]
+    assert joints_in_empty_space(joints * (1 + 15 / d), image, CAMERA) == [0]  # 15 mm in front
     missing = image.copy()
     missing[v, u] = np.nan
     for nothing in (missing, np.zeros_like(image)):
+        assert joints_in_empty_space(joints, nothing, CAMERA) == [0]
         assert [*np.ravel(joint_depths(joints, nothing, CAMERA))] == [0, 0]

@@ -38,9 +38,10 @@ DEPTH = np.zeros((1, 1), np.float32)  # unused by the fake estimator
 class AtPlace(Hand):
     """A hand of which only the place is known."""
 
-    def __init__(self, body: WorldPose, fit: DepthFit, side: Side, is_tracked: bool) -> None:
+    def __init__(self, body: WorldPose, fit: DepthFit, side: Side, is_tracked: bool, empty: int) -> None:
         crop = np.zeros((128, 128), np.float32)
-        super().__init__(side, crop, body.place, 300.0, NYU, np.zeros((1, 3)), fit, is_tracked=is_tracked)
+        super().__init__(side, crop, body.place, 300.0, NYU, np.zeros((1, 3)), fit, is_tracked=is_tracked,
+                         in_empty_space=empty)  # fmt: skip
         vars(self)["body"] = body
 
 
@@ -51,13 +52,14 @@ def estimate(
     confidence: float = 1.0,
     error: float = 5.0,
     goes_on: bool = True,
+    in_empty_space: int = 0,
 ) -> Hand:
     """An estimate of a hand at x mm."""
     one, none = np.ones(1), np.zeros((1, 3))
     fit = DepthFit(none, one, none, none, cost * one, cost * one, error * one, confidence * one, none,
                    np.full((1, 5), 3.0), one)  # fmt: skip
     body = WorldPose(np.array([x, 0, 600]), np.eye(3), np.zeros(4))
-    return AtPlace(body, fit, side, goes_on)
+    return AtPlace(body, fit, side, goes_on, in_empty_space)
 
 
 def both(x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float) -> list[Hand]:
@@ -262,6 +264,17 @@ def test_the_other_hand_is_looked_for_soon() -> None:
         if one.hand == "right":
             break
     assert n * FRAME < 0.6
+
+
+def test_a_finger_in_empty_space() -> None:
+    """A pose that the image contradicts gets a second look however certain its fit is, and any other pose is better."""
+    one = HandTrack(ESTIMATOR, [estimate()], 0.0, None)
+    followed(one, [[estimate()]] * 9)
+    there, contradicted = ([estimate(error=3, in_empty_space=count)] for count in (1, 2))
+    assert one.is_sure and one.other_regions(DEPTH, there, 10 * FRAME) == []
+    assert one.other_regions(DEPTH, contradicted, 10 * FRAME)
+    assert one.take(contradicted, [estimate(x=7, error=8)], 10 * FRAME)
+    assert one.best.estimate.body.place[0] == 7
 
 
 def test_a_hand_in_trouble() -> None:

@@ -107,7 +107,7 @@ def test_confidence_and_error_are_of_the_reported_pose(model: CapsuleModel, esti
         return hand.confidence, hand.error_mm
 
     whole, error = judged(image)
-    assert whole > 0.95 and error < 15
+    assert whole > 0.9 and error < 20
     for worse in (judged(image, smooth=True, apart=30), judged(covered), judged(EMPTY)):
         assert worse[0] < whole - 0.05 and worse[1] > error + 2
     assert judged(EMPTY)[0] < 0.1
