@@ -9,6 +9,7 @@ where it stopped.
 from __future__ import annotations
 
 import errno
+import io
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -186,17 +187,64 @@ def _fill(path: Path, rows: int, columns: Columns, pieces: Iterable[Columns], at
 
 
 def _lay_out(path: Path, rows: int, columns: Columns, attributes: Mapping[str, object]) -> dict[str, int]:
-    """Create the file with empty data sets; returns their offsets."""
+    """Write the file with empty data sets; returns their offsets."""
     plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     plist.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     plist.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
     # Data sets begin on whole pages, which is fastest for reads and memory maps.
-    with h5py.File(path, "w", locking=False, alignment_threshold=1 << 16, alignment_interval=4096) as file:
+    image = _Sparse()
+    with h5py.File(image, "w", alignment_threshold=1 << 16, alignment_interval=4096) as file:
         for name, value in attributes.items():
             file.attrs[name] = value
         for name, array in columns.items():
             file.create_dataset(name, (rows, *array.shape[1:]), array.dtype, dcpl=plist)
+    with path.open("r+b") as out:
+        for first, piece in image.pieces:
+            out.seek(first)
+            out.write(piece)
+        out.truncate(image.size)
     return _offsets(path)
+
+
+class _Sparse(io.RawIOBase):
+    """A file in memory that keeps only what is written, so that it can be larger than the memory.
+
+    pieces  offsets and bytes, in the order of writing
+    size    in bytes
+    """
+
+    def __init__(self) -> None:
+        self.pieces: list[tuple[int, bytes]] = []
+        self.size = self._at = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self.size}[whence]
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def write(self, content: Any) -> int:
+        piece = bytes(content)
+        self.pieces.append((self._at, piece))
+        self._at += len(piece)
+        self.size = max(self.size, self._at)
+        return len(piece)
+
+    def readinto(self, buffer: Any) -> int:
+        out = memoryview(buffer).cast("B")
+        count = max(0, min(len(out), self.size - self._at))
+        out[:count] = bytes(count)
+        for first, piece in self.pieces:
+            begin, end = max(first, self._at), min(first + len(piece), self._at + count)
+            if begin < end:
+                out[begin - self._at : end - self._at] = piece[begin - first : end - first]
+        self._at += count
+        return count
+
+    def truncate(self, size: int | None = None) -> int:
+        self.size = self._at if size is None else size
+        return self.size
 
 
 def _offsets(path: Path) -> dict[str, int]:

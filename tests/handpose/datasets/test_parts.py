@@ -55,6 +55,17 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
     assert (tmp_path / "part.h5").read_text() == "before"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file that HDF5 lays out and the disk cannot hold raises OSError with its name, not an error of HDF5."""
+    opened = Path.open
+    full = lambda path, mode="r", **options: opened(Path("/dev/full") if mode == "r+b" else path, mode, **options)  # noqa: E731
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(OSError, match=r"No space left on device: '.*part.h5'"):
+        parts.write_part(Part(tmp_path / "part.h5", 60, ""), COLUMNS, pieces(60), dict)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_room(tmp_path: Path) -> None:
     """Insufficient disk space raises an error in MB, also for a folder that does not exist yet."""
     for folder in (tmp_path, tmp_path / "new" / "er"):
