@@ -40,8 +40,8 @@ class _Writer(Protocol):
 class RecordingWriter:
     """Writes a recording that exists after the block, also if an exception or Ctrl-C ends it.
 
-    On a full disk a folder keeps all frames so far, FILE.mkv all but the last seconds, unless it replaces an old one,
-    and FILE.npz, which is written at the end, none: an old file is kept.
+    On a full disk a new folder keeps all frames so far, a new FILE.mkv all but the last seconds, and FILE.npz, which is
+    written at the end, none. An old recording that was to be replaced is kept instead.
 
     path     a folder, FILE.npz, or FILE.mkv
     camera   of the frames, with their size; the frames have no distortion
@@ -137,7 +137,7 @@ class StackWriter:
 
     def close(self) -> None:
         """Make the file of all whole frames."""
-        with self._stack:
+        with atomic.error_names(self._path), self._stack:
             if self._times:
                 atomic.replace(self._path, self._fill)
 

@@ -29,14 +29,14 @@ class FolderWriter:
     """Writes each frame at once, completely or not at all; times are rounded to microseconds.
 
     replace  a recording written in the same way; no other files are ever removed. It is kept until the end, when the
-             new one, written next to it, replaces it, unless that has no frame
+             new one, written next to it, replaces it, unless that has no frame or the disk has failed
     """
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None, replace: bool = False) -> None:
-        self._path, self._unit, self._last = path, unit_mm, -1
+        self._path, self._unit, self._last, self._failed = path, unit_mm, -1, False
         _end_what_was_killed(Path(os.path.realpath(path)))
         old = [name for name in names_in(path) if not name.startswith(".")]
-        foreign = sorted(name for name in old if not OURS.fullmatch(name) and name != camera_file.NAME)
+        foreign = sorted(name for name in old if not _is_ours(path / name))
         if old and (foreign or not replace):
             held = f"holds {foreign[0]}, which no recording has" if foreign and replace else "is not empty"
             raise NetlibError(f"{path}: {held}; name a new folder" + ("" if replace else " or replace it by --force"))
@@ -60,8 +60,12 @@ class FolderWriter:
             raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
         content = cv2.imencode(".png", stored(frame.depth, self._unit, where))[1].tobytes()
         name = f"{micro:012d}us.png"
-        with atomic.error_names(self._path / name):
-            atomic.replace(self._fresh / name, lambda fresh: fresh.write_bytes(content), sync=False)
+        try:
+            with atomic.error_names(self._path / name):
+                atomic.replace(self._fresh / name, lambda fresh: fresh.write_bytes(content), sync=False)
+        except OSError:
+            self._failed = True
+            raise
         self._last = micro
 
     def discard(self) -> None:
@@ -76,11 +80,15 @@ class FolderWriter:
 
     def close(self) -> None:
         """Sync the names to the disk and remove an old recording."""
-        with self._stack:
+        with atomic.error_names(self._path), self._stack:
             atomic.sync_directory(self._fresh)
-            if self._old and self._last >= 0:
-                with atomic.error_names(self._path):
-                    _take_place(self._fresh, self._old)
+            if self._old and self._last >= 0 and not self._failed:
+                _take_place(self._fresh, self._old)
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether this is a file of a recording, by its name; a folder of that name is not, and may hold others' files."""
+    return bool(OURS.fullmatch(path.name) or path.name == camera_file.NAME) and (path.is_symlink() or not path.is_dir())
 
 
 def put_back(path: Path) -> None:
@@ -113,7 +121,7 @@ def _take_place(fresh: Path, path: Path) -> None:
 def _discard(old: Path, path: Path) -> None:
     """Remove an old recording; files that are not part of it move to the new one. Raises OSError."""
     for name in names_in(old):
-        if not (OURS.fullmatch(name) or name == camera_file.NAME):
+        if not _is_ours(old / name):
             (old / name).rename(path / name)
     atomic.discard(old, path)
 

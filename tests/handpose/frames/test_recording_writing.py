@@ -144,6 +144,34 @@ def test_an_old_recording_stands_till_the_new_one_has_frames(tmp_path: Path, cou
     assert {path.name for path in tmp_path.iterdir()} == {"take", place.name}
 
 
+def test_an_old_recording_is_kept_if_the_disk_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame that cannot be written keeps an old folder, not the frames so far; a new folder keeps those."""
+    write(tmp_path / "take", frames(3))
+    before, replace = contents(tmp_path / "take"), atomic.replace
+
+    def full(path: Path, *arguments: Any, **options: Any) -> None:
+        if "000000066667us" in path.name:  # the third frame
+            raise OSError(28, "No space left on device")
+        replace(path, *arguments, **options)
+
+    monkeypatch.setattr(atomic, "replace", full)
+    for name in ("take", "new"):
+        with pytest.raises(OSError, match="No space left"):
+            write(tmp_path / name, frames(4), replace=True)
+    assert contents(tmp_path / "take") == before and open_recording(tmp_path / "new").count == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "take"]
+
+
+def test_a_folder_with_the_name_of_a_frame(tmp_path: Path) -> None:
+    """A folder that is named as a frame is none: the recording is not replaced, and the folder's files stay."""
+    write(tmp_path, frames(3))
+    (tmp_path / "000009000000us.png").mkdir()
+    (tmp_path / "000009000000us.png" / "mine").touch()
+    with pytest.raises(NetlibError, match="holds 000009000000us"):
+        write(tmp_path, frames(3), replace=True)
+    assert (tmp_path / "000009000000us.png" / "mine").exists()
+
+
 def test_an_old_recording_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """If the new recording cannot be renamed, the old one is restored."""
     write(tmp_path / "take", frames(3))
