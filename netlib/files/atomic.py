@@ -29,7 +29,7 @@ BACKUP = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.old")  # backup name of a rep
 @contextlib.contextmanager
 def temporary(path: Path) -> Iterator[Path]:
     """Yield an empty file next to ``path``, to be filled and renamed; removed if it is not. Raises OSError."""
-    with _new(path, lambda fresh: os.close(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))) as fresh:
+    with _new(path, _create) as fresh:
         yield fresh
 
 
@@ -38,6 +38,16 @@ def temporary_folder(path: Path) -> Iterator[Path]:
     """Yield an empty folder next to ``path``, to be filled and renamed; removed if it is not. Raises OSError."""
     with _new(path, os.mkdir) as fresh:
         yield fresh
+
+
+def _create(path: Path) -> None:
+    """Create an empty file exclusively; removed again if closing it fails, as network file systems do."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        os.close(descriptor)
+    except BaseException:
+        _remove(path)
+        raise
 
 
 @contextlib.contextmanager

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -44,28 +46,43 @@ def held(path: Path) -> Iterator[bool | None]:
         yield None if descriptor is None else take(descriptor)
     finally:
         if descriptor is not None:
-            os.close(descriptor)
+            _close(descriptor)
+
+
+def _close(descriptor: int) -> None:
+    """Close a descriptor that only held a lock: no data depend on it, so an error of the disk has no effect."""
+    with contextlib.suppress(OSError):
+        os.close(descriptor)
 
 
 class Lock:
     """A lock file that exists until ``release`` or until this process ends; ``taken`` is True while it is held.
 
-    A forked child process does not hold it.
+    A forked child process does not hold it. Raises OSError, also if a link, or anything else that is not a regular file
+    with one name, is in the place of the lock file: it would be changed.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.holder = ""  # process that holds the lock instead
         while True:  # retry if the file was removed between opening and locking
-            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
+            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK | getattr(os, "O_NONBLOCK", 0), 0o666)
+            found = os.fstat(self._descriptor)
+            if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+                _close(self._descriptor)
+                raise OSError(errno.EINVAL, "it is not a regular file with one name")
             locked = take(self._descriptor)
             self.taken = locked is not False
             if not locked or is_still(path, self._descriptor):
                 break
             os.close(self._descriptor)
         if self.taken:
-            os.ftruncate(self._descriptor, 0)
-            os.write(self._descriptor, f"{os.getpid()}\n".encode())
+            try:
+                os.ftruncate(self._descriptor, 0)
+                os.write(self._descriptor, f"{os.getpid()}\n".encode())
+            except BaseException:
+                self.release()
+                raise
             call_after_fork(self)
         else:
             self.holder = os.read(self._descriptor, 100).decode(errors="replace").strip()
@@ -77,7 +94,7 @@ class Lock:
             self.taken = False
             with contextlib.suppress(OSError):
                 self.path.unlink()
-            os.close(self._descriptor)
+            _close(self._descriptor)
 
     def after_fork(self) -> None:
         """Give up the lock in a child process; the parent keeps it."""

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,28 @@ def test_a_planted_link(tmp_path: Path) -> None:
     with pytest.raises(OSError, match=r"Too many levels of symbolic links: '.*\.lock'$"):
         locks.Lock(tmp_path / ".lock")
     assert (tmp_path / "precious").read_text() == "mine"
+
+
+@pytest.mark.parametrize("plant", [lambda path, mine: os.link(mine, path), lambda path, mine: os.mkfifo(path)])
+def test_a_planted_file(tmp_path: Path, plant: Callable[[Path, Path], None]) -> None:
+    """A hard link to another file, or a pipe, in place of the lock file is neither changed nor removed."""
+    (tmp_path / "precious").write_text("mine")
+    plant(tmp_path / ".lock", tmp_path / "precious")
+    with pytest.raises(OSError, match="not a regular file with one name"):
+        locks.Lock(tmp_path / ".lock")
+    assert (tmp_path / "precious").read_text() == "mine" and (tmp_path / ".lock").exists()
+
+
+def test_a_full_disk_leaves_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lock file into which the process number cannot be written is removed."""
+
+    def full(*arguments: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(locks.os, "write", full)
+    with pytest.raises(OSError, match="No space left"):
+        locks.Lock(tmp_path / ".lock")
+    assert not (tmp_path / ".lock").exists()
 
 
 def test_a_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
