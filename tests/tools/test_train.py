@@ -266,6 +266,34 @@ def test_a_start_that_fails_leaves_an_older_log_alone(work, solver):
     assert (work / "old.log").read_text() == "old" and not (work / "new").exists()
 
 
+def test_a_training_that_is_rejected_leaves_an_older_log_alone(work):
+    """A second training of the same snapshots, or one that cannot write them, does not begin a log."""
+    (work / "old.log").write_text("old")
+    (work / "snapshots").mkdir()
+    first = locks.Lock(work / "snapshots" / ".net.netlib.lock")
+    assert "another training is writing" in mistake(["solver.prototxt", "--log", "old.log"])
+    first.release()
+    (work / "snapshots").rmdir()
+    (work / "snapshots").touch()
+    done = run_tool("train", "solver.prototxt", "--log", "old.log", status=1)
+    assert "cannot write snapshots there" in done.err.splitlines()[-1]
+    assert (work / "old.log").read_text() == "old"
+
+
+def test_a_log_with_another_name(work):
+    """A hard link is rejected, because the file has another name under which it would change."""
+    (work / "precious").write_text("mine")
+    os.link("precious", "train.log")
+    assert "a hard link" in mistake(["solver.prototxt", "--log", "train.log"])
+    assert (work / "precious").read_text() == "mine"
+
+
+def test_a_pipe_without_a_reader(work):
+    """A log that is a pipe which no process reads is an error, not a wait."""
+    os.mkfifo("pipe.log")
+    assert mistake(["solver.prototxt", "--log", "pipe.log"]).startswith("pipe.log: cannot write the log: ")
+
+
 def test_a_log_that_another_process_writes(work):
     """A log that another process writes is not changed."""
     with open("train.log", "a+") as other:

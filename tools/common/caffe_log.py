@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from netlib.errors import NetlibError, reason_of
 from netlib.files import locks
@@ -31,6 +32,9 @@ class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a gene
             super().emit(record)
         else:
             self.bar.print(self.format(record), self.stream)
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Ignore that standard error cannot be written: the error could only be reported there."""
 
 
 class LogFile(logging.FileHandler):
@@ -57,7 +61,10 @@ class LogFile(logging.FileHandler):
             if path.is_symlink() and (path.is_file() or not path.exists()):
                 raise NetlibError(f"{self._path}: is a symbolic link; name the log file itself")
             self.stream = self._open()
-            if Path(self._path).is_file():  # terminals and the null device are not locked
+            if path.is_file():  # terminals and the null device are not locked
+                if os.fstat(self.stream.fileno()).st_nlink > 1:
+                    self.close()
+                    raise NetlibError(f"{self._path}: has another name (a hard link), under which it would change, too")
                 if locks.take(self.stream.fileno()) is False:
                     self.close()
                     raise NetlibError(
@@ -70,6 +77,13 @@ class LogFile(logging.FileHandler):
             raise NetlibError(f"{self._path}: cannot write the log: {reason_of(error)}") from error
         while self._early:
             self.emit(self._early.pop(0))
+
+    def _open(self) -> Any:
+        """Open the file; a pipe without a reader is an error, not a wait."""
+        stream = open(self.baseFilename, self.mode, encoding=self.encoding, opener=_at_once)  # noqa: SIM115
+        if hasattr(os, "O_NONBLOCK"):
+            os.set_blocking(stream.fileno(), True)
+        return stream
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write or buffer one record."""
@@ -98,6 +112,10 @@ class LogFile(logging.FileHandler):
         """Close the file; buffered data that cannot be written is lost."""
         with contextlib.suppress(OSError):
             super().close()
+
+
+def _at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 
 @contextlib.contextmanager

@@ -22,7 +22,7 @@ from netlib.proto import prototxt
 from netlib.solver import Solver
 from netlib.training import callbacks, solver_parameter
 from netlib.training.callbacks import Callback, Functions
-from tools.common.caffe_log import BarHandler, log_to
+from tools.common.caffe_log import BarHandler, LogFile, log_to
 from tools.common.console import DONE, duration, on_missing_data
 from tools.common.progress import ProgressBar
 from tools.common.ranks import callbacks_of, ended_together, threads_of
@@ -49,7 +49,7 @@ def train(
 
     snapshot  resume from this solver state and its weights
     weights   initial weights, instead of those that the solver names
-    log_file  replaced only once the solver is built; rejected if it is one of the inputs
+    log_file  replaced only when the first iteration begins; rejected if it is one of the inputs
     ranks     the ranks that train together; rank 0 alone logs, raises, and has an exit status, as that of another rank
               would end it too early
     watch     called with the solver before each iteration; may request a stop or a snapshot
@@ -61,11 +61,22 @@ def train(
         with files.noted() as read:
             solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
         if console.file:
-            console.file.begin([snapshot, *read])
+            solver.callbacks.append(_LogBegun(console.file, [snapshot, *read]))
         if watch is not None:
             solver.callbacks.append(Functions(on_start=lambda: watch(solver)))
         status = solve(solver, console, snapshot)
     return DONE if ranks.rank else status
+
+
+class _LogBegun(Callback):
+    """Begins the log file with the first iteration, when the snapshots can be written and no other training does."""
+
+    def __init__(self, file: LogFile, inputs: Sequence[str | Path | None]) -> None:
+        self._file, self._inputs = file, inputs
+
+    def on_step(self, solver: callbacks.Solver) -> None:
+        """Replace or continue the log. Raises NetlibError."""
+        self._file.begin(self._inputs)
 
 
 @contextlib.contextmanager
