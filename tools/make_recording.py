@@ -82,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
         sensor=None if args.clean else "camera's", mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),
     )  # fmt: skip
+    before = _identity(args.out)
     writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force,
                              whole=True)  # fmt: skip
     try:
@@ -102,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
                     progress(1)
             finally:
                 if writer.count:
-                    replacing.enter_context(_put_aside(truth, args.out))
+                    replacing.enter_context(_put_aside(truth, args.out, before))
     except StoppedError:
         say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
@@ -127,8 +128,9 @@ def _discarded_by_errors(output: RecordingWriter | JsonWriter) -> Iterator[None]
 
 
 @contextlib.contextmanager
-def _put_aside(truth: Path, recording: Path) -> Iterator[None]:
-    """Context manager: rename an old ground truth, and restore it after an error if the old recording is still there.
+def _put_aside(truth: Path, recording: Path, before: tuple[int, int] | None) -> Iterator[None]:
+    """Context manager: rename an old ground truth, and restore it after an error unless the recording was replaced:
+    then its identity is another than ``before``.
 
     The recording is replaced before its ground truth, so a run killed in between leaves a recording without one.
     """
@@ -136,7 +138,6 @@ def _put_aside(truth: Path, recording: Path) -> Iterator[None]:
         yield
         return
     with atomic.error_names(truth), atomic.temporary(truth) as old:
-        before = _identity(recording)
         os.replace(truth, old)
         try:
             yield

@@ -34,6 +34,12 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
               "set PYTHONUTF8=1", file=sys.stderr)  # fmt: skip
     except MemoryError:
         print("not enough memory; use a smaller batch_size", file=sys.stderr)
+    except ImportError as error:  # also of a library for which memory or descriptors do not suffice
+        say(f"cannot load {error.name or 'a package'}: {reason_of(error)}", file=sys.stderr)
+    except RuntimeError as error:
+        if "start new thread" not in str(error):
+            raise
+        print("cannot start a thread: too many, or not enough memory; use fewer --threads", file=sys.stderr)
     except BrokenPipeError:  # the reader of the output has ended, like ``head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
@@ -61,7 +67,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
 
 def duration(seconds: float) -> str:
     """Format seconds: ``75`` → ``1 min 15 s``."""
-    minutes, rest = divmod(round(seconds), 60)
+    minutes, rest = divmod(round(max(seconds, 0.0)), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
 

@@ -38,6 +38,12 @@ def fails(error: BaseException) -> Callable[[Namespace], int]:
         (NetlibError("net.prototxt: no layer 'a\nb'"), 1, "net.prototxt: no layer 'a\\nb'\n"),
         (FileNotFoundError(2, "No such file or directory", "a\x1bb"), 1, "a\\x1bb: No such file or directory\n"),
         (MemoryError(), 1, "not enough memory; use a smaller batch_size\n"),
+        (ImportError("lib.so: failed to map segment", name="av"), 1, "cannot load av: lib.so: failed to map segment\n"),
+        (
+            RuntimeError("can't start new thread"),
+            1,
+            "cannot start a thread: too many, or not enough memory; use fewer --threads\n",
+        ),
         (KeyboardInterrupt(), 130, "interrupted\n"),
     ],
 )
@@ -76,9 +82,9 @@ def test_a_table() -> None:
     assert aligned([["name", "mm"], ["a", "12.5"]]) == "name    mm\na     12.5"
 
 
-@pytest.mark.parametrize(("seconds", "said"), [(9.6, "10 s"), (75, "1 min 15 s"), (7260, "2 h 01 min")])
+@pytest.mark.parametrize(("seconds", "said"), [(9.6, "10 s"), (75, "1 min 15 s"), (7260, "2 h 01 min"), (-9, "0 s")])
 def test_durations(seconds: float, said: str) -> None:
-    """Durations are rounded to seconds, from one hour on to minutes."""
+    """Durations are rounded to seconds, from one hour on to minutes; a clock that was set back gives 0."""
     assert duration(seconds) == said
 
 
