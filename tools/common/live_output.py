@@ -42,6 +42,7 @@ class LiveOutput:
         self._stack = contextlib.ExitStack()
         self._check: Callable[[], None] = lambda: None
         self._begun: float | None = None  # start by time.perf_counter; None for a live camera
+        self._before = 0.0  # time of the frame before
 
     def __enter__(self) -> LiveOutput:
         with contextlib.ExitStack() as stack:
@@ -53,7 +54,7 @@ class LiveOutput:
             self._stack = stack.pop_all()
         return self
 
-    def begin(self, recording: Recording, check: Callable[[], None], file: TextIO) -> None:
+    def begin(self, recording: Recording, check: Callable[[], None], file: TextIO | None) -> None:
         """Print the addresses; wait for the first client unless the source is a live camera."""
         self._check = check
         if self._server is not None:
@@ -63,7 +64,7 @@ class LiveOutput:
                 say("warning: other machines can watch, if they have these addresses", file=sys.stderr)
             if not recording.live:
                 say("waiting for the first connection; Ctrl-C stops", file=file)
-            file.flush()
+            print(end="", file=file, flush=True)  # not file.flush(): it is None if a shell closed standard output
             while not recording.live and not self._server.wait_for_client(_CHECK_S):
                 check()
         if not recording.live:
@@ -115,9 +116,13 @@ class LiveOutput:
     def _wait_until(self, seconds: float) -> None:
         if self._begun is None:
             return
-        while (early := self._begun + seconds - time.perf_counter()) > 0:
-            time.sleep(min(early, _CHECK_S))
+        # At most as long as from the frame before, whatever the clock says: it may stand still, or have been set back.
+        early, self._before = min(self._begun + seconds - time.perf_counter(), seconds - self._before), seconds
+        while early > 0:
+            pause = min(early, _CHECK_S)
+            time.sleep(pause)
             self._check()
+            early = min(early - pause, self._begun + seconds - time.perf_counter())
 
 
 @contextlib.contextmanager

@@ -18,16 +18,20 @@ class DatagramSender:
 
     def __init__(self, address: tuple[str, int]) -> None:
         host, port = address
+        self._name = f"{host}:{port}"
         self.dropped, self.reason = 0, ""
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
         except (OSError, UnicodeError):  # no host has a name that cannot be encoded
-            raise NetlibError(f"{host}:{port}: unknown host") from None
+            raise NetlibError(f"{self._name}: unknown host") from None
         self._kind: tuple[int, int, int] = found[0][:3]
         self._address: Any = found[0][4]
 
     def __enter__(self) -> DatagramSender:
-        self._socket = socket.socket(*self._kind)
+        try:
+            self._socket = socket.socket(*self._kind)
+        except OSError as error:
+            raise NetlibError(f"{self._name}: cannot send: {reason_of(error)}") from error
         self._socket.setblocking(False)
         return self
 

@@ -31,6 +31,7 @@ import hmac
 import logging
 import re
 import secrets
+import selectors
 import socket
 import threading
 from collections.abc import Callable
@@ -198,11 +199,15 @@ class LiveServer:
         self._failure: Exception | None = None
 
     def __enter__(self) -> LiveServer:
-        self._thread = threading.Thread(target=asyncio.run, args=(self._serve(),), name="live", daemon=True)
-        self._thread.start()
-        self._ready.wait()
+        self._thread = threading.Thread(target=self._run, name="live", daemon=True)
+        try:
+            self._thread.start()
+            self._ready.wait()
+        except RuntimeError as error:  # too many threads
+            self._failure = error
         if self._failure is not None:
-            self._thread.join()
+            if self._thread.ident is not None:
+                self._thread.join()
             raise NetlibError(f"{_joined(self.host, self.port)}: {_why_not(self._failure)}") from self._failure
         return self
 
@@ -242,6 +247,17 @@ class LiveServer:
 
     # ------------------------------------------------------------------------------------- in the thread
 
+    def _run(self) -> None:
+        try:
+            # What the event loop needs: without descriptors it fails, and then prints further errors.
+            with selectors.DefaultSelector(), contextlib.ExitStack() as pair:
+                for end in socket.socketpair():
+                    pair.enter_context(end)
+            asyncio.run(self._serve())
+        except OSError as error:
+            self._failure = error
+            self._ready.set()
+
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         self._loop.set_exception_handler(_ignore_connection_errors)
@@ -251,6 +267,8 @@ class LiveServer:
                 max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, backlog=BACKLOG,
                 logger=_silent_logger(),
             )  # fmt: skip
+            if not server.sockets:  # asyncio ignores a socket that cannot be created
+                raise OSError("no socket can be created; there may be too many open files")
         except Exception as error:
             self._failure = error
             self._ready.set()

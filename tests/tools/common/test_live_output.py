@@ -109,6 +109,19 @@ def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -
             output.write(DEPTH, frame(10_000))
 
 
+@pytest.mark.parametrize("step", [0.0, -1e6])
+def test_a_clock_that_stops_or_is_set_back(monkeypatch: pytest.MonkeyPatch, step: float) -> None:
+    """A frame waits at most as long as it is after the frame before, whatever the clock does."""
+    clock, slept = [1e9], []
+    monkeypatch.setattr(live_output.time, "perf_counter", lambda: clock.append(clock.pop() + step) or clock[0])
+    monkeypatch.setattr(live_output.time, "sleep", slept.append)
+    with LiveOutput(parsed("--udp", "127.0.0.1:9"), HEADER) as output:
+        output.begin(source(live=False), lambda: None, sys.stdout)
+        for number in range(5):
+            output.write(DEPTH, frame(number))
+    assert sum(slept) == pytest.approx(0.4)
+
+
 def test_a_page_holds_a_recording(monkeypatch: pytest.MonkeyPatch) -> None:
     """While a page holds it, a recording's frame waits, and later frames keep their distance in time."""
     pytest.importorskip("websockets")

@@ -21,6 +21,7 @@ from handpose.output.live.messages import LINES, VIEWS
 from handpose.output.live.server import LiveServer
 from handpose.output.tracks.json_values import header_values
 from netlib.errors import NetlibError
+from tests.support.running import run_python
 from tests.support.tracked_hands import HEADER
 
 Serve = Callable[..., LiveServer]
@@ -342,6 +343,32 @@ def test_a_port_that_is_in_use(serve: Serve, server: LiveServer) -> None:
     line = f"^127.0.0.1:{server.port}: the port is in use; choose another one, or 0 for any that is free$"
     with pytest.raises(NetlibError, match=line), serve(port=server.port):
         pass
+
+
+@pytest.mark.parametrize("more", range(4))
+def test_without_descriptors(more: int) -> None:
+    """Without descriptors for the event loop and the socket an error is raised, and nothing printed."""
+    pytest.importorskip("websockets")
+    assert run_python("-c", WITHOUT_DESCRIPTORS, more).err == ""
+
+
+WITHOUT_DESCRIPTORS = """
+import itertools, os, resource, sys
+import asyncio, websockets.asyncio.server
+from handpose.output.live.server import LiveServer
+from netlib.errors import NetlibError
+server = LiveServer("127.0.0.1", 0, "{}", "page")
+used = {int(name) for name in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{name}")}
+free = (number for number in itertools.count() if number not in used)
+limit = next(itertools.islice(free, int(sys.argv[1]), None))
+resource.setrlimit(resource.RLIMIT_NOFILE, (limit, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+try:
+    server.__enter__()
+except NetlibError as error:
+    assert "cannot listen" in str(error) and "open files" in str(error), error
+else:
+    raise AssertionError("it runs")
+"""
 
 
 @pytest.mark.parametrize(("host", "why"), [("x" * 70, "unknown host"), ("192.0.2.1", "cannot listen: ")])
