@@ -65,7 +65,7 @@ def _show(known: dict[str, Path], name: str) -> None:
     if path is None:
         raise NetlibError(f"{name}: no such page{did_you_mean(name, known)}; without a name, all pages are listed")
     text = path.read_text(encoding="utf-8")
-    if sys.stdout.isatty():
+    if sys.stdout is not None and sys.stdout.isatty():  # None: a shell closed it
         pydoc.pager(text)
     else:
         print(text, end="")

@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
             status = 128 + stopper.signum
         print_new_remarks(recording, seen)
         if summary.frames:
-            _say_summary(summary, time.perf_counter() - begun, outputs, talk, seen.doubt)
+            _say_summary(summary, time.perf_counter() - begun or 1e-3, outputs, talk, seen.doubt)  # 0: a coarse clock
         elif status == DONE:
             raise DataError(f"{recording.name}: no frames were tracked")
     return status

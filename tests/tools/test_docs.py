@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,12 @@ def test_finding_words() -> None:
 def test_mistakes(argv: list[str], status: int, message: str) -> None:
     """Unknown pages and words give one line."""
     assert message in run_tool("docs", *argv, status=status).err
+
+
+def test_a_closed_standard_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page is not shown if a shell has closed standard output, which is then None."""
+    monkeypatch.setattr(sys, "stdout", None)
+    assert docs.main(["fit"]) == 0
 
 
 def test_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
