@@ -281,17 +281,17 @@ def test_interrupted(root):
 
 
 INTERRUPTED = """
-import os, signal, sys
+import os, signal, sys, threading
 from pathlib import Path
 from handpose.datasets import nyu_files
 from tools import prepare_nyu
 
-def read(path):
-    if not sent and list(Path(sys.argv[3]).glob(".*.tmp")):
-        sent.append(os.kill(os.getpid(), signal.SIGTERM))
+def read(path):  # in several threads
+    if list(Path(sys.argv[3]).glob(".*.tmp")) and first.acquire(blocking=False):
+        os.kill(os.getpid(), signal.SIGTERM)
     return original(path)
 
-sent, original, nyu_files.read_nyu_depth = [], nyu_files.read_nyu_depth, read
+first, original, nyu_files.read_nyu_depth = threading.Lock(), nyu_files.read_nyu_depth, read
 sys.exit(prepare_nyu.main(sys.argv[1:]))
 """
 
