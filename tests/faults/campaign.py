@@ -79,8 +79,13 @@ PROMISES = (
             _F + "disks", ("two",)),
     Promise("no temporary file is written through a symbolic link", "links at all predictable names",
             _F + "disks", ("planted",)),
+    Promise("every command that writes ends with one line or a right result; old and other files are whole; the next "
+            "run is as without a fault", "a call that fails, is cut or interrupted, also in FFmpeg and HDF5; links, "
+            "folders, pipes in place of outputs; limits on file size, descriptors, memory; odd clocks", _F + "commands",
+            dice=0.04),
     Promise("clocks have no effect", "stopped, running backwards, jumping", _F + "disks", ("clock",)),
-    Promise("no leaks", "hundreds of nets and solvers built, trained, restored, released", _F + "disks", ("soak",)),
+    Promise("no leaks", "hundreds of nets and solvers built, trained, restored, released; thousands of frames tracked, "
+            "written and sent to clients that read, stall and leave", _F + "disks", ("soak",)),
 )  # fmt: skip
 
 

@@ -5,24 +5,29 @@ Each name is a fault; its cases are the events at which it occurs, or the object
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import ctypes
 import errno
 import gc
+import itertools
 import os
 import resource
 import signal
+import socket
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import netlib  # before NumPy: it chooses the BLAS threads
 
 # isort: split
+
+import numpy as np
 
 from netlib.errors import NetlibError
 from netlib.training.callbacks import Functions
@@ -274,22 +279,23 @@ def clock(number: int) -> Outcome:
     return Outcome("held")
 
 
-def soak(seed: int, number: int) -> Outcome:
-    """Creating and deleting many nets and solvers leaves memory, open files and threads unchanged."""
-    rounds = 3 if number == 0 else 60
-    if number >= 2:
+Work = Callable[[], object]
+
+
+def soak(begin: Callable[[], contextlib.AbstractContextManager[Work]], rounds: int, cases: int, number: int) -> Outcome:
+    """Much work leaves memory, open files and threads unchanged; ``begin()`` yields a function for one round."""
+    if number >= cases:
         return Outcome("over")
+    rounds = rounds if number else 3
 
     def live() -> str:
-        readers.make_solver()
-        for name, text in (("vision.prototxt", readers.VISION), ("old.prototxt", readers.OLD_NET)):
-            readers.put(name, text)
-        for _ in range(2):
-            _some_work()
-        before = _used()
-        for _ in range(rounds):
-            _some_work()
-        after = _used(before[2])
+        with begin() as work:
+            for _ in range(2):
+                work()
+            before = _used()
+            for _ in range(rounds):
+                work()
+            after = _used(before[2])
         if after[1] > before[1] or Counter(after[2]) - Counter(before[2]):  # fewer: some ended in between
             raise BrokenPromise("LEAK", f"files and threads were {before[1:]}, after {rounds} rounds {after[1:]}")
         if after[0] - before[0] > 2_000_000 + 20_000 * rounds:
@@ -298,8 +304,74 @@ def soak(seed: int, number: int) -> Outcome:
 
     with tempfile.TemporaryDirectory(dir=".") as folder, readers._inside(Path(folder)):
         status, answer = runs.forked(live)
-        runs.expect_good(status, answer, "soak")
+        runs.expect_good(status, answer, begin.__name__)
     return Outcome("held")
+
+
+@contextlib.contextmanager
+def solvers() -> Iterator[Work]:
+    """Nets and solvers that are built, trained, restored and released."""
+    readers.make_solver()
+    for name, text in (("vision.prototxt", readers.VISION), ("old.prototxt", readers.OLD_NET)):
+        readers.put(name, text)
+    yield _some_work
+
+
+@contextlib.contextmanager
+def tracking() -> Iterator[Work]:
+    """A tracker that finds and loses a hand, 20 frames a round, with its outputs."""
+    from handpose import load_predictor
+    from handpose.frames.cameras import ICVL
+    from handpose.frames.recording import DepthFrame
+    from handpose.sequences.recordings import SyntheticRecording
+    from handpose.tracking.tracker import Tracker
+    from tools.common.track_outputs import Outputs, add_output_options
+
+    parser = argparse.ArgumentParser()
+    add_output_options(parser)
+    seen = [frame.depth for frame in SyntheticRecording("rest", ICVL, rate=15, seconds=0.7)]
+    tracker, numbers = Tracker(load_predictor(ICVL, fit="fast")), itertools.count()
+    named = ["--json", "a.jsonl", "--csv", "a.csv", "--udp", "127.0.0.1:9"]
+    with Outputs(parser.parse_args(named), tracker.header("soak"), 15.0) as outputs:
+
+        def work() -> None:
+            for depth in [*seen, *[np.zeros_like(seen[0])] * (20 - len(seen))]:
+                number = next(numbers)
+                frame = DepthFrame(number, number / 15, depth)
+                outputs.write(depth, tracker.step(frame))
+
+        yield work
+
+
+@contextlib.contextmanager
+def serving() -> Iterator[Work]:
+    """A live page with clients that read, that do not, and that leave in the middle of a frame, 50 frames a round."""
+    from websockets.sync.client import connect
+
+    from handpose.output.live.messages import LINES
+    from handpose.output.live.server import LiveServer
+
+    with LiveServer("127.0.0.1", 0, "{}", "page") as server:
+
+        def work() -> None:
+            clients = [connect(server.lines_url, max_size=None) for _ in range(3)]
+            for client in clients:
+                client.recv()  # the header
+            for _ in range(50):
+                server.put(LINES, "x" * 100_000)
+            clients[0].recv()
+            for client in clients:
+                client.socket.shutdown(socket.SHUT_RDWR)
+                client.close()
+            while server.has_clients(LINES):  # they are seen to have left when a frame cannot be sent
+                server.put(LINES, "after")
+                time.sleep(0.001)
+
+        yield work
+
+
+# The work, its rounds in a case, and the number of cases; the first has three rounds.
+SOAKS = {"soak": (solvers, 60, 2), "soak of the tracker": (tracking, 25, 6), "soak of the live page": (serving, 60, 2)}
 
 
 def _some_work() -> None:
@@ -343,7 +415,7 @@ CASES: dict[str, Callable[[int, int], Outcome]] = {
     **{f"planted links: {run}": (lambda seed, number, r=run: planted_links(r, number)) for run in _RUNS},
     "two trainings": lambda seed, number: two_trainings(number),
     "clock": lambda seed, number: clock(number),
-    "soak": soak,
+    **{name: (lambda seed, number, s=some: soak(*s, number)) for name, some in SOAKS.items()},
 }
 NAMES = tuple(CASES)
 

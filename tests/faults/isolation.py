@@ -11,12 +11,15 @@ The child has 4 GB of address space, and the parent enforces a time limit. A chi
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import functools
 import importlib
 import json
 import os
 import resource
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -63,6 +66,19 @@ class BrokenPromise(Exception):  # noqa: N818
         self.kind = kind
 
 
+@functools.cache
+def failing_calls_library() -> str | None:
+    """Path of the compiled failing_calls.c, which exists until this process ends; None without Linux or a compiler."""
+    compiler = shutil.which("cc") if sys.platform == "linux" else None
+    if compiler is None:
+        return None
+    folder = tempfile.mkdtemp(prefix="faults.")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    library, source = f"{folder}/failing_calls.so", str(Path(__file__).with_name("failing_calls.c"))
+    built = subprocess.run([compiler, "-shared", "-fPIC", "-O1", source, "-o", library, "-ldl"], check=False)
+    return None if built.returncode else library
+
+
 class Worker:
     """A child process that runs cases."""
 
@@ -103,6 +119,8 @@ class Worker:
         readable, writable = os.pipe()
         self._answers = os.fdopen(readable, "rb", buffering=0)
         environment = {**os.environ, "NETLIB_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+        if library := failing_calls_library():
+            environment["LD_PRELOAD"] = f"{library} {os.environ.get('LD_PRELOAD', '')}".strip()
         self._children += 1
         self._place = Path(self._folder.name) / str(self._children)
         self._place.mkdir()

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import signal
+import sys
+import tempfile
+import time
 import warnings
 from pathlib import Path
 
 import pytest
 
 from netlib.errors import NetlibError
-from tests.faults import campaign, kills, mutations, readers, runs
-from tests.faults.isolation import BrokenPromise, Outcome, Worker
+from netlib.files import atomic
+from tests.faults import campaign, commands, kills, mutations, readers, runs
+from tests.faults.isolation import BrokenPromise, Outcome, Worker, failing_calls_library
 from tests.faults.readers import Reader
 
 HERE = "tests.faults.test_campaign_can_fail"
@@ -31,6 +36,13 @@ def case(name: str, seed: int, number: int) -> Outcome:
             signal.pause()
     if name == "memory":
         bytearray(8 << 30)
+    if name.startswith("command "):
+        commands.COMMANDS = (commands.Command(name.removeprefix("command "), files=("out",)),)
+        commands.NAMES = (name,)
+        commands._main = lambda tool: WRONG_COMMANDS[tool]
+        commands.undisturbed.cache_clear()
+        with tempfile.TemporaryDirectory() as folder, readers._inside(Path(folder)):
+            return commands.case(name, seed, number)
     if name == "careless":
         runs.RUNS = (CARELESS,)
         return kills.case(name, seed, number)
@@ -66,6 +78,68 @@ def test_a_worker_that_dies_between_two_cases_is_a_crash_of_the_next_one() -> No
         found = worker.run(HERE, "good", 0, 0)
         assert (found.kind, found.detail) == ("CRASH", "the process ended by SIGKILL")
         assert worker.run(HERE, "good", 4, 5) == Outcome("held", "4 5")
+
+
+# ---------------------------------------------------------------------------------------------- commands
+
+
+def in_place(argv: list[str]) -> int:
+    """Write in place, which follows links, and loses an old file if the disk fails."""
+    try:
+        Path("out").write_bytes(b"new\n" * 9000)
+    except OSError as error:
+        print(f"{error.filename or 'out'}: {error.strerror}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def without_a_name(argv: list[str]) -> int:
+    """Write atomically, but do not name the file in an error."""
+    try:
+        atomic.replace_bytes(Path("out"), b"new\n")
+    except OSError as error:
+        print(f"error {error.errno}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def careless_of_errors(argv: list[str]) -> int:
+    """Report success whatever happens."""
+    with contextlib.suppress(OSError):
+        atomic.replace_bytes(Path("out"), b"new\n")
+    return 0
+
+
+def by_the_clock(argv: list[str]) -> int:
+    """Divide by the time that has passed."""
+    begun = time.time()
+    atomic.replace_bytes(Path("out"), b"new\n")
+    return int(0 / (time.time() - begun))
+
+
+WRONG_COMMANDS = {
+    "in_place": in_place,
+    "without_a_name": without_a_name,
+    "careless_of_errors": careless_of_errors,
+    "by_the_clock": by_the_clock,
+}
+
+
+@pytest.mark.skipif(failing_calls_library() is None, reason="needs a C compiler")
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [
+        ("in_place", {"LOST"}),
+        ("without_a_name", {"UNCLEAR"}),
+        ("careless_of_errors", {"SILENT"}),
+        ("by_the_clock", {"TRACEBACK"}),
+    ],
+)
+def test_wrong_commands(name: str, kinds: set[str]) -> None:
+    """Each kind of failure of a command has its own outcome."""
+    with Worker() as worker:
+        found = {worker.run(HERE, f"command {name}", 0, number).kind for number in range(16)}
+    assert kinds <= found, found
 
 
 # ---------------------------------------------------------------------------------------------- readers
@@ -180,6 +254,6 @@ def test_every_group_stands_in_one_row() -> None:
     names = [(group.promise.module, group.name) for group in campaign.groups()]
     assert len(set(names)) == len(names)
     assert {name for module, name in names if module.endswith("readers")} == {r.name for r in readers.READERS}
-    for module in ("kills", "signals", "disks"):
+    for module in ("kills", "signals", "disks", "commands"):
         known = __import__(f"tests.faults.{module}", fromlist=["NAMES"]).NAMES
         assert {name for of, name in names if of.endswith(module)} == set(known)

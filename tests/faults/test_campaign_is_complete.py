@@ -32,6 +32,7 @@ NO_READERS = {
     "exercises/reading.py": "reads the text of a solution, which is code",
     "exercises/recorded.py": "reads numbers that come with the project",
     "exercises/stubs.py": "reads the project's own source",
+    "tools/common/caffe_log.py": "opens the log that it writes",
     "tools/docs.py": "reads the pages that come with the project",
     "tools/export_onnx.py": "reads back what it has just written",
     "tools/record.py": "opens recordings by handpose.frames.opening",

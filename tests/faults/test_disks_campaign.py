@@ -7,7 +7,7 @@ import pytest
 from tests.faults import campaign, disks
 from tests.faults.isolation import Worker
 
-SHORT = {"clock": range(2), "soak": range(1), "two trainings": range(2)}
+SHORT = {"clock": range(2), "two trainings": range(2)} | dict.fromkeys(disks.SOAKS, range(1))
 STEPS = {"full": 36, "read-only": 40, "one": 44, "limited": 8, "data": 5, "planted": 1}  # else every 24th
 
 
