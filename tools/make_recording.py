@@ -129,8 +129,7 @@ def _discarded_by_errors(output: RecordingWriter | JsonWriter) -> Iterator[None]
 
 @contextlib.contextmanager
 def _put_aside(truth: Path, recording: Path, before: tuple[int, int] | None) -> Iterator[None]:
-    """Context manager: rename an old ground truth, and restore it after an error unless the recording was replaced:
-    then its identity is another than ``before``.
+    """Context manager: rename an old ground truth, and restore it after an error if the recording is still ``before``.
 
     The recording is replaced before its ground truth, so a run killed in between leaves a recording without one.
     """

@@ -14,6 +14,8 @@ import pytest
 
 from handpose.frames.cameras import ICVL
 from handpose.frames.opening import open_recording
+from handpose.frames.recording import DepthFrame
+from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track
 from handpose.scoring.tracks import score
 from handpose.sequences.recordings import SyntheticRecording
@@ -117,6 +119,22 @@ def test_a_full_disk_leaves_the_old_pair_or_none(monkeypatch: pytest.MonkeyPatch
     done = run_tool("make_recording", "rest", *SHORT, "--seed", "2", "--out", name, "--force", status=1)
     assert "No space left on device" in done.err
     assert contents() == before and Path(name).exists() == is_there
+
+
+@pytest.mark.parametrize("name", ["a", "a.npz"])
+def test_an_old_truth_without_a_recording(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """If a new recording is not written, an old truth is kept although its recording is gone."""
+    Path("a.truth.json").write_text("old")
+    write = RecordingWriter.write
+
+    def failing(self: RecordingWriter, frame: DepthFrame) -> None:
+        if self.count:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), name)
+        write(self, frame)
+
+    monkeypatch.setattr(RecordingWriter, "write", failing)
+    run_tool("make_recording", "rest", *SHORT, "--out", name, "--force", status=1)
+    assert contents() == {"a.truth.json": b"old"}
 
 
 def test_a_truth_that_cannot_take_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
