@@ -17,12 +17,13 @@ from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.parallel import scratch
 from layers.common.inner_product import InnerProduct
-from netlib.blob import Blobs
+from netlib.blob import Array, Blobs
 from netlib.system.memory import blocks
 
 MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
 FEW_ITEMS = 8  # up to this number, items are faster one at a time (measured by benchmarks/parts.py)
 CACHED_BYTES = 1 << 20  # size of a block's weights, so that they stay in the cache between items
+LARGE_BYTES = 32 << 20  # size of weights that are read from main memory, which takes longer than starting threads
 SUM_VALUES = 1 << 21  # of dw computed before they are added, in memory that is used again
 ALIGNED = 64  # outputs; blocks of multiples of this size round like one product of all outputs
 
@@ -43,8 +44,7 @@ class FastInnerProduct(FastLayer, InnerProduct):
                 y[:, o] += self.bias.data[o]
 
         if few:
-            cached = max(CACHED_BYTES // max(w[:1].nbytes, 1) // ALIGNED, 1) * ALIGNED
-            parallel.run([partial(job, o) for o in blocks(len(w), cached if len(x) > 1 else len(w))])
+            parallel.run([partial(job, o) for o in blocks(len(w), _few_outputs(len(x), w))])
         else:
             parallel.run(_by_blocks(job, len(w)))
 
@@ -69,6 +69,13 @@ class FastInnerProduct(FastLayer, InnerProduct):
 
             jobs += _by_blocks(input_job, self.inputs)
         parallel.run(jobs)
+
+
+def _few_outputs(items: int, w: Array) -> int:
+    """Number of outputs in a block of the weights w (O, inputs) for a few items; one item reads all weights once."""
+    if items > 1:
+        return max(CACHED_BYTES // max(w[:1].nbytes, 1) // ALIGNED, 1) * ALIGNED
+    return -(-len(w) // (parallel.threads() * ALIGNED)) * ALIGNED if w.nbytes >= LARGE_BYTES else len(w)
 
 
 def _by_blocks(job: Callable[[slice], None], count: int) -> list[Callable[[], None]]:

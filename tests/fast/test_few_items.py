@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import platform
 import sys
+from unittest import mock
 
 import numpy as np
 import pytest
 
 import netlib
+from fast import inner_product
 from fast.inner_product import CACHED_BYTES, FEW_ITEMS, FastInnerProduct
 from netlib import gradcheck
 from netlib.blob import Array, Blob, Blobs
@@ -44,3 +46,20 @@ def test_an_item_does_not_depend_on_the_others(
     np.testing.assert_allclose(together, alone, atol=1e-5 * np.abs(alone).max())
     if (sys.platform, platform.machine()) == ("linux", "x86_64"):
         np.testing.assert_array_equal(together, alone)
+
+
+def test_large_weights_in_blocks_for_each_thread(
+    rng: np.random.Generator, keep_threads: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One item is multiplied by a part of large weights on each thread, with the same results as in one product."""
+    netlib.set_threads(3)
+    x = rng.normal(size=(1, INPUTS)).astype(np.float32)
+    whole = forward(x)
+    blocks = mock.Mock(wraps=inner_product.blocks)
+    monkeypatch.setattr(inner_product, "LARGE_BYTES", 4 * INPUTS * OUTPUTS)
+    monkeypatch.setattr(inner_product, "blocks", blocks)
+    parts = forward(x)
+    assert mock.call(OUTPUTS, 256) in blocks.mock_calls  # a multiple of 64
+    np.testing.assert_allclose(parts, whole, atol=1e-5 * np.abs(whole).max())
+    if (sys.platform, platform.machine()) == ("linux", "x86_64"):
+        np.testing.assert_array_equal(parts, whole)
