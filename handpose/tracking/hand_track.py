@@ -26,6 +26,7 @@ PAUSE, MAX_PAUSE = 0.25, 1.0  # s between full fits; doubled after each without 
 SOON = 0.06  # s between full fits after an alarm, or if the side is uncertain
 CONTRADICTED = 2  # number of joints in empty space from which a full fit is run
 TROUBLE, ALARM = 1.4, 2.0  # selection cost relative to its average: run the network; run a full fit
+FIRST = 1.3  # expected error of fast fits, which follow a hand, relative to the accurate one that finds it
 HABIT = 0.1  # weight of the last frame in the average selection cost
 BETTER = 0.9  # ratio of selection costs that counts as an improvement
 ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
@@ -143,7 +144,7 @@ class HandTrack:
         self.sides = {estimate.hand: SideState(estimate, time) for estimate in estimates}
         self._asked = self._looked = time
         self._pause, self._missed = PAUSE, False
-        self.usual_cost = min(estimate.selection_cost for estimate in estimates)
+        self.usual_cost = FIRST * min(estimate.selection_cost for estimate in estimates)
         self._evidence, self._compared, self._begun = side_prior, 0, time
         self._compare(_best(estimates), time)
         self._keep_side()

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.render import in_front, render_crop
+from handpose.body.render import in_front, normalise_depth, render_crop
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
 from handpose.estimate.hand import Hand
@@ -22,7 +22,7 @@ from handpose.estimate.locator import recenter
 from handpose.estimate.predictor import Predictor
 from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
-from handpose.fit.support import Support, joints_in_empty_space, support
+from handpose.fit.support import APART_MM, Support, joints_in_empty_space, support
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import BACKGROUND, SIZE, clear_crop, unread, with_hidden
 from handpose.frames.segmentation import alone
@@ -32,11 +32,10 @@ from netlib.errors import DataError
 
 LIKELY = 0.5  # minimum probability of a hand, by the locator
 ARM_PLACES = 5  # along a forearm
-# Of an expected surface: the minimum share without a reading; and of its rest, at least, at its place, or the hand
-# itself has moved. In the ordinary frames of CVAR's P1, P3, P4, P7 and of hpx the first is below 0.06 in 99% and at
-# most 0.15, though 75% of a crop are background without readings.
-UNREAD, AT_PLACE = 0.15, 0.25
-FACE_MM = 0.1  # distance from the far face to what is rendered, at least
+# The minimum share of an expected surface without a reading, and the minimum share of the crop's readings that it
+# explains: otherwise the hand itself has moved. In the ordinary frames of CVAR's P1, P3, P4, P7 and of hpx the first is
+# below 0.06 in 99% and at most 0.15, though 75% of a crop are background without readings.
+UNREAD, EXPLAINED = 0.15, 0.5
 AROUND_MM = 15.0  # pixels without a reading this close to it may be of it
 HIDING = 0.08  # minimum share of the expected surface behind nearer readings: fewer are reflections, mostly next to it
 TIMES = 2  # number of evaluations of the locator, each at the predicted position
@@ -101,18 +100,28 @@ class PoseEstimator:
         if seen.hidden[0] >= HIDING:
             crop = with_hidden(crop, readings, uvd, self.cube_mm, self.camera)
         missing = seen.missing[0] >= UNREAD and seen.outside[0] < LEAVING
-        if missing and seen.seen[0] >= AT_PLACE and not region.alone:
-            around = cv2.dilate(self._outline(body, region.side, uvd), self._around) > 0
+        if missing and not region.alone and self._explained(shown, body, region.side, uvd) >= EXPLAINED:
+            own = self._rendered(body, region.side, uvd, ~self.model.surface.limbs) < 1
+            around = cv2.dilate(own.astype(np.uint8), self._around) > 0
             crop = np.where(around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop)
         return crop
 
-    def _outline(self, body: WorldPose, side: Side, center_uvd: Array) -> NDArray[np.uint8]:
-        """1 for the pixels (S, S) of a crop about a centre (3,) that would show a body without its limbs."""
+    def _explained(self, crop: NDArray[np.float32], body: WorldPose, side: Side, center_uvd: Array) -> float:
+        """The share of a crop's readings that are on the surface of an expected body; 0 without any."""
+        seen = crop < BACKGROUND
+        expected = self._rendered(body, side, center_uvd, np.ones_like(self.model.surface.limbs))
+        on = seen & (np.abs(crop - expected) <= APART_MM / (self.cube_mm / 2))
+        return float(on.sum() / max(seen.sum(), 1))
+
+    def _rendered(
+        self, body: WorldPose, side: Side, center_uvd: Array, chosen: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
+        """What a crop (S, S) about a centre (3,) would show of some capsules (M,) of a body; 1 without a surface."""
         x = crop_variables(self.model, body, body.place)[None]
-        capsules = self.model.capsules(x, body.place[None]).mirrored(mirror_of(side)).chosen(~self.model.surface.limbs)
+        capsules = self.model.capsules(x, body.place[None]).mirrored(mirror_of(side)).chosen(chosen)
         d, cube = center_uvd[2:], self.cube_mm
-        image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, self.camera, SIZE)[0]
-        return (image < d + cube / 2 - FACE_MM).astype(np.uint8)
+        image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, self.camera, SIZE)
+        return normalise_depth(image, d, cube)[0]
 
     def surroundings(self, depth: NDArray[np.float32], center_uvd: Array) -> float:
         """The share of the readings in a crop about a centre (3,) that do not belong to a hand there; 0 without any."""

@@ -47,7 +47,7 @@ AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its l
 # Limits for covered hands, chosen on one synthetic recording; docs/fit.md has a table of coverings of others.
 MAX_COVERED = 0.4  # share of a hand's expected surface that is covered: only a pose that explains this is accepted
 MAX_COVERED_MOVED = 0.15  # share of that pose's own surface that is covered, at most
-MAX_DEARER = 3.0  # cost of that pose, relative to the average, at most
+MAX_DEARER = 2.0  # cost of that pose, relative to the average, at most
 MAX_UNCOVERED = 1.2  # cost of a pose, relative to the average, up to which the hand is not covered
 COVERING_MM = 120.0  # distance of a covering object from the line of sight to the hand's middle, at most
 BEHIND_MM = 150.0  # distance behind a covered hand from which another object is not this hand

@@ -115,7 +115,7 @@ def test_no_readings(begun: Tracker, resting: Take, share: float) -> None:
             assert reported.hands or reported.lost[0].reason.startswith(("no depth", "only background"))
 
 
-@pytest.mark.parametrize(("share", "value"), [(0.35, 0.0), (0.35, np.nan), (0.5, 0.0)])
+@pytest.mark.parametrize(("share", "value"), [(0.35, 0.0), (0.35, np.nan), (0.5, 0.0), (0.75, 0.0)])
 def test_the_pose_of_a_part_that_is_read(begun: Tracker, resting: Take, share: float, value: float) -> None:
     """What is not read of a hand is unknown, not empty: the rest keeps its pose, and half of it is no sure pose."""
     for reported in after(begun, resting, share, value, 5):
