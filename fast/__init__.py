@@ -3,6 +3,7 @@
     engine        the table of fast layers, and other parts of this engine
     executor      runs a net: sequences of layers slice by slice (slices, slice_blobs), other layers on the whole batch;
                   plan selects them by the properties of the layer types in traits
+    shared_memory blobs of Split, Concat and Slice layers that are parts of one array
     tiles         blobs stored in the order in which matrix products write and pooling layers read
     per_channel   Scale, Bias and PReLU; batch_norm uses it
     convolution, pooling, lrn, eltwise, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)

@@ -7,6 +7,9 @@ the caller may then modify it. An array that the caller obtained before the pass
 values that are computed again. A hidden diff can be computed again until the next forward pass.
 
 After the access to a second hidden blob no blob is hidden any more, so a loop over all blobs costs at most two passes.
+
+Blobs of Split, Concat and Slice layers outside of slices share memory (shared_memory.py), each until a caller accesses
+it, and all until a part of the net is run.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ import numpy as np
 from fast.fast_layer import FastLayer, plain_copy
 from fast.fusing import fuse, release
 from fast.plan import Run, plan, whole
+from fast.shared_memory import share
 from fast.slices import SlicedStep
 from fast.tiles import FastBlob
 from netlib.blob import Array, Blob
@@ -50,6 +54,8 @@ class SlicedExecutor(Executor):
         self._watched: list[FastBlob] = []
         self._kept: dict[Blob, Array] = {}  # blobs that a caller accessed, their data in forward
         self._kept_back: dict[Blob, Halves] = {}  # data and diff in the last backward
+        self._sharing: set[FastBlob] = set()
+        self._may_share = True  # whether blobs have shapes for which sharing was not decided yet
         self._planned_for: list[tuple[bool, bool, tuple[int, ...]]] = []
         self._plan()
 
@@ -71,6 +77,7 @@ class SlicedExecutor(Executor):
         else:
             runs = plan(self.connections, lambda blob: blob in self._stored)
         self.steps, self._planned_for = [_step_of(run) for run in runs], self._item_shapes()
+        self._end_sharing()
         for blob in self.hidden():
             assert isinstance(blob, FastBlob)
             blob.on_look = partial(_look, weakref.ref(self), blob)
@@ -98,6 +105,8 @@ class SlicedExecutor(Executor):
     def in_order(self, first: int, last: int | None) -> Iterator[WholeStep | SlicedStep]:
         """Yield the steps that run the layers. A sliced step is first divided into several if earlier layers have
         changed the number of items of some of its blobs, because one division into slices must fit all of them."""
+        if self._may_share and not self._is_part(first, last):
+            self._share()
         number, end = first, len(self.steps) if last is None else last
         while number < end:
             step = self.steps[number]
@@ -149,6 +158,7 @@ class SlicedExecutor(Executor):
                 raise
             if changed:
                 self._seen = [False, False]
+                self._end_sharing()
                 self.forget_last_pass()
                 if self._item_shapes() != self._planned_for:
                     self._plan()
@@ -167,6 +177,31 @@ class SlicedExecutor(Executor):
         if not self._by_layer:
             self._by_layer = True
             self._replan()
+
+    # ------------------------------------------------------------------------------------------ shared memory
+
+    def _share(self) -> None:
+        """Let blobs share memory that only layers on the whole batch read and write."""
+        apart = set(self._outside)
+        for step in self.steps:
+            if isinstance(step, SlicedStep) or step.at.layer.type == "Python":  # a user's layer may write its bottoms
+                connections = step.run.connections if isinstance(step, SlicedStep) else [step.at]
+                apart |= {blob for at in connections for blob in [*at.bottom, *at.top]}
+        self._sharing |= share(self.connections, lambda blob: blob not in apart)
+        self._may_share = False
+
+    def _end_sharing(self) -> None:
+        """Give all blobs memory of their own; the next pass shares that of new blobs, unless it runs layer by layer."""
+        for blob in self._sharing:
+            blob.separate()
+        self._sharing.clear()
+        self._may_share = not self._by_layer
+
+    def separate(self, blob: FastBlob) -> None:
+        """Give a blob that a caller is about to access memory of its own."""
+        blob.on_look_data = None
+        self._sharing.discard(blob)
+        blob.separate()
 
     # ------------------------------------------------------------------------------------------ hidden blobs
 
@@ -219,7 +254,10 @@ class SlicedExecutor(Executor):
     # Inputs of the last pass are copied before a caller can modify them.
 
     def _watch(self) -> None:
-        """Register callbacks that copy the inputs of sliced steps before a caller's first access."""
+        """Register callbacks that copy shared blobs and the inputs of sliced steps before a caller's first access."""
+        for shared in self._sharing:
+            shared.on_look_data = partial(_separate, weakref.ref(self), weakref.ref(shared))
+        self._watched += self._sharing
         kept = self._kept_back if self._seen[1] else self._kept
         for step in self.steps:
             if isinstance(step, SlicedStep):
@@ -263,6 +301,17 @@ def _look(executor: weakref.ref[SlicedExecutor], blob: Blob) -> None:
     if owner is None:
         raise NetlibError("this blob was computed in slices and its net is gone; look at it, or copy it, before")
     owner.reveal(blob)
+
+
+def _separate(executor: weakref.ref[SlicedExecutor], blob: weakref.ref[FastBlob]) -> None:
+    """Callback of a blob with shared memory before its first access after a pass."""
+    shared, owner = blob(), executor()
+    assert shared is not None
+    if owner is None:
+        shared.on_look_data = None
+        shared.separate()
+    else:
+        owner.separate(shared)
 
 
 def _keep(executor: weakref.ref[SlicedExecutor], blob: FastBlob) -> None:

@@ -92,6 +92,16 @@ class FastBlob(Blob):
         data, diff = self._data, self._diff if of_diff else None
         return None if data is None else data.copy(), None if diff is None else diff.copy()
 
+    def is_untouched(self) -> bool:
+        """Whether the blob has values, but no data yet, and no other blob's."""
+        return self.count > 0 and self._data is None and self._owner is None and self.tile is None
+
+    def separate(self) -> None:
+        """Use memory of its own, with the same values."""
+        if self._data is not None:
+            shared, self._data = self._data, aligned.empty(self._shape, self.dtype)
+            self._data[...] = shared
+
     def adopt(self, data: Array) -> None:
         """Use ``data`` as the blob's data, without a copy. Raises ValueError for another shape or dtype."""
         if data.shape != self._shape or data.dtype != self.dtype:
