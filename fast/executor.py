@@ -191,14 +191,14 @@ class SlicedExecutor(Executor):
         self._may_share = False
 
     def _end_sharing(self) -> None:
-        """Give all blobs memory of their own; the next pass shares that of new blobs, unless it runs layer by layer."""
+        """Give every blob separate memory; the next pass shares that of new blobs, unless it runs layer by layer."""
         for blob in self._sharing:
             blob.separate()
         self._sharing.clear()
         self._may_share = not self._by_layer
 
     def separate(self, blob: FastBlob) -> None:
-        """Give a blob that a caller is about to access memory of its own."""
+        """Give a blob that a caller is about to access separate memory."""
         blob.on_look_data = None
         self._sharing.discard(blob)
         blob.separate()

@@ -3,7 +3,7 @@ the parts of the other blob.
 
 The layers need no other computation, because NumPy skips the assignment of an array to itself. Two blobs share memory
 only if no layer overwrites one of them after they are equal, and if no caller has accessed them. At a caller's first
-access, a blob gets memory of its own, with the same values (executor.py).
+access, a blob gets separate memory, with the same values (executor.py).
 """
 
 from __future__ import annotations

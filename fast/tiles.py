@@ -97,7 +97,7 @@ class FastBlob(Blob):
         return self.count > 0 and self._data is None and self._owner is None and self.tile is None
 
     def separate(self) -> None:
-        """Use memory of its own, with the same values."""
+        """Use separate memory, with the same values."""
         if self._data is not None:
             shared, self._data = self._data, aligned.empty(self._shape, self.dtype)
             self._data[...] = shared
