@@ -197,12 +197,6 @@ class SlicedExecutor(Executor):
         self._sharing.clear()
         self._may_share = not self._by_layer
 
-    def separate(self, blob: FastBlob) -> None:
-        """Give a blob that a caller is about to access separate memory."""
-        blob.on_look_data = None
-        self._sharing.discard(blob)
-        blob.separate()
-
     # ------------------------------------------------------------------------------------------ hidden blobs
 
     def reveal(self, blob: Blob) -> None:
@@ -307,11 +301,10 @@ def _separate(executor: weakref.ref[SlicedExecutor], blob: weakref.ref[FastBlob]
     """Callback of a blob with shared memory before its first access after a pass."""
     shared, owner = blob(), executor()
     assert shared is not None
-    if owner is None:
-        shared.on_look_data = None
-        shared.separate()
-    else:
-        owner.separate(shared)
+    shared.on_look_data = None
+    shared.separate()
+    if owner is not None:
+        owner._sharing.discard(shared)
 
 
 def _keep(executor: weakref.ref[SlicedExecutor], blob: FastBlob) -> None:

@@ -24,9 +24,11 @@ ENOUGH = 0.3  # minimum confidence of a hand
 SURE = 0.985  # confidence below which a full fit is run
 PAUSE, MAX_PAUSE = 0.25, 1.0  # s between full fits; doubled after each without improvement
 SOON = 0.06  # s between full fits after an alarm, or if the side is uncertain
-CONTRADICTED = 2  # number of joints in empty space from which a full fit is run
+CONTRADICTED = 2  # number of joints in empty space from which a full fit is run; others were not measured
 TROUBLE, ALARM = 1.4, 2.0  # selection cost relative to its average: run the network; run a full fit
-FIRST = 1.3  # expected error of fast fits, which follow a hand, relative to the accurate one that finds it
+# Expected error of fast fits, which follow a hand, relative to the accurate one that finds it: 9.8 and 7.7 mm on 8,192
+# synthetic frames.
+FIRST = 1.3
 HABIT = 0.1  # weight of the last frame in the average selection cost
 BETTER = 0.9  # ratio of selection costs that counts as an improvement
 ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
