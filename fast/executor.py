@@ -4,7 +4,8 @@ A blob inside a slice is *hidden*: it is not stored for the whole batch. At the 
 ``diff``, its values of the last pass are computed again, and it is stored in all later passes. The computation uses the
 weights and the inputs of the last pass. An input is copied when the caller first accesses it after the pass, because
 the caller may then modify it. An array that the caller obtained before the pass is not copied: modifying it changes the
-values that are computed again. A hidden diff can be computed again until the next forward pass.
+values that are computed again. A hidden diff can be computed again until the next forward pass or reshape. After a
+reshape, hidden data whose shape did not change is computed again in the shapes of the last pass.
 
 After the access to a second hidden blob no blob is hidden any more, so a loop over all blobs costs at most two passes.
 
@@ -16,7 +17,6 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
 from functools import partial
 from typing import cast
 
@@ -24,17 +24,16 @@ import numpy as np
 
 from fast.fast_layer import FastLayer, plain_copy
 from fast.fusing import fuse, release
+from fast.last_pass import LastPass
 from fast.plan import Run, plan, whole
 from fast.shared_memory import share
 from fast.slices import SlicedStep
 from fast.tiles import FastBlob
-from netlib.blob import Array, Blob
+from netlib.blob import Blob
 from netlib.engine.checks import guarded
 from netlib.engine.plain import BackwardHook, Connection, Executor, Step
 from netlib.errors import NetlibError
 from netlib.layer import Layer
-
-Halves = tuple["Array | None", "Array | None"]  # data and diff; None if not allocated
 
 
 class SlicedExecutor(Executor):
@@ -50,16 +49,14 @@ class SlicedExecutor(Executor):
         self._stored = set(self._outside)
         self._looked = False
         self._by_layer = False
-        self._seen = [False, False]  # whether forward and backward have run
+        self._last: LastPass | None = None
         self._watched: list[FastBlob] = []
-        self._kept: dict[Blob, Array] = {}  # blobs that a caller accessed, their data in forward
-        self._kept_back: dict[Blob, Halves] = {}  # data and diff in the last backward
         self._sharing: set[FastBlob] = set()
         self._may_share = True  # whether blobs have shapes for which sharing was not decided yet
         self._planned_for: list[tuple[bool, bool, tuple[int, ...]]] = []
         self._plan()
 
-    def _plan(self, old: Sequence[WholeStep | SlicedStep] = ()) -> None:
+    def _plan(self, old: Sequence[Step] = ()) -> None:
         """Select the layers that run in slices, and register callbacks for accesses to the hidden blobs.
 
         Layers of different steps of the last pass, ``old``, are not joined in one step, because a step can be repeated
@@ -99,7 +96,7 @@ class SlicedExecutor(Executor):
             self.forget_last_pass()
             super().forward(first, last)
             if not self._is_part(first, last):
-                self._seen = [True, False]
+                self._last = LastPass(self.steps)
                 self._watch()
 
     def in_order(self, first: int, last: int | None) -> Iterator[WholeStep | SlicedStep]:
@@ -119,9 +116,9 @@ class SlicedExecutor(Executor):
             yield step
             number += 1
 
-    def _refined(self, step: WholeStep | SlicedStep) -> list[Run]:
+    def _refined(self, step: Step) -> list[Run]:
         """Plan the layers of a step again from the current shapes; of its blobs, those now stored are not hidden."""
-        if isinstance(step, WholeStep):
+        if not isinstance(step, SlicedStep):
             return [whole(step.at)]
         hidden = set(step.run.hidden)
         return plan(step.run.connections, lambda blob: blob in self._stored or blob not in hidden)
@@ -142,26 +139,23 @@ class SlicedExecutor(Executor):
             if self._is_part(first, last) or not complete or self._is_rewritten():
                 self._run_by_layer()
             self._unwatch()
-            self._kept_back.clear()
             super().backward(first, last, on_done)
-            if not self._is_part(first, last):
-                self._seen[1] = True
+            if self._last is not None:
+                self._last.kept_back.clear()
+                self._last.has_backward |= not self._is_part(first, last)
             self._watch()
 
     def reshape(self) -> bool:
         """Reshape all blobs after an input was reshaped. Returns whether any shape changed."""
         with self.one_thread:
-            try:
-                changed = super().reshape()
-            except NetlibError:
-                self._seen = [False, False]  # some blobs have new shapes, so no values can be computed again
-                raise
-            if changed:
-                self._seen = [False, False]
-                self._end_sharing()
+            changed = super().reshape()
+            if self._last is not None and not self._last.outlives_reshape():
                 self.forget_last_pass()
+            if changed:
+                self._end_sharing()
                 if self._item_shapes() != self._planned_for:
                     self._plan()
+                self._watch()
         return changed
 
     @staticmethod
@@ -170,7 +164,7 @@ class SlicedExecutor(Executor):
 
     def _is_rewritten(self) -> bool:
         """Whether a caller has modified an input of forward. Slices may no longer have the values for backward."""
-        return any(not np.array_equal(data, blob.data) for blob, data in self._kept.items())
+        return self._last is not None and self._last.is_rewritten()
 
     def _run_by_layer(self) -> None:
         """Switch permanently to one step per layer, so that a part of the net can be run by the indices of layers."""
@@ -205,45 +199,27 @@ class SlicedExecutor(Executor):
             self._stored |= set(self.hidden()) if self._looked else {blob}
             self._looked = True
             self._replan()
-            self._watch()
 
     def _replan(self) -> None:
         """Plan again, and restore the state of the old steps in the new ones: values, winners, masks."""
-        old = [step for step in self.steps if isinstance(step, SlicedStep)]
         self._unwatch()
-        self._plan(self.steps)
-        with np.errstate(all="ignore"):  # as in the pass whose values are computed again
+        if self._last is None:
+            self._plan(self.steps)
+            return
+        with self._last.shapes() as are_replaced, np.errstate(all="ignore"):  # as in the pass that is repeated
+            old = self._last.sliced()
+            if are_replaced:  # a plan for other shapes would hide other blobs
+                self._stored |= {blob for step in old for blob in step.run.hidden}
+            self._plan(self._last.steps)
+            self._last.steps = self.steps
             for step in old:
-                self._repeat(step)
-
-    def _repeat(self, old: SlicedStep) -> None:
-        """Repeat the last pass of ``old`` with the new steps, without changing any value that a caller can access."""
-        inside = set(old.run.connections)
-        steps = [step for step in self.steps if step.at in inside]
-        read, written = old.run.outside("bottom"), old.run.outside("top")
-        if self._seen[0]:
-            with ExitStack() as stack:
-                self._set_back(stack, old.weights)
-                for blob in read:
-                    stack.enter_context(blob.holding(self._kept.get(blob)))
-                for blob in written:
-                    stack.enter_context(blob.holding(data=blob.data.copy()))
-                for step in steps:
-                    step.forward()
-        if self._seen[1]:
-            with ExitStack() as stack:
-                self._set_back(stack, old.weights_back)
-                for blob in [*read, *written]:
-                    stack.enter_context(blob.holding(*self._kept_back.get(blob, (None, None))))
-                for blob in [*read, *(param for param, _ in old.weights_back)]:
-                    stack.enter_context(blob.holding(diff=blob.diff.copy()))
-                for step in reversed(steps):
-                    step.backward()
-
-    @staticmethod
-    def _set_back(stack: ExitStack, weights: list[tuple[Blob, Array]]) -> None:
-        for param, values in weights:
-            stack.enter_context(param.holding(data=values))
+                inside = set(step.run.connections)
+                self._last.repeat(step, [new for new in self.steps if new.at in inside])
+        if are_replaced:
+            if not self.record.is_outdated(0, None):
+                super().reshape()
+            self._plan()
+        self._watch()
 
     # Inputs of the last pass are copied before a caller can modify them.
 
@@ -252,17 +228,18 @@ class SlicedExecutor(Executor):
         for shared in self._sharing:
             shared.on_look_data = partial(_separate, weakref.ref(self), weakref.ref(shared))
         self._watched += self._sharing
-        kept = self._kept_back if self._seen[1] else self._kept
-        for step in self.steps:
-            if isinstance(step, SlicedStep):
-                for blob in step.run.outside("top") if self._seen[1] else []:
-                    if isinstance(blob, FastBlob) and blob.on_look is None and blob not in kept:
-                        blob.on_look = partial(_keep, weakref.ref(self), blob)
-                        self._watched.append(blob)
-                for blob in step.run.outside("bottom"):  # backward does not read their diffs
-                    if isinstance(blob, FastBlob) and blob.on_look is None and blob not in kept:
-                        blob.on_look_data = partial(_keep, weakref.ref(self), blob)
-                        self._watched.append(blob)
+        if self._last is None:
+            return
+        kept = self._last.kept_back if self._last.has_backward else self._last.kept
+        for run in [step.run for step in self._last.sliced()]:
+            for blob in run.outside("top") if self._last.has_backward else []:
+                if isinstance(blob, FastBlob) and blob.on_look is None and blob not in kept:
+                    blob.on_look = partial(_keep, weakref.ref(self), blob)
+                    self._watched.append(blob)
+            for blob in run.outside("bottom"):  # backward does not read their diffs
+                if isinstance(blob, FastBlob) and blob.on_look is None and blob not in kept:
+                    blob.on_look_data = partial(_keep, weakref.ref(self), blob)
+                    self._watched.append(blob)
 
     def _unwatch(self) -> None:
         for blob in self._watched:
@@ -271,18 +248,15 @@ class SlicedExecutor(Executor):
 
     def keep(self, blob: FastBlob) -> None:
         """Copy a blob that a caller is about to access."""
-        data, diff = blob.copies(of_diff=blob.on_look is not None)
+        with_diff = blob.on_look is not None
         blob.on_look = blob.on_look_data = None
-        if data is not None:
-            self._kept.setdefault(blob, data)
-        if self._seen[1]:
-            self._kept_back[blob] = data, diff
+        if self._last is not None:
+            self._last.keep(blob, with_diff)
 
     def forget_last_pass(self) -> None:
-        """Discard the copies of inputs of the last pass."""
+        """Discard what a repetition of the last pass needs."""
         self._unwatch()
-        self._kept.clear()
-        self._kept_back.clear()
+        self._last = None
 
 
 def _step_of(run: Run) -> WholeStep | SlicedStep:

@@ -113,9 +113,15 @@ class Blob:
             self._owner, self._data = owner, None
 
     @contextmanager
-    def holding(self, data: Array | None = None, diff: Array | None = None) -> Iterator[None]:
-        """Temporarily replace ``data`` and ``diff``. Blobs that share this one's memory are not affected."""
-        before = self._owner, self._data, self._diff_owner, self._diff
+    def holding(
+        self, data: Array | None = None, diff: Array | None = None, shape: tuple[int, ...] | None = None
+    ) -> Iterator[None]:
+        """Temporarily replace ``data`` and ``diff``, and with a shape all three. Blobs that share this one's memory are
+        not affected.
+        """
+        before = self._shape, self._owner, self._data, self._diff_owner, self._diff
+        if shape is not None:
+            self._shape, self._owner, self._data, self._diff_owner, self._diff = shape, None, None, None, None
         if data is not None:
             self._owner, self._data = None, data
         if diff is not None:
@@ -123,7 +129,7 @@ class Blob:
         try:
             yield
         finally:
-            self._owner, self._data, self._diff_owner, self._diff = before
+            self._shape, self._owner, self._data, self._diff_owner, self._diff = before
 
     # Caffe's names for the first four axes
     @property

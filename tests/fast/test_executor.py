@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import netlib
 from fast import slices
 from fast.executor import SlicedExecutor
+from fast.last_pass import LastPass
 from fast.slices import SlicedStep
 from netlib.proto import prototxt
 from tests.support.nets import inputs
@@ -271,8 +272,8 @@ def test_looking_at_all_shapes_costs_two_passes(net_of: MakeNet, monkeypatch: py
     everything(net, batch(3))
     assert hidden(net) == HIDDEN
     passes = []
-    repeat = SlicedExecutor._repeat
-    monkeypatch.setattr(SlicedExecutor, "_repeat", lambda self, old: (passes.append(old), repeat(self, old)))
+    repeat = LastPass.repeat
+    monkeypatch.setattr(LastPass, "repeat", lambda self, *steps: (passes.append(steps), repeat(self, *steps)))
     assert [blob.data.shape for blob in net.blobs.values()] == [blob.shape for blob in net.blobs.values()]
     assert len(passes) <= 3  # one run, then the two parts that remain of it
     assert hidden(net) == []
@@ -297,6 +298,51 @@ def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet, expected:
     net.reshape()
     check_blob(net, "c1", "data", expected)
     check_blob(net, "p1", "diff", expected)
+
+
+TWO_IMAGES = """
+    layer { name: "c" type: "Convolution" bottom: "one" top: "c"
+            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }
+    layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 3 stride: 3 } }
+    layer { name: "d" type: "Convolution" bottom: "p" top: "d"
+            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }
+    layer { name: "e" type: "Convolution" bottom: "two" top: "e"
+            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }
+    layer { name: "f" type: "Convolution" bottom: "e" top: "f"
+            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }
+"""
+RESHAPED = {
+    "the other input": [("two", (3, 2, 7, 9))],
+    "a size that the pooling rounds to the same": [("one", (3, 2, 9, 9))],
+    "there and back": [("one", (3, 2, 5, 5)), ("one", (3, 2, 10, 10))],
+    "both": [("one", (3, 2, 9, 9)), ("two", (1, 2, 7, 9))],
+}
+
+
+@pytest.mark.parametrize("reshaped", RESHAPED.values(), ids=RESHAPED)
+@pytest.mark.parametrize("use", ["look", "forward of a part", "backward", "write, then backward"])
+def test_a_reshape_leaves_the_values_of_other_shapes(use: str, reshaped: list[tuple[str, tuple[int, ...]]]) -> None:
+    """Blobs whose shape a reshape does not change have their values of the last pass, hidden or not."""
+    found = []
+    for engine in ("plain", "fast"):
+        text = inputs(one=(3, 2, 10, 10), two=(3, 2, 6, 6)) + TWO_IMAGES + "force_backward: true"
+        net = netlib.Net(prototxt.parse(text), netlib.TRAIN, dtype=np.float64, seed=1, engine=engine)
+        rng = np.random.default_rng(2)
+        net.forward(one=rng.normal(size=(3, 2, 10, 10)), two=rng.normal(size=(3, 2, 6, 6)))
+        assert engine == "plain" or ("e" in hidden(net) and "p" in hidden(net))
+        for name, shape in reshaped:
+            net.blobs[name].reshape(*shape)
+            net.reshape()
+        if use == "forward of a part":
+            net.forward(start="d")
+        elif use != "look":
+            for name in ("one", "two") if use.startswith("write") else ():
+                net.blobs[name].data[...] = 1
+            net.backward(d=np.ones_like(net.blobs["d"].data), f=np.ones_like(net.blobs["f"].data))
+        found.append({name: blob.data.copy() for name, blob in net.blobs.items()})
+        found[-1] |= {f"slopes of {name}": params[0].diff.copy() for name, params in net.params.items()}
+    for name, values in found[0].items():
+        np.testing.assert_allclose(found[1][name], values, atol=1e-9, err_msg=name)
 
 
 def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:

@@ -529,9 +529,10 @@ class Program:
 
     def _reshape(self) -> None:
         count = self.rng.randint(1, 5)
-        for net in self.nets:
-            for other in net.inputs:
-                net.blobs[other].reshape(count, *net.blobs[other].shape[1:])
+        inputs = self.nets[0].inputs
+        for name in inputs if self.rng.random() < 0.6 else [self.rng.choice(inputs)]:
+            for net in self.nets:
+                net.blobs[name].reshape(count, *net.blobs[name].shape[1:])
         self._pass(lambda net: net.reshape())
 
     def _backward_after_reshape(self) -> None:
