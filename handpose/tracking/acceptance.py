@@ -94,7 +94,7 @@ class Acceptance:
         if found.rejection_score > REJECT_MM:
             return Offer([], _unlike(found.rejection_score, REJECT_MM))
         seen = self._sides_at(depth, found.center_uvd, ACCURATE)
-        confidence = max((estimate.chance for estimate in seen), default=0.0)
+        confidence = max((estimate.judged(depth).chance for estimate in seen), default=0.0)
         if confidence < ENOUGH:
             return Offer([], f"the pose is uncertain (confidence {confidence:.0%})")
         best = min(seen, key=lambda estimate: estimate.uncertainty)
