@@ -48,6 +48,7 @@ MAX_SLICE = 64
 LANES = 16
 LANE_BYTES = 64 << 20  # of the parameter gradients of all lanes
 MIN_LANES = 4
+RECENT = 4  # numbers of items whose division is kept, without a backward pass: a caller's batches vary
 
 Piece = list[Connection]  # the layers of a run, for one slice
 Lane = list[Piece]  # slices that share parameter gradients
@@ -66,6 +67,7 @@ class SlicedStep(Step):
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
+        self._recent: dict[tuple[tuple[int, ...], ...], list[Lane]] = {}
         self.weights: list[tuple[Blob, Array]] = []  # parameters, their values in the last forward
         self.weights_back: list[tuple[Blob, Array]] = []  # parameters, their values in the last backward
         self._inputs, self._outputs = run.outside("bottom"), run.outside("top")
@@ -134,8 +136,12 @@ class SlicedStep(Step):
             values[...] = param.data
 
     def _is_cut(self) -> bool:
-        """Whether the batch is divided into slices for the current shapes of the inputs."""
-        return bool(self._lanes) and [b.shape for b in self._whole] == self._shapes
+        """Whether the batch is divided into slices for the current shapes, now or recently."""
+        shapes = [b.shape for b in self._whole]
+        if shapes != self._shapes and (lanes := self._recent.pop(tuple(shapes), None)):
+            self._recent[tuple(shapes)] = lanes  # as the last one
+            self._lanes, self._shapes = lanes, shapes
+        return bool(self._lanes) and shapes == self._shapes
 
     def is_even(self) -> bool:
         """Reshape the blobs if inputs have new shapes. Returns whether all blobs have the same number of items."""
@@ -168,6 +174,9 @@ class SlicedStep(Step):
                 params = [at.layer.blobs for at in lanes[i % count][0]]
             lanes[i % count].append(self._piece(rows, params))
         self._lanes, self._shapes = lanes, [b.shape for b in self._whole]
+        if not self._needs_backward:
+            self._recent = dict([*self._recent.items()][1 - RECENT :])
+            self._recent[tuple(self._shapes)] = lanes
 
     def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
         """Create the layers of one slice."""

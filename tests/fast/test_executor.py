@@ -357,6 +357,26 @@ def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
         assert np.array_equal(net.blobs[name].data, other.blobs[name].data), name
 
 
+@pytest.mark.parametrize("has_loss", [False, True])
+def test_recent_numbers_of_items_need_no_new_slices(net_of: MakeNet, has_loss: bool) -> None:
+    """Without a backward pass, the slices of the last few batches are kept, with the same results."""
+    text = PAPER if has_loss else PAPER[: PAPER.index('layer { name: "label"')]
+    net = net_of(text)
+    layers: dict[int, object] = {}
+    for items in (5, 19, 5, 2, 3, 4, 5):
+        given = {name: array for name, array in batch(items).items() if name in net.inputs}
+        feed(net, given)
+        sliced = next(step for step in net.executor.steps if isinstance(step, SlicedStep))
+        layer = sliced.pieces()[0][0].layer
+        assert (layers.get(items) is layer) == (items in layers and not has_loss)
+        layers[items] = layer
+        new = net_of(text)
+        feed(new, given)
+        assert np.array_equal(net.blobs["fc"].data, new.blobs["fc"].data)
+    feed(net, batch(19) if has_loss else {"depth": batch(19)["depth"]})  # not among the last four
+    assert sliced.pieces()[0][0].layer is not layers[19]
+
+
 def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
     """Accessing a hidden blob after its net was deleted raises an error instead of returning zeros."""
 
