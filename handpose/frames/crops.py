@@ -226,11 +226,9 @@ def with_hidden(
     return np.where(hidden, np.float32(-1), crop_of_hand) if hidden.any() else crop_of_hand
 
 
-def unread(
-    readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera, size: int = SIZE
-) -> NDArray[np.bool_]:
-    """True (size, size) for the pixels of a crop that are in the image and have no reading; arguments as ``crop``."""
-    columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera, size))
+def unread(readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> NDArray[np.bool_]:
+    """True (S, S) for the pixels of a crop that are in the image and have no reading; arguments as ``crop``."""
+    columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera))
     picked = readings[rows[:, None], columns]
     return np.asarray((columns >= 0) & (rows >= 0)[:, None] & ~(picked > 0))
 

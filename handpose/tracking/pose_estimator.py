@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.render import in_front, normalise_depth, render_crop
+from handpose.body.render import Capsules, in_front, normalise_depth, render_crop
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
 from handpose.estimate.hand import Hand
@@ -86,42 +86,37 @@ class PoseEstimator:
             shown = alone(shown, region.center_uvd, self.cube_mm, self.camera)
         if readings is None or region.before is None:
             return Candidate(**vars(region), crop=shown)
-        crop = self._with_unknown(shown, readings, region, region.before)
+        crop = self._with_unknown(shown, readings, region, self._capsules(region.before, region.side))
         return Candidate(**vars(region), crop=crop, shown=None if crop is shown else shown)
 
     def _with_unknown(
-        self, shown: NDArray[np.float32], readings: NDArray[np.float32], region: SearchRegion, body: WorldPose
+        self, shown: NDArray[np.float32], readings: NDArray[np.float32], region: SearchRegion, body: Capsules
     ) -> NDArray[np.float32]:
         """A region's crop with the pixels at the near face that do not show what an expected body has there.
 
         These have readings of something in front of it, or none although the body was read.
         """
-        seen, uvd = self.expected(readings, body, region.side).support, region.center_uvd
-        crop = shown
+        limbs, uvd, crop = self.model.surface.limbs, region.center_uvd, shown
+        seen = support(body, limbs, readings, self.camera)
         if seen.hidden[0] >= HIDING:
             crop = with_hidden(crop, readings, uvd, self.cube_mm, self.camera)
         missing = seen.missing[0] >= UNREAD and seen.outside[0] < LEAVING
-        if missing and not region.alone and self._explained(shown, body, region.side, uvd) >= EXPLAINED:
-            own = self._rendered(body, region.side, uvd, ~self.model.surface.limbs) < 1
+        if missing and not region.alone and self._explained(shown, body, uvd) >= EXPLAINED:
+            own = self._rendered(body.chosen(~limbs), uvd) < 1
             around = cv2.dilate(own.astype(np.uint8), self._around) > 0
             crop = np.where(around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop)
         return crop
 
-    def _explained(self, crop: NDArray[np.float32], body: WorldPose, side: Side, center_uvd: Array) -> float:
+    def _explained(self, crop: NDArray[np.float32], body: Capsules, center_uvd: Array) -> float:
         """The share of a crop's readings that are on the surface of an expected body; 0 without any."""
         seen = crop < BACKGROUND
-        expected = self._rendered(body, side, center_uvd, np.ones_like(self.model.surface.limbs))
-        on = seen & (np.abs(crop - expected) <= APART_MM / (self.cube_mm / 2))
+        on = seen & (np.abs(crop - self._rendered(body, center_uvd)) <= APART_MM / (self.cube_mm / 2))
         return float(on.sum() / max(seen.sum(), 1))
 
-    def _rendered(
-        self, body: WorldPose, side: Side, center_uvd: Array, chosen: NDArray[np.bool_]
-    ) -> NDArray[np.float32]:
-        """What a crop (S, S) about a centre (3,) would show of some capsules (M,) of a body; 1 without a surface."""
-        x = crop_variables(self.model, body, body.place)[None]
-        capsules = self.model.capsules(x, body.place[None]).mirrored(mirror_of(side)).chosen(chosen)
+    def _rendered(self, capsules: Capsules, center_uvd: Array) -> NDArray[np.float32]:
+        """What a crop (S, S) about a centre (3,) would show of capsules; 1 without a surface."""
         d, cube = center_uvd[2:], self.cube_mm
-        image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, self.camera, SIZE)
+        image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, self.camera)
         return normalise_depth(image, d, cube)[0]
 
     def surroundings(self, depth: NDArray[np.float32], center_uvd: Array) -> float:
@@ -141,14 +136,17 @@ class PoseEstimator:
 
     def expected(self, depth: NDArray[np.float32], body: WorldPose, side: Side) -> Expected:
         """A body as a hand that is expected in an image, with all readings, mm."""
-        center, mirror, model = body.place, mirror_of(side), self.model
-        x = crop_variables(model, body, center)[None]
-        capsules = model.capsules(x, center[None]).mirrored(mirror)
+        joints = self.model.joints(crop_variables(self.model, body, body.place)[None])[0]
         return Expected(
-            (model.joints(x)[0] + center) * mirror,
+            (joints + body.place) * mirror_of(side),
             self.center_of(body, side),
-            support(capsules, model.surface.limbs, depth, self.camera),
+            support(self._capsules(body, side), self.model.surface.limbs, depth, self.camera),
         )
+
+    def _capsules(self, body: WorldPose, side: Side) -> Capsules:
+        """The surface of a body in camera axes."""
+        x = crop_variables(self.model, body, body.place)[None]
+        return self.model.capsules(x, body.place[None]).mirrored(mirror_of(side))
 
     def support(self, depth: NDArray[np.float32], hand: Hand) -> Support:
         """The support of a pose by an image with all readings, mm."""
