@@ -63,26 +63,20 @@ class TwoWaySmoothing(Generic[T]):
         released = []
         for n in range(len(self._held) - 1, -1, -1):
             item, frame = self._held[n]
-            found = {(hand.id, hand.hand): hand for hand in frame.hands if hand.poses is not None}
-            filters = {key: filters.get(key) or PoseFilter() for key in found}
-            backward = {key: self._filtered(filters[key], hand, frame.time) for key, hand in found.items()}
+            poses = {(hand.id, hand.hand): hand.poses for hand in frame.hands if hand.poses is not None}
+            filters = {key: filters.get(key) or PoseFilter() for key in poses}
+            # The times of a filter ascend.
+            backward = {key: filters[key](own.fitted, -frame.time, own.error_mm) for key, own in poses.items()}
             if n < count:
-                hands = tuple(
-                    self._between(hand, backward[hand.id, hand.hand]) if hand.poses is not None else hand
-                    for hand in frame.hands
-                )
+                hands = tuple(self._between(hand, backward.get((hand.id, hand.hand))) for hand in frame.hands)
                 released.append((item, frame._replace(hands=hands)))
         del self._held[:count]
         return released[::-1]
 
-    def _filtered(self, one: PoseFilter, hand: TrackedHand, time: float) -> WorldPose:
-        """The next pose of the filter that runs backwards: its times ascend."""
-        assert hand.poses is not None
-        return one(hand.poses.fitted, -time, hand.poses.error_mm)
-
-    def _between(self, hand: TrackedHand, backward: WorldPose) -> TrackedHand:
+    def _between(self, hand: TrackedHand, backward: WorldPose | None) -> TrackedHand:
         """The hand at the mean of its smoothed pose and this one. Error and confidence remain."""
-        assert hand.poses is not None
+        if hand.poses is None or backward is None:
+            return hand
         model, poses, mirror = self._model, hand.poses, mirror_of(hand.hand)
         body, center = middle_of(poses.smoothed, backward), hand.origin_mm * mirror
         x = variables_of(model, [body], center[None], poses.size)
