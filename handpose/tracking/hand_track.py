@@ -203,32 +203,29 @@ class HandTrack:
             regions.append(region if asked else replace(region, moved_mm=seen.estimate.moved_mm))
         return regions
 
-    def other_regions(
-        self, depth: NDArray[np.float32], estimates: Sequence[Hand | None], time: float
-    ) -> list[SearchRegion]:
+    def other_regions(self, depth: NDArray[np.float32], estimates: Sequence[Hand], time: float) -> list[SearchRegion]:
         """Further search regions for a full fit, if the pose or the side is uncertain, or the image contradicts it.
 
         These are the last pose, and the hand found by the locator, or else the palm predicted by the network, there as
         either side: a side decided in bad conditions may be wrong.
         """
-        found = [estimate for estimate in estimates if estimate is not None]
-        sure = max((estimate.chance for estimate in found), default=0.0)
-        best = min(found, key=lambda estimate: estimate.selection_cost, default=None)
+        sure = max((estimate.chance for estimate in estimates), default=0.0)
+        best = min(estimates, key=lambda estimate: estimate.selection_cost, default=None)
         alarmed = best is None or best.selection_cost > ALARM * self.usual_cost or best.in_empty_space >= CONTRADICTED
         pause = COMPARE if not self.is_decided else SOON if alarmed else self._pause
         if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
             return []
         self._looked = time
         regions = []
-        for side, estimate in ((estimate.hand, estimate) for estimate in found):
-            center = self._estimator.hand_near(depth, estimate)
+        for estimate in estimates:
+            side, center = estimate.hand, self._estimator.hand_near(depth, estimate)
             regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self._size, alone=self.alone))
             if self.is_decided:
                 others = (other for other in self._estimator.sides if other != side)
                 regions += [SearchRegion(center, other, None, self._size, alone=self.alone) for other in others]
         return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
 
-    def take(self, estimates: Sequence[Hand | None], others: Sequence[Hand | None], time: float) -> bool:
+    def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
         """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
         first, second = _best(estimates), _best(others)
         if self.is_decided:
@@ -307,13 +304,11 @@ class HandTrack:
             self._evidence = 0.0
 
 
-def _best(estimates: Sequence[Hand | None]) -> dict[Side, Hand]:
+def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:
     """The best pose of each side."""
     best: dict[Side, Hand] = {}
     for estimate in estimates:
-        if estimate is not None and (
-            estimate.hand not in best or estimate.selection_cost < best[estimate.hand].selection_cost
-        ):
+        if estimate.hand not in best or estimate.selection_cost < best[estimate.hand].selection_cost:
             best[estimate.hand] = estimate
     return best
 

@@ -169,13 +169,7 @@ class Tracker:
 
         readings  the image with those readings that are nearer than the camera measures
         """
-        for track in self.tracks:
-            if pause > COAST:
-                track.end(f"no frame for {pause:.1f} s, and not found again")
-            elif track.given_up(time):
-                track.end()
-                if track.is_untrusted:
-                    self.detector.reject(self._middle(track), time)
+        self._drop_given_up(time, pause)
         tracks = self.tracks
         for track in tracks:
             track.likely = self._size_beside(track.id)
@@ -184,33 +178,48 @@ class Tracker:
         others = {track.id: track.other_regions(depth, estimates[track.id], time) for track in tracks}
         again = self._estimates(depth, readings, others, AGAIN)
         for track in tracks:
-            seen, more = estimates[track.id], again[track.id]
-            found = [one for one in [*seen, *more] if one is not None]
-            least = min((one.selection_cost for one in found), default=np.inf)
-            behind = any((one.crop <= NEAR_FACE).any() for one in found)  # something; then the cost says little
-            doubtful = track.covered or behind or least > MAX_UNCOVERED * track.usual_cost
-            covered = self._expected(readings, track, time).support.covered[0] if doubtful or more else 0.0
-            if doubtful:
-                track.covered = bool(covered > MAX_COVERED)
-            if track.is_decided and covered > UNREAD:
-                # The fits as the other side have no expected pose for what is hidden.
-                more = [one for one in more if one is None or one.hand == track.hand]
-            if track.covered:
-                seen, more = ([one for one in hands if self._goes_on(readings, track, one)] for hands in (seen, more))
-            if track.take(seen, more, time):
-                continue
-            confidence = max((one.chance for one in [*seen, *more] if one is not None), default=0.0)
-            expected = self._expected(readings, track, time)
-            track.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
+            seen, more = self._unless_covered(readings, track, estimates[track.id], again[track.id], time)
+            if not track.take(seen, more, time):
+                confidence = max((one.chance for one in [*seen, *more]), default=0.0)
+                expected = self._expected(readings, track, time)
+                track.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
+
+    def _drop_given_up(self, time: float, pause: float) -> None:
+        """Drop tracks that were lost or not trusted for too long; after a long pause, all."""
+        for track in self.tracks:
+            if pause > COAST:
+                track.end(f"no frame for {pause:.1f} s, and not found again")
+            elif track.given_up(time):
+                track.end()
+                if track.is_untrusted:
+                    self.detector.reject(self._middle(track), time)
+
+    def _unless_covered(
+        self, readings: NDArray[np.float32], track: HandTrack, seen: list[Hand], more: list[Hand], time: float
+    ) -> tuple[list[Hand], list[Hand]]:
+        """The poses of a hand, ``seen`` and ``more``, that what covers it leaves possible; notes if it is covered."""
+        least = min((one.selection_cost for one in [*seen, *more]), default=np.inf)
+        behind = any((one.crop <= NEAR_FACE).any() for one in [*seen, *more])  # something; then the cost says little
+        doubtful = track.covered or behind or least > MAX_UNCOVERED * track.usual_cost
+        covered = self._expected(readings, track, time).support.covered[0] if doubtful or more else 0.0
+        if doubtful:
+            track.covered = bool(covered > MAX_COVERED)
+        if track.is_decided and covered > UNREAD:
+            # The fits as the other side have no expected pose for what is hidden.
+            more = [one for one in more if one.hand == track.hand]
+        if track.covered:
+            seen, more = ([one for one in hands if self._goes_on(readings, track, one)] for hands in (seen, more))
+        return seen, more
 
     def _estimates(
         self, depth: NDArray[np.float32], readings: NDArray[np.float32], regions: dict[int, list[SearchRegion]],
         plan: Plan | None = None,
-    ) -> dict[int, list[Hand | None]]:  # fmt: skip
-        """The poses in regions of several hands, by their ids."""
+    ) -> dict[int, list[Hand]]:  # fmt: skip
+        """The poses in those regions of several hands, by their ids, that are in the image."""
         every = [region for own in regions.values() for region in own]
         estimates = iter(self.estimator.estimate(depth, every, plan, readings))
-        return {id: [next(estimates) for _ in own] for id, own in regions.items()}
+        found = {id: [next(estimates) for _ in own] for id, own in regions.items()}
+        return {id: [one for one in own if one is not None] for id, own in found.items()}
 
     def _drop_doubles(self) -> None:
         """Drop one of two tracks of the same hand: the one lost earlier, otherwise the worse one."""
@@ -223,12 +232,12 @@ class Tracker:
         """A hand where it is expected."""
         return self.estimator.expected(readings, track.best.expected(time), track.hand)
 
-    def _goes_on(self, readings: NDArray[np.float32], track: HandTrack, found: Hand | None) -> bool:
+    def _goes_on(self, readings: NDArray[np.float32], track: HandTrack, found: Hand) -> bool:
         """True if a pose explains readings in front of the expected one: the hand itself has moved towards the camera.
 
         Otherwise the pose is a guess from the rest of a covered hand, or the object that covers it.
         """
-        if found is None or found.selection_cost > MAX_DEARER * track.usual_cost:
+        if found.selection_cost > MAX_DEARER * track.usual_cost:
             return False
         return bool(self.estimator.support(readings, found).covered[0] < MAX_COVERED_MOVED)
 
