@@ -61,31 +61,32 @@ def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
 
     All but the nearest to the labels are no hands: as wrong as a lost one.
     """
-    seen: dict[float, tuple[Evidence, int]] = {}
+    seen: list[Evidence] = []  # in this frame
 
     def recorded(*args: object) -> Evidence:
-        evidence = observe(*args)  # type: ignore[arg-type]
-        errors = judged(evidence.signs, evidence.lag_mm, evidence.support)[0]
-        seen.update((float(error), (evidence, row)) for row, error in enumerate(errors))
-        return evidence
+        seen.append(observe(*args))  # type: ignore[arg-type]
+        return seen[-1]
 
     observe = pose_confidence.evidence_of
-    rows, errors = [], []
+    reported: list[Evidence] = []
+    errors = []
     tracker = load_tracker(_mirrored(recording.camera) if mirrored else recording.camera)
     fingers = Fingers(Surface(tracker.predictor.skeleton))
     with recording, mock.patch.object(pose_confidence, "evidence_of", recorded):
         for frame, truth in zip(recording, labels):
             if mirrored:
                 frame, truth = frame._replace(depth=frame.depth[:, ::-1]), truth * (-1, 1, 1)
+            seen.clear()
             hands = tracker.step(frame).hands
             if np.isnan(truth).any() or not hands:
                 continue
             apart = [np.linalg.norm(labelled(fingers, hand.xyz) - truth, axis=2).mean() for hand in hands]
-            rows += [seen[hand.error_mm] for hand in hands]
+            reported += seen[-len(hands) :]  # what is reported is judged last, and first as a hand of its side
             errors += [min(one, LOST_MM) if one == min(apart) else LOST_MM for one in apart]
-    signs, lags = (np.array([getattr(evidence, key)[row] for evidence, row in rows]) for key in ("signs", "lag_mm"))
-    support = Support(*(np.array([part[row] for (evidence, row), part in zip(rows, parts)])
-                        for parts in zip(*(evidence.support for evidence, _ in rows))))  # fmt: skip
+    if not reported:
+        raise DataError(f"{recording.name}: no hand is tracked in any labelled frame")
+    signs, lags = (np.array([getattr(one, key)[0] for one in reported]) for key in ("signs", "lag_mm"))
+    support = Support(*(np.array([part[0] for part in parts]) for parts in zip(*(one.support for one in reported))))
     return Poses(Path(recording.name).name, signs, lags, support, np.array(errors))
 
 

@@ -12,6 +12,7 @@ from handpose.fit.pose_confidence import CONSTANT, SIGNS, WEIGHTS
 from handpose.fit.support import Support
 from handpose.frames.cameras import ICVL
 from handpose.sequences.recordings import SyntheticRecording
+from netlib.errors import DataError
 
 
 def poses(name: str, weights: np.ndarray, constant: float, seed: int, count: int = 400) -> Poses:
@@ -61,6 +62,13 @@ def test_poses_of_a_recording(mirrored: bool):
     assert found.signs.shape == (recording.count, len(SIGNS)) and len(np.unique(found.signs, axis=0)) == recording.count
     assert found.error_mm.mean() < 25
     assert all(len(part) == recording.count for part in found.support)
+
+
+def test_a_recording_without_labels():
+    """A recording of which nothing can be compared is rejected."""
+    recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.4, seed=1)
+    with pytest.raises(DataError, match="no hand is tracked in any labelled frame"):
+        tracked(recording, np.full((recording.count, 5, 3, 3), np.nan), mirrored=False)
 
 
 @pytest.mark.parametrize(
