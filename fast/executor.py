@@ -148,9 +148,11 @@ class SlicedExecutor(Executor):
     def reshape(self) -> bool:
         """Reshape all blobs after an input was reshaped. Returns whether any shape changed."""
         with self.one_thread:
-            changed = super().reshape()
-            if self._last is not None and not self._last.outlives_reshape():
-                self.forget_last_pass()
+            try:
+                changed = super().reshape()
+            finally:  # an error leaves some blobs with new shapes
+                if self._last is not None and not self._last.outlives_reshape():
+                    self.forget_last_pass()
             if changed:
                 self._end_sharing()
                 if self._item_shapes() != self._planned_for:
@@ -176,11 +178,9 @@ class SlicedExecutor(Executor):
 
     def _share(self) -> None:
         """Let blobs share memory that only layers on the whole batch read and write."""
-        apart = set(self._outside)
-        for step in self.steps:
-            if isinstance(step, SlicedStep) or step.at.layer.type == "Python":  # a user's layer may write its bottoms
-                connections = step.run.connections if isinstance(step, SlicedStep) else [step.at]
-                apart |= {blob for at in connections for blob in [*at.bottom, *at.top]}
+        in_slices = [at for step in self.steps if isinstance(step, SlicedStep) for at in step.run.connections]
+        of_users = [at for at in self.connections if at.layer.type == "Python"]  # may write their bottoms
+        apart = {*self._outside, *(blob for at in [*in_slices, *of_users] for blob in [*at.bottom, *at.top])}
         self._sharing |= share(self.connections, lambda blob: blob not in apart)
         self._may_share = False
 

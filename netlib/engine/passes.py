@@ -40,11 +40,13 @@ class ForwardRecord:
         self._has_run[first:last] = [True] * len(self._has_run[first:last])
         self._shapes[first:last] = [_shapes_of(at) for at in self._connections[first:last]]
 
-    def note_reshape(self) -> None:
-        """Record that the net was reshaped: layers with new shapes have not run."""
+    def note_reshape(self, complete: bool) -> None:
+        """Record that the net was reshaped: layers with new shapes have not run. If not ``complete``, because a layer
+        rejected its shapes, the new shapes are outdated."""
         now = [_shapes_of(at) for at in self._connections]
         self._has_run = [ran and old == new for ran, old, new in zip(self._has_run, self._shapes, now)]
-        self._shapes = now
+        if complete:
+            self._shapes = now
 
     def is_outdated(self, first: int, last: int | None) -> bool:
         """Whether a blob of these layers has another shape than when they ran or were reshaped."""

@@ -110,12 +110,14 @@ class Executor:
         """Reshape all blobs after an input was reshaped. Returns whether any shape changed."""
         self._fits = False
         with self.one_thread:
-            before = self._all_shapes()
-            for at in self.connections:
-                guarded(at.layer, "reshape", at.bottom, at.top)
-            changed = before != self._all_shapes()
-        self.record.note_reshape()
-        return changed
+            before, complete = self._all_shapes(), False
+            try:
+                for at in self.connections:
+                    guarded(at.layer, "reshape", at.bottom, at.top)
+                complete = True
+            finally:
+                self.record.note_reshape(complete)
+            return before != self._all_shapes()
 
     def _all_shapes(self) -> list[tuple[int, ...]]:
         return [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]
