@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from typing import TypeGuard
 
 from fast.tiles import FastBlob
 from layers.common.concat import Concat
@@ -18,31 +19,37 @@ from layers.common.split import Split
 from netlib.blob import Blob, Blobs
 from netlib.engine.plain import Connection
 
-Place = tuple[Blob, int]  # another blob, and the position of the first value there
+Place = tuple[FastBlob, int]  # another blob, and the position of the first value there
 
 
 def share(connections: Sequence[Connection], is_free: Callable[[Blob], bool]) -> set[FastBlob]:
     """Let blobs of these layers share memory; returns those that do. ``is_free`` is false for blobs that must not."""
     last_writers = {blob: number for number, at in enumerate(connections) for blob in at.top}
-    places: dict[Blob, Place] = {}
+    places: dict[FastBlob, Place] = {}
     for number, at in reversed(list(enumerate(connections))):  # what is behind a blob decides where it is
 
-        def is_kept(blob: Blob, number: int = number) -> bool:
+        def is_kept(blob: Blob, number: int = number) -> TypeGuard[FastBlob]:
             return last_writers[blob] <= number and isinstance(blob, FastBlob) and blob.is_untouched() and is_free(blob)
 
-        if type(at.layer) is Split and is_kept(at.bottom[0]):
+        layer = at.layer
+        if type(layer) is Split and is_kept(source := at.bottom[0]):
             tops = [top for top in at.top if is_kept(top)]
             for top in [top for top in tops if top in places][:1]:
-                places[at.bottom[0]] = top, 0
+                places[source] = top, 0
             for top in tops:
-                places.setdefault(top, (at.bottom[0], 0))
-        elif isinstance(at.layer, (Concat, Slice)) and type(at.layer) in (Concat, Slice):
-            (whole,), parts = (at.top, at.bottom) if isinstance(at.layer, Concat) else (at.bottom, at.top)
-            if is_kept(whole) and math.prod(whole.shape[: at.layer.axis]) == 1:
+                places.setdefault(top, (source, 0))
+        elif type(layer) is Concat or type(layer) is Slice:
+            (whole,), parts = (at.top, at.bottom) if type(layer) is Concat else (at.bottom, at.top)
+            if is_kept(whole) and math.prod(whole.shape[: layer.axis]) == 1:
                 for part, first in _with_positions(parts):
                     if is_kept(part):
                         places.setdefault(part, (whole, first))
-    return {blob for part in places for blob in _placed(part, places)}
+    for part, (whole, first) in places.items():
+        while whole in places:
+            whole, position = places[whole]
+            first += position
+        part.adopt(whole.data.reshape(-1)[first : first + part.count].reshape(part.shape))
+    return {*places, *(whole for whole, _ in places.values())}
 
 
 def _with_positions(parts: Blobs) -> Iterator[tuple[Blob, int]]:
@@ -51,14 +58,3 @@ def _with_positions(parts: Blobs) -> Iterator[tuple[Blob, int]]:
     for part in parts:
         yield part, first
         first += part.count
-
-
-def _placed(part: Blob, places: dict[Blob, Place]) -> tuple[FastBlob, FastBlob]:
-    """Let ``part`` use the memory of the outermost blob around it, and return both."""
-    whole, first = part, 0
-    while whole in places:
-        whole, position = places[whole]
-        first += position
-    assert isinstance(part, FastBlob) and isinstance(whole, FastBlob)
-    part.adopt(whole.data.reshape(-1)[first : first + part.count].reshape(part.shape))
-    return part, whole

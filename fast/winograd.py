@@ -57,7 +57,7 @@ class Winograd:
 
         def job(part: Part) -> None:
             images, rows = part
-            V = _inputs(g, x[images], rows, y.shape[2:])
+            V = _inputs(g, x[images], rows, y.shape[2:]).reshape(SIDE * SIDE, x.shape[1], -1)
             _correlate(weights, V, after, y[images, :, TILE * rows.start : TILE * rows.stop])
 
         parallel.run([partial(job, part) for part in _blocks(x, y)])
@@ -76,7 +76,7 @@ class Winograd:
 
         def job(number: int, lane: slice) -> None:
             for i, (images, rows) in enumerate(parts[lane]):
-                V = _inputs(g, x[images], rows, dy.shape[2:])
+                V = _inputs(g, x[images], rows, dy.shape[2:]).reshape(SIDE * SIDE, C, -1)
                 Z = _outputs(dy[images, :, TILE * rows.start : TILE * rows.stop])
                 if i == 0:
                     np.matmul(Z, V.swapaxes(1, 2), out=totals[number])
@@ -132,7 +132,7 @@ def _weights(w: Array, out: Array) -> Array:
 
 
 def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...], V: Array | None = None) -> Array:
-    """Bᵀ d B of the tiles of these rows, V (36, C, tiles), from x (n, C, H, W).
+    """Bᵀ d B of the tiles of these rows, V (6, 6 C n, tiles of an image), from x (n, C, H, W).
 
     The rows of d are transformed by one product with all tiles, for which each tile is copied with the one to the right
     of it.
@@ -153,7 +153,7 @@ def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...], V: Arr
         V = scratch("inputs", (SIDE, SIDE * L, R * T), x.dtype)
     elements = [whole[i % TILE, :, i // TILE * T : (i // TILE + R) * T] for i in range(SIDE)]
     to_points(KERNEL, elements, V)
-    return V if not V.flags.c_contiguous else V.reshape(SIDE * SIDE, C, -1)
+    return V
 
 
 def _place(x: Array, top: int, left: int, out: Array) -> None:

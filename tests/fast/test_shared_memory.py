@@ -56,13 +56,23 @@ def test_blobs_that_share_memory() -> None:
     assert_same(plain, fast)
 
 
-def test_several_items_are_not_adjacent_in_a_concat() -> None:
-    """With two items only the blobs of a Split share memory, and with one all of them again."""
+def test_another_number_of_items() -> None:
+    """Two items run in slices, which share no memory with the whole batch; one item shares it again."""
     fast, plain = net(), net(engine="plain")
     for x in (X, np.concatenate([X, -X]), X):
         fast.forward(x=x)
         plain.forward(x=x)
         assert shared(fast) == (SHARED if len(x) == 1 else [])
+    assert_same(plain, fast)
+
+
+def test_parts_that_are_not_adjacent() -> None:
+    """The bottoms of a Concat along the rows are no parts of its top in memory if there are several channels."""
+    text = BRANCHES.replace('top: "ab"', 'top: "ab" concat_param { axis: 2 }')
+    fast, plain = net(text), net(text, "plain")
+    fast.forward(x=X)
+    plain.forward(x=X)
+    assert shared(fast) == [pair for pair in SHARED if pair[1] != "ab"]
     assert_same(plain, fast)
 
 
