@@ -25,8 +25,6 @@ TIMES = 2  # evaluations of a likely place, each at the predicted position
 # A rejected place, such as an elbow, is skipped for a pause, which doubles each time. While no hand is tracked, it is
 # offered only if there is no other.
 REJECTED_MM, PAUSE, MAX_PAUSE = 100.0, 0.5, 4.0
-
-
 NOWHERE = np.zeros((0, 3))
 
 
@@ -43,7 +41,7 @@ class Detector:
 
     def __init__(self, locator: Locator, camera: Camera) -> None:
         self.locator, self.camera = locator, camera
-        self._left = np.zeros((0, 3))
+        self._left = NOWHERE
         self._begun = self._last = -np.inf
         self._a_second = 0.0
         self._rejected: list[Rejected] = []

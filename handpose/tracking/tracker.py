@@ -28,7 +28,7 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import NEAR_FACE, check_size
 from handpose.frames.images import check_unit, depth_image
 from handpose.frames.recording import DepthFrame
-from handpose.tracking.acceptance import Acceptance
+from handpose.tracking.acceptance import Acceptance, Offer
 from handpose.tracking.detector import NOWHERE, Detector
 from handpose.tracking.hand_track import COAST, HandTrack
 from handpose.tracking.output import tracked_hand
@@ -261,9 +261,8 @@ class Tracker:
         place = self.detector.detect(depth, middles, time, np.concatenate([*arms, NOWHERE]))
         if place is None:
             return []
-        seen, why, alone = self.acceptance.hands_at(depth, place)
-        for doubt in filter(None, (self._in_line(place, track, time) for track in self.tracks)):
-            seen, why = [], doubt
+        doubts = list(filter(None, (self._in_line(place, track, time) for track in self.tracks)))
+        seen, why, alone = Offer([], doubts[-1]) if doubts else self.acceptance.hands_at(depth, place)
         if not seen:
             self.detector.reject(place, time)
             x, y, z = place.tolist()

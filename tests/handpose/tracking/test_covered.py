@@ -18,6 +18,7 @@ from handpose.output.live.messages import Messages
 from handpose.output.tracks.writing import open_writer
 from handpose.sequences.acts import Act
 from handpose.sequences.scripts import Role, Script
+from handpose.tracking.acceptance import Offer
 from handpose.tracking.track import HIDDEN, TrackedFrame
 from handpose.tracking.tracker import Tracker
 from tests.handpose.tracking.conftest import RATE, Take, copied, played
@@ -119,9 +120,35 @@ def test_no_readings(begun: Tracker, resting: Take, share: float) -> None:
 def test_the_pose_of_a_part_that_is_read(begun: Tracker, resting: Take, share: float, value: float) -> None:
     """What is not read of a hand is unknown, not empty: the rest keeps its pose, and half of it is no sure pose."""
     for reported in after(begun, resting, share, value, 5):
+        assert reported.hands or share >= 0.5
         for hand in reported.hands:
             assert np.linalg.norm(hand.xyz - resting.truth[reported.number].hands[0].xyz, axis=1).mean() < 20
             assert share < 0.5 or hand.confidence <= DOUBTFUL
+
+
+@pytest.mark.parametrize(
+    ("aside", "depth", "why"),
+    [
+        (0.0, -200.0, "it covers a tracked hand"),
+        (0.0, 50.0, ""),  # the hand itself
+        (0.0, 300.0, "it is behind a covered hand"),
+        (300.0, -200.0, ""),
+    ],
+)
+def test_places_on_the_line_of_sight(
+    begun: Tracker, resting: Take, monkeypatch: pytest.MonkeyPatch, aside: float, depth: float, why: str
+) -> None:
+    """What is in front of a covered hand, or far behind it, is no new hand; other places are judged."""
+    own = copied(begun)
+    own.step(covered(resting, BEGUN, 1.0, 200.0))
+    (track,) = own.tracks
+    place = own._middle(track)
+    place *= 1 + depth / place[2]
+    place[0] += aside
+    monkeypatch.setattr(own.detector, "detect", lambda *places: place)
+    monkeypatch.setattr(own.acceptance, "hands_at", lambda depth, place: Offer([], "judged"))
+    (refused,) = own._detect(resting.frames[BEGUN].depth, (BEGUN + 1) / RATE)
+    assert track.covered and refused.reason == (why or "judged")
 
 
 @pytest.mark.parametrize("value", [250.0, 600.0])
