@@ -69,9 +69,8 @@ def sums(a: Array, b: Array | None = None) -> tuple[Array, Array | None]:
             total[1, i, c] = row_products(a[i, c], b[i, c])
 
     each_block(a.shape, job)
-    plain, product = (total[k].sum(axis=0, dtype=np.float64) if k == 0 or b is not None else None for k in range(2))
-    assert plain is not None
-    return plain, product
+    plain = total[0].sum(axis=0, dtype=np.float64)
+    return plain, None if b is None else total[1].sum(axis=0, dtype=np.float64)
 
 
 def row_sums(a: Array) -> Array:

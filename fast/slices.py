@@ -239,7 +239,7 @@ def _with_params(layer: Layer, params: Blobs) -> Layer:
 
 
 def _slice_count(items: int, item_bytes: int, item_cost: int) -> int:
-    """Number of slices, even if there are several; of 32 images of the hand network."""
+    """Number of slices, even if there are several. Those of the hand network have 32 images."""
     count = -(-items // max(1, min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1))))
     size = -(-items // _even(count))
     for wanted, cost, images in SPLITS:

@@ -116,8 +116,8 @@ class Blob:
     def holding(
         self, data: Array | None = None, diff: Array | None = None, shape: tuple[int, ...] | None = None
     ) -> Iterator[None]:
-        """Temporarily replace ``data`` and ``diff``, and with a shape all three. Blobs that share this one's memory are
-        not affected.
+        """Temporarily replace ``data`` and ``diff``; with a shape, one that is not given is new. Blobs that share this
+        one's memory are not affected.
         """
         before = self._shape, self._owner, self._data, self._diff_owner, self._diff
         if shape is not None:
