@@ -65,7 +65,8 @@ def _cluttered() -> Recipe:
     people = _people()
     bends = tuple(schema.changed(bend, apart=0.35, noise=0.12) for bend in people.prior.bend)
     prior = people.prior.but(bend=bends, blend=0.5, blend_part=BetaParameter(0.35, 0.35))
-    # A draw of less than 1 is none: 60% of the frames have no specks, 40% or more no filter.
+    # Draws below 1 (of the filter, px of the crop) have no effect: 70% of the frames have no specks, 40% or more no
+    # filter.
     views = tuple(view._replace(sensor=replace(view.sensor, specks=(-6.0, 4.0), median=(-1.0, 1.5)))
                   for view in people.views if view.sensor)  # fmt: skip
     return Recipe(prior, CLUTTERED_SURFACE, views, wall=0.12, cleared=True)

@@ -41,7 +41,8 @@ def _as_sides(
     mirror = np.stack([mirror_of(hand.hand) for hand in found])
     raw = variables_of(model, [seen.estimate.body for seen in sides], center, track.size)
     x = variables_of(model, [seen.smooth for seen in sides], center, track.size) if smooth else raw
-    xyz, *raw_xyz = ((model.joints(pose) + center[:, None]) * mirror[:, None] for pose in ([x, raw] if smooth else [x]))
+    xyz = (model.joints(x) + center[:, None]) * mirror[:, None]
+    raw_xyz = (model.joints(raw) + center[:, None]) * mirror[:, None] if smooth else [None] * len(found)
     error_mm, confidence = (np.array([getattr(hand, name) for hand in found]) for name in ("error_mm", "confidence"))
     judged = Judged(error_mm, confidence, np.stack([hand.finger_error_mm for hand in found]))
     if np.isfinite(error_mm).all():  # the errors of the network were measured
@@ -65,7 +66,7 @@ def _as_sides(
             capsules=None if capsules is None else capsules.frames(slice(n, n + 1)),
             side_confidence=chances[n],
             finger_error_mm=judged.finger_error_mm[n],
-            raw_xyz=raw_xyz[0][n] if smooth else None,
+            raw_xyz=raw_xyz[n],
             poses=TrackedPoses(hand.body, seen.smooth, hand.error_mm, track.size) if smooth else None,
         )
         for n, (hand, seen) in enumerate(zip(found, sides))

@@ -109,7 +109,7 @@ def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
 
 def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
     """Smoothing changes only the reported poses and their confidence; motion is smoother, the error hardly
-    changes. The poses before smoothing are reported beside them."""
+    changes. The poses before smoothing are reported, too."""
     for one, other in zip(shown.reported, raw.reported):
         assert (one.number, one.lost) == (other.number, other.lost)
         for own, same in zip(one.hands, other.hands, strict=True):
