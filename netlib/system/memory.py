@@ -55,8 +55,11 @@ def zeros(shape: tuple[int, ...], dtype: DTypeLike, blob: object = None) -> NDAr
 
 
 def is_lacking(error: Exception) -> bool:
-    """Whether an error reports a lack of memory; NumPy raises ValueError for arrays beyond any address space."""
-    return isinstance(error, MemoryError) or str(error).startswith(("array is too big", "Maximum allowed dimension"))
+    """Whether an error reports a lack of memory; NumPy raises ValueError for arrays beyond any address space, OpenCV
+    its own error.
+    """
+    begins = ("array is too big", "Maximum allowed dimension", "std::bad_alloc")
+    return isinstance(error, MemoryError) or str(error).startswith(begins) or "Insufficient memory" in str(error)
 
 
 def format_bytes(size: int) -> str:

@@ -13,6 +13,7 @@ import tools
 from netlib.building import python_layer
 from netlib.errors import DataError, NetlibError, printable, reason_of
 from netlib.files.paths import command
+from netlib.system import memory
 
 DONE, FAILED = 0, 1  # argparse exits with 2 for wrong usage
 
@@ -32,14 +33,8 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
     except UnicodeEncodeError as error:
         print(f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
               "set PYTHONUTF8=1", file=sys.stderr)  # fmt: skip
-    except MemoryError:
-        print("not enough memory; use a smaller batch_size", file=sys.stderr)
     except ImportError as error:  # also of a library for which memory or descriptors do not suffice
         say(f"cannot load {error.name or 'a package'}: {reason_of(error)}", file=sys.stderr)
-    except RuntimeError as error:
-        if "start new thread" not in str(error):
-            raise
-        print("cannot start a thread: too many, or not enough memory; use fewer --threads", file=sys.stderr)
     except BrokenPipeError:  # the reader of the output has ended, like ``head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
@@ -48,6 +43,13 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
+    except Exception as error:
+        if memory.is_lacking(error):
+            print("not enough memory; use a smaller batch_size", file=sys.stderr)
+        elif "start new thread" in str(error):
+            print("cannot start a thread: too many, or not enough memory; use fewer --threads", file=sys.stderr)
+        else:
+            raise
     return FAILED
 
 

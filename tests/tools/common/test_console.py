@@ -7,6 +7,7 @@ from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -38,6 +39,12 @@ def fails(error: BaseException) -> Callable[[Namespace], int]:
         (NetlibError("net.prototxt: no layer 'a\nb'"), 1, "net.prototxt: no layer 'a\\nb'\n"),
         (FileNotFoundError(2, "No such file or directory", "a\x1bb"), 1, "a\\x1bb: No such file or directory\n"),
         (MemoryError(), 1, "not enough memory; use a smaller batch_size\n"),
+        (cv2.error("std::bad_alloc"), 1, "not enough memory; use a smaller batch_size\n"),
+        (
+            cv2.error("OpenCV(5.0.0) alloc.cpp:73: error: (-4:Insufficient memory) Failed to allocate 9 bytes"),
+            1,
+            "not enough memory; use a smaller batch_size\n",
+        ),
         (ImportError("lib.so: failed to map segment", name="av"), 1, "cannot load av: lib.so: failed to map segment\n"),
         (
             RuntimeError("can't start new thread"),
