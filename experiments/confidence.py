@@ -17,6 +17,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 from unittest import mock
@@ -73,7 +74,9 @@ def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
     tracker = load_tracker(_mirrored(recording.camera) if mirrored else recording.camera)
     fingers = Fingers(Surface(tracker.predictor.skeleton))
     with recording, mock.patch.object(pose_confidence, "evidence_of", recorded):
-        for frame, truth in zip(recording, labels):
+        for frame, truth in zip_longest(recording, labels):
+            if frame is None or truth is None:
+                raise DataError(f"{recording.name}: expected as many frames as labels, {len(labels)}")
             if mirrored:
                 frame, truth = frame._replace(depth=frame.depth[:, ::-1]), truth * (-1, 1, 1)
             seen.clear()

@@ -64,11 +64,14 @@ def test_poses_of_a_recording(mirrored: bool):
     assert all(len(part) == recording.count for part in found.support)
 
 
-def test_a_recording_without_labels():
-    """A recording of which nothing can be compared is rejected."""
+@pytest.mark.parametrize(
+    ("more", "message"), [(0, "no hand is tracked in any labelled frame"), (1, "labels, 3"), (-1, "labels, 1")]
+)
+def test_unsuitable_labels(more: int, message: str):
+    """A recording of which nothing can be compared is rejected, and so is another number of labels."""
     recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.4, seed=1)
-    with pytest.raises(DataError, match="no hand is tracked in any labelled frame"):
-        tracked(recording, np.full((recording.count, 5, 3, 3), np.nan), mirrored=False)
+    with pytest.raises(DataError, match=message):
+        tracked(recording, np.full((2 + more, 5, 3, 3), np.nan), mirrored=False)
 
 
 @pytest.mark.parametrize(
