@@ -342,7 +342,10 @@ class Solver:
         return means
 
     def test(self, number: int) -> dict[str, Any]:
-        """Run one test net over test_iter batches; returns and logs the mean of each output, {} if stopped."""
+        """Run one test net over test_iter batches; returns and logs the mean of each output.
+
+        Returns {} if stopped, and for a test_iter of 0, with which scripts keep a test net for their own use.
+        """
         try:
             return self._test(number)
         except _TestStoppedError:
@@ -373,7 +376,7 @@ class Solver:
             where = net.first_not_finite() or "its loss alone"
             log.error("Test net (#%d) has a value that is not finite: %s", number, where)
         means = {name: total / batches for name, total in sums.items()}
-        if self.param.test_compute_loss:
+        if self.param.test_compute_loss and batches:
             log.info("Test loss: %.6g", loss / batches)
         report.outputs("Test", net, means)
         self._lap = (self._lap[0], self._lap[1] + time.perf_counter() - begun)  # tests do not count as training

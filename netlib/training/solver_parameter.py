@@ -93,8 +93,6 @@ def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         yield "iter_size", "iter_size and average_loss must be at least 1"
     if p.average_loss > MAX_AVERAGE:
         yield "average_loss", f"average_loss {p.average_loss} is more than a million iterations"
-    if 0 in p.test_iter:
-        yield "test_iter", "test_iter must be at least 1"
 
 
 def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:

@@ -274,6 +274,16 @@ def test_without_test_iter_nothing_is_tested(solver_of: MakeSolver, caplog: pyte
     assert len(messages(caplog, "test_interval without test_iter")) == 1
 
 
+def test_a_test_iter_of_0_builds_the_test_net_only(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+    """Solvers of scripts that test by themselves, such as that of HED, have a test net and a test_iter of 0."""
+    caplog.set_level("INFO", "netlib")
+    solver = solver_of(ONE_WEIGHT % "", "test_iter: 0 test_interval: 1 max_iter: 2")
+    assert len(solver.test_nets) == 1
+    assert solver.solve()
+    assert solver.test(0) == {}
+    assert messages(caplog, "Testing net") and not messages(caplog, "Test net output")
+
+
 def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, rows: None) -> None:
     """An output whose size changes between test batches raises an error."""
     text = """
