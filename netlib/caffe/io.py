@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -244,12 +244,18 @@ def _subtract(image: Array, mean: Array, in_: str) -> None:
 # ---------------------------------------------------------------------------------------------- images
 
 
-def load_image(filename: str | Path, color: bool = True) -> NDArray[np.float32]:
+def load_image(filename: str | Path | BinaryIO, color: bool = True) -> NDArray[np.float32]:
     """Read an image file as (H, W, 3), red first, or gray as (H, W, 1). Alpha is dropped.
 
-    8 and 16 bits are scaled to [0, 1]; floats are not scaled. Raises DataError.
+    8 and 16 bits are scaled to [0, 1]; floats are not scaled. Instead of a name, a file that is open for reading bytes
+    or a BytesIO can be given. Raises DataError.
     """
-    raw = files.read_bytes(filename, "the image")
+    if isinstance(filename, (str, Path)):
+        raw = files.read_bytes(filename, "the image")
+    elif not isinstance(raw := filename.read(), bytes):
+        raise DataError("load_image got a file opened as text; expected one opened for bytes, or io.BytesIO")
+    else:
+        filename = getattr(filename, "name", "the image")
     pixels = pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(filename))
     if pixels.dtype.kind not in "uf":
         raise DataError(f"{filename}: image of type {pixels.dtype}; expected 8 or 16 bits unsigned, or floats")

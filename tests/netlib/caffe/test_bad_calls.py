@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from io import BytesIO, StringIO
+
 import cv2
 import numpy as np
 import pytest
@@ -183,6 +185,16 @@ def test_images_that_are_refused(tmp_path, given, rejected):
     assert cv2.imwrite(str(tmp_path / "a.tiff"), np.zeros((2, 2), np.int16))
     with rejected:
         io.load_image(tmp_path / given)
+
+
+@bad_inputs(DataError, {
+    "a text": (StringIO("hello"), "load_image got a file opened as text; expected one opened for bytes, or io.BytesIO"),
+    "no image": (BytesIO(b"hello"), "the image: not an image that OpenCV can decode (5 bytes)"),
+})  # fmt: skip
+def test_open_files_that_are_refused(given, rejected):
+    """An open file without an image raises a one-line error."""
+    with rejected:
+        io.load_image(given)
 
 
 @bad_inputs(NetlibError, {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from io import BytesIO
+
 import cv2
 import numpy as np
 import pytest
@@ -265,6 +267,14 @@ def test_gray(tmp_path, dtype, most):
     path = written(tmp_path / "a.png", np.array([[0, most // 5, most]], dtype))
     np.testing.assert_allclose(io.load_image(path, color=False)[..., 0], [[0, 0.2, 1]], rtol=1e-6)
     np.testing.assert_allclose(io.load_image(path), [[[0] * 3, [0.2] * 3, [1] * 3]], rtol=1e-6)
+
+
+def test_open_files(tmp_path):
+    """Scripts that receive images, as a web server does, pass open files and BytesIO."""
+    path = written(tmp_path / "a.png", BGR)
+    np.testing.assert_allclose(io.load_image(BytesIO(path.read_bytes())), RGB)
+    with open(path, "rb") as file:
+        np.testing.assert_allclose(io.load_image(file), RGB)
 
 
 def test_floats_stay(tmp_path):
