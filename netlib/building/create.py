@@ -56,6 +56,7 @@ def create(
     for name in cls.rejected_blocks.keys() & spec.blocks:
         raise layer.fail(cls.rejected_blocks[name], at=spec.blocks[name].position)
     for name in sorted(set(spec.blocks) - {own, *cls.other_blocks}):
+        schema.read(spec.blocks[name], option_blocks()[name], name)  # a mistake would show when weights are saved
         warn(layer, f"{spec.type} does not read {name}; it is ignored, as in Caffe", spec.blocks[name].position)
     return layer
 

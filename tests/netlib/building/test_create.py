@@ -31,6 +31,13 @@ def test_a_block_that_the_type_does_not_read_is_a_warning(
     assert f"layer 'k': {kind} does not read {block.split()[0]}; it is ignored, as in Caffe" in message
 
 
+def test_a_mistake_in_a_block_that_the_type_does_not_read() -> None:
+    """It is an error when the net is built, as in Caffe, and not hours later in the first snapshot."""
+    layer = 'layer { name: "k" type: "HingeLoss" bottom: "x" bottom: "t" top: "k" dropout_param { ratio: 0.3 } }'
+    with pytest.raises(netlib.PrototxtError, match=r"^net:1:\d+: error: unknown field 'ratio'; known fields: dropout_"):
+        netlib.Net(prototxt.parse(X + T + layer, "net"), netlib.TRAIN)
+
+
 @pytest.mark.parametrize("kind", ["SoftmaxWithLoss", "SigmoidCrossEntropyLoss"])
 def test_a_block_that_the_type_reads_is_silent(kind: str, caplog: pytest.LogCaptureFixture) -> None:
     """Layer types that read loss_param give no warning."""

@@ -101,6 +101,6 @@ def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
 
 
 def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
-    """The options of other layer types are ignored, as in Caffe, even if they are invalid."""
-    net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { nothing: 1 } }')
+    """The options of other layer types are ignored, as in Caffe."""
+    net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { engine: CAFFE } }')
     assert np.array_equal(net.forward(x=np.full((2, 3), 5))["p"], np.full((2, 3), 5))
