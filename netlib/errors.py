@@ -64,8 +64,11 @@ def printable(text: object) -> str:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the closest match in ``known``, or an empty string."""
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
-    return f" (did you mean {near[0]!r}?)" if near else ""
+    stem = name.removesuffix("_param")
+    ending = name[len(stem) :]  # equal endings do not make names similar
+    stems = [other.removesuffix(ending) for other in known if other.endswith(ending)]
+    near = difflib.get_close_matches(stem, stems, n=1, cutoff=0.7)
+    return f" (did you mean {near[0] + ending!r}?)" if near else ""
 
 
 def option_advice(name: str, known: Iterable[str]) -> str:

@@ -39,6 +39,16 @@ def test_the_nearest_name() -> None:
     """The nearest name is suggested, or nothing if none is near."""
     assert did_you_mean("Convolutoin", ["Convolution", "Pooling"]) == " (did you mean 'Convolution'?)"
     assert did_you_mean("abc", ["Convolution"]) == ""
+    assert did_you_mean("batchnorm_param", ["batch_norm_param"]) == " (did you mean 'batch_norm_param'?)"
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [("filter_param", "interp_param"), ("annotated_data_param", "image_data_param"), ("new_dim", "new_width")],
+)
+def test_options_of_forks_are_no_misspellings(name: str, other: str) -> None:
+    """Parts that many names have do not make two options similar; a wrong hint would hide the list of known names."""
+    assert did_you_mean(name, [other]) == ""
 
 
 def test_a_message_is_one_line() -> None:
