@@ -67,7 +67,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     stem = name.removesuffix("_param")
     ending = name[len(stem) :]  # equal endings do not make names similar
     stems = [other.removesuffix(ending) for other in known if other.endswith(ending)]
-    near = difflib.get_close_matches(stem, stems, n=1, cutoff=0.7)
+    near = difflib.get_close_matches(stem, stems, n=1, cutoff=0.6 if len(stem) < 4 else 0.7)
     return f" (did you mean {near[0] + ending!r}?)" if near else ""
 
 
