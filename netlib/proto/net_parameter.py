@@ -44,8 +44,13 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
-    """The layers of a net in this state; old-style inputs are converted to an Input layer."""
-    chosen = [input_layer(param)] if param.input else []
+    """The layers of a net in this state; old-style inputs are converted to an Input layer.
+
+    As in Caffe, an input without a shape is dropped if a layer, such as an Input layer in the same file, has this top.
+    """
+    made = {top for spec in param.layer for top in spec.top}
+    is_dropped = not param.input_shape and not param.input_dim and made.issuperset(param.input)
+    chosen = [input_layer(param)] if param.input and not is_dropped else []
     for spec in param.layer:
         if spec.include and spec.exclude:
             raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} has both include and exclude rules")

@@ -100,6 +100,13 @@ def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
     assert load_parameter(prototxt.parse(text)) == load_parameter(prototxt.parse(RULES))
 
 
+def test_an_input_without_a_shape_that_a_layer_has_too(net_of: MakeNet) -> None:
+    """The line ``input`` of an older file is dropped if the net has an Input layer for this blob, as in Caffe."""
+    net = net_of('input: "x" ' + X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" }')
+    assert net.inputs == ["x"]
+    assert net.blobs["x"].shape == (2, 3)
+
+
 def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
     """The options of other layer types are ignored, as in Caffe."""
     net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { engine: CAFFE } }')
