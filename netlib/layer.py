@@ -69,6 +69,7 @@ class Layer:
         options = PythonParameter if spec.type == "Python" else self.param_type
         self.param: Any = self.read_block(block_name(type(self), spec.type), options)
         self.param_str: str = self.param.param_str if spec.type == "Python" else ""
+        self.param_str_ = self.param_str  # its name in Caffe until 2015, as in layers of Fast R-CNN
 
     # ------------------------------------------------------------------------------------------ the contract
 

@@ -72,6 +72,13 @@ def test_a_python_layer(squares: None) -> None:
     assert net.backward(y=np.ones(3))["x"].tolist() == [6, 12, 18]
 
 
+def test_the_old_name_of_param_str(tmp_path: Path, squares: None) -> None:
+    """Layers written for the Caffe of early 2015, such as those of Fast R-CNN, read ``param_str_``."""
+    (tmp_path / "old.py").write_text(SQUARE.replace("self.param_str", "self.param_str_"))
+    net = net_with(python("Square", "old", more='param_str: "3"'))
+    assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [3, 12, 27]
+
+
 def test_a_python_layer_may_keep_its_parameters_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Parameter diffs stay in place, so gradients added after clear_param_diffs through a kept reference count."""
     (tmp_path / "keeper.py").write_text("""
