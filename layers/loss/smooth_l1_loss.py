@@ -2,8 +2,8 @@
 
 bottom[0]  a        (N, ...)
 bottom[1]  b        same number of items and of values per item
-bottom[2]  inside   as many values as a; optional, only together with:
-bottom[3]  outside  as many values as a
+bottom[2]  inside   as many values as a; optional (Fast R-CNN has only these weights)
+bottom[3]  outside  as many values as a; optional
 top[0]     L        scalar
 
 d  = inside (a - b)
@@ -48,8 +48,6 @@ class SmoothL1Loss(Layer):
     loss_weight = 1.0
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        if len(bottom) == 3:
-            raise self.fail("has 3 bottoms, expected 2, or 4 with the inside and the outside weights")
         self.slope = np.empty(0, self.dtype)
         with np.errstate(over="ignore"):
             self.sigma2 = self.dtype.type(self.param.sigma) ** 2
@@ -65,12 +63,12 @@ class SmoothL1Loss(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         a, b, *weights = (x.data.reshape(self.slope.shape) for x in bottom)
         d = a - b
-        if weights:
-            d *= weights[0]
+        for inside in weights[:1]:
+            d *= inside
         np.clip(self.sigma2 * d, -1, 1, out=self.slope)
         f = self.slope * (d - self.slope / (2 * self.sigma2))  # covers both cases of f
-        if weights:
-            f *= weights[1]
+        for outside in weights[1:]:
+            f *= outside
         top[0].data[...] = f.sum() / len(f)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

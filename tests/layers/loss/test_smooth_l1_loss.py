@@ -26,6 +26,13 @@ def test_inside_weights_scale_the_difference_and_outside_ones_the_loss(run):
     assert done.y == pytest.approx(0.03125 + 10 * 1.875)
 
 
+def test_inside_weights_alone(run):
+    """The third bottom of Fast R-CNN, where the loss has no outside weights, selects values."""
+    done = run(text(), [[1.0, 1.0]], [[0.0, 0.0]], [[0.125, 0.0]])
+    assert done.y == pytest.approx(0.03125)
+    assert done.backward(1, wanted=[True, True, False])[0].tolist() == [[0.0625, 0]]
+
+
 def test_a_small_sigma_is_half_the_squares(run, rng):
     """With a small sigma the loss is that of EuclideanLoss times sigma squared."""
     a, b = rng.normal(size=(2, 5, 4))
@@ -42,6 +49,7 @@ def test_gradient(check, rng):
     """The gradients of both bottoms agree with differences, with and without weights."""
     a, b, inside, outside = rng.normal(size=(4, 3, 4))
     check(text(), a, b)
+    check(text(), a, b, inside, wanted=[True, True, False])
     check(text(), a, b, inside, outside, wanted=[True, True, False, False])
 
 
