@@ -60,6 +60,7 @@ LAYER_TYPES = LayerTable(
         "MultinomialLogisticLoss": "loss.multinomial_logistic_loss.MultinomialLogisticLoss",
         "Normalize": "normalization.normalize.Normalize",  # from SSD
         "PReLU": "activation.prelu.PReLU",
+        "PSROIPooling": "vision.psroi_pooling.PSROIPooling",  # from R-FCN
         "Parameter": "common.parameter.Parameter",
         "Permute": "common.permute.Permute",  # from SSD
         "PhysLimit": "hand.phys_limit.PhysLimit",

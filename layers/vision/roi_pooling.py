@@ -84,13 +84,8 @@ class ROIPooling(Layer):
 
     def _regions(self, bottom: Blobs) -> tuple[Array, Array]:
         """Item and corners in the map of each region. Raises LayerError if a region is invalid."""
-        rois, N = bottom[1].data.reshape(-1, 5), bottom[0].shape[0]
-        for r in np.flatnonzero(~np.isfinite(rois).all(axis=1) | (rois[:, 0] < 0) | (rois[:, 0] >= N))[:1]:
-            numbers = ", ".join(f"{value:g}" for value in rois[r])
-            raise self.fail(f"row {r} of {self.spec.bottom[1]!r} is ({numbers}); "
-                            f"expected an item from 0 to {N - 1} and four finite coordinates")  # fmt: skip
-        scaled = (rois[:, 1:] * self.dtype.type(self.param.spatial_scale)).astype(np.float64)
-        return rois[:, 0].astype(int), (np.sign(scaled) * np.floor(np.abs(scaled) + 0.5)).astype(int)
+        rois = checked_rois(self, bottom)
+        return rois[:, 0].astype(int), rounded(rois[:, 1:] * self.dtype.type(self.param.spatial_scale))
 
     def _bins(self, first: int, last: int, bins: int, size: int) -> list[tuple[int, int]]:
         """Start and end of a region's bins along one axis, clipped to the map."""
@@ -98,3 +93,19 @@ class ROIPooling(Layer):
         number = np.arange(bins + 1, dtype=self.dtype)
         begins, ends = np.floor(number[:-1] * length).astype(int), np.ceil(number[1:] * length).astype(int)
         return list(zip(np.clip(begins + first, 0, size).tolist(), np.clip(ends + first, 0, size).tolist()))
+
+
+def checked_rois(layer: Layer, bottom: Blobs) -> Array:
+    """The regions (R, 5) in bottom[1]. Raises LayerError if one has an item that bottom[0] lacks, or is not finite."""
+    rois, N = bottom[1].data.reshape(-1, 5), bottom[0].shape[0]
+    for r in np.flatnonzero(~np.isfinite(rois).all(axis=1) | (rois[:, 0] < 0) | (rois[:, 0] >= N))[:1]:
+        numbers = ", ".join(f"{value:g}" for value in rois[r])
+        raise layer.fail(f"row {r} of {layer.spec.bottom[1]!r} is ({numbers}); "
+                         f"expected an item from 0 to {N - 1} and four finite coordinates")  # fmt: skip
+    return rois
+
+
+def rounded(values: Array) -> Array:
+    """Integers, with halves rounded away from zero."""
+    wide = values.astype(np.float64)
+    return (np.sign(wide) * np.floor(np.abs(wide) + 0.5)).astype(int)

@@ -192,7 +192,7 @@ OPTIONS: dict[str, dict[str, Option]] = {
 # Layer type -> its fork. Similar names compute something else, so none of them is a misspelling.
 TYPES: dict[str, str] = {
     **dict.fromkeys(("DetectNetTransformation", "L1Loss", "TRT"), NVIDIA),
-    **dict.fromkeys(("BoxAnnotatorOHEM", "BoxData", "EvalDetection", "MnActivation", "PSROIPooling", "RegionLoss",
+    **dict.fromkeys(("BoxAnnotatorOHEM", "BoxData", "EvalDetection", "MnActivation", "RegionLoss",
                      "SmoothL1LossOHEM", "SoftmaxWithLossOHEM", "SpatialDropout"), INTEL),
     **dict.fromkeys(("AnnotatedData", "DetectionEvaluate", "MultiBoxLoss", "VideoData"), SSD),
     **dict.fromkeys(("AdaptiveBiasChannel", "BiasChannel", "DenseCRF", "DomainTransform", "ImageSegData", "MatRead",

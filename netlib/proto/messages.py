@@ -134,8 +134,9 @@ BLOCKS = {
     "swish_param": 147, "tanh_param": 127, "threshold_param": 128, "tile_param": 138, "window_data_param": 129,
     "permute_param": 202, "prior_box_param": 203, "detection_output_param": 204, "norm_param": 206,  # from SSD
     "roi_pooling_param": 8266711, "smooth_l1_loss_param": 8266712,  # from Fast R-CNN's fork of Caffe
-    # Blocks of forks with different numbers (FORK_NUMBERS). These five are numbers of forks that no other block has.
-    "bn_param": 152, "interp_param": 163, "relu6_param": 300, "shuffle_channel_param": 164, "upsample_param": 177,
+    # Blocks of forks with different numbers (FORK_NUMBERS). These six are numbers of forks that no other block has.
+    "bn_param": 152, "psroi_pooling_param": 153, "interp_param": 163, "relu6_param": 300, "shuffle_channel_param": 164,
+    "upsample_param": 177,
     "hand_model_param": 10001, "phys_limit_param": 10002, "hand_augment_param": 10003,  # of this project
 }  # fmt: skip
 
@@ -144,6 +145,7 @@ FORK_NUMBERS = {
     "Interp": ("interp_param", (143, 147)),  # DeepLab and PSPNet, a fork for Windows
     "LSTM": ("recurrent_param", (151,)),  # NVIDIA
     "RNN": ("recurrent_param", (151,)),
+    "PSROIPooling": ("psroi_pooling_param", (10002,)),  # OpenCV
     "ROIPooling": ("roi_pooling_param", (154,)),  # Intel
     "ReLU6": ("relu6_param", (211, 2060, 100000)),  # YOLO, two forks for MobileNet
     "ShuffleChannel": ("shuffle_channel_param", (159, 166)),

@@ -49,7 +49,8 @@ EXTRAS = {
     "WindowData": READER,
 }  # documented: parts of a longer computation, or methods for tools
 
-FORCED = {"ROIPooling": [True, True]}  # the gradient of the regions is 0, but differences are not
+# The gradient of the regions is 0, but differences are not.
+FORCED = {"PSROIPooling": [True, True], "ROIPooling": [True, True]}
 
 every_type = pytest.mark.parametrize("name", list(CASES))
 

@@ -142,6 +142,11 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(4, N, 2), RNG.integers(0, 2, (4, N)), off_zero(N, 2)],
         {"wanted": [True, False, True]},
     ),
+    "PSROIPooling": (
+        "psroi_pooling_param { spatial_scale: 0.5 output_dim: 2 group_size: 2 }",
+        lambda N: [different(N, 8, 5, 6), np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.4], [0, 90, 0, 99, 9]])],
+        {"wanted": [True, False]},
+    ),
     "ROIPooling": (
         "roi_pooling_param { pooled_h: 2 pooled_w: 3 spatial_scale: 0.5 }",
         lambda N: [different(N, 2, 5, 6), np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.5], [0, 90, 0, 99, 9]])],

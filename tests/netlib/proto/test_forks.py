@@ -120,7 +120,7 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
         ("Inner_Product", "did you mean 'InnerProduct'"), ("Poolin", "did you mean 'Pooling'"),
         ("Poolings", "did you mean 'Pooling'"), ("Relu6", "did you mean 'ReLU6'"),
         ("ROIpooling", "did you mean 'ROIPooling'"),
-        ("PSROIPooling", "a layer of Intel's fork of Caffe, which is not supported"),
+        ("BoxAnnotatorOHEM", "a layer of Intel's fork of Caffe, which is not supported"),
         ("MultiBoxLoss", "a layer of SSD's fork of Caffe, which is not supported"),
     ],
 )  # fmt: skip
@@ -149,6 +149,7 @@ def test_the_types_of_forks_are_not_known() -> None:
 CONTENTS = {  # block -> content, as text and encoded
     "interp_param": ("zoom_factor: 8", b"\x18\x08"),
     "recurrent_param": ("num_output: 4", b"\x08\x04"),
+    "psroi_pooling_param": ("group_size: 7", b"\x18\x07"),
     "roi_pooling_param": ("pooled_h: 7", b"\x08\x07"),
     "relu6_param": ("negative_slope: 0.5", b"\x0d\x00\x00\x00\x3f"),
     "shuffle_channel_param": ("group: 3", b"\x08\x03"),
