@@ -67,8 +67,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     stem = name.removesuffix("_param")
     ending = name[len(stem) :]  # equal endings do not make names similar
     stems = [other.removesuffix(ending) for other in known if other.endswith(ending)]
-    near = difflib.get_close_matches(stem, stems, n=1, cutoff=0.6 if len(stem) < 4 else 0.7)
-    return f" (did you mean {near[0] + ending!r}?)" if near else ""
+    for near in difflib.get_close_matches(stem, stems, n=3, cutoff=0.6):
+        begins_alike = near.startswith(stem) or stem.startswith(near)
+        if begins_alike or len(stem) < 4 or difflib.SequenceMatcher(None, stem, near).ratio() >= 0.7:
+            return f" (did you mean {near + ending!r}?)"
+    return ""
 
 
 def option_advice(name: str, known: Iterable[str]) -> str:
