@@ -1,4 +1,4 @@
-"""PSROIPooling: means over a grid in each region of interest, each from maps of its own (R-FCN).
+"""PSROIPooling: means over a grid in each region of interest, each from separate maps (R-FCN).
 
 bottom[0]  x     (N, K G G, H, W)   G = group_size, K = output_dim
 bottom[1]  rois  (R, 5)             item, x1, y1, x2, y2: corners in the image, both inside the region
@@ -90,8 +90,8 @@ class PSROIPooling(Layer):
 
     def _spans(self, begin: float, end: float, size: int) -> list[slice]:
         """The pixels of a region's bins along one axis, clipped to the map."""
-        first = self.dtype.type(begin)
-        length = max(self.dtype.type(end) - first, self.dtype.type(MIN_SIZE)) / self.dtype.type(self.param.group_size)
+        first, last, least = np.array([begin, end, MIN_SIZE], self.dtype)
+        length = max(last - first, least) / self.dtype.type(self.param.group_size)
         number = np.arange(self.param.group_size + 1, dtype=self.dtype)  # rounding as in Caffe
         begins, ends = np.floor(number[:-1] * length + first), np.ceil(number[1:] * length + first)
         return [slice(int(a), int(b)) for a, b in zip(np.clip(begins, 0, size), np.clip(ends, 0, size))]

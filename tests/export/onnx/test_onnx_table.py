@@ -16,7 +16,7 @@ def test_every_layer_type_has_a_form_or_is_refused():
     random_or_from_outside = {"DummyData", "HDF5Data", "HandAugment", "Data", "ImageData", "MemoryData", "WindowData",
                               "HDF5Output"}  # fmt: skip
     of_training = {"Accuracy", "DeepHandModelDofConstraintLoss", "PhysLimit"}
-    without_form = {"Filter", "Im2col", "LSTM", "LSTMUnit", "RNN", "ROIPooling"}
+    without_form = {"Filter", "Im2col", "LSTM", "LSTMUnit", "PSROIPooling", "RNN", "ROIPooling"}
     refused = {name for name in layer_types() if name not in LAYERS and not name.endswith("Loss")}
     assert refused - {"DeepHandModelDofConstraintLoss"} <= random_or_from_outside | of_training | without_form
 
@@ -30,5 +30,5 @@ def test_every_form_stands_in_a_tested_folder():
 def test_the_document_names_every_layer_type():
     """docs/onnx.md names every layer type with an ONNX form, and those without that a reader may look for."""
     text = (ROOT / "docs" / "onnx.md").read_text(encoding="utf-8")
-    for name in [*LAYERS, "Filter", "Im2col", "LSTM", "LSTMUnit", "RNN", "ROIPooling"]:
+    for name in [*LAYERS, "Filter", "Im2col", "LSTM", "LSTMUnit", "PSROIPooling", "RNN", "ROIPooling"]:
         assert re.search(rf"\b{name}\b", text), name

@@ -18,7 +18,7 @@ X = np.arange(4 * 24.0).reshape(1, 4, 4, 6)  # map c of pixel (h, w) has 24 c + 
 
 
 def test_by_hand(run):
-    """Each of the four bins of rows 1 to 2 and columns 1 to 4 is the mean of one row and two columns of its own map."""
+    """Each of the four bins of rows 1 to 2 and columns 1 to 4 is the mean of one row and two columns of another map."""
     done = run(text(), X, [[0, 1, 1, 4, 2]])
     assert done.y.tolist() == [[[[7.5, 24 + 9.5], [48 + 13.5, 72 + 15.5]]]]
     dx, drois = done.backward([[[[2, 4], [6, 8]]]])
