@@ -27,7 +27,7 @@ from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.search import PLANS, Fit
 from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import CUBES_MM, SIZE, numbers
-from handpose.frames.images import check_unit, depth_image
+from handpose.frames.images import check_unit, depth_image, without_dropouts
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.net import Net
@@ -156,7 +156,7 @@ class Predictor:
         """A depth image in mm, 0 where it is masked or nearer than the camera measures. Raises UnitError, DataError."""
         image = depth_image(depth)
         check_unit(image)
-        return self.camera.in_range(image)
+        return without_dropouts(self.camera.in_range(image))
 
     def _camera_of(self, depth: NDArray[np.generic]) -> Camera:
         """The camera; if it has no size, with the frame's."""

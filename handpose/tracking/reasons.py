@@ -60,9 +60,11 @@ def reason(
     d = hand.center_uvd[2]
     if (np.abs(shown) < BACKGROUND).mean() < MIN_VISIBLE:
         return f"only background at its last position, {d:.0f} mm away"
+    edges = _edges_left(camera, hand.xyz, 0.0) if hand.support.outside[0] > LEAVING else None
+    if edges and not doubt:
+        return f"{LEFT}{edges}"
     if hand.support.missing[0] > MAX_MISSING:
-        edges = _edges_left(camera, hand.xyz, 0.0) if hand.support.outside[0] > LEAVING else None
-        return f"{LEFT}{edges}" if edges else f"no depth at its last position, {d:.0f} mm away"
+        return f"no depth at its last position, {d:.0f} mm away"
     return doubt or f"{NO_HAND} (confidence {confidence:.0%})"
 
 

@@ -26,11 +26,11 @@ from handpose.estimate.predictor import Predictor, check_whole
 from handpose.fit.search import ACCURATE, Fit, Plan
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import NEAR_FACE, check_size
-from handpose.frames.images import check_unit, depth_image
+from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
 from handpose.tracking.acceptance import Acceptance, Offer
 from handpose.tracking.detector import NOWHERE, Detector
-from handpose.tracking.hand_track import COAST, HandTrack
+from handpose.tracking.hand_track import COAST, ENOUGH, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import UNREAD, PoseEstimator
 from handpose.tracking.reasons import Expected, reason
@@ -127,7 +127,8 @@ class Tracker:
             self._read = bool((readings > 0).any())
         if not time > self._time:
             raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
-        return readings, self.camera.in_range(readings), time
+        readings = without_dropouts(readings)
+        return readings, without_dropouts(self.camera.in_range(readings)), time
 
     def _search(self, depth: NDArray[np.float32], time: float, after_gap: bool) -> list[RefusedPlace]:
         """Search for hands that are not tracked: one, after a gap in time all at once. Returns the refused places."""
@@ -179,6 +180,8 @@ class Tracker:
         again = self._estimates(depth, readings, others, AGAIN)
         for track in tracks:
             seen, more = self._unless_covered(readings, track, estimates[track.id], again[track.id], time)
+            if track.time < self._time:  # a lost hand must be as sure as a new one
+                seen, more = ([one for one in hands if one.judged(readings).chance >= ENOUGH] for hands in (seen, more))
             if not track.take(seen, more, time):
                 confidence = max((one.chance for one in [*seen, *more]), default=0.0)
                 expected = self._expected(readings, track, time)

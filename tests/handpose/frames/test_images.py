@@ -10,7 +10,7 @@ import pytest
 
 from handpose.frames import images
 from handpose.frames.cameras import NYU, Camera
-from handpose.frames.images import BadFrameError, check_unit, depth_image
+from handpose.frames.images import BadFrameError, check_unit, depth_image, without_dropouts
 from handpose.frames.lens import Lens, Undistorter
 from handpose.frames.recording import CameraInfo
 
@@ -90,3 +90,35 @@ def test_one_plausible_depth(image: np.ndarray) -> None:
 def test_nothing_read(unread: float) -> None:
     """An image without readings passes the check of units."""
     check_unit(np.full((2, 2), unread))
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_single_missing_pixels_of_a_surface_are_filled(dtype: type) -> None:
+    """Holes of one or two pixels get the median of their neighbours; gaps and edges stay as they are."""
+    image = np.tile(np.arange(500, 512, dtype=dtype), (12, 1))
+    image[:, :2] = 0
+    image[4:, 6] = 0  # a gap
+    whole = image.copy()
+    for pixel in ((2, 9), (7, 9), (7, 10)):
+        image[pixel] = 0
+    filled = without_dropouts(image)
+    assert filled.dtype == image.dtype
+    end = [(4, 6)]  # of the gap: it has one missing neighbour, like a pixel of the pair
+    for pixel in (*end, (2, 9), (7, 9), (7, 10)):
+        assert abs(float(filled[pixel]) - (500 + pixel[1])) <= 1
+        filled[pixel] = whole[pixel]
+    assert np.array_equal(filled, whole)
+
+
+def test_an_image_without_dropouts_is_not_copied() -> None:
+    """Also one whose background has no readings."""
+    image = np.zeros((9, 9), np.uint16)
+    image[2:7, 2:7] = 400
+    assert without_dropouts(image) is image
+
+
+def test_what_is_not_a_number_is_missing() -> None:
+    """Some drivers write NaN where there is no reading."""
+    image = np.full((5, 5), 400.0)
+    image[2, 2] = np.nan
+    assert (without_dropouts(image) == 400).all()

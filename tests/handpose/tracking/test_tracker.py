@@ -168,9 +168,9 @@ def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
     scores = leaving.score()
     hand = scores.hands[0]
     assert hand.gone > 5 and hand.said_gone >= hand.gone - 3 and hand.right_reason >= hand.gone - 5
-    assert scores.found > 0.8 and scores.id_switches == 0 and hand.wrong_side <= 3 and hand.errors.mean < 20
+    assert scores.found > 0.75 and scores.id_switches == 0 and hand.wrong_side <= 3 and hand.errors.mean < 20
     gone = [frame.lost[0] for frame in leaving.reported if frame.lost]
-    assert gone[-1].reason.startswith(LEFT) and {(lost.id, lost.hand) for lost in gone} == {(0, "left")}
+    assert gone[0].reason.startswith(LEFT) and {(lost.id, lost.hand) for lost in gone} == {(0, "left")}
     assert {hand.id for frame in leaving.reported for hand in frame.hands} == {0}
     assert leaving.reported[-1].hands and not leaving.reported[-1].lost
 
