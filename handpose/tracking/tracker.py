@@ -180,7 +180,7 @@ class Tracker:
         again = self._estimates(depth, readings, others, AGAIN)
         for track in tracks:
             seen, more = self._unless_covered(readings, track, estimates[track.id], again[track.id], time)
-            if track.time < self._time:  # a lost hand must be as sure as a new one
+            if track.time < self._time and not track.alone:  # a lost hand must be as sure as a new one
                 seen, more = ([one for one in hands if one.judged(readings).chance >= ENOUGH] for hands in (seen, more))
             if not track.take(seen, more, time):
                 confidence = max((one.chance for one in [*seen, *more]), default=0.0)
