@@ -46,7 +46,7 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
     except Exception as error:
         if memory.is_lacking(error):
             print("not enough memory; use a smaller batch_size", file=sys.stderr)
-        elif "start new thread" in str(error):
+        elif isinstance(error, RuntimeError) and "start new thread" in str(error):
             print("cannot start a thread: too many, or not enough memory; use fewer --threads", file=sys.stderr)
         else:
             raise
