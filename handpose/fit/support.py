@@ -29,6 +29,9 @@ from netlib.blob import Array
 APART_MM = 20.0  # a reading this far from the surface of a fit is of something else
 FAR_MM = 80.0  # maximum contribution of a joint to ``JointDepths``
 SELF_MM = 5.0  # a sphere this far in front of another covers it
+PLANE_MM = 1.5  # maximum distance from a plane of readings that are in it
+TRIPLES, MIN_AREA_MM2 = 100, 50.0  # number of planes that are tried; area of the triangle of three readings, at least
+MIN_READINGS = 20  # on a hand, for its share in a plane
 ALONG = np.array([1, 3]) / 4  # positions of the spheres on a capsule's axis
 ACROSS = np.array([[1, 1, 1]]) / 3  # of those on a flat part, between its corners
 
@@ -152,6 +155,29 @@ def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> 
     behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
     count = np.maximum(read.sum(axis=1), 1)
     return JointDepths(*(np.clip(way * behind, 0, FAR_MM).sum(axis=1) / count for way in (1, -1)))
+
+
+def share_in_a_plane(
+    capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floating], camera: Camera
+) -> float:
+    """The share of the readings on the own surface of one hand that are in one plane; 0 of fewer than MIN_READINGS.
+
+    It is the largest of TRIPLES planes, each through three of the readings; a flat object has nearly all in one.
+    Arguments as ``support``, of one pose.
+    """
+    spheres = Samples.of(capsules).chosen(_samples_of(~limbs, capsules.facets))
+    points = np.concatenate([spheres.center[..., :2], spheres.front[..., None]], axis=2)
+    reading, inside = _readings(points, depth, camera)
+    seen = inside & (np.abs(reading - spheres.front) <= APART_MM) & ~spheres.covers(spheres.center, spheres.front)
+    found = points[seen] * (reading[seen] / points[seen][:, 2])[:, None]
+    if len(found) < MIN_READINGS:
+        return 0.0
+    a, b, c = np.moveaxis(found[np.random.default_rng(0).integers(len(found), size=(TRIPLES, 3))], 1, 0)
+    normal = np.cross(b - a, c - a)
+    twice = np.linalg.norm(normal, axis=1)
+    a, normal = (values[twice > 2 * MIN_AREA_MM2] for values in (a, normal / np.maximum(twice, 1e-9)[:, None]))
+    distance = np.abs(normal @ found.T - (normal * a).sum(axis=1, keepdims=True))
+    return float((distance <= PLANE_MM).mean(axis=1).max(initial=0.0))
 
 
 def joints_in_empty_space(joints: Array, depth: NDArray[np.floating], camera: Camera) -> NDArray[np.int_]:

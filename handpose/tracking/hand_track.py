@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import SIDES, Side
+from handpose.body.sides import SIDES, Side, mirror_of
 from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
@@ -39,6 +39,7 @@ MAX_COVERED_S = 2.0  # s after which a covered one is lost
 UNTRUSTED_S = 1.0
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
+FASTEST = 4000.0  # mm/s: a pose that is found anew so far away is another one, and the hand did not move there
 COMPARE = 0.1  # s between comparisons of the sides, until the side is decided
 # The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
 # has the right sign in 64% to 100% of the frames, and the mean of the first second always.
@@ -93,11 +94,13 @@ class SideState:
         return moved(self.estimate.body, self.motion, KEPT * min(time - self.time, COAST))
 
     def take(self, estimate: Hand, time: float) -> None:
-        """Add a pose. A jump to another pose does not change the motion."""
-        if estimate.is_tracked:
-            new = motion_between(self.estimate.body, estimate.body, time - self.time)
-            old = self.motion or new
-            self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, old)))
+        """Add a pose. One that was not expected changes only the motion of the place, by that of the joints' mean."""
+        new = motion_between(self.estimate.body, estimate.body, time - self.time)
+        if not estimate.is_tracked:
+            old = self.motion or Motion(*(0 * part for part in new))
+            velocity = (_middle(estimate) - _middle(self.estimate)) / (time - self.time)
+            new = old if np.linalg.norm(velocity) > FASTEST else old._replace(place=velocity)
+        self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, self.motion or new)))
         self.estimate, self.time = estimate, time
         self.smooth = self.filter(estimate.body, time, estimate.error_mm)
 
@@ -302,6 +305,11 @@ class HandTrack:
         if self._evidence > REVISED:
             self.sides = {side: SideState(estimate, self.time) for side, estimate in best.items() if side != self.hand}
             self._evidence = 0.0
+
+
+def _middle(estimate: Hand) -> Array:
+    """The mean (3,) of the joints in mm, in the axes of the fit."""
+    return np.asarray(estimate.xyz.mean(axis=0) * mirror_of(estimate.hand))
 
 
 def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:

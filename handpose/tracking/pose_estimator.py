@@ -22,7 +22,7 @@ from handpose.estimate.locator import recenter
 from handpose.estimate.predictor import Predictor
 from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
-from handpose.fit.support import APART_MM, Support, joints_in_empty_space, support
+from handpose.fit.support import APART_MM, Support, joints_in_empty_space, share_in_a_plane, support
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import BACKGROUND, SIZE, clear_crop, unread, with_hidden
 from handpose.frames.segmentation import alone
@@ -151,6 +151,10 @@ class PoseEstimator:
     def support(self, depth: NDArray[np.float32], hand: Hand) -> Support:
         """The support of a pose by an image with all readings, mm."""
         return support(hand.capsules(in_space=True), self.model.surface.limbs, depth, self.camera)
+
+    def share_in_a_plane(self, depth: NDArray[np.float32], hand: Hand) -> float:
+        """The share of the readings on a hand's own surface that are in one plane."""
+        return share_in_a_plane(hand.capsules(in_space=True), self.model.surface.limbs, depth, self.camera)
 
     def hand_near(self, depth: NDArray[np.float32], hand: Hand) -> Array:
         """The crop centre (3,) by the locator, px, px, mm; otherwise by the network, if it was run."""

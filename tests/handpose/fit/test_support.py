@@ -9,7 +9,15 @@ import pytest
 
 from handpose.body.render import render
 from handpose.fit.body import CapsuleModel
-from handpose.fit.support import FAR_MM, Support, joint_depths, joints_in_empty_space, support, support_of_parts
+from handpose.fit.support import (
+    FAR_MM,
+    Support,
+    joint_depths,
+    joints_in_empty_space,
+    share_in_a_plane,
+    support,
+    support_of_parts,
+)
 from handpose.frames.cameras import KINECT2
 
 CAMERA = replace(KINECT2, width=512, height=424)
@@ -46,6 +54,20 @@ def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str
     assert 0.25 < getattr(found, part)[0] < 0.75 and found.seen[0] > 0.2
     assert getattr(whole, part)[0] == pytest.approx(1) and whole.seen[0] == 0
     assert sum(share[0] for share in found) == pytest.approx(1)
+
+
+def test_a_cut_out_is_in_one_plane(model: CapsuleModel, image: np.ndarray) -> None:
+    """All readings on a plate that is cut out like a hand, and inclined like it, are in one plane; few of a hand's."""
+    capsules, limbs = model.capsules(np.zeros((1, model.variables)), CENTER), model.surface.limbs
+    rows, columns = np.nonzero(image < 520)
+    readings = image[rows, columns]
+    x, y = ((columns - CAMERA.u0) * readings, (rows - CAMERA.v0) * readings)
+    plane = np.linalg.lstsq(np.column_stack([x, y, np.ones(len(x))]), readings, rcond=None)[0]
+    across, down = np.arange(512) - CAMERA.u0, np.arange(424)[:, None] - CAMERA.v0
+    plate = np.where(image < 520, plane[2] / (1 - plane[0] * across - plane[1] * down), image)
+    assert share_in_a_plane(capsules, limbs, image, CAMERA) < 0.6
+    assert share_in_a_plane(capsules, limbs, plate, CAMERA) > 0.95
+    assert share_in_a_plane(capsules, limbs, np.zeros_like(image), CAMERA) == 0
 
 
 def test_parts(model: CapsuleModel, image: np.ndarray) -> None:

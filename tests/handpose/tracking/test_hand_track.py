@@ -56,7 +56,7 @@ def estimate(
 ) -> Hand:
     """An estimate of a hand at x mm."""
     one, none = np.ones(1), np.zeros((1, 3))
-    fit = DepthFit(none, one, none, none, cost * one, cost * one, error * one, confidence * one, none,
+    fit = DepthFit(none, one, none[None], none, cost * one, cost * one, error * one, confidence * one, none,
                    np.full((1, 5), 3.0), one)  # fmt: skip
     body = WorldPose(np.array([x, 0, 600]), np.eye(3), np.zeros(4))
     return AtPlace(body, fit, side, goes_on, in_empty_space)
@@ -345,15 +345,28 @@ def test_smoothing_begins_with_the_first_pose() -> None:
 
 
 def test_a_jump_is_no_movement() -> None:
-    """A pose found anew elsewhere does not change the velocity."""
+    """A pose found anew too far away does not change the velocity."""
     one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     followed(one, [[estimate(x=10.0 * n)] for n in range(1, 10)])
     followed(one, [[estimate(x=250.0, goes_on=False)]], 10)
     (region,) = one.regions(11 * FRAME)
     assert 256 < region.center_uvd[0] <= 260
     rests = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
-    followed(rests, [[estimate(x=0)], [estimate(x=0)], [estimate(x=80, goes_on=False)]])
-    assert rests.regions(4 * FRAME)[0].center_uvd[0] == 80
+    followed(rests, [[estimate(x=0)], [estimate(x=0)], [estimate(x=180, goes_on=False)]])
+    assert rests.regions(4 * FRAME)[0].center_uvd[0] == 180
+
+
+def test_a_fast_start_is_a_movement() -> None:
+    """A pose found anew where a fast hand may be changes the velocity, but not how the hand turns and bends."""
+    one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
+    followed(one, [[estimate(x=0)], [estimate(x=0)]])
+    found = estimate(x=50, goes_on=False)
+    found.body = found.body._replace(rotation=np.diag([-1.0, -1.0, 1.0]), others=np.ones(4))
+    followed(one, [[found]], 3)
+    expected = one.best.expected(4 * FRAME)
+    assert 65 < expected.place[0] < 75
+    np.testing.assert_array_equal(expected.rotation, found.body.rotation)
+    np.testing.assert_array_equal(expected.others, found.body.others)
 
 
 def test_a_likely_size() -> None:
