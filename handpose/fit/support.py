@@ -29,8 +29,9 @@ from netlib.blob import Array
 APART_MM = 20.0  # a reading this far from the surface of a fit is of something else
 FAR_MM = 80.0  # maximum contribution of a joint to ``JointDepths``
 SELF_MM = 5.0  # a sphere this far in front of another covers it
-PLANE_MM = 1.5  # maximum distance from a plane of readings that are in it
-TRIPLES, MIN_AREA_MM2 = 100, 50.0  # number of planes that are tried; area of the triangle of three readings, at least
+IN_PLANE_MM = 1.5  # a reading this close to a plane is in it
+PLANES = 100  # number of planes that are tried
+MIN_AREA_MM2 = 200.0  # area of the triangle of the three readings that give a plane, at least
 MIN_READINGS = 20  # on a hand, for its share in a plane
 ALONG = np.array([1, 3]) / 4  # positions of the spheres on a capsule's axis
 ACROSS = np.array([[1, 1, 1]]) / 3  # of those on a flat part, between its corners
@@ -98,6 +99,11 @@ class Samples(NamedTuple):
         """The depths (N, P) of the spheres' nearest points."""
         return np.asarray(self.center[..., 2] - self.radius)
 
+    @property
+    def nearest(self) -> Array:
+        """The spheres' nearest points (N, P, 3)."""
+        return np.concatenate([self.center[..., :2], self.front[..., None]], axis=2)
+
     def covers(self, points: Array, front: Array) -> NDArray[np.bool_]:
         """True (N, Q) where a sphere is in front of points (N, Q, 3) whose surface is at the depths (N, Q)."""
         x, y, z = (self.center[:, None, :, axis] for axis in range(3))
@@ -124,13 +130,9 @@ def support_of_parts(
 
     All shares of a part that others cover entirely are 0.
     """
-    every = Samples.of(capsules)
-    own = _samples_of(~limbs, capsules.facets)
-    spheres = every.chosen(own)
-    front = spheres.front
-    reading, inside = _readings(np.concatenate([spheres.center[..., :2], front[..., None]], axis=2), depth, camera)
-    behind, missing = reading - front, inside & ~(reading > 0)  # NaN, which some drivers write, is missing
-    weight = spheres.area * ~every.covers(spheres.center, front)
+    own, spheres, reading, inside, bare = _surface(capsules, limbs, depth, camera)
+    behind, missing = reading - spheres.front, inside & ~(reading > 0)  # NaN, which some drivers write, is missing
+    weight = spheres.area * bare
     read = inside & ~missing
     hidden, empty = read & (behind < -APART_MM), read & (behind > APART_MM)
     areas = weight * np.stack([read & ~(hidden | empty), hidden, empty, missing, ~inside])
@@ -140,6 +142,17 @@ def support_of_parts(
         whole = np.maximum(weight[:, within].sum(axis=1), 1e-9)
         found.append(Support(*(areas[:, :, within].sum(axis=2) / whole)))
     return found
+
+
+def _surface(
+    capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floating], camera: Camera
+) -> tuple[NDArray[np.bool_], Samples, NDArray[np.floating], NDArray[np.bool_], NDArray[np.bool_]]:
+    """The samples of hands' own surfaces, which of all (P,), their readings, and True in the image and if uncovered."""
+    every = Samples.of(capsules)
+    own = _samples_of(~limbs, capsules.facets)
+    spheres = every.chosen(own)
+    reading, inside = _readings(spheres.nearest, depth, camera)
+    return own, spheres, reading, inside, ~every.covers(spheres.center, spheres.front)
 
 
 def _samples_of(some: NDArray[np.bool_], facets: NDArray[np.int_]) -> NDArray[np.bool_]:
@@ -160,24 +173,24 @@ def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> 
 def share_in_a_plane(
     capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floating], camera: Camera
 ) -> float:
-    """The share of the readings on the own surface of one hand that are in one plane; 0 of fewer than MIN_READINGS.
+    """The share of the readings on one hand's own surface that are in one plane; 0 for fewer than MIN_READINGS.
 
-    It is the largest of TRIPLES planes, each through three of the readings; a flat object has nearly all in one.
-    Arguments as ``support``, of one pose.
+    It is the largest of PLANES planes, each through three of the readings, which are the same in every call. A flat
+    object whose readings vary by less than 1 mm has nearly all of them in one plane; with a noise of 1.5 mm (standard
+    deviation) it has no more than a hand. Arguments as ``support``, of one pose.
     """
-    spheres = Samples.of(capsules).chosen(_samples_of(~limbs, capsules.facets))
-    points = np.concatenate([spheres.center[..., :2], spheres.front[..., None]], axis=2)
-    reading, inside = _readings(points, depth, camera)
-    seen = inside & (np.abs(reading - spheres.front) <= APART_MM) & ~spheres.covers(spheres.center, spheres.front)
-    found = points[seen] * (reading[seen] / points[seen][:, 2])[:, None]
-    if len(found) < MIN_READINGS:
+    _, spheres, reading, inside, bare = _surface(capsules, limbs, depth, camera)
+    seen = inside & bare & (reading > 0) & (np.abs(reading - spheres.front) <= APART_MM)
+    points = spheres.nearest[seen] * (reading / spheres.front)[seen][:, None]
+    if len(points) < MIN_READINGS:
         return 0.0
-    a, b, c = np.moveaxis(found[np.random.default_rng(0).integers(len(found), size=(TRIPLES, 3))], 1, 0)
+    a, b, c = np.moveaxis(points[np.random.default_rng(0).integers(len(points), size=(PLANES, 3))], 1, 0)
     normal = np.cross(b - a, c - a)
-    twice = np.linalg.norm(normal, axis=1)
-    a, normal = (values[twice > 2 * MIN_AREA_MM2] for values in (a, normal / np.maximum(twice, 1e-9)[:, None]))
-    distance = np.abs(normal @ found.T - (normal * a).sum(axis=1, keepdims=True))
-    return float((distance <= PLANE_MM).mean(axis=1).max(initial=0.0))
+    area = np.linalg.norm(normal, axis=1) / 2
+    a, normal = a[area > MIN_AREA_MM2], normal[area > MIN_AREA_MM2]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    distance = np.abs(normal @ points.T - (normal * a).sum(axis=1, keepdims=True))
+    return float((distance <= IN_PLANE_MM).mean(axis=1).max(initial=0.0))
 
 
 def joints_in_empty_space(joints: Array, depth: NDArray[np.floating], camera: Camera) -> NDArray[np.int_]:

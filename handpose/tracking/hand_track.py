@@ -39,7 +39,7 @@ MAX_COVERED_S = 2.0  # s after which a covered one is lost
 UNTRUSTED_S = 1.0
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
-FASTEST = 4000.0  # mm/s: a pose that is found anew so far away is another one, and the hand did not move there
+MAX_JUMP_MM = 130.0  # 4 m/s at 30 frames per second: a pose found anew farther away is not the same hand, moved
 COMPARE = 0.1  # s between comparisons of the sides, until the side is decided
 # The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
 # has the right sign in 64% to 100% of the frames, and the mean of the first second always.
@@ -94,15 +94,24 @@ class SideState:
         return moved(self.estimate.body, self.motion, KEPT * min(time - self.time, COAST))
 
     def take(self, estimate: Hand, time: float) -> None:
-        """Add a pose. One that was not expected changes only the motion of the place, by that of the joints' mean."""
+        """Add a pose.
+
+        A pose whose fit did not start from the expected one changes only the velocity of the place, to that of the
+        mean of the joints; and nothing if it is too far away.
+        """
         new = motion_between(self.estimate.body, estimate.body, time - self.time)
-        if not estimate.is_tracked:
-            old = self.motion or Motion(*(0 * part for part in new))
-            velocity = (_middle(estimate) - _middle(self.estimate)) / (time - self.time)
-            new = old if np.linalg.norm(velocity) > FASTEST else old._replace(place=velocity)
-        self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, self.motion or new)))
+        if estimate.is_tracked:
+            self._add_motion(new)
+        else:
+            way = _mean_joint(estimate) - _mean_joint(self.estimate)
+            if np.linalg.norm(way) <= MAX_JUMP_MM:
+                still = Motion(*(0 * part for part in new))
+                self._add_motion((self.motion or still)._replace(place=way / (time - self.time)))
         self.estimate, self.time = estimate, time
         self.smooth = self.filter(estimate.body, time, estimate.error_mm)
+
+    def _add_motion(self, new: Motion) -> None:
+        self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, self.motion or new)))
 
 
 class HandTrack:
@@ -307,7 +316,7 @@ class HandTrack:
             self._evidence = 0.0
 
 
-def _middle(estimate: Hand) -> Array:
+def _mean_joint(estimate: Hand) -> Array:
     """The mean (3,) of the joints in mm, in the axes of the fit."""
     return np.asarray(estimate.xyz.mean(axis=0) * mirror_of(estimate.hand))
 

@@ -28,7 +28,7 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import NEAR_FACE, check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
-from handpose.tracking.acceptance import MAX_IN_A_PLANE, Acceptance, Offer
+from handpose.tracking.acceptance import Acceptance, Offer
 from handpose.tracking.detector import NOWHERE, Detector
 from handpose.tracking.hand_track import COAST, ENOUGH, HandTrack
 from handpose.tracking.output import tracked_hand
@@ -44,12 +44,12 @@ SAME_MM = 70.0  # palms closer together are the same hand
 CHECK, SUSPECT = 0.2, 0.08  # s between checks of certain and of uncertain hands
 RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a new hand is a lost one
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
-# Limits for covered hands, chosen on one synthetic recording; docs/fit.md has a table of coverings of others.
+# Limits for covered hands, chosen on one synthetic recording, and MOVED_CONFIDENCE on P1, P4, P6 and moved synthetic
+# hands; docs/fit.md has a table of coverings of others.
 MAX_COVERED = 0.4  # share of a hand's expected surface that is covered: only a pose that explains this is accepted
 MAX_COVERED_MOVED = 0.15  # share of that pose's own surface that is covered, at most
-# Its confidence in the frame, at least, and the mean distance of its joints behind the expected ones, at most. Of hands
-# that start to move at 1 to 2 m/s it has at least 0.87; on covered ones of P1, P4 and P6 poses behind have up to 0.98.
-MOVED_CONFIDENCE, MAX_BACK_MM = 0.8, 10.0
+MAX_DEARER = 2.0  # its cost, relative to the average, at most
+MOVED_CONFIDENCE = 0.8  # or its confidence in the frame, at least; that of hands at 1 to 2 m/s is 0.87 and more
 MAX_UNCOVERED = 1.2  # cost of a pose, relative to the average, up to which the hand is not covered
 COVERING_MM = 120.0  # distance of a covering object from the line of sight to the hand's middle, at most
 BEHIND_MM = 150.0  # distance behind a covered hand from which another object is not this hand
@@ -208,17 +208,14 @@ class Tracker:
         least = min((one.selection_cost for one in [*seen, *more]), default=np.inf)
         behind = any((one.crop <= NEAR_FACE).any() for one in [*seen, *more])  # something; then the cost says little
         doubtful = track.covered or behind or least > MAX_UNCOVERED * track.usual_cost
-        if not (doubtful or more):
-            return seen, more
-        expected = self._expected(readings, track, time)
-        covered = expected.support.covered[0]
+        covered = self._expected(readings, track, time).support.covered[0] if doubtful or more else 0.0
         if doubtful:
             track.covered = bool(covered > MAX_COVERED)
         if track.is_decided and covered > UNREAD:
             # The fits as the other side have no expected pose for what is hidden.
             more = [one for one in more if one.hand == track.hand]
         if track.covered:
-            seen, more = ([one for one in hands if self._goes_on(readings, expected, one)] for hands in (seen, more))
+            seen, more = ([one for one in hands if self._goes_on(readings, track, one)] for hands in (seen, more))
         return seen, more
 
     def _estimates(
@@ -242,14 +239,15 @@ class Tracker:
         """A hand where it is expected."""
         return self.estimator.expected(readings, track.best.expected(time), track.hand)
 
-    def _goes_on(self, readings: NDArray[np.float32], expected: Expected, found: Hand) -> bool:
-        """True if a pose explains the readings in front of the expected one: the hand itself has moved.
+    def _goes_on(self, readings: NDArray[np.float32], track: HandTrack, found: Hand) -> bool:
+        """True if a pose explains what is in front of the expected one, or that it is not read: the hand has moved.
 
         Otherwise the pose is a guess from the rest of a covered hand, or the object that covers it.
         """
-        if (found.xyz - expected.xyz)[:, 2].mean() > MAX_BACK_MM or found.judged(readings).chance < MOVED_CONFIDENCE:
+        dear = found.selection_cost > MAX_DEARER * track.usual_cost
+        if dear and found.judged(readings).chance < MOVED_CONFIDENCE:
             return False
-        if self.estimator.share_in_a_plane(readings, found) > MAX_IN_A_PLANE:
+        if self.acceptance.is_flat(readings, found):
             return False
         return bool(self.estimator.support(readings, found).covered[0] < MAX_COVERED_MOVED)
 

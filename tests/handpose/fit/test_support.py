@@ -67,6 +67,8 @@ def test_a_cut_out_is_in_one_plane(model: CapsuleModel, image: np.ndarray) -> No
     plate = np.where(image < 520, plane[2] / (1 - plane[0] * across - plane[1] * down), image)
     assert share_in_a_plane(capsules, limbs, image, CAMERA) < 0.6
     assert share_in_a_plane(capsules, limbs, plate, CAMERA) > 0.95
+    noise = np.random.default_rng(0).normal(0, 0.7, plate.shape)
+    assert share_in_a_plane(capsules, limbs, plate + noise, CAMERA) > 0.8
     assert share_in_a_plane(capsules, limbs, np.zeros_like(image), CAMERA) == 0
 
 

@@ -34,5 +34,5 @@ def test_a_flat_object_is_no_hand(predictor: Predictor, shown: Take, monkeypatch
     (hand, *_) = acceptance.hands_at(depth, place).estimates
     assert not acceptance.doubt(depth, hand)
     monkeypatch.setattr(acceptance.estimator, "share_in_a_plane", lambda depth, hand: 0.8)
-    assert acceptance.doubt(depth, hand) == "the object there does not look like a hand (80% of it is flat)"
+    assert acceptance.doubt(depth, hand) == "the object there does not look like a hand (it is flat)"
     assert not acceptance.hands_at(depth, place).estimates

@@ -361,7 +361,8 @@ def test_a_fast_start_is_a_movement() -> None:
     one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     followed(one, [[estimate(x=0)], [estimate(x=0)]])
     found = estimate(x=50, goes_on=False)
-    found.body = found.body._replace(rotation=np.diag([-1.0, -1.0, 1.0]), others=np.ones(4))
+    turned = found.body._replace(rotation=np.diag([-1.0, -1.0, 1.0]), others=np.ones(4))
+    vars(found)["body"] = turned
     followed(one, [[found]], 3)
     expected = one.best.expected(4 * FRAME)
     assert 65 < expected.place[0] < 75
