@@ -39,7 +39,7 @@ MAX_COVERED_S = 2.0  # s after which a covered one is lost
 UNTRUSTED_S = 1.0
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
-MAX_JUMP_MM = 130.0  # 4 m/s at 30 frames per second: a pose found anew farther away is not the same hand, moved
+MAX_JUMP_MM = 130.0  # 4 m/s at 30 frames per second: a pose that is found farther away is no motion of the hand
 COMPARE = 0.1  # s between comparisons of the sides, until the side is decided
 # The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
 # has the right sign in 64% to 100% of the frames, and the mean of the first second always.
