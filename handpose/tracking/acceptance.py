@@ -32,9 +32,9 @@ MIN_SURROUNDINGS = 0.25  # share of the readings in a crop that are not the hand
 # that were accepted in six real and ten synthetic recordings have at least 0.42, those of three quarters of the refused
 # places less than 0.1.
 ENOUGH_FIRST = ENOUGH / 3
-# Share of the readings on a hand that are in one plane (``share_in_a_plane``): at most 0.68 in 680 frames of five
-# cameras with depth steps of up to 1 mm, 30 to 60 cm away, and 0.82 or more on cut-outs of one depth that were taken
-# for hands. Larger steps, of structured light far away, are not in these frames.
+# Share of the readings on a hand that are in one plane (``share_in_a_plane``): at most 0.68 in 680 frames of four
+# cameras, and 0.82 or more on cut-outs of one depth that were taken for hands. Depths in large steps, as structured
+# light has them far away, are not in these frames.
 MAX_IN_A_PLANE = 0.75
 LIKELY_ALONE = 0.9  # minimum probability of a place that is fitted without its surroundings
 
