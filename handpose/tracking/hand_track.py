@@ -99,14 +99,12 @@ class SideState:
         A pose whose fit did not start from the expected one changes only the velocity of the place, to that of the
         mean of the joints; and nothing if it is too far away.
         """
-        new = motion_between(self.estimate.body, estimate.body, time - self.time)
+        seconds, way = time - self.time, _mean_joint(estimate) - _mean_joint(self.estimate)
         if estimate.is_tracked:
-            self._add_motion(new)
-        else:
-            way = _mean_joint(estimate) - _mean_joint(self.estimate)
-            if np.linalg.norm(way) <= MAX_JUMP_MM:
-                still = Motion(*(0 * part for part in new))
-                self._add_motion((self.motion or still)._replace(place=way / (time - self.time)))
+            self._add_motion(motion_between(self.estimate.body, estimate.body, seconds))
+        elif np.linalg.norm(way) <= MAX_JUMP_MM:
+            still = Motion(np.zeros(3), np.zeros(3), np.zeros_like(estimate.body.others))
+            self._add_motion((self.motion or still)._replace(place=way / seconds))
         self.estimate, self.time = estimate, time
         self.smooth = self.filter(estimate.body, time, estimate.error_mm)
 

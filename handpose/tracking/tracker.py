@@ -247,9 +247,9 @@ class Tracker:
         dear = found.selection_cost > MAX_DEARER * track.usual_cost
         if dear and found.judged(readings).chance < MOVED_CONFIDENCE:
             return False
-        if self.acceptance.is_flat(readings, found):
+        if self.estimator.support(readings, found).covered[0] >= MAX_COVERED_MOVED:
             return False
-        return bool(self.estimator.support(readings, found).covered[0] < MAX_COVERED_MOVED)
+        return not self.acceptance.is_flat(readings, found)
 
     def _drop_other_objects(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
         """Drop tracks of objects that are not hands, which network and fit may resemble."""

@@ -205,9 +205,9 @@ def test_places_on_the_line_of_sight(
 
 @pytest.mark.parametrize("value", [250.0, 600.0])
 def test_frames_of_one_value(begun: Tracker, resting: Take, value: float) -> None:
-    """A lens that is covered for half a second shows no hand, whether or not one was tracked before."""
+    """A lens that is covered for a second shows no hand, whether or not one was tracked before."""
     for tracker in (copied(begun), Tracker(begun.predictor)):
-        for n in range(int(RATE / 2)):
+        for n in range(int(RATE)):
             plain = np.full((ICVL.height, ICVL.width), value, np.float32)
             reported = tracker.step(DepthFrame(BEGUN + n, (BEGUN + n) / RATE, plain))
             assert not reported.hands
