@@ -30,8 +30,7 @@ from handpose.body.fingers import Fingers
 from handpose.body.model import Surface
 from handpose.fit import pose_confidence
 from handpose.fit.network_errors import GOOD_MM, LOST_MM
-from handpose.fit.pose_confidence import SIGNS, SPREAD, Evidence, judged, mean_log_error
-from handpose.fit.support import Support
+from handpose.fit.pose_confidence import SIGNS, SPREAD, Evidence, Judged, judged, mean_log_error
 from handpose.frames.cameras import Camera
 from handpose.frames.recording import Recording
 from netlib.blob import Array
@@ -47,14 +46,12 @@ class Poses(NamedTuple):
     """N tracked poses of one recording: what was seen of them, and their true errors (N,) in mm."""
 
     name: str
-    signs: Array  # (N, 9)
-    lag_mm: Array  # (N,)
-    support: Support
+    evidence: Evidence
     error_mm: Array
 
-    def judged(self, weights: Array, constant: float) -> tuple[Array, Array]:
-        """The expected errors and the confidence (N,) with other weights (9,)."""
-        return judged(self.signs, self.lag_mm, self.support, weights, constant)
+    def judged(self, weights: Array, constant: float) -> Judged:
+        """The expected errors and the confidence with other weights (9,)."""
+        return judged(self.evidence, weights, constant)
 
 
 def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
@@ -84,13 +81,12 @@ def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
             if np.isnan(truth).any() or not hands:
                 continue
             apart = [np.linalg.norm(labelled(fingers, hand.xyz) - truth, axis=2).mean() for hand in hands]
-            reported += seen[-len(hands) :]  # what is reported is judged last, and first as a hand of its side
+            # What is reported is judged last, and first as a hand of its side.
+            reported += [one.take(slice(1)) for one in seen[-len(hands) :]]
             errors += [min(one, LOST_MM) if one == min(apart) else LOST_MM for one in apart]
     if not reported:
         raise DataError(f"{recording.name}: no hand is tracked in any labelled frame")
-    signs, lags = (np.array([getattr(one, key)[0] for one in reported]) for key in ("signs", "lag_mm"))
-    support = Support(*(np.array([part[0] for part in parts]) for parts in zip(*(one.support for one in reported))))
-    return Poses(Path(recording.name).name, signs, lags, support, np.array(errors))
+    return Poses(Path(recording.name).name, Evidence.concatenate(reported), np.array(errors))
 
 
 def fitted(recordings: Sequence[Poses], shrink: float = SHRINK) -> tuple[Array, float, float]:
@@ -100,8 +96,8 @@ def fitted(recordings: Sequence[Poses], shrink: float = SHRINK) -> tuple[Array, 
     """
     counts = [np.where(one.error_mm < LOST_MM, 1.0, OTHERS) for one in recordings]
     own = np.sqrt(np.concatenate([count / count.sum() for count in counts]))
-    signs, lag, error = (np.concatenate([getattr(one, key) for one in recordings])
-                         for key in ("signs", "lag_mm", "error_mm"))  # fmt: skip
+    signs, lag = (np.concatenate([getattr(one.evidence, key) for one in recordings]) for key in ("signs", "lag_mm"))
+    error = np.concatenate([one.error_mm for one in recordings])
 
     def differences(x: Array) -> Array:
         return np.asarray((mean_log_error(signs, lag, x[:-1], x[-1]) - np.log(error)) * own)
@@ -114,9 +110,9 @@ def fitted(recordings: Sequence[Poses], shrink: float = SHRINK) -> tuple[Array, 
     return x[:-1], float(x[-1]), float(np.sqrt((differences(x) ** 2).sum() / len(recordings)))
 
 
-def row(name: str, poses: Sequence[Poses], judgements: Sequence[tuple[Array, Array]]) -> str:
+def row(name: str, poses: Sequence[Poses], judgements: Sequence[Judged]) -> str:
     """One line of the report, on poses with these expected errors and confidences."""
-    expected, confidence = (np.concatenate(part) for part in zip(*judgements))
+    expected, confidence, _ = (np.concatenate(part) for part in zip(*judgements))
     error = np.concatenate([one.error_mm for one in poses])
     sure = confidence >= SURE
     wrong = (error[sure] > GOOD_MM).mean() if sure.any() else np.nan
@@ -127,7 +123,7 @@ def row(name: str, poses: Sequence[Poses], judgements: Sequence[tuple[Array, Arr
 def _print_left_out(recordings: Sequence[Poses]) -> None:
     """Rows of each recording, with the weights in use and with those fitted to the others."""
     names = list(dict.fromkeys(one.name for one in recordings))
-    judgements: list[tuple[Array, Array]] = []
+    judgements: list[Judged] = []
     for name in names:
         left = [one for one in recordings if one.name == name]
         print(row(name, left, _in_use(left)))
@@ -140,7 +136,7 @@ def _print_left_out(recordings: Sequence[Poses]) -> None:
         print(row("all, each left out", [one for name in names for one in recordings if one.name == name], judgements))
 
 
-def _in_use(poses: Sequence[Poses]) -> list[tuple[Array, Array]]:
+def _in_use(poses: Sequence[Poses]) -> list[Judged]:
     return [one.judged(pose_confidence.WEIGHTS, pose_confidence.CONSTANT) for one in poses]
 
 

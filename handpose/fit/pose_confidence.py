@@ -17,18 +17,20 @@ The logarithm of the error in mm is taken to be normally distributed, with the d
 with the lag, the mean distance in mm of the reported joints from those of the fit, because no reported pose can be
 better than that. So
 
-    expected error = exp(mean + SPREAD² / 2)        confidence = P(error < 30 mm) = Φ((log 30 - mean) / SPREAD)
+    whole = exp(mean + SPREAD² / 2)        confidence = P(error < 30 mm) = Φ((log 30 - mean) / SPREAD)
 
 Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs: UNSEEN. The
-expected error is at least 30 mm times the probability of a larger one (Markov's inequality). docs/fit.md has the
-recordings from which the weights were computed, and the results on others. Those of the fingers, below, are older.
+expected error of a hand is the geometric mean of ``whole`` and of the mean of its fingers' expected errors, because
+what is wrong with a hand that is found is mostly a finger; without fingers it is ``whole``. It is at least 30 mm times
+the probability of a larger one (Markov's inequality). docs/fit.md has the recordings from which the weights were
+computed, and the results on others. Those of the fingers are older.
 
 The error of a hand is a mean over its joints, and a hand that is right as a whole may have a finger that is a guess:
 because the palm or another finger hides it, because it is in empty space, or because the smoothed pose lags. With means
 over the finger's PIP joint, DIP joint and tip (of the thumb: MCP joint, IP joint and tip), the logarithm of a finger's
 error in mm is taken to be normally distributed, with the deviation FINGER_SPREAD and the mean
 
-    mean = 0.327 log(hand's expected error) + 0.270 log(1 + behind) + 0.118 log(1 + before) + 0.095 log(1 + lag)
+    mean = 0.327 log(whole) + 0.270 log(1 + behind) + 0.118 log(1 + before) + 0.095 log(1 + lag)
            + 0.291 (1 - seen) + 0.715
 
     behind, before  mm, by which the joints are behind and in front of the readings (``support.joint_depths``)
@@ -41,6 +43,7 @@ the sequences P1, P4 and hpx, tracked as recorded and mirrored, in which these j
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -80,28 +83,17 @@ def mean_log_error(signs: Array, lag_mm: Array, weights: Array = WEIGHTS, consta
     return np.asarray(np.log(np.sqrt(fit**2 + lag_mm**2 + signs[:, SIGNS.index("before")] ** 2)))
 
 
-def judged(
-    signs: Array, lag_mm: Array, support: Support, weights: Array = WEIGHTS, constant: float = CONSTANT
-) -> tuple[Array, Array]:
-    """Expected error in mm, and probability of an error below GOOD_MM, (N,) each, of poses with these signs (N, 9)."""
-    mean = mean_log_error(signs, lag_mm, weights, constant)
-    unseen = 1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0)
-    error = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
-    confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
-    return np.clip(error, GOOD_MM * (1 - confidence), LOST_MM), confidence
-
-
 def unknown_finger_errors() -> Array:
     """The errors (5,) of fingers about which nothing is known: NaN."""
     return np.full(len(FINGERS), np.nan)
 
 
-def finger_errors(error_mm: Array, behind: Array, before: Array, lag_mm: Array, seen: Array) -> Array:
-    """The expected errors (N, 5) in mm of the fingers of N hands with the expected errors (N,) in mm.
+def finger_errors(whole_mm: Array, behind: Array, before: Array, lag_mm: Array, seen: Array) -> Array:
+    """The expected errors (N, 5) in mm of the fingers of N hands with these errors (N,) in mm as wholes.
 
     behind, before, lag_mm, seen  (N, 5) of the fingers
     """
-    mean = OF_HAND * np.log(error_mm)[:, None] + OF_UNSEEN * (1 - seen) + FINGER_CONSTANT
+    mean = OF_HAND * np.log(whole_mm)[:, None] + OF_UNSEEN * (1 - seen) + FINGER_CONSTANT
     mean += OF_BEHIND * np.log1p(behind) + OF_BEFORE * np.log1p(before) + OF_LAG * np.log1p(lag_mm)
     return np.minimum(np.exp(mean + FINGER_SPREAD**2 / 2), LOST_MM)
 
@@ -129,6 +121,19 @@ class Evidence(NamedTuple):
     support: Support
     fingers: OfFingers | None
 
+    @classmethod
+    def concatenate(cls, parts: Sequence[Evidence]) -> Evidence:
+        """What images show of the poses of all parts, of one body."""
+        signs, lags, supports, fingers = zip(*parts)
+        of_fingers = None if fingers[0] is None else OfFingers(*map(np.concatenate, zip(*fingers)))
+        support = Support(*map(np.concatenate, zip(*supports)))
+        return cls(np.concatenate(signs), np.concatenate(lags), support, of_fingers)
+
+    def take(self, rows: slice) -> Evidence:
+        """What is shown of some of the poses."""
+        of_fingers = None if self.fingers is None else OfFingers(*(part[rows] for part in self.fingers))
+        return Evidence(self.signs[rows], self.lag_mm[rows], Support(*(p[rows] for p in self.support)), of_fingers)
+
 
 class Judged(NamedTuple):
     """What is known of N poses.
@@ -143,16 +148,27 @@ class Judged(NamedTuple):
     finger_error_mm: Array
 
 
+def judged(evidence: Evidence, weights: Array = WEIGHTS, constant: float = CONSTANT) -> Judged:
+    """Errors and confidence of N poses of which this is seen."""
+    signs, lag_mm, support, fingers = evidence
+    mean = mean_log_error(signs, lag_mm, weights, constant)
+    unseen = 1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0)
+    whole = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
+    confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
+    least = GOOD_MM * (1 - confidence)
+    whole = np.clip(whole, least, LOST_MM)
+    if fingers is None:
+        return Judged(whole, confidence, np.tile(unknown_finger_errors(), (len(signs), 1)))
+    of_fingers = finger_errors(whole, *fingers)
+    return Judged(np.maximum(np.sqrt(whole * of_fingers.mean(axis=1)), least), confidence, of_fingers)
+
+
 def judged_poses(
     model: CapsuleModel, x: Array, center_mm: Array, mirror: Array, fit_signs: Array, fit_joints: Array,
     readings: NDArray[np.floating], camera: Camera,
 ) -> Judged:  # fmt: skip
     """What the image shows of N poses (``evidence_of``) as their errors and confidence."""
-    evidence = evidence_of(model, x, center_mm, mirror, fit_signs, fit_joints, readings, camera)
-    error_mm, confidence = judged(evidence.signs, evidence.lag_mm, evidence.support)
-    if evidence.fingers is None:
-        return Judged(error_mm, confidence, np.tile(unknown_finger_errors(), (len(x), 1)))
-    return Judged(error_mm, confidence, finger_errors(error_mm, *evidence.fingers))
+    return judged(evidence_of(model, x, center_mm, mirror, fit_signs, fit_joints, readings, camera))
 
 
 def evidence_of(

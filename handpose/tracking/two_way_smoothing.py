@@ -5,6 +5,10 @@ later frames are known, too: run from the future to the past, the same filter is
 of both has none, and less jitter than either.
 
 A run of frames ends where a hand is missing or changes its side: the filters of the track start again there.
+
+Errors last, since a track follows a wrong finger for a while, but the image of a single frame may not show it. So the
+expected errors of hands become means over the time around each frame, and no confidence is above that mean. Those of
+fingers remain: a finger that is hidden for a moment is a guess for that moment.
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ import numpy as np
 
 from handpose.body.sides import mirror_of
 from handpose.fit.body import SIZE, CapsuleModel, WorldPose
+from handpose.fit.network_errors import GOOD_MM
 from handpose.tracking.output import variables_of
 from handpose.tracking.smoothing import PoseFilter, turn_between, turned
 from handpose.tracking.track import TrackedFrame, TrackedHand
@@ -25,6 +30,9 @@ from handpose.tracking.track import TrackedFrame, TrackedHand
 # frames are filtered backwards twice at most. On two synthetic recordings (the scripts `gestures` and `left`, seeds 5
 # and 6), one second gives the jitter at rest of the whole recording, 0.33 and 0.16 mm; half a second 0.35 and 0.18 mm.
 AHEAD_S, AHEAD = 1.0, 60
+# The expected errors are means over this time, in s, before and after a frame. Of 0, 0.3, 0.5, 0.7 and 1 s, on six real
+# recordings (docs/fit.md), 0.5 and 0.7 have the highest correlation with the true errors.
+LASTING_S = 0.5
 
 T = TypeVar("T")
 
@@ -38,6 +46,7 @@ class TwoWaySmoothing(Generic[T]):
     def __init__(self, model: CapsuleModel) -> None:
         self._model = model
         self._held: list[tuple[T, TrackedFrame]] = []
+        self._judged: list[tuple[float, TrackedHand]] = []  # of these frames and of those shortly before
 
     def add(self, ready: Sequence[tuple[T, TrackedFrame]]) -> list[tuple[T, TrackedFrame]]:
         """Add the next frames. Returns those that need not be held any longer, in order, smoothed in both directions.
@@ -45,6 +54,7 @@ class TwoWaySmoothing(Generic[T]):
         Hands whose poses were not smoothed are not changed.
         """
         self._held += ready
+        self._judged += [(frame.time, hand) for _, frame in ready for hand in frame.hands]
         if not self._held:
             return []
         newest = self._held[-1][1].time
@@ -68,13 +78,17 @@ class TwoWaySmoothing(Generic[T]):
             # The times of a filter ascend.
             backward = {key: filters[key](own.fitted, -frame.time, own.error_mm) for key, own in poses.items()}
             if n < count:
-                hands = tuple(self._between(hand, backward.get((hand.id, hand.hand))) for hand in frame.hands)
-                released.append((item, frame._replace(hands=hands)))
+                hands = (self._between(hand, backward.get((hand.id, hand.hand))) for hand in frame.hands)
+                judged = tuple(self._judged_around(hand, frame.time) for hand in hands)
+                released.append((item, frame._replace(hands=judged)))
         del self._held[:count]
+        if self._held:
+            first = self._held[0][1].time - LASTING_S
+            self._judged = [(time, hand) for time, hand in self._judged if time >= first]
         return released[::-1]
 
     def _between(self, hand: TrackedHand, backward: WorldPose | None) -> TrackedHand:
-        """The hand at the mean of its smoothed pose and this one. Error and confidence remain."""
+        """The hand at the mean of its smoothed pose and this one, with the same error and confidence."""
         if hand.poses is None or backward is None:
             return hand
         model, poses, mirror = self._model, hand.poses, mirror_of(hand.hand)
@@ -88,6 +102,17 @@ class TwoWaySmoothing(Generic[T]):
             capsules=None if hand.capsules is None else model.capsules(x, center[None]).mirrored(mirror[None]),
             poses=poses._replace(smoothed=body),
         )
+
+    def _judged_around(self, hand: TrackedHand, time: float) -> TrackedHand:
+        """The hand with the mean of its errors around this time; unchanged if it was not smoothed or not judged."""
+        if hand.poses is None or np.isnan(hand.error_mm):
+            return hand
+        around = [one for at, one in self._judged
+                  if abs(at - time) <= LASTING_S and (one.id, one.hand) == (hand.id, hand.hand)]  # fmt: skip
+        confidence = min(hand.confidence, float(np.mean([one.confidence for one in around])))
+        error_mm = float(np.mean([one.error_mm for one in around]))
+        # At least this, as in pose_confidence.judged.
+        return replace(hand, confidence=confidence, error_mm=max(error_mm, GOOD_MM * (1 - confidence)))
 
 
 def middle_of(first: WorldPose, second: WorldPose) -> WorldPose:

@@ -8,7 +8,7 @@ import pytest
 from experiments.confidence import Poses, fitted, labelled, main, row, tracked
 from handpose.body.fingers import Fingers
 from handpose.body.model import Surface
-from handpose.fit.pose_confidence import CONSTANT, SIGNS, WEIGHTS
+from handpose.fit.pose_confidence import CONSTANT, SIGNS, WEIGHTS, Evidence
 from handpose.fit.support import Support
 from handpose.frames.cameras import ICVL
 from handpose.sequences.recordings import SyntheticRecording
@@ -23,7 +23,8 @@ def poses(name: str, weights: np.ndarray, constant: float, seed: int, count: int
     fit = np.exp(np.log1p(signs) @ weights + constant)
     error = np.sqrt(fit**2 + lag**2 + signs[:, SIGNS.index("before")] ** 2) * np.exp(rng.choice([-0.2, 0.2], count))
     seen, none = np.ones(count), np.zeros(count)
-    return Poses(name, signs, lag, Support(seen, none, none, none, none), error)
+    evidence = Evidence(signs, lag, Support(seen, none, none, none, none), None)
+    return Poses(name, evidence, error)
 
 
 def test_weights_are_found_again():
@@ -48,7 +49,7 @@ def test_a_row_of_the_report():
     name, count, sure, wrong, correlation, expected, true = row("a", [made], [made.judged(WEIGHTS, CONSTANT)]).split()
     assert (name, count) == ("a", "400") and 0 < int(sure) < 400 and wrong == "0.0%"
     assert float(correlation) > 0.8
-    assert float(expected) == pytest.approx(made.judged(WEIGHTS, CONSTANT)[0].mean(), abs=0.06)
+    assert float(expected) == pytest.approx(made.judged(WEIGHTS, CONSTANT).error_mm.mean(), abs=0.06)
     assert float(true) == pytest.approx(made.error_mm.mean(), abs=0.06)
 
 
@@ -59,9 +60,10 @@ def test_poses_of_a_recording(mirrored: bool):
     fingers = Fingers(Surface(recording.header.skeleton))
     labels = np.stack([labelled(fingers, recording.truth(n).hands[0].xyz) for n in range(recording.count)])
     found = tracked(recording, labels, mirrored)
-    assert found.signs.shape == (recording.count, len(SIGNS)) and len(np.unique(found.signs, axis=0)) == recording.count
+    signs, lags, support, of_fingers = found.evidence
+    assert signs.shape == (recording.count, len(SIGNS)) and len(np.unique(signs, axis=0)) == recording.count
     assert found.error_mm.mean() < 25
-    assert all(len(part) == recording.count for part in found.support)
+    assert {len(part) for part in (lags, *support, *of_fingers)} == {recording.count}
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,10 @@ import pytest
 
 from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import SIZE, CapsuleModel, crop_variables, world_pose
+from handpose.fit.network_errors import GOOD_MM
 from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackedPoses, joints_of
-from handpose.tracking.two_way_smoothing import AHEAD, AHEAD_S, TwoWaySmoothing, middle_of
+from handpose.tracking.two_way_smoothing import AHEAD, AHEAD_S, LASTING_S, TwoWaySmoothing, middle_of
 from tests.support.tracked_hands import HEADER, tracked
 
 RATE = 30.0
@@ -140,3 +141,22 @@ def test_the_middle_of_two_poses(model: CapsuleModel) -> None:
     np.testing.assert_allclose(found.place, middle.place, atol=1e-9)
     np.testing.assert_allclose(found.rotation, middle.rotation, atol=1e-9)
     np.testing.assert_allclose(found.others, middle.others, atol=1e-9)
+
+
+def test_errors_last(model: CapsuleModel) -> None:
+    """Expected errors are means over half a second before and after, and the confidence is that mean at most."""
+    frames, errors = take(model, np.zeros((90, model.variables))), np.full(90, 10.0)
+    errors[40:42] = 40.0
+    for n, frame in enumerate(frames):
+        (hand,) = frame.hands
+        bad = errors[n] > 10
+        own = replace(
+            hand, error_mm=errors[n], confidence=0.2 if bad else 0.9, finger_error_mm=np.full(5, 2 * errors[n])
+        )
+        other = replace(own, id=7, error_mm=90.0, confidence=0.0)  # another hand changes nothing
+        frames[n] = frame._replace(hands=(own, other))
+    found = [frame.hands[0] for frame in smoothed(model, frames)]
+    around = round(2 * LASTING_S * RATE) + 1
+    assert (found[20].error_mm, found[20].confidence) == pytest.approx((10, 0.9))
+    assert (found[38].error_mm, found[38].confidence) == pytest.approx((10 + 60 / around, 0.9 - 1.4 / around))
+    assert (found[40].error_mm, found[40].confidence) == pytest.approx((GOOD_MM * 0.8, 0.2))
