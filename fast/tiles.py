@@ -76,7 +76,9 @@ class FastBlob(Blob):
             self.on_look_data()
         if self._data is None and self._owner is None:
             self._data = aligned.zeros_for(self, self._shape, self.dtype)
-        return super().data if self._data is None else self._data  # saves a call: a pass of one image has 60 accesses
+        return (
+            super().data if self._data is None else self._data.view()
+        )  # saves a call: a pass of one image has 60 accesses
 
     @property
     def diff(self) -> Array:
@@ -85,7 +87,7 @@ class FastBlob(Blob):
             self.on_look()
         if self._diff is None and self._diff_owner is None:
             self._diff = aligned.zeros_for(self, self._shape, self.dtype)
-        return super().diff if self._diff is None else self._diff
+        return super().diff if self._diff is None else self._diff.view()
 
     def copies(self, of_diff: bool) -> tuple[Array | None, Array | None]:
         """Return copies of data and, with ``of_diff``, of diff; None if an array is not allocated."""

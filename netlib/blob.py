@@ -59,21 +59,21 @@ class Blob:
 
     @property
     def data(self) -> Array:
-        """The values."""
+        """The values: at each access another array of this memory, whose own shape and flags may be changed."""
         if self._owner is not None:
             return self._owner.data.reshape(self._shape)
         if self._data is None:
             self._data = memory.zeros(self._shape, self.dtype, self)
-        return self._data
+        return self._data.view()
 
     @property
     def diff(self) -> Array:
-        """Gradient of the loss with respect to the values."""
+        """Gradient of the loss with respect to the values; an array as for ``data``."""
         if self._diff_owner is not None:
             return self._diff_owner.diff.reshape(self._shape)
         if self._diff is None:
             self._diff = memory.zeros(self._shape, self.dtype, self)
-        return self._diff
+        return self._diff.view()
 
     def reshape(self, *shape: Any) -> None:
         """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``. A new count discards the values."""
@@ -178,3 +178,20 @@ class Blobs(list[Blob]):
         memory.check(own + self.bytes_before, f"of parameters in total, {memory.format_bytes(own)} of them here")
         self.append(blob)
         return blob
+
+
+class ParameterBlobs(Blobs):
+    """The parameters of a layer: ``net.params["fc"][0] = blob`` lets the parameter share the memory of the blob."""
+
+    def __setitem__(self, index: Any, blob: Any) -> None:
+        """Let the blob at this index share the memory of another one; layers keep the blob itself.
+
+        Raises ValueError for another number of values or another type.
+        """
+        own = self[index]
+        if not (isinstance(own, Blob) and isinstance(blob, Blob)):
+            super().__setitem__(index, blob)
+        elif (own.count, own.dtype) != (blob.count, blob.dtype):
+            raise ValueError(f"{blob} cannot take the place of {own}: expected as many values of the same type")
+        else:
+            own.share(blob)

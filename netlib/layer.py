@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import DTypeLike
 
-from netlib.blob import Blob, Blobs
+from netlib.blob import Blob, Blobs, ParameterBlobs
 from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
 from netlib.proto import schema
@@ -61,11 +61,19 @@ class Layer:
     stored: ClassVar[tuple[str, ...]] = ()  # attributes of bottom[0]'s shape that forward stores for backward
     moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 
-    def __init__(self, spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> None:
+    def __init__(
+        self, spec: LayerParameter, phase: Phase | None = None, rng: np.random.Generator | None = None,
+        dtype: DTypeLike = np.float32,
+    ) -> None:  # fmt: skip
+        """A Python layer's own ``__init__`` gets the first argument alone and passes it on, as in pycaffe; everything
+        is set before that (netlib/building/create.py).
+        """
+        if phase is None or rng is None:
+            return
         self.spec, self.source = spec, schema.position_of(spec).source
         self.name, self.type, self.phase = spec.name, spec.type, PHASES[phase]
         self.rng, self.dtype = rng, np.dtype(dtype)
-        self.blobs = Blobs(dtype=self.dtype)
+        self.blobs: Blobs = ParameterBlobs(dtype=self.dtype)
         options = PythonParameter if spec.type == "Python" else self.param_type
         self.param: Any = self.read_block(block_name(type(self), spec.type), options)
         self.param_str: str = self.param.param_str if spec.type == "Python" else ""

@@ -195,9 +195,10 @@ class Net:
         in place overwrites it, it is written before each pass.
         """
         for i, (blob, weight, _) in enumerate(self.losses):
-            if self._seeded.get(i) is not blob.diff or blob in self._in_place:
-                blob.diff[...] = weight
-                self._seeded[i] = blob.diff
+            diff, seeded = blob.diff, self._seeded.get(i)
+            if seeded is None or not np.may_share_memory(seeded, diff) or blob in self._in_place:
+                diff[...] = weight
+                self._seeded[i] = diff
 
     def _part(self, first: str | None, last: str | None) -> tuple[int, int | None]:
         """Range of layer indices from ``first`` to ``last``."""

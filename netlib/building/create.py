@@ -52,12 +52,27 @@ def create(
         raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}; {own}")
     own = block_name(cls, spec.type)
     _check_blocks(spec, own)
-    layer = cls(spec, phase, rng, dtype)
+    layer = _new(cls, spec, phase, rng, dtype)
     for name in cls.rejected_blocks.keys() & spec.blocks:
         raise layer.fail(cls.rejected_blocks[name], at=spec.blocks[name].position)
     for name in sorted(set(spec.blocks) - {own, *cls.other_blocks}):
         schema.read(spec.blocks[name], option_blocks()[name], name)  # a mistake would show when weights are saved
         warn(layer, f"{spec.type} does not read {name}; it is ignored, as in Caffe", spec.blocks[name].position)
+    return layer
+
+
+def _new(cls: type[Layer], spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> Layer:
+    """The layer; a Python layer's own ``__init__`` is called with one argument. Raises LayerError if that fails."""
+    if spec.type != "Python":
+        return cls(spec, phase, rng, dtype)
+    layer = cls.__new__(cls)
+    Layer.__init__(layer, spec, phase, rng, dtype)
+    if cls.__init__ is not Layer.__init__:
+        initialise: Callable[[Layer, LayerParameter], None] = cls.__init__
+        try:
+            initialise(layer, spec)
+        except Exception as error:
+            raise layer.fail(f"__init__ failed: {type(error).__name__}: {error}") from error
     return layer
 
 

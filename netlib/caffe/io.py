@@ -26,10 +26,23 @@ GRAY = (0.2125, 0.7154, 0.0721)  # scikit-image's weights of red, green, blue
 
 
 def __getattr__(name: str) -> Any:
-    """``io.caffe_pb2``, which scripts use, imported at its first use."""
-    if name != "caffe_pb2":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return proto.caffe_pb2
+    """Names that pycaffe's module imports, and scripts use from it, imported at their first use.
+
+    Raises NetlibError for those of scikit-image if it is not installed.
+    """
+    if name == "caffe_pb2":
+        return proto.caffe_pb2
+    if name == "zoom":
+        return scipy.ndimage.zoom
+    if name in ("skimage", "resize"):
+        try:
+            import skimage.io
+            from skimage.transform import resize
+        except ImportError:
+            found = f"caffe.io.{name} is of scikit-image, which is missing: pip install scikit-image"
+            raise NetlibError(found) from None
+        return resize if name == "resize" else skimage
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 class ShapeError(DataError, ValueError):

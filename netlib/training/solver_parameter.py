@@ -102,8 +102,7 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
             f"unknown lr_policy {p.lr_policy!r}{did_you_mean(p.lr_policy, POLICIES)}" if p.lr_policy else "no lr_policy"
         )
         yield "lr_policy", f"{found}; known: {', '.join(POLICIES)}"
-    needs = {"step": ("stepsize", "a stepsize of at least 1"), "multistep": ("stepvalue", "stepvalue"),
-             "poly": ("max_iter", "max_iter")}  # fmt: skip
+    needs = {"step": ("stepsize", "a stepsize of at least 1"), "poly": ("max_iter", "max_iter")}
     if p.lr_policy == "poly" and p.power < 0:
         yield "power", f"lr_policy 'poly' needs a power that is not negative, found {p.power:g}"
     if p.lr_policy in needs and not getattr(p, needs[p.lr_policy][0]):
@@ -113,10 +112,8 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         yield "base_lr", "no base_lr" if not p.base_lr else f"base_lr {p.base_lr:g} is negative"
     if p.rampup_lr < 0:
         yield "rampup_lr", f"rampup_lr {p.rampup_lr:g} is negative"
-    if p.lr_policy in ("step", "exp", "multistep") and p.gamma <= 0:
-        yield "gamma", f"lr_policy {p.lr_policy!r} needs a gamma above 0, found {p.gamma:g}"
-    if p.lr_policy == "inv" and p.gamma < 0:
-        yield "gamma", f"lr_policy 'inv' needs a gamma that is not negative, found {p.gamma:g}"
+    if p.lr_policy in ("step", "exp", "multistep", "inv") and p.gamma < 0:
+        yield "gamma", f"lr_policy {p.lr_policy!r} needs a gamma that is not negative, found {p.gamma:g}"
 
 
 # ---------------------------------------------------------------------------------------------- nets

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from netlib.blob import Blob, Blobs
+from netlib.blob import Blob, Blobs, ParameterBlobs
 
 
 def test_a_new_blob_is_zero() -> None:
@@ -14,6 +14,34 @@ def test_a_new_blob_is_zero() -> None:
     assert blob.data.tolist() == blob.diff.tolist() == [[0, 0, 0], [0, 0, 0]]
     assert blob.data.dtype == np.float64
     assert (blob.count, Blob(()).count, Blob((3, 0)).count) == (6, 1, 0)
+
+
+def test_an_array_has_its_own_shape_and_flags() -> None:
+    """The shape and the flags of an accessed array are local to it, as in pycaffe; its values are the blob's."""
+    blob, other = Blob((2, 3)), Blob((6,))
+    other.share(blob)
+    for one in (blob, other):
+        for name in ("data", "diff"):
+            array = getattr(one, name)
+            array.shape = (3, 2)
+            array[0, 1] = 7
+            array.flags.writeable = False
+            assert getattr(one, name).shape == one.shape and getattr(one, name).reshape(-1)[1] == 7
+            getattr(one, name)[...] = 0
+
+
+def test_an_assigned_parameter_shares_its_memory() -> None:
+    """A parameter that is assigned has the values and gradients of the other blob; the list keeps its own blob."""
+    own, other = ParameterBlobs([Blob((2, 3)), Blob((4,))]), Blob((3, 2))
+    kept, other.data[...] = own[0], 5
+    own[0] = other
+    assert own[0] is kept and kept.shape == (2, 3) and (kept.data == 5).all()
+    kept.diff[...] = 3
+    assert (other.diff == 3).all()
+    with pytest.raises(ValueError, match=r"<Blob 3x2 float32> cannot take the place of <Blob 4 float32>"):
+        own[1] = other
+    with pytest.raises(ValueError, match="float64"):
+        own[0] = Blob((2, 3), np.float64)
 
 
 def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_another_count() -> None:

@@ -718,7 +718,7 @@ NO_INTERVAL = "1 test nets, but no test_interval; expected at least 1"
         ('type: "Adan"', "21: error: unknown solver type 'Adan' (did you mean 'Adam'?); known: SGD, ..."),
         ('lr_policy: "stp"', "21: error: unknown lr_policy 'stp' (did you mean 'step'?); known: fixed, ..."),
         ('lr_policy: "step"', "21: error: lr_policy 'step' needs a stepsize of at least 1"),
-        ('lr_policy: "multistep"', "21: error: lr_policy 'multistep' needs stepvalue"),
+        ('lr_policy: "exp" gamma: -1', "38: error: lr_policy 'exp' needs a gamma that is not negative, found -1"),
         ('lr_policy: "poly" max_iter: 0', "21: error: lr_policy 'poly' needs max_iter"),
         ('lr_policy: "poly" power: -1', "39: error: lr_policy 'poly' needs a power that is not negative, found -1"),
         ('type: "AdaGrad" momentum: 0.5', "37: error: AdaGrad has no momentum; remove the field"),

@@ -85,9 +85,11 @@ def test_every_rule_works_in_float32_in_place(rule: str) -> None:
     [
         ("fixed", {}, {0: 2, 1000: 2}),
         ("step", {"gamma": 0.5, "stepsize": 10}, {0: 2, 9: 2, 10: 1, 19: 1, 20: 0.5}),
+        ("step", {"stepsize": 10}, {0: 2, 9: 2, 10: 0}),  # without a gamma, as in Caffe
         ("exp", {"gamma": 0.5}, {0: 2, 1: 1, 3: 0.25}),
         ("inv", {"gamma": 0.5, "power": 2}, {0: 2, 2: 0.5, 6: 0.125}),
         ("multistep", {"gamma": 0.5, "stepvalue": (2, 5)}, {0: 2, 1: 2, 2: 1, 4: 1, 5: 0.5, 99: 0.5}),
+        ("multistep", {"gamma": 0.5}, {0: 2, 99: 2}),
         ("poly", {"power": 2, "max_iter": 10}, {0: 2, 5: 0.5, 10: 0}),
         ("sigmoid", {"gamma": -0.5, "stepsize": 4}, {4: 1, 0: 2 / (1 + math.exp(-2)), 8: 2 / (1 + math.exp(2))}),
     ],

@@ -41,6 +41,19 @@ class Broken(Square):
     def forward(self, bottom, top):
         1 / 0
 
+class Counting(Square):
+    def __init__(self, layer_param):
+        super().__init__(layer_param)
+        self.passes = int(self.param_str or 0)
+
+    def forward(self, bottom, top):
+        super().forward(bottom, top)
+        self.passes += 1
+
+class Unprepared(Square):
+    def __init__(self, *args):
+        {}[args[0].name]
+
 class Stranger:
     pass
 """
@@ -316,3 +329,12 @@ def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
     with pytest.raises(netlib.WeightsError, match=r"^layer '.*': .*HDF5.*; expected another name, or snapshot_format"):
         net.save(tmp_path / "w.caffemodel.h5")
     net_with(layer % "ReLU").save(tmp_path / "w.caffemodel.h5")
+
+
+def test_a_layer_with_its_own_init(squares: None) -> None:
+    """``__init__`` gets one argument, as in pycaffe, and the base class is complete before. Errors name the layer."""
+    net = net_with(python("Counting", more='param_str: "3"'))
+    net.forward(x=np.ones(3))
+    assert net.layer_dict["own"].passes == 4 and (net.blobs["y"].data == 3).all()
+    with pytest.raises(netlib.LayerError, match=r"layer 'own': __init__ failed: KeyError: 'own'"):
+        net_with(python("Unprepared"))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from io import BytesIO
+from types import ModuleType
 
 import cv2
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from netlib.caffe import io
 from netlib.caffe.proto import caffe_pb2
+from netlib.errors import NetlibError
 
 SMALL = np.array([[0, 10, 20], [40, 30, 60]], np.float32)
 
@@ -281,3 +284,22 @@ def test_floats_stay(tmp_path):
     """Floating-point images are in [0, 1] and stay unchanged."""
     path = written(tmp_path / "a.tiff", np.array([[0.25, 0.5]], np.float32))
     assert io.load_image(path, color=False)[..., 0].tolist() == [[0.25, 0.5]]
+
+
+def test_names_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scripts use what pycaffe's module imports: SciPy's zoom; scikit-image, or a line that says that it is missing."""
+    assert io.zoom(np.ones((2, 2)), 2).shape == (4, 4)
+    for name in ("skimage", "resize"):
+        monkeypatch.setitem(sys.modules, "skimage.transform", None)
+        with pytest.raises(
+            NetlibError, match=f"caffe.io.{name} is of scikit-image, which is missing: pip install scikit-image"
+        ):
+            getattr(io, name)
+    package = ModuleType("skimage")
+    transform = ModuleType("skimage.transform")
+    transform.resize = package.resize = lambda image, shape: shape  # type: ignore[attr-defined]
+    for found in (package, transform, ModuleType("skimage.io")):
+        monkeypatch.setitem(sys.modules, found.__name__, found)
+    assert io.skimage is package and io.resize(None, (2, 2)) == (2, 2)
+    with pytest.raises(AttributeError, match="has no attribute 'rescale'"):
+        print(io.rescale)

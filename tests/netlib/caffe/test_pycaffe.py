@@ -155,6 +155,31 @@ def test_a_diff_set_by_hand_on_a_loss_counts(net: pycaffe.Net) -> None:
         assert np.allclose(net.params["a"][0].diff, 3 * once, rtol=1e-5, atol=1e-6)
 
 
+def test_arrays_with_a_shape_of_their_own(net: pycaffe.Net) -> None:
+    """Scripts set the shape of the arrays that they get; the net, its outputs and its files keep theirs."""
+    net.params["a"][0].data.shape = (-1,)
+    net.blobs["x"].data.shape = (3, 2)
+    for _ in range(2):
+        net.forward(x=X)["y"].shape = (-1,)
+    net.save("a.caffemodel")
+    again = pycaffe.Net("net.prototxt", netlib.TEST, weights="a.caffemodel")
+    np.testing.assert_array_equal(again.forward(x=X)["y"], net.blobs["y"].data)
+
+
+def test_parameters_of_another_net(net: pycaffe.Net) -> None:
+    """An assigned parameter, also by ``layers``, is the one that forward uses and that files contain."""
+    other = pycaffe.Net("net.prototxt", netlib.TRAIN)
+    other.params["a"][0] = net.params["a"][0]
+    other.layers[list(other._layer_names).index("a")].blobs[1] = net.params["a"][1]
+    assert net.params["a"][0].data.any()
+    np.testing.assert_array_equal(other.forward(x=X)["y"], net.forward(x=X)["y"])
+    net.params["a"][0].data[...] *= 2
+    np.testing.assert_array_equal(other.forward(x=X)["y"], net.forward(x=X)["y"])
+    other.save("a.caffemodel")
+    again = pycaffe.Net("net.prototxt", netlib.TEST, weights="a.caffemodel")
+    np.testing.assert_array_equal(again.forward(x=X)["y"], net.forward(x=X)["y"])
+
+
 @pytest.mark.parametrize("count", [2, 5, 6])
 def test_any_number_of_items(net: pycaffe.Net, count: int) -> None:
     """Items are processed in batches; the padding of the last batch is removed."""
