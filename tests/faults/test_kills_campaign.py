@@ -7,7 +7,7 @@ import pytest
 from tests.faults import campaign, kills
 from tests.faults.isolation import Worker
 
-EVERY = 18
+EVERY = 45
 
 
 @pytest.mark.parametrize("name", kills.NAMES)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,14 @@ from tests.handpose.tracking.conftest import RATE, Take, copied, played
 BEGUN = 6  # frames before the covering
 DOUBTFUL = 0.3  # maximum confidence of a pose of a covered hand
 NEAR = (30.0, 100.0, 200.0, 0.6, 0.8)  # depths of what covers the hand: mm, or parts of the hand's
+FITS = ("fast", "accurate")  # one after the other: both with every value take twice the time
 REASON = f"{HIDDEN} by a nearer object"
+
+
+def with_fits(names: str, values: Iterable[object]) -> pytest.MarkDecorator:
+    """Parametrize a test by these values, and in turn by the tracker's fits."""
+    cases = [(fit, *(value if isinstance(value, tuple) else (value,))) for fit, value in zip(cycle(FITS), values)]
+    return pytest.mark.parametrize(f"begun,{names}", cases, indirect=["begun"])
 
 
 @pytest.fixture(scope="module")
@@ -39,10 +47,10 @@ def resting() -> Take:
     return played(Script(0.8, (Role("right", (Act("rest", 1),)),)), 5)
 
 
-@pytest.fixture(scope="module", params=["fast", "accurate"])
+@pytest.fixture(scope="module")
 def begun(resting: Take, request: pytest.FixtureRequest) -> Tracker:
-    """A tracker of that hand, which every test copies."""
-    tracker = Tracker(load_predictor(ICVL, fit=request.param))
+    """A tracker of that hand with this fit, which every test copies."""
+    tracker = Tracker(load_predictor(ICVL, fit=getattr(request, "param", "fast")))
     for frame in resting.frames[:BEGUN]:
         reported = tracker.step(frame)
     assert reported.hands[0].confidence > 0.5
@@ -76,7 +84,7 @@ def after(tracker: Tracker, take: Take, share: float, value: float, frames: int 
         yield own.step(covered(take, number, share, value))
 
 
-@pytest.mark.parametrize("value", NEAR)
+@with_fits("value", NEAR)
 def test_something_nearer(begun: Tracker, resting: Take, value: float) -> None:
     """From half of the hand to the whole view: no confident pose, and the reason; then the hand is tracked again."""
     for share in (0.5, 0.7, 0.9, 1.0, 2.0):
@@ -88,7 +96,7 @@ def test_something_nearer(begun: Tracker, resting: Take, value: float) -> None:
     assert again.step(resting.frames[BEGUN + 1]).hands[0].id == 0
 
 
-@pytest.mark.parametrize("value", NEAR)
+@with_fits("value", NEAR)
 def test_a_part(begun: Tracker, resting: Take, value: float) -> None:
     """A hand that is covered a little is tracked, or lost for this reason; the more is covered, the less confident."""
     confidences = []
@@ -99,7 +107,7 @@ def test_a_part(begun: Tracker, resting: Take, value: float) -> None:
     assert min(confidences[:4]) > DOUBTFUL and confidences[4] < confidences[0] + 0.01
 
 
-@pytest.mark.parametrize("value", [30.0, 200.0])
+@with_fits("value", [30.0, 200.0])
 def test_the_pose_of_a_part(begun: Tracker, resting: Take, value: float) -> None:
     """The visible part of a hand keeps its pose: the fit does not move the hidden part into sight."""
     own, errors = copied(begun), []
@@ -159,7 +167,7 @@ def test_a_cut_out_in_front_of_a_hand(predictor: Predictor) -> None:
     assert reported.lost[0].reason == REASON
 
 
-@pytest.mark.parametrize("share", [0.6, 1.0])
+@with_fits("share", [0.6, 1.0])
 def test_no_readings(begun: Tracker, resting: Take, share: float) -> None:
     """Without readings of the hand no confident pose is reported, and the reason."""
     for value in (0.0, np.nan):
@@ -168,7 +176,7 @@ def test_no_readings(begun: Tracker, resting: Take, share: float) -> None:
             assert reported.hands or reported.lost[0].reason.startswith(("no depth", "only background"))
 
 
-@pytest.mark.parametrize(("share", "value"), [(0.35, 0.0), (0.35, np.nan), (0.5, 0.0), (0.75, 0.0)])
+@with_fits("share,value", [(0.35, 0.0), (0.35, np.nan), (0.5, 0.0), (0.75, 0.0)])
 def test_the_pose_of_a_part_that_is_read(begun: Tracker, resting: Take, share: float, value: float) -> None:
     """What is not read of a hand is unknown, not empty: the rest keeps its pose, and half of it is no sure pose."""
     for reported in after(begun, resting, share, value, 5):
@@ -178,8 +186,8 @@ def test_the_pose_of_a_part_that_is_read(begun: Tracker, resting: Take, share: f
             assert share < 0.5 or hand.confidence <= DOUBTFUL
 
 
-@pytest.mark.parametrize(
-    ("aside", "depth", "why"),
+@with_fits(
+    "aside,depth,why",
     [
         (0.0, -200.0, "it covers a tracked hand"),
         (0.0, 50.0, ""),  # the hand itself
@@ -203,7 +211,7 @@ def test_places_on_the_line_of_sight(
     assert track.covered and refused.reason == (why or "judged")
 
 
-@pytest.mark.parametrize("value", [250.0, 600.0])
+@with_fits("value", [250.0, 600.0])
 def test_frames_of_one_value(begun: Tracker, resting: Take, value: float) -> None:
     """A lens that is covered for a second shows no hand, whether or not one was tracked before."""
     for tracker in (copied(begun), Tracker(begun.predictor)):
