@@ -35,12 +35,21 @@ from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
 
 OWN = ["--weights", "net.caffemodel.h5", "--fit", "no"]  # the user's network without a fit
+CENTER = ["--center", "271,217"]  # on the hand in frame.png, which the locator then does not look for
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    """A file of weights as the fillers draw them."""
+    path = tmp_path_factory.mktemp("weights") / "net.caffemodel.h5"
+    netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, seed=1).save(path)
+    return path
 
 
 @pytest.fixture
-def snapshot(tmp_path, monkeypatch):
+def snapshot(tmp_path, monkeypatch, weights):
     monkeypatch.chdir(tmp_path)
-    netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, seed=1).save("net.caffemodel.h5")
+    shutil.copy(weights, "net.caffemodel.h5")
     rng = np.random.default_rng(0)
     cv2.imwrite("crop.png", rng.integers(0, 256, (128, 128), dtype=np.uint8))
     return "net.caffemodel.h5"
@@ -170,10 +179,16 @@ def test_weights_that_lack_a_layer(snapshot):
 # ------------------------------------------------------------------------------------------- whole frames
 
 
+@pytest.fixture(scope="module")
+def before_kinect():
+    """The depth of a hand 700 mm from a Kinect v2."""
+    return hand_before(KINECT2)
+
+
 @pytest.fixture
-def frame(snapshot):
+def frame(snapshot, before_kinect):
     """Write frame.png, a 16-bit frame in mm of a hand 700 mm from a Kinect v2 before a wall; return its depth."""
-    depth = hand_before(KINECT2)
+    depth = before_kinect.copy()
     depth[depth == 0] = 1500
     depth[:50] = 0
     cv2.imwrite("frame.png", depth)
@@ -216,7 +231,7 @@ def test_a_whole_frame(frame):
 
 def test_the_table_says_where_the_hand_is(frame):
     """The table states the position of the hand in mm from the camera."""
-    done = run_tool("predict", *OWN, "frame.png", "--camera", "kinect2", "--center", "255.4,206.3,700")
+    done = run_tool("predict", *OWN, "frame.png", "--camera", "kinect2", *CENTER)
     first, *joints = done.out.splitlines()
     place = r"at -?\d+, -?\d+, \d{3} mm"
     assert re.fullmatch(f"frame.png: right hand; {place}, joints in mm from the camera, cube 300 mm; picture .*", first)
@@ -227,13 +242,13 @@ def test_the_table_says_where_the_hand_is(frame):
 def test_joints_of_another_format(frame, name):
     """With --joints JSON has the other format in addition; the table shows its joints and angles instead."""
     count = {"mediapipe": 21, "openxr": 26, "mano": 21, "nyu": 14}[name]
-    options = [*OWN, "frame.png", "--camera", "kinect2", "--out", "p", "--joints", name]
-    (found,) = hands_of(run_tool("predict", *options, "--json").out)
+    options = [*OWN, "frame.png", "--camera", "kinect2", *CENTER, "--out", "p", "--joints", name]
+    lines = run_tool("predict", *options, "--json", "hands.json").out.splitlines()
+    (found,) = hands_of(Path("hands.json").read_text())
     assert len(found["positions_mm"]) == 31 and len(found["anatomical_deg"]) == 20
     assert {len(values) for key, values in found[name].items() if key != "center_m"} == {count}
     if name == "nyu":
         assert found["nyu"]["positions_mm"][-1] == pytest.approx(found["joints"]["palm"], abs=0.02)
-    lines = run_tool("predict", *options).out.splitlines()
     assert len(lines) == 1 + 1 + count + 20 and lines[-1].split()[0] == "little_dip_flexion"
 
 
@@ -252,7 +267,7 @@ def table(path):
 
 def test_a_table_of_frames(frame):
     """--csv writes a row per image with camera coordinates of the joints; without a fit there are no angles."""
-    options = ["frame.png", "frame.png", "--camera", "kinect2", "--out", "p", "--json", "--csv", "hands.csv"]
+    options = ["frame.png", "frame.png", "--camera", "kinect2", *CENTER, "--out", "p", "--json", "--csv", "hands.csv"]
     found = hands_of(run_tool("predict", *OWN, *options).out)
     rows = table("hands.csv")
     assert [(row["image"], row["hand"], row["confidence"], row["error_mm"]) for row in rows] == [
@@ -280,35 +295,38 @@ def test_a_table_of_another_format(snapshot, name):
 
 def test_a_camera_by_its_numbers(frame):
     """A camera may be given by numbers; its size is that of the image."""
-    assert predicted("frame.png", "--camera", "363.9,363.9,255.4,206.3") == predicted(
-        "frame.png", "--camera", "kinect2"
+    assert predicted("frame.png", *CENTER, "--camera", "363.9,363.9,255.4,206.3") == predicted(
+        "frame.png", *CENTER, "--camera", "kinect2"
     )
 
 
 def test_the_unit_of_a_pixel(frame):
     """--unit sets the mm per unit of a pixel; the default for SR305 is 0.125."""
     cv2.imwrite("frame.png", frame * 4)
-    (quarters,) = predicted("frame.png", "--camera", "kinect2", "--unit", "0.25")
+    (quarters,) = predicted("frame.png", *CENTER, "--camera", "kinect2", "--unit", "0.25")
     cv2.imwrite("frame.png", frame)
-    assert [quarters] == predicted("frame.png", "--camera", "kinect2")
+    assert [quarters] == predicted("frame.png", *CENTER, "--camera", "kinect2")
     cv2.imwrite("eighths.png", np.full((480, 640), 8000, np.uint16))
     assert (read_frame("eighths.png", CameraInfo(SR305)) == 1000).all()
     assert (read_frame("eighths.png", CameraInfo(SR305, unit_mm=0.1)) == 800).all()
 
 
-def test_a_camera_by_its_file(frame):
+def test_a_camera_by_its_file(snapshot):
     """A camera.json gives camera, unit, distortion and byte order; options on the command line take precedence."""
+    slope = np.tile(np.arange(800, 800 + 512, dtype=np.uint16), (424, 1))  # where distortion changes the depth
+    cv2.imwrite("frame.png", slope)
+    beside = ["--center", "450,300"]
     four = '"fx": 363.9, "fy": 363.9, "u0": 255.4, "v0": 206.3'
     Path("own.json").write_text(f'{{{four}, "unit_mm": 0.25}}')
-    cv2.imwrite("quarters.png", frame * 4)
-    expected = predicted("frame.png", "--camera", "kinect2")[0]["positions_mm"]
-    assert predicted("quarters.png", "--camera", "own.json")[0]["positions_mm"] == expected
-    assert predicted("frame.png", "--camera", "own.json", "--unit", "1")[0]["positions_mm"] == expected
+    cv2.imwrite("quarters.png", slope * 4)
+    expected = predicted("frame.png", *beside, "--camera", "kinect2")[0]["positions_mm"]
+    assert predicted("quarters.png", *beside, "--camera", "own.json")[0]["positions_mm"] == expected
+    assert predicted("frame.png", *beside, "--camera", "own.json", "--unit", "1")[0]["positions_mm"] == expected
     Path("all.json").write_text(f'{{{four}, "distortion": [-0.1, 0.05, 0, 0], "swap_bytes": true}}')
-    cv2.imwrite("swapped.png", frame.byteswap())
-    bent = predicted("swapped.png", "--camera", "all.json")[0]["positions_mm"]
+    cv2.imwrite("swapped.png", slope.byteswap())
+    bent = predicted("swapped.png", *beside, "--camera", "all.json")[0]["positions_mm"]
     assert bent != expected
-    options = ["--camera", "kinect2", "--distortion=-0.1,0.05,0,0"]
+    options = [*beside, "--camera", "kinect2", "--distortion=-0.1,0.05,0,0"]
     assert predicted("frame.png", *options)[0]["positions_mm"] == bent
     assert predicted("swapped.png", *options, "--swap-bytes")[0]["positions_mm"] == bent
 
@@ -387,7 +405,7 @@ def test_nyus_colour_packing(snapshot):
     depth = hand_before(NYU)
     cv2.imwrite("grey.png", depth)
     cv2.imwrite("packed.png", pack_depth(depth))
-    grey, packed = predicted("grey.png", "packed.png", "--camera", "nyu")
+    grey, packed = predicted("grey.png", "packed.png", "--camera", "nyu", "--center", "345,257")
     assert grey["positions_mm"] == packed["positions_mm"] and grey["center_uvd"] == packed["center_uvd"]
 
 
@@ -404,8 +422,8 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, monkeypatch):
     """recenter receives the side of the hand."""
     sides = []
     monkeypatch.setattr(pipeline, "recenter", lambda *arguments: sides.append(arguments[-1]) or arguments[2])
-    predicted("frame.png", "--camera", "kinect2", "--hand", "left", "--refine", "1")
-    predicted("frame.png", "--camera", "kinect2", "--refine", "1")
+    predicted("frame.png", "--camera", "kinect2", *CENTER, "--hand", "left", "--refine", "1")
+    predicted("frame.png", "--camera", "kinect2", *CENTER, "--refine", "1")
     assert sides == ["left", "right"]
 
 
@@ -468,7 +486,6 @@ def test_frames_with_something_wrong(snapshot, image, options, message):
 def test_a_camera_that_is_likely_wrong(frame):
     """An implausible camera gives one warning; a correct one gives none."""
     for camera, count in (("kinect2", 0), ("5,5,255.4,206.3", 1)):
-        predicted("frame.png", "--camera", camera, "--center", "260,210,700")
         argv = [*OWN, "--out", "p", "frame.png", "--camera", camera, "--center", "260,210,700"]
         lines = run_tool("predict", *argv).err.splitlines()
         assert len(lines) >= count and all(line.startswith("warning: frame.png: ") for line in lines)
