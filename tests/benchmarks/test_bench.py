@@ -11,7 +11,7 @@ import netlib
 from benchmarks import bench, stored
 from tests.support.running import run_tool
 
-SMALLEST = ["--rounds", "1", "--burst", "1e-9", "--batch", "16"]
+SMALLEST = ["--rounds", "1", "--burst", "1e-9", "--batch", "4"]
 
 
 @pytest.fixture(autouse=True)
@@ -31,19 +31,19 @@ def test_a_benchmark(alone: bool, tmp_path: Path) -> None:
     assert err == ""
     rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
     assert list(dict.fromkeys(row["what"] for row in rows)) == [
-        "training step, batch 16",
+        "training step, batch 4",
         "training step, batch 2",
-        "forward, batch 16",
+        "forward, batch 4",
         "forward, batch 2",
         "one image with the hand, 1 thread",
         "one image without the hand, 1 thread",
-        "HandModel forward + backward, 16",
+        "HandModel forward + backward, 4",
         "sgemm peak",
         "fraction of peak, training",
         "fraction of peak, forward",
-        "time of 16 against 8 x 2",
+        "time of 4 against 2 x 2",
         "data, log and overhead",
-        "peak memory, training at 16",
+        "peak memory, training at 4",
     ]
     lines = out.splitlines()[1 : 1 + len(rows)]
     assert [row["what"] for row in rows] == [line[:38].rstrip() for line in lines]

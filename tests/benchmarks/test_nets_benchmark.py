@@ -13,6 +13,7 @@ import pytest
 import netlib
 from benchmarks import nets
 from benchmarks.ordinary_nets import NETS, Ordinary, Text
+from netlib import fillers
 from netlib.proto import prototxt
 from tests.support.running import run_tool
 
@@ -75,8 +76,9 @@ def test_a_peer_that_differs(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("one", NETS, ids=lambda one: one.name)
-def test_the_nets(one: Ordinary) -> None:
+def test_the_nets(one: Ordinary, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each net has one output, and about as many parameters as published."""
+    monkeypatch.setattr(fillers, "_draw", lambda array, draw: None)  # the values do not matter, and take seconds
     known = {"CaffeNet": 61.0, "GoogLeNet": 7.0, "SqueezeNet": 1.24, "MobileNet-v1": 4.25, "MobileNet-v2": 3.54,
              "ResNet-50": 25.6, "VGG-16": 138.4, "LeNet": 0.43, "CIFAR-10": 0.146}  # fmt: skip
     net = netlib.Net(prototxt.parse("\n".join(one.text().lines)), netlib.TRAIN if one.trains else netlib.TEST)
