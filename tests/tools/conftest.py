@@ -1,4 +1,4 @@
-"""A folder with a small data set, the paper's network, and a solver."""
+"""A folder with a small data set, the paper's network with fewer features, and a solver."""
 
 from pathlib import Path
 
@@ -32,6 +32,7 @@ def work(tmp_path, monkeypatch, small_data):
     """Make a folder with net.prototxt and solver.prototxt the working directory."""
     net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text()
     net = net.replace("data/nyu", str(small_data)).replace("batch_size: 512", "batch_size: 16")
+    net = net.replace("num_output: 1024", "num_output: 64")
     (tmp_path / "net.prototxt").write_text(net.replace("batch_size: 250", "batch_size: 10"))
     (tmp_path / "solver.prototxt").write_text(SOLVER)
     monkeypatch.chdir(tmp_path)

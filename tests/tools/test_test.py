@@ -109,6 +109,9 @@ def test_frames_that_cannot_be_fitted(work, small_data, snapshot):
         arrays = {name: file[name][...] for name in ("depth", "joint", "half_cube", "center", "center_uvd")}
     net = (work / "net.prototxt").read_text().replace(str(small_data), "data")
     (work / "own.prototxt").write_text(net)
+    deploy = (ROOT / "prototxt" / "nyu_deploy.prototxt").read_text().replace("num_output: 1024", "num_output: 64")
+    (work / "deploy.prototxt").write_text(deploy)
+    options = ["--model", "own.prototxt", "--deploy", "deploy.prototxt", snapshot, "--fit", "fast"]
     (work / "data" / "test.txt").write_text(str(work / "data" / "test.h5"))
     for missing, change, message in (
         ("center", {}, "no data set 'center'; expected where the crops were cut"),
@@ -119,4 +122,4 @@ def test_frames_that_cannot_be_fitted(work, small_data, snapshot):
             for name, values in (arrays | change).items():
                 if name != missing:
                     file[name] = values
-        assert message in run_tool("test", "--model", "own.prototxt", snapshot, "--fit", "fast", status=1).err
+        assert message in run_tool("test", *options, status=1).err
