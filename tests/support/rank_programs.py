@@ -186,9 +186,9 @@ def two_solvers(ranks):
 
 
 def losses(ranks):
-    """Write the losses of every solver file losses*.prototxt, 20 iterations each, into a .json beside it."""
+    """Write the losses of every solver file losses*.prototxt, 8 iterations each, into a .json beside it."""
     for path in sorted(Path().glob("losses*.prototxt")):
-        got = train(netlib.get_solver(path, callbacks=[DataParallel(ranks)]), 20)
+        got = train(netlib.get_solver(path, callbacks=[DataParallel(ranks)]), 8)
         if ranks.rank == 0:
             path.with_suffix(".json").write_text(json.dumps(got))
 
