@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import inspect
 import re
@@ -78,6 +79,16 @@ def test_engine(name: str) -> None:
     assert f"--engine {{{','.join(engine.NAMES)}}}" in run_tool(name, "--help").out
 
 
+@functools.cache
+def resolved(name: str) -> tuple[Path, ...]:
+    """Return the files of this project, outside the engine, that an import may read."""
+    name = _MODULE_OF.get(name.removeprefix("handpose."), name)  # of a public name of handpose
+    if not name.startswith(("handpose.", "tools.", "exercises.", "experiments.", "export.")):
+        return ()
+    files = (ROOT.joinpath(*part.split(".")).with_suffix(".py") for part in (name, name.rpartition(".")[0]))
+    return tuple(file for file in files if file.is_file())
+
+
 def reached(path: Path) -> set[str]:
     """Return all imports of a file, including indirect ones outside the engine."""
     found: set[str] = set()
@@ -85,13 +96,7 @@ def reached(path: Path) -> set[str]:
     while todo:
         for name in imports(todo.pop()) - found:
             found.add(name)
-            name = _MODULE_OF.get(name.removeprefix("handpose."), name)  # of a public name of handpose
-            files = [ROOT.joinpath(*part.split(".")).with_suffix(".py") for part in (name, name.rpartition(".")[0])]
-            todo |= {
-                file
-                for file in files
-                if name.startswith(("handpose.", "tools.", "exercises.", "experiments.", "export.")) and file.is_file()
-            }
+            todo.update(resolved(name))
     return found
 
 
