@@ -12,7 +12,7 @@ from tests.support.running import run_tool
 @pytest.mark.parametrize("options", [[], ["--left"]])
 def test_true_joints_are_read_as_shown(options: list[str]) -> None:
     """The true joints of a recording are recognised as the gestures shown."""
-    done = run_tool("measure_gestures", "--truth", "--seconds", "8", "--seeds", "1", "--json", *options)
+    done = run_tool("measure_gestures", "--truth", "--seconds", "6.5", "--seeds", "1", "--json", *options)
     found = json.loads(done.out)
     judged = {name: row for name, row in found["frames"].items() if any(row.values())}
     assert len(judged) >= 2 and found["right"] > 0.95 and found["delay_s"] < 0.2

@@ -88,11 +88,11 @@ def write_frame(path: Path, depth: np.ndarray) -> None:
 
 def test_raw_equals_direct(tmp_path):
     """Frames converted through NYU's format equal those written directly, with depth to 0.5 mm."""
-    count = ["--train", "150", "--test", "70", "--workers", "1"]
+    count = ["--train", "70", "--test", "10", "--workers", "1"]
     run_tool("make_synthetic", "--raw", "--out", tmp_path / "root", *count)
     run_tool("make_synthetic", "--out", tmp_path / "direct", *count)
     out = prepare(tmp_path / "root").out
-    for split, frames in (("train", 150), ("test", 70)):
+    for split, frames in (("train", 70), ("test", 10)):
         with (
             h5py.File(tmp_path / "direct" / f"{split}_000.h5") as a,
             h5py.File(tmp_path / "out" / f"{split}_000.h5") as b,
@@ -108,7 +108,7 @@ def test_raw_equals_direct(tmp_path):
             difference = np.abs(a["depth"][:] - b["depth"][:]) * 150
             assert difference[inside].max() <= 0.5 + 1e-4  # mm, as the images hold integers
             assert 0.1 < difference[(np.abs(a["depth"][:]) < 1) & inside].mean() < 0.4
-    assert "train: 150 frames (synthetic), none bad" in out
+    assert "train: 70 frames (synthetic), none bad" in out
     assert "mm from the centre (annotated joint 34), cube 300 mm" in out
 
 
