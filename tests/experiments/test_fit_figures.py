@@ -18,19 +18,19 @@ from layers.hand import skeleton
 
 
 def test_figures_of_the_packaged_network() -> None:
-    """On 40 unused frames the fits beat the network, recognise the side, and estimate their error."""
+    """On 24 unused frames the fits beat the network, recognise the side, and estimate their error."""
     predictor = load_predictor()
     assert predictor.fitter is not None
     fitter = predictor.fitter
     done: list[int] = []
-    frames = frames_of(Generator(77, "test", recipes.recipe("nyu")), 40)
+    frames = frames_of(Generator(77, "test", recipes.recipe("nyu")), 24)
     found = measure(predictor.net, lambda unit: fitter, frames, (FAST, ACCURATE), hands=True, progress=done.append)
-    assert done == [40] and len(found.network) == 40 and found.limbs.shape == (40, 20)
+    assert done == [24] and len(found.network) == 24 and found.limbs.shape == (24, 20)
     network, fast, accurate = (np.median(e) for e in (found.network, found.fits["fast"], found.fits["accurate"]))
     assert accurate < fast < 0.6 * network and accurate < 6
-    assert found.right["accurate"].mean() > 0.97
+    assert found.right["accurate"].mean() > 0.95
     expected = found.expected["accurate"]
-    assert expected.shape == (40,) and 2 < np.median(expected) < 12
+    assert expected.shape == (24,) and 2 < np.median(expected) < 12
     assert ((found.confidence["fast"] >= 0) & (found.confidence["fast"] <= 1)).all()
 
 
