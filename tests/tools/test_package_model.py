@@ -30,7 +30,7 @@ def test_packaging(tmp_path, monkeypatch):
     assert set(errors.tables) == {"fast", "accurate"} and len(errors.limbs) == 20
     assert errors.poses is not None and errors.poses.mean.shape == (20,)
     own = ["--weights", "small.caffemodel.h5", "--model", DEPLOY]
-    run_tool("measure_fit", *own, "--frames", "3", "--recipes", "nyu")
+    run_tool("measure_fit", *own, "--frames", "1", "--recipes", "nyu")
 
 
 def test_a_net_without_a_hand(tmp_path):

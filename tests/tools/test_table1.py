@@ -26,7 +26,7 @@ from netlib.files import hdf5
 from netlib.training.solver_parameter import read
 from tests.support.made_store import entry, shown, trained
 from tests.support.running import run_tool
-from tools.common import campaign, training
+from tools.common import campaign, outputs, training
 from tools.common.campaign import Campaign
 
 pytest.importorskip("matplotlib")
@@ -238,8 +238,10 @@ def run(*options, status=None):
     return run_tool("table1", "--ledger", "store", "--out", "results", "--work", "work", *options, status=status)
 
 
-def test_the_page_and_its_pictures(made):
+def test_the_page_and_its_pictures(made, monkeypatch):
     """The page and all its pictures are written from the store alone."""
+    write = outputs.write_figure
+    monkeypatch.setattr(outputs, "write_figure", lambda path, figure, dpi: write(path, figure, dpi=20))
     assert run("--page")[0] == 0
     page = (made / "results" / "table1.md").read_text()
     found = re.findall(r"!\[.*\]\((.*)\)", page)

@@ -27,7 +27,7 @@ from tools.common.live_output import LiveOutput
 from tools.common.stopper import StoppedError
 from tools.common.track_outputs import add_live_options
 
-COUNT = 6
+COUNT = 3
 ROOT = Path(__file__).resolve().parents[3]
 HAND = tracked()
 DEPTH = seen([HAND])
