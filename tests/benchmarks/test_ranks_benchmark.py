@@ -13,7 +13,7 @@ from tests.support.running import run_tool
 def test_a_benchmark(monkeypatch: pytest.MonkeyPatch) -> None:
     """The table has one process and two ranks on a machine with one processor, and a row per network of the model."""
     monkeypatch.setattr(ranks.engine, "available_cpus", lambda: 1)
-    lines = run_tool("benchmarks.ranks", "--steps", "2", "--batch", "2").out.splitlines()
+    lines = run_tool("benchmarks.ranks", "--steps", "1", "--batch", "2").out.splitlines()
     assert lines[1].startswith("batch 2, gradients 9.1 MB")
     assert [line[:5] for line in lines[3:5]] == ["1 x 1", "2 x 1"]
     assert [line.split("  ")[0] for line in lines[-3:]] == [network.name for network in ranks.NETWORKS]
