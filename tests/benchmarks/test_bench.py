@@ -11,7 +11,7 @@ import netlib
 from benchmarks import bench, stored
 from tests.support.running import run_tool
 
-SMALLEST = ["--rounds", "1", "--burst", "1e-9", "--batch", "4"]
+SMALLEST = ["--rounds", "1", "--burst", "1e-9", "--batch", "4", "--threads", "1"]
 
 
 @pytest.fixture(autouse=True)

@@ -65,7 +65,7 @@ def test_without_a_part(
 
 def test_the_table(keep_threads: None) -> None:
     """A named part has a row with ms and a share for each job."""
-    options = ["--rounds", "1", "--burst", "1e-9", "--batch", "2", "--only", "single poses"]
+    options = ["--rounds", "1", "--burst", "1e-9", "--batch", "2", "--threads", "1", "--only", "single poses"]
     head, *rows = run_tool("benchmarks.parts", *options).out.splitlines()
     assert head.split()[3:] == ["step", "2", "forward", "2", "one", "image"]
     assert [row[:34].rstrip() for row in rows] == ["algorithm for single poses"]

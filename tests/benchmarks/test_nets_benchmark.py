@@ -42,7 +42,7 @@ def test_all_peers(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("onnxruntime")
     file = tmp_path / "speed.json"
-    _, out, err = run_tool("benchmarks.nets", "--rounds", "1", "--json", file)
+    _, out, err = run_tool("benchmarks.nets", "--rounds", "1", "--threads", "1", "--json", file)
     assert err == ""
     rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
     peers = [row["peer"].split()[0] for row in rows]
@@ -62,7 +62,7 @@ def test_without_packages(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(builtins, "__import__", without)
     monkeypatch.delitem(nets.sys.modules, "benchmarks.torch_graph", raising=False)
-    _, out, err = run_tool("benchmarks.nets", "--rounds", "1", "--cpu")
+    _, out, err = run_tool("benchmarks.nets", "--rounds", "1", "--threads", "1", "--cpu")
     assert err.count("without PyTorch") == 1
     assert "forward two-layers, batch 2" in out
     assert "training LeNet, batch 64" in out
