@@ -36,14 +36,13 @@ def deployed(paper: Paper) -> netlib.Net:
 
 
 def trained_and_predicted(paper: Paper, weights: netlib.Net) -> list[np.ndarray]:
-    """Return the weights of the first layer after a step, and the joints of two frames."""
+    """Return the weights of the first layer after a step, and the joints of two frames, twice, and of one."""
     solver = paper.solver(2, "fast")
     solver.step(1)
     net = netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, engine="fast")
     net.copy_from(weights)
-    for count in (1, 2):  # the second pass has other shapes
-        pred = net.forward(depth=paper.depth[:count])["pred"]
-    return [solver.net.params["convL1"][0].data.copy(), pred.copy()]
+    joints = [net.forward(depth=paper.depth[:count])["pred"].copy() for count in (2, 2, 1)]
+    return [solver.net.params["convL1"][0].data.copy(), *joints]
 
 
 @pytest.fixture(scope="module")
