@@ -135,7 +135,7 @@ def is_sliced(net: netlib.Net) -> bool:
 # ---------------------------------------------------------------------------------------------- the paper's network
 
 
-@pytest.mark.parametrize("items", [1, 2, 5, 18, 37])
+@pytest.mark.parametrize("items", [1, 5, 37])
 @pytest.mark.parametrize("start", ["", "force_backward: true "], ids=["training", "with the image's gradient"])
 @pytest.mark.parametrize("engine", ["plain", "fast"])
 def test_slices_give_what_layer_by_layer_gives(net_of: MakeNet, start: str, items: int, engine: str) -> None:
@@ -716,7 +716,7 @@ def stacks(draw: st.DrawFn) -> str:
     return text
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(text=stacks(), items=st.integers(0, 5))
 def test_any_stack_of_layers_gives_the_same_in_slices(text: str, items: int) -> None:
     """Outputs, gradients and then all blobs agree with the plain engine up to rounding in float64.
