@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import cycle
 from pathlib import Path
 
@@ -48,13 +49,24 @@ def resting() -> Take:
 
 
 @pytest.fixture(scope="module")
-def begun(resting: Take, request: pytest.FixtureRequest) -> Tracker:
-    """A tracker of that hand with this fit, which every test copies."""
-    tracker = Tracker(load_predictor(ICVL, fit=getattr(request, "param", "fast")))
-    for frame in resting.frames[:BEGUN]:
-        reported = tracker.step(frame)
-    assert reported.hands[0].confidence > 0.5
+def trackers(resting: Take) -> Callable[[str], Tracker]:
+    """``trackers(fit)``: a tracker of that hand with this fit, made once."""
+
+    @functools.cache
+    def tracker(fit: str) -> Tracker:
+        made = Tracker(load_predictor(ICVL, fit=fit))
+        for frame in resting.frames[:BEGUN]:
+            reported = made.step(frame)
+        assert reported.hands[0].confidence > 0.5
+        return made
+
     return tracker
+
+
+@pytest.fixture
+def begun(trackers: Callable[[str], Tracker], request: pytest.FixtureRequest) -> Tracker:
+    """A tracker of that hand with the test's fit, which every test copies."""
+    return trackers(getattr(request, "param", "fast"))
 
 
 def own_pixels(take: Take, number: int) -> NDArray[np.bool_]:
