@@ -21,7 +21,7 @@ from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError, NetlibError
 from tests.handpose.tracking.conftest import RATE, Take, copied, tracked
 
-SOME = 12  # frames of a recording that are tracked again
+SOME = 8  # frames of a recording that are tracked again
 
 
 def again(predictor: Predictor, take: Take, frames: int = SOME, **options: object) -> list[TrackedFrame]:
@@ -102,7 +102,7 @@ def test_the_size_is_found_and_kept(shown: Take, raw: Take, predictor: Predictor
 
 def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
     """A given size is used from the first frame on."""
-    reported = again(predictor, shown, size=1.05, smooth=False)
+    reported = again(predictor, shown, 3, size=1.05, smooth=False)
     for frame in reported:
         np.testing.assert_allclose(frame.hands[0].bones, 1.05 * predictor.skeleton.bones)
 
@@ -139,7 +139,7 @@ def test_the_same_again(shown: Take, predictor: Predictor) -> None:
 def test_surface(shown: Take, leaving: Take, predictor: Predictor) -> None:
     """With ``surface`` the capsules surround the joints, for left hands as well."""
     for take in (shown, leaving):
-        hand = again(predictor, take, 4, surface=True)[-1].hands[0]
+        hand = again(predictor, take, 2, surface=True)[-1].hands[0]
         assert hand.capsules is not None
         ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])
         nearest = np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)
@@ -281,7 +281,7 @@ def test_two_hands(two: Take) -> None:
 def test_both_hands_are_found_at_once(two: Take, predictor: Predictor, apart: float) -> None:
     """Both hands are found in the first frame, and in every frame after a long gap."""
     first = next(n for n, frame in enumerate(two.truth) if len(frame.hands) == 2 and len(two.reported[n].hands) == 2)
-    frames = [frame._replace(time=apart * n) for n, frame in enumerate(two.frames[first : first + 8 : 2])]
+    frames = [frame._replace(time=apart * n) for n, frame in enumerate(two.frames[first : first + 6 : 2])]
     for reported in Tracker(predictor).follow(frames):
         assert {hand.hand for hand in reported.hands} == {"right", "left"}
 
@@ -304,7 +304,7 @@ def test_a_second_hand_is_taken_to_be_as_large(two: Take, predictor: Predictor) 
 
 def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
     """Only one of two hands is reported, always the same."""
-    reported = again(predictor, two, 8, hands=1)
+    reported = again(predictor, two, 5, hands=1)
     assert {len(frame.hands) for frame in reported[1:]} == {1} and not any(frame.lost for frame in reported)
     places = np.array([frame.hands[0].origin_mm for frame in reported[1:]])
     assert np.ptp(places, axis=0).max() < 60
