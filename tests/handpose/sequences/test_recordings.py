@@ -66,10 +66,10 @@ def test_the_truth_is_what_is_seen() -> None:
 
 def test_rate_and_length_do_not_change_the_movement() -> None:
     """Frames at the same time are equal for any rate and length."""
-    slow, fast = (SyntheticRecording("moving", ICVL, rate=rate, seconds=3, sensor=None) for rate in (10, 60))
-    longer = SyntheticRecording("moving", ICVL, rate=10, seconds=9, sensor=None)
-    np.testing.assert_array_equal(slow.frame(25).depth, fast.frame(150).depth)
-    np.testing.assert_array_equal(slow.frame(25).depth, longer.frame(25).depth)
+    slow, fast = (SyntheticRecording("moving", ICVL, rate=rate, seconds=1, sensor=None) for rate in (10, 60))
+    longer = SyntheticRecording("moving", ICVL, rate=10, seconds=3, sensor=None)
+    np.testing.assert_array_equal(slow.frame(8).depth, fast.frame(48).depth)
+    np.testing.assert_array_equal(slow.frame(8).depth, longer.frame(8).depth)
 
 
 def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
@@ -111,9 +111,8 @@ def test_hands_may_hide_each_other_if_that_is_allowed() -> None:
     """Unless hands are kept apart, a hidden hand is lost or partly in sight."""
     lively = (Act("moving", 20),)
     script = Script(20, (Role("right", lively), Role("left", lively)), apart=False)
-    truths = list(SyntheticRecording(script, ICVL, rate=3, seed=1).truths())
-    reasons = {lost.reason for truth in truths for lost in truth.lost}
-    assert reasons & {HIDDEN, PARTLY}
+    truths = SyntheticRecording(script, ICVL, rate=3, seed=1).truths()
+    assert any(lost.reason in {HIDDEN, PARTLY} for truth in truths for lost in truth.lost)
 
 
 def test_a_body_stands_behind() -> None:
@@ -130,9 +129,9 @@ def test_a_body_stands_behind() -> None:
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_scripts(name: str) -> None:
     """Every script begins with a hand in sight, keeps it so for most of the time, and scores perfectly on itself."""
-    recording = SyntheticRecording(name, ICVL, rate=2)
+    recording = SyntheticRecording(name, ICVL, rate=1)
     truths = list(recording.truths())
-    assert len(truths) == recording.count == 2 * SCRIPTS[name].seconds
+    assert len(truths) == recording.count == SCRIPTS[name].seconds
     assert truths[0].hands and np.mean([bool(truth.hands) for truth in truths]) > 0.6
     scores = score(recording.header, truths, truths)
     assert scores.found == 1 and scores.invented == 0
