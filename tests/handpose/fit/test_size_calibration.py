@@ -17,17 +17,17 @@ from tests.handpose.fit.conftest import Scene
 
 @pytest.mark.parametrize(("size", "thickness"), [(0.92, 1.15), (0.761, 1.0), (1.329, 1.0)])
 def test_the_size_of_a_hand(model: CapsuleModel, scene: Scene, size: float, thickness: float) -> None:
-    """Size and thickness are found from twelve frames that were fitted with another size."""
-    truth = scene.truth.copy()
+    """Size and thickness are found from six frames that were fitted with another size."""
+    truth, uvd = scene.truth[:6].copy(), scene.center_uvd[:6]
     truth[:, SIZE], truth[:, THICKNESS] = np.log(size), np.log(thickness)
-    capsules = model.capsules(truth, NYU.unproject(scene.center_uvd))
-    depth = render_crop(capsules, scene.center_uvd, 300.0)
-    seen = observe(normalise_depth(depth, scene.center_uvd[:, 2], 300.0), scene.center_uvd, NYU, 300.0, 200)
-    fitted = scene.truth + np.random.default_rng(0).normal(0, 0.03, scene.truth.shape)
+    capsules = model.capsules(truth, NYU.unproject(uvd))
+    depth = render_crop(capsules, uvd, 300.0)
+    seen = observe(normalise_depth(depth, uvd[:, 2], 300.0), uvd, NYU, 300.0, 200)
+    fitted = scene.truth[:6] + np.random.default_rng(0).normal(0, 0.03, truth.shape)
     done: list[int] = []
     found = calibrate_size(DepthFitter(model), seen, fitted, done.append)
     assert found.size == pytest.approx(size, abs=0.012) and found.thickness == pytest.approx(thickness, abs=0.07)
-    assert found.deviation < 0.02 and sum(done) == 12 * len(GRID)
+    assert found.deviation < 0.02 and sum(done) == 6 * len(GRID)
     assert found.costs.argmin() == np.abs(GRID - size).argmin() and not found.at_the_edge
 
 

@@ -43,9 +43,9 @@ def joints_of(hand, inputs):
 
 @pytest.fixture(scope="module")
 def exact():
-    """A person, 150 frames of that person, and the calibration from all joints."""
+    """A person, 100 frames of that person, and the calibration from all joints."""
     truth = person(1)
-    targets = joints_of(truth, poses(150, seed=1))
+    targets = joints_of(truth, poses(100, seed=1))
     return truth, targets, calibrate(HAND, targets)
 
 
@@ -99,7 +99,7 @@ def test_the_size_alone(exact):
 def test_noisy_joints():
     """With 1 mm of noise per coordinate bones are recovered to about 1%, and the noise is estimated."""
     truth, rng = person(2), np.random.default_rng(2)
-    targets = joints_of(truth, poses(400, 2)) + rng.normal(0, MM, (400, 31, 3))
+    targets = joints_of(truth, poses(200, 2)) + rng.normal(0, MM, (200, 31, 3))
     found = calibrate(HAND, targets, starts=3)
     wrong = errors(found.skeleton, truth)
     assert np.sqrt((wrong**2).mean()) < 0.008 and wrong.max() < 0.025
@@ -112,7 +112,7 @@ def test_fourteen_joints():
     """Bones between annotated joints are recovered; undetermined bones are reported and stay near the template."""
     truth = person(4)
     joints = list(EVALUATION_JOINTS)
-    targets = joints_of(truth, poses(200, 4))[:, joints]
+    targets = joints_of(truth, poses(120, 4))[:, joints]
     found = calibrate(HAND, targets, joints, starts=4)
     assert np.mean(found.after) < 0.1 * MM < np.mean(found.before) / 10
     observable = [HAND.joint_names.index(n) for n in ("wrist_left", "wrist_middle", "thumb_dip", "thumb_tip")]
@@ -126,7 +126,7 @@ def test_fourteen_joints():
 def test_joints_that_were_not_seen(exact):
     """Missing fingertips in half of the frames affect only their own residuals."""
     truth, targets, _ = exact
-    hidden = targets.copy()
+    hidden = targets[:60].copy()
     hidden[::2, [0, 5, 10, 15]] = np.nan
     found = calibrate(HAND, hidden, starts=4)
     assert errors(found.skeleton, truth).max() < 2e-3
@@ -155,9 +155,9 @@ def test_a_file_gives_the_skeleton_back(exact, tmp_path):
     """The written skeleton is read back with equal numbers, names and joints, after its comment."""
     found = exact[2].skeleton
     path = tmp_path / "me.prototxt"
-    path.write_text(text_of(found.param, "me", "From 150 frames.\nUnits."), encoding="utf-8")
+    path.write_text(text_of(found.param, "me", "From 100 frames.\nUnits."), encoding="utf-8")
     again = skeleton.load(path)
-    assert again.name == "me" and path.read_text().startswith('# From 150 frames.\n# Units.\nname: "me"\n')
+    assert again.name == "me" and path.read_text().startswith('# From 100 frames.\n# Units.\nname: "me"\n')
     for field in ("initial", "lower", "upper", "fixed", "bones", "bone_axes", "parents"):
         assert np.array_equal(getattr(again, field), getattr(found, field)), field
     assert again.param.joint == found.param.joint

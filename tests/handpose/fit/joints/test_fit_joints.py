@@ -81,7 +81,7 @@ def test_joints_that_are_not_known(inputs):
 
 def test_limits_hold(inputs, rng):
     """With limits no input exceeds them, and without limits the residual is lower."""
-    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.05, (40, 14, 3))
+    targets = joints_of(SKELETON, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.05, (20, 14, 3))
     inside, free = (fit_joints(SKELETON, targets, EVALUATION_JOINTS, limits=limits) for limits in (True, False))
     assert (inside.inputs >= SKELETON.lower - 1e-12).all() and (inside.inputs <= SKELETON.upper + 1e-12).all()
     assert (free.inputs[:, SKELETON.fixed] == 0).all()
@@ -91,7 +91,7 @@ def test_limits_hold(inputs, rng):
 
 def test_ridge_pulls_to_the_initial_pose(inputs, rng):
     """A larger ridge gives smaller angles and a larger residual."""
-    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
+    targets = joints_of(SKELETON, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.02, (20, 14, 3))
     fingers = np.setdiff1d(angles.rotations(SKELETON), (3, 4, 5))
     sizes, residuals = [], []
     for ridge in (0, 3e-3, 0.1):
@@ -119,7 +119,7 @@ def test_the_result_is_a_minimum(inputs, rng):
 def test_threads_change_nothing(inputs, rng, monkeypatch):
     """Results for one and two threads are equal bit for bit."""
     monkeypatch.setattr("handpose.fit.joints.fit_joints.CHUNK", 8)
-    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
+    targets = joints_of(SKELETON, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.02, (20, 14, 3))
     before, results = netlib.threads(), []
     try:
         for count in (1, 2):
@@ -131,9 +131,9 @@ def test_threads_change_nothing(inputs, rng, monkeypatch):
 
 
 def test_published_predictions_lie_on_the_model(nyu_data):
-    """Every 40th published prediction is fitted to 0.001 mm, because the predictions come from this hand model."""
-    uvd = np.loadtxt(nyu_data / "predictions" / "IJCAI16_NYU_DeepModel.txt").reshape(-1, 14, 3)[::40]
-    half = cube_of_test_frame(np.arange(0, 8252, 40))[:, None, None] / 2
+    """Every 80th published prediction is fitted to 0.001 mm, because the predictions come from this hand model."""
+    uvd = np.loadtxt(nyu_data / "predictions" / "IJCAI16_NYU_DeepModel.txt").reshape(-1, 14, 3)[::80]
+    half = cube_of_test_frame(np.arange(0, 8252, 80))[:, None, None] / 2
     xyz = NYU.unproject(uvd)
     found = fit_joints(
         SKELETON, (xyz - xyz.mean(axis=1, keepdims=True)) / half, EVALUATION_JOINTS, limits=False, starts=64
