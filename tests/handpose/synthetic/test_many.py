@@ -23,6 +23,6 @@ def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
 
 def test_workers_change_nothing(generator: Generator) -> None:
     """Two processes draw the same frames in the same order as one."""
-    count = 3 * BLOCK + 5
+    count = 2 * BLOCK + 5
     for one, two in zip(generate(count, generator), generate(count, generator, workers=2), strict=True):
         assert_equal(one, two)
