@@ -79,8 +79,8 @@ def shown(predictor: Predictor) -> Take:
 @pytest.fixture(scope="session")
 def leaving(predictor: Predictor) -> Take:
     """A left hand that leaves the image and returns."""
-    acts = (Act("rest", 0.6), Act("away", 2.2), Act("rest", 0.8))
-    return tracked(predictor, played(Script(3.4, (Role("left", acts),)), 3))
+    acts = (Act("rest", 0.6), Act("away", 1.4), Act("rest", 0.8))
+    return tracked(predictor, played(Script(2.8, (Role("left", acts),)), 3))
 
 
 @pytest.fixture(scope="session")

@@ -17,6 +17,7 @@ from handpose.frames.cameras import NYU
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.recipes import recipe
+from handpose.tracking import sizing
 from handpose.tracking.sizing import POPULATION, SizeKeeper
 
 TRUE, COUNT = 0.93, 60
@@ -72,6 +73,13 @@ def test_the_population_is_that_of_the_training_frames() -> None:
     assert prior.scale_std / prior.scale_mean == pytest.approx(POPULATION, abs=0.001)
 
 
+@pytest.fixture
+def fewer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The size is estimated from half as many poses, in less time."""
+    monkeypatch.setattr(sizing, "BEST", sizing.BEST // 2)
+
+
+@pytest.mark.usefixtures("fewer")
 def test_a_size_far_from_what_was_expected(model: CapsuleModel, estimator: Any, hands: Any) -> None:
     """The true size is found although the hands were fitted with one a fifth smaller."""
     crops, uvd, x = hands
@@ -83,6 +91,7 @@ def test_a_size_far_from_what_was_expected(model: CapsuleModel, estimator: Any, 
     assert [one for one in reported if one] == [pytest.approx(TRUE, abs=0.03)]
 
 
+@pytest.mark.usefixtures("fewer")
 def test_sights_as_the_other_hand_say_nothing(model: CapsuleModel, estimator: Any, hands: Any) -> None:
     """After the side has changed, earlier estimates of the other side are ignored."""
     keeper, reported = SizeKeeper(estimator), []
