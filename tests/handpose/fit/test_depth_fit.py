@@ -49,6 +49,13 @@ def fitter(model: CapsuleModel) -> DepthFitter:
     return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}, {"fast": np.full(5, 0.2)}))
 
 
+@pytest.fixture(scope="module")
+def few(scene: Scene) -> Scene:
+    """Six of the hands."""
+    crops, center_uvd, truth, joints, seen = scene
+    return Scene(crops[:6], center_uvd[:6], truth[:6], joints[:6], seen.take(slice(6)))
+
+
 def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     """A fast fit returns joints near the truth, matching inputs, size and cost, and the error from the table."""
     model = fitter.model
@@ -75,34 +82,32 @@ def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> 
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
-def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
+def test_frames_and_threads(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
     """A frame's fit is independent of other frames and of the number of threads, and is reproducible bit for bit."""
-    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    inputs = fitter.model.inputs_of(start_of(few, fitter.model))
     quarters = len(plan.quarters)
-    whole = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
-    again = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
+    whole = fitter.fit(few.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
+    again = fitter.fit(few.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
     np.testing.assert_array_equal(whole.x, again.x)
-    one = fitter.fit(scene.seen.take(slice(3, 4)), [fitter.model.variables_of(inputs[3:4])] * quarters, plan)
+    one = fitter.fit(few.seen.take(slice(3, 4)), [fitter.model.variables_of(inputs[3:4])] * quarters, plan)
     np.testing.assert_allclose(one.joints[0], whole.joints[3], atol=1e-6)
     threads = engine.get().threads()
     try:
         engine.get().set_threads(1)
         np.testing.assert_array_equal(
-            fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan).x, whole.x
+            fitter.fit(few.seen, [fitter.model.variables_of(inputs)] * quarters, plan).x, whole.x
         )
     finally:
         engine.get().set_threads(threads)
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
-def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
+def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
     """Predictions that differ by 1e-7, as between two processors, give the same fit."""
-    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    inputs = fitter.model.inputs_of(start_of(few, fitter.model))
     nearly = inputs + np.random.default_rng(0).normal(0, 1e-7, inputs.shape) * (inputs != 0)
     quarters = len(plan.quarters)
-    found, again = (
-        fitter.fit(scene.seen, [fitter.model.variables_of(own)] * quarters, plan) for own in (inputs, nearly)
-    )
+    found, again = (fitter.fit(few.seen, [fitter.model.variables_of(own)] * quarters, plan) for own in (inputs, nearly))
     np.testing.assert_array_equal(found.x, again.x)
 
 
@@ -181,14 +186,14 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
-def test_frames_without_a_frame_before(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
+def test_frames_without_a_frame_before(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
     """A frame with NaN as its previous frame is fitted as if it had none; the other frames are not affected."""
-    starts = [scene.truth + np.random.default_rng(q).normal(0, 0.1, scene.truth.shape) for q in plan.quarters]
-    before = scene.truth.copy()
+    starts = [few.truth + np.random.default_rng(q).normal(0, 0.1, few.truth.shape) for q in plan.quarters]
+    before = few.truth.copy()
     before[::2] = np.nan
-    found = fitter.fit(scene.seen, starts, plan, before=before)
-    alone = fitter.fit(scene.seen, starts, plan)
-    followed = fitter.fit(scene.seen, starts, plan, before=scene.truth)
+    found = fitter.fit(few.seen, starts, plan, before=before)
+    alone = fitter.fit(few.seen, starts, plan)
+    followed = fitter.fit(few.seen, starts, plan, before=few.truth)
     np.testing.assert_array_equal(found.x[::2], alone.x[::2])
     np.testing.assert_array_equal(found.x[1::2], followed.x[1::2])
 
