@@ -29,7 +29,7 @@ def random_capsules(rng: np.random.Generator, N: int, M: int) -> Capsules:
     return Capsules(a, b, rng.uniform(5, 18, (N, M)), rng.uniform(5, 18, (N, M)))
 
 
-def spheres(hand: Capsules, center: NDArray[np.float64], steps: int = 600) -> NDArray[np.float64]:
+def spheres(hand: Capsules, center: NDArray[np.float64], steps: int = 300) -> NDArray[np.float64]:
     """The depth crop of the first frame by the simple method: many spheres along each capsule."""
     columns, rows = (index[0] for index in window(center, 300.0))
     x, y = (columns - NYU.u0) / NYU.fx, (NYU.v0 - rows) / NYU.fy
@@ -136,7 +136,7 @@ def wedge(corners: NDArray[np.float64], radii: tuple[float, ...]) -> Capsules:
 CORNERS = np.array([(-60.0, -30, 800), (50, -40, 830), (10, 60, 780)])
 
 
-@pytest.mark.parametrize("turn", [(0, 0, 0), (1, 0, 0), (0, 1.5, 0), (2.5, 0.5, 1), (1.57, 0, 0)], ids=str)
+@pytest.mark.parametrize("turn", [(0, 0, 0), (0, 1.5, 0), (2.5, 0.5, 1), (1.57, 0, 0)], ids=str)
 @pytest.mark.parametrize("radii", [(15, 15, 15), (25, 10, 16), (5, 20, 40)], ids=str)
 def test_a_wedge_is_the_hull_of_its_spheres(turn: tuple[float, ...], radii: tuple[float, ...]) -> None:
     """A wedge is the union of all spheres interpolated between its three, seen from any direction."""

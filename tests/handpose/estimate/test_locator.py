@@ -104,7 +104,7 @@ def test_many_crops(drawn_to_the_right: Locator) -> None:
 
 def test_the_packaged_locator_finds_hands() -> None:
     """The packaged locator finds hands among forearms, bodies and other things, which are often nearer."""
-    scenes, locator = draw_scenes(np.random.default_rng(5), 21), load_locator()
+    scenes, locator = draw_scenes(np.random.default_rng(5), 14), load_locator()
     best = [locator.hands(depth, NYU).center[0] for depth in scenes.depth]
     assert (np.linalg.norm(best - scenes.center, axis=1) < 50).mean() > 0.9
     nearest = [NYU.unproject(find_hand(depth, NYU)) for depth in scenes.depth]
@@ -160,7 +160,7 @@ def test_the_hand_is_found(camera):
 def test_in_frames_of_nyus_format():
     """With sensor noise, and cut at the cube, the errors are close to those in the comment of the constants."""
     generator = Generator(seed=3)
-    scenes = [generator.scene(number) for number in range(3)]
+    scenes = [generator.scene(number) for number in range(2)]
     images = [whole_image(scene, n) for scene in scenes for n in range(BLOCK)]
     centers = NYU.unproject(np.concatenate([scene.center_uvd for scene in scenes]))
     median, most = np.percentile(distances(images, centers), [50, 90])

@@ -12,8 +12,8 @@ from tests.support.running import run_tool
 
 def test_kernels() -> None:
     """The joints agree to 0.1 mm for two sets of kernels and every fit."""
-    done = run_tool("tests.handpose.estimate.moved_frames", "--frames", "2", "--kernels", "Haswell", "Nehalem")
-    largest = re.findall(r"^\| `(\w+)` \| 2 \| .* \| (\S+) mm \|$", done.out, re.MULTILINE)
+    done = run_tool("tests.handpose.estimate.moved_frames", "--frames", "1", "--kernels", "Haswell", "Nehalem")
+    largest = re.findall(r"^\| `(\w+)` \| 1 \| .* \| (\S+) mm \|$", done.out, re.MULTILINE)
     assert [fit for fit, _ in largest] == ["accurate", "fast"]
     assert max(float(moved) for _, moved in largest) < 0.1
 
