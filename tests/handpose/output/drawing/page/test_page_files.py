@@ -151,12 +151,13 @@ def joints_of_side(joints: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------------------------------------- screens
 
 
-@pytest.mark.parametrize("width", [320, 390])
-def test_a_phone_and_the_dark(width: int, visit: Visit, bare: Path) -> None:
+def test_a_phone_and_the_dark(visit: Visit, bare: Path) -> None:
     """Nothing is wider than the screen of a phone, and the background is dark if the system's theme is dark."""
-    tab = visit(bare, viewport={"width": width, "height": 800}, color_scheme="dark")
+    tab = visit(bare, viewport={"width": 320, "height": 800}, color_scheme="dark")
     tab.evaluate("hand.body.push(0, [90, -90, 90])")  # the widest rows
-    assert tab.evaluate("document.documentElement.scrollWidth") == width
+    for width in (320, 390):
+        tab.set_viewport_size({"width": width, "height": 800})
+        assert tab.evaluate("document.documentElement.scrollWidth") == width
     assert tab.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 28)"
 
 

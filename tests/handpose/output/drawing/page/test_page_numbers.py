@@ -130,11 +130,11 @@ def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     """The depth of nested spheres, cones seen from their tip, and parts behind the camera equals the renderer's."""
     skeleton, rng = body_of(any_body(seed)), np.random.default_rng(seed)
     surface, uvd = Surface(skeleton), np.array([300.0, 250, 280 + 200 * seed])
-    inputs = rng.normal(0, 0.8, (8, len(surface.whole.initial)))
+    inputs = rng.normal(0, 0.8, (4, len(surface.whole.initial)))
     ends = surface.ends(kinematics_of(surface.whole).forward(inputs)) * MM + NYU.unproject(uvd)
-    radii = np.broadcast_to(surface.radii * MM, (8, *surface.radii.shape))
+    radii = np.broadcast_to(surface.radii * MM, (4, *surface.radii.shape))
     capsules = Capsules(ends[:, surface.start], ends[:, surface.end], radii[..., 0], radii[..., 1])
-    expected = render_crop(in_front(capsules, CLEAR_MM), np.tile(uvd, (8, 1)), 2 * MM, NYU)
+    expected = render_crop(in_front(capsules, CLEAR_MM), np.tile(uvd, (4, 1)), 2 * MM, NYU)
     bodies = [[{"inputs": one}, vars(NYU), uvd.tolist(), 2 * MM] for one in inputs.tolist()]
     for n, (found, depth) in enumerate(drawn(tab, any_body(seed), bodies)):
         np.testing.assert_allclose(found, _rows(capsules, n), atol=1e-6)
