@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import functools
 import importlib
 import re
 import shlex
@@ -30,6 +31,12 @@ def netlib(*words: str, status: int = 0) -> Done:
     return run_python("-c", "from handpose.__main__ import netlib; netlib()", *words, status=status)
 
 
+@functools.cache
+def listed(program: str) -> str:
+    """The list of a program's commands."""
+    return (netlib if program == "netlib" else handpose)("--help").out
+
+
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """``shown("track", "--help")``: the output of ``handpose track --help``, run in this process, which is faster."""
@@ -53,11 +60,11 @@ def test_every_tool_is_a_command() -> None:
     """Every tool is a command named with dashes, and the list has a sentence about each."""
     assert {path.name for path in (ROOT / "tools").glob("[!_]*.py")} == {path.name for path in commands().values()}
     assert {"demo", "predict", "track", "record", "train", "test", "caffe", "export-onnx"} <= set(commands())
-    listed = [name for names in GROUPS.values() for name in names]
-    assert sorted(listed) == sorted(commands())
-    lines = handpose("--help").out.splitlines()
+    known = [name for names in GROUPS.values() for name in names]
+    assert sorted(known) == sorted(commands())
+    lines = listed("handpose").splitlines()
     found = [match for line in lines if (match := re.fullmatch(r"  ([a-z0-9-]+) +[A-Z].*[.?]", line))]
-    assert [match[1] for match in found] == listed
+    assert [match[1] for match in found] == known
     assert [line[:-1] for line in lines if line.endswith(":")] == list(GROUPS)
 
 
@@ -68,7 +75,7 @@ def test_the_examples_parse(program: str, name: str, monkeypatch: pytest.MonkeyP
     tool = importlib.import_module(f"tools.{stem}")
     monkeypatch.setattr(tool, "guarded", lambda run, args: 0)
     assert tool.main(shlex.split(example)) == 0
-    assert f"{program} {name} {example}\n" in (netlib if program == "netlib" else handpose)("--help").out
+    assert f"{program} {name} {example}\n" in listed(program)
 
 
 def test_help_of_an_installed_command_names_commands(shown: Callable[..., str]) -> None:
@@ -93,8 +100,7 @@ def test_messages_name_the_command_that_was_typed() -> None:
 
 def test_without_a_command() -> None:
     """Without a command the list is printed and the status is 2; --help and --version succeed."""
-    expected = handpose("--help").out
-    assert handpose(status=2).out == expected
+    assert handpose(status=2).out == listed("handpose")
     assert handpose("--version").out == f"handpose {__version__}\n"
 
 
@@ -108,7 +114,7 @@ def test_an_unknown_command() -> None:
 
 def test_netlib_lists_the_tools_for_any_net() -> None:
     """``netlib`` lists its tools under short names, in order; it accepts the other names, too."""
-    lines = netlib("--help").out.splitlines()
+    lines = listed("netlib").splitlines()
     assert lines[0] == "usage: netlib COMMAND ..."
     assert [line.split()[0] for line in lines[5:] if re.match(r"  \S", line)] == list(NET_TOOLS)
     assert set(NET_TOOLS.values()) <= {path.stem for path in commands().values()}
