@@ -16,7 +16,7 @@ from handpose.synthetic.pose_prior import BodySampler
 
 SAMPLER = BodySampler()
 FINGERS = ("little", "ring", "middle", "index")
-STEP = 1 / 120
+STEP = 1 / 60
 
 
 def played(*acts: Act, seconds: float, seed: int = 1, side: str = "right", outward: float = 0.0) -> Movement:

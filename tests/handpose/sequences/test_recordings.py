@@ -74,14 +74,14 @@ def test_rate_and_length_do_not_change_the_movement() -> None:
 
 def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
     """The states are in sight, partly, gone, partly, in sight; ``since`` does not depend on the order of access."""
-    recording = SyntheticRecording("leaves", ICVL, seconds=9, rate=15)
+    recording = SyntheticRecording("leaves", ICVL, seconds=9, rate=10)
     truths = list(recording.truths())
     states = [truth.lost[0].reason if truth.lost else "" for truth in truths]
     assert [state for state, _ in itertools.groupby(states)] == ["", PARTLY, LEFT, PARTLY, ""]
     gone = states.index(LEFT)
     last = max(n for n in range(gone) if truths[n].hands)
-    assert truths[gone].lost[0].since == pytest.approx(last / 15) and not truths[gone].hands
-    again = SyntheticRecording("leaves", ICVL, seconds=9, rate=15)
+    assert truths[gone].lost[0].since == pytest.approx(last / 10) and not truths[gone].hands
+    again = SyntheticRecording("leaves", ICVL, seconds=9, rate=10)
     assert again.truth(gone + 5).lost == truths[gone + 5].lost
 
 
@@ -95,7 +95,7 @@ def test_a_hand_that_never_was_there_is_not_lost() -> None:
 
 def test_two_hands_of_one_person_and_of_two() -> None:
     """One person's hands have equal bones; each hand stays in its half, the right one on the left in the image."""
-    one = SyntheticRecording("two_hands", ICVL, rate=2, seconds=8)
+    one = SyntheticRecording("two_hands", ICVL, rate=1, seconds=8)
     for truth in one.truths():
         right, left = truth.hands
         assert (right.hand, left.hand) == ("right", "left") and right.id == 0 and left.id == 1
