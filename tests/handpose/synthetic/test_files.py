@@ -54,14 +54,14 @@ def test_whole_files_are_kept(tmp_path: Path) -> None:
         assert file["index"][...].tolist() == [4] and file.attrs["made_from"] == "synthetic"
 
 
-@pytest.mark.parametrize("count", [10**8, 10**11])
-def test_a_run_without_room_changes_nothing(tmp_path: Path, count: int) -> None:
+def test_a_run_without_room_changes_nothing(tmp_path: Path) -> None:
     """Insufficient disk space raises an error before anything is written, for any number of files."""
     DataSet(tmp_path, SOURCES).write(1, lambda count: None)
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    with pytest.raises(DataError, match=r"needs \d+ MB, \d+ MB are free"):
-        DataSet(tmp_path, [(Generator(split="train"), count)])
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
+    for count in (10**8, 10**11):
+        with pytest.raises(DataError, match=r"needs \d+ MB, \d+ MB are free"):
+            DataSet(tmp_path, [(Generator(split="train"), count)])
+        assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
 def test_lists_stand_until_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
