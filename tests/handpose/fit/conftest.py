@@ -35,6 +35,13 @@ def scene(model: CapsuleModel) -> Scene:
     return Scene(crops, uvd, truth, drawn.bodies.joints[:12] * 150, observe(crops, uvd, NYU, 300.0))
 
 
+@pytest.fixture(scope="session")
+def few(scene: Scene) -> Scene:
+    """Six of the hands."""
+    crops, center_uvd, truth, joints, seen = scene
+    return Scene(crops[:6], center_uvd[:6], truth[:6], joints[:6], seen.take(slice(6)))
+
+
 def written_out(model: CapsuleModel, posed: Posed, r: Residuals) -> np.ndarray:
     """The Jacobian (N, 2, R, V) of residuals, computed row by row from the motion of the capsules' ends."""
     n, s = np.arange(len(posed.ends))[:, None], r.place[..., None, None]

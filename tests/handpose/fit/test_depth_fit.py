@@ -49,13 +49,6 @@ def fitter(model: CapsuleModel) -> DepthFitter:
     return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}, {"fast": np.full(5, 0.2)}))
 
 
-@pytest.fixture(scope="module")
-def few(scene: Scene) -> Scene:
-    """Six of the hands."""
-    crops, center_uvd, truth, joints, seen = scene
-    return Scene(crops[:6], center_uvd[:6], truth[:6], joints[:6], seen.take(slice(6)))
-
-
 def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     """A fast fit returns joints near the truth, matching inputs, size and cost, and the error from the table."""
     model = fitter.model

@@ -101,20 +101,18 @@ def test_a_forearm_counts_less(model: CapsuleModel, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("robust", [40.0, 10.0])
-def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: CapsuleModel, scene: Scene, robust: float) -> None:
+def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: CapsuleModel, few: Scene, robust: float) -> None:
     """b is half the gradient: exactly for the prior, and for all terms where no point changes its capsule or pixel."""
-    x = moved(scene, 0.02)
+    x = moved(few, 0.02)
     alone = Objective(model, Weights(independent=1e-9, outline=0.0, front=0.0))
     everything = Objective(model, Weights(outline=0.0, front=0.0))
     for objective, share in ((alone, 100), (everything, 75)):
-        _, b = equations(objective, x, scene, robust)
+        _, b = equations(objective, x, few, robust)
         found = np.empty_like(b, dtype=float)
         for v in range(model.variables):
             d = np.zeros(model.variables)
             d[v] = 1e-3
-            found[:, v] = (
-                cost(objective, x + d, scene, robust).total - cost(objective, x - d, scene, robust).total
-            ) / 4e-3
+            found[:, v] = (cost(objective, x + d, few, robust).total - cost(objective, x - d, few, robust).total) / 4e-3
         off = np.abs(found - b) / (np.abs(b) + 0.02 * np.abs(b).max(axis=1, keepdims=True))
         assert np.percentile(off, share) < 0.15
 

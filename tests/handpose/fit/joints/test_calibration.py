@@ -135,7 +135,7 @@ def test_joints_that_were_not_seen(exact):
 
 def test_several_people():
     """Frames of different people leave a large residual, because no single hand fits them."""
-    hands = BodySampler().draw(np.random.default_rng(5), 100)
+    hands = BodySampler().draw(np.random.default_rng(5), 60)
     assert np.mean(calibrate(HAND, hands.joints, starts=2).after) > 1.5 * MM
 
 
