@@ -86,4 +86,6 @@ def leaving(predictor: Predictor) -> Take:
 @pytest.fixture(scope="session")
 def two(predictor: Predictor) -> Take:
     """Both hands of a person, at rest."""
-    return tracked(predictor, played(Script(1, (Role("right", (Act("rest", 1),)), Role("left", (Act("rest", 1),)))), 2))
+    return tracked(
+        predictor, played(Script(0.8, (Role("right", (Act("rest", 1),)), Role("left", (Act("rest", 1),)))), 2)
+    )
