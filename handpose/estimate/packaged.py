@@ -138,7 +138,8 @@ def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
     """The values with ``bits`` of the 23 bits of a mantissa, rounded to nearest, ties to even."""
     drop = np.uint32(23 - bits)
     raw = np.ascontiguousarray(values, np.float32).view(np.uint32)
-    half = (np.uint32(1) << drop >> np.uint32(1)) - np.uint32(drop > 0) + ((raw >> drop) & np.uint32(1))
+    odd = (raw >> drop) & np.uint32(1) if bits else np.uint32(1)  # without bits, the leading one that is not stored
+    half = (np.uint32(1) << drop >> np.uint32(1)) - np.uint32(drop > 0) + odd
     kept = (raw + np.where(drop > 0, half, 0).astype(np.uint32)) >> drop << drop
     return np.asarray(kept.view(np.float32))
 

@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import netlib
@@ -151,6 +151,7 @@ def test_cards_with_something_wrong(copy: Path, given: str | None, rejected: Any
         load_predictor(folder=copy)
 
 
+@example(12.0, 0, False)
 @given(st.floats(2.0**-100, 2.0**100, width=32), st.integers(0, 23), st.booleans())
 def test_rounding(value: float, bits: int, negative: bool) -> None:
     """Mantissas are rounded to nearest, ties to even, as by NumPy's rounding."""
