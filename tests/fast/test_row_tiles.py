@@ -27,7 +27,7 @@ def fast(x, w, b, dy, tile=None, bottom_tile=None):
     return load(top, "data"), load(bottom, "diff"), dw - 1, db - 1
 
 
-@pytest.mark.parametrize("N", range(1, 10))
+@pytest.mark.parametrize("N", [1, 2, 3, 4, 5, 9])
 @pytest.mark.parametrize("tile", [None, 1, 2, 3, 4])
 def test_any_number_of_images(rng, N, tile):
     """Images that are adjacent in a row do not affect each other. There are 7 x 6 outputs, not divisible by 4."""
