@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from docs.making import five_minutes
 from docs.making import training as trained
 from docs.making.figures.drawn import shows_the_same
 from netlib.files.paths import ROOT
@@ -17,14 +18,16 @@ BOOK = ROOT / "docs" / "book"
 TOOL = "docs.making.five_minutes"
 
 
-def test_a_short_run(tmp_path: Path) -> None:
+def test_a_short_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It prints errors before training and after each tenth, which fall on two frames, and writes the picture."""
     pytest.importorskip("matplotlib")
+    monkeypatch.setattr(trained, "BATCH", 8)
+    monkeypatch.setattr(five_minutes, "HELD_OUT", 6)
     out = tmp_path / "hands.svg"
     done = run_tool(TOOL, "--frames", "2", "--iterations", "10", "--out", str(out))
     lines = done.out.splitlines()
     errors = [float(re.search(r"training frames +([\d.]+) mm", line)[1]) for line in lines[1:-1]]
-    assert lines[0] == "rendering 2 + 256 frames" and lines[-1] == f"wrote {out}"
+    assert lines[0] == "rendering 2 + 6 frames" and lines[-1] == f"wrote {out}"
     assert len(errors) == 11 and errors[-1] < errors[0]
     assert shows_the_same(out.read_bytes(), out.read_bytes())
 
@@ -37,8 +40,9 @@ def test_numbers_that_are_too_small() -> None:
 
 def test_the_first_measurement_is_that_of_the_record() -> None:
     """Before training, the errors of the recorded frames are computed again; they hardly depend on the seed."""
+    rendered, held_out = trained.rendered("train", 256), trained.rendered("test", 256)
     for count, points in trained.recorded().runs.items():
-        training, held_out = trained.rendered("train", min(count, 256)), trained.rendered("test", 256)
+        training = trained.Frames(*(array[:count] for array in rendered))
         first = next(trained.learn(training, held_out, trained.ITERATIONS))
         assert first.training_mm == pytest.approx(points[0].training_mm, abs=0.2)
         assert first.held_out_mm == pytest.approx(points[0].held_out_mm, abs=0.2)
