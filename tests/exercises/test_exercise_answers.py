@@ -20,7 +20,7 @@ from netlib.blob import Blobs
 from netlib.updates import RULES
 from tests.tools.conftest import ROOT
 
-ITERATIONS = 3  # of the network; one exercise makes all 20
+ITERATIONS = 2  # of the network; one exercise makes all 20
 exercises = pytest.mark.parametrize("exercise", EXERCISES.values(), ids=list(EXERCISES))
 MISTAKES = [
     pytest.param(exercise, mistake, id=f"{exercise.name}-{number}")
