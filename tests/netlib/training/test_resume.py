@@ -28,10 +28,26 @@ RECORDINGS = Path(__file__).resolve().parents[2] / "caffe" / "solvers"
 @pytest.fixture
 def older(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Make a folder with a small net, shuffled data, dropout and a state of version 0.1.0 the working directory."""
-    shutil.copytree(OLDER, tmp_path, dirs_exist_ok=True)
-    (tmp_path / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
+    furnish(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def furnish(folder: Path) -> None:
+    """Copy the net and the state of version 0.1.0 to a folder, and list the recorded data."""
+    shutil.copytree(OLDER, folder, dirs_exist_ok=True)
+    (folder / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
+
+
+@pytest.fixture(scope="module")
+def after_3(engine_in_use: str | None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the state after three iterations in the engine in use, to be copied."""
+    folder = tmp_path_factory.mktemp("after_3")
+    furnish(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert netlib.get_solver("solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5").solve()
+    return folder
 
 
 def weights(solver: netlib.Solver) -> dict[str, np.ndarray]:
@@ -156,9 +172,9 @@ DAMAGE: dict[str, tuple[Callable[[SolverState], dict[str, Any]], str]] = {
 
 
 @pytest.mark.parametrize("name", DAMAGE)
-def test_a_state_is_taken_whole_or_not_at_all(older: Path, name: str) -> None:
+def test_a_state_is_taken_whole_or_not_at_all(older: Path, after_3: Path, name: str) -> None:
     """An invalid field raises a one-line error and leaves the solver unchanged bit for bit."""
-    assert netlib.get_solver("solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5").solve()
+    shutil.copytree(after_3, older, dirs_exist_ok=True)
     path = Path("older_iter_3.solverstate.h5")
     change, message = DAMAGE[name]
     changed(path, **change(snapshot.read_state(path)))
