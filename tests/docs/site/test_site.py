@@ -20,7 +20,7 @@ __all__ = ["browser"]
 pytest.importorskip("mkdocs", reason="the site needs: pip install -e '.[docs]'")
 pytest.importorskip("material", reason="the site needs: pip install -e '.[docs]'")
 # Pages of all documents, the files they link to, and these folders; other pages are made alike and take the longest.
-CODE = ["layers/hand", "layers/common", "prototxt"]
+CODE = ["layers/hand", "prototxt/hand"]
 
 
 @pytest.fixture(scope="module")
