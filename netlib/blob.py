@@ -184,14 +184,7 @@ class ParameterBlobs(Blobs):
     """The parameters of a layer: ``net.params["fc"][0] = blob`` lets the parameter share the memory of the blob."""
 
     def __setitem__(self, index: Any, blob: Any) -> None:
-        """Let the blob at this index share the memory of another one; layers keep the blob itself.
-
-        Raises ValueError for another number of values or another type.
-        """
-        own = self[index]
-        if not (isinstance(own, Blob) and isinstance(blob, Blob)):
-            super().__setitem__(index, blob)
-        elif (own.count, own.dtype) != (blob.count, blob.dtype):
+        own = self[index]  # layers keep it
+        if (own.count, own.dtype) != (blob.count, blob.dtype):
             raise ValueError(f"{blob} cannot take the place of {own}: expected as many values of the same type")
-        else:
-            own.share(blob)
+        own.share(blob)

@@ -61,13 +61,9 @@ class Layer:
     stored: ClassVar[tuple[str, ...]] = ()  # attributes of bottom[0]'s shape that forward stores for backward
     moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 
-    def __init__(
-        self, spec: LayerParameter, phase: Phase | None = None, rng: np.random.Generator | None = None,
-        dtype: DTypeLike = np.float32,
-    ) -> None:  # fmt: skip
-        """A Python layer's own ``__init__`` gets the first argument alone and passes it on, as in pycaffe; everything
-        is set before that (netlib/building/create.py).
-        """
+    def __init__(self, spec: LayerParameter, phase: Phase | None = None, rng: np.random.Generator | None = None,
+                 dtype: DTypeLike = np.float32) -> None:  # fmt: skip
+        """A Python layer's own ``__init__`` passes on the first argument alone, when all is set (create.py)."""
         if phase is None or rng is None:
             return
         self.spec, self.source = spec, schema.position_of(spec).source
