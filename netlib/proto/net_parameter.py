@@ -82,7 +82,9 @@ def input_layer(param: NetParameter) -> LayerParameter:
         dims = [shape.dim for shape in param.input_shape]
     else:
         dims = [param.input_dim[i : i + 4] for i in range(0, len(param.input_dim), 4)]
-    if len(dims) not in (1, len(param.input)) or len(param.input_dim) % 4:
+    if len(param.input_dim) % 4 and not param.input_shape:
+        raise PrototxtError(where, f"{len(param.input_dim)} input_dim; expected four for all inputs or four per input")
+    if len(dims) not in (1, len(param.input)):
         raise PrototxtError(
             where, f"{len(param.input)} inputs, but {len(dims)} input_shape; expected one for all or one per input"
         )

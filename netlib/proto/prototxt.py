@@ -148,7 +148,10 @@ def parse_file(path: str | Path) -> Message:
     path = find(str(path), None)
     if str(path).endswith((".caffemodel", ".caffemodel.h5")):
         raise NetlibError(f"{path}: found weights, expected a .prototxt; a net stands before its weights")
-    text = files.read_text(path, "the prototxt", NetlibError)
+    text = files.read_text(path, "the prototxt", NetlibError, "surrogateescape")
+    # Caffe reads any bytes in comments.
+    if _NO_UTF_8.search(text) and _NO_UTF_8.search(_COMMENT.sub(lambda found: found[1] or "", text)):
+        text = files.read_text(path, "the prototxt", NetlibError)
     return parse(text, str(path))
 
 
@@ -159,6 +162,8 @@ def parse(text: str, source: str = "<text>") -> Message:
 
 # ---------------------------------------------------------------------------------------------- tokens
 
+_NO_UTF_8 = re.compile("[\udc80-\udcff]")  # bytes that are not UTF-8, as surrogateescape decodes them
+_COMMENT = re.compile(r"""("(?:[^"\\\n]|\\.)*"|'(?:[^'\\\n]|\\.)*')|\#[^\n]*""")
 _TOKEN = re.compile(
     r"""(?P<skip>[ \t\r\n\f\v]+|\#[^\n]*)
       | (?P<number>-?[ \t]*(?:0[xX][0-9a-fA-F]+|(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?[fF]?)(?![\w.]))

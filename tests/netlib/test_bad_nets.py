@@ -98,7 +98,7 @@ def after(shape: str, layer: str) -> str:
         ("include and exclude", X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { } exclude { } }',
          PrototxtError, "layer 'p' has both include and exclude rules"),
         ("input without shape", 'input: "a" input_dim: 1', PrototxtError,
-         "1: error: 1 inputs, but 1 input_shape; expected one for all or one per input"),
+         "1: error: 1 input_dim; expected four for all inputs or four per input"),
         ("three inputs", 'input: "a" input: "b" input: "c" input_shape { } input_shape { }', PrototxtError,
          "3 inputs, but 2 input_shape; expected one for all or one per input"),
         ("type misspelt", 'layer { name: "a" type: "Convolutoin" }', PrototxtError,
