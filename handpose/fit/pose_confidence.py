@@ -23,7 +23,7 @@ Where less of the hand's own surface was seen at its place, the rest is a guess,
 expected error of a hand is the geometric mean of ``whole`` and of the mean of its fingers' expected errors, because
 what is wrong with a hand that is found is mostly a finger; without fingers it is ``whole``. It is at least 30 mm times
 the probability of a larger one (Markov's inequality). docs/fit.md has the recordings from which the weights were
-computed, and the results on others. Those of the fingers are older.
+computed, and the results on others. The weights of the fingers, below, are older.
 
 The error of a hand is a mean over its joints, and a hand that is right as a whole may have a finger that is a guess:
 because the palm or another finger hides it, because it is in empty space, or because the smoothed pose lags. With means
@@ -81,6 +81,11 @@ def mean_log_error(signs: Array, lag_mm: Array, weights: Array = WEIGHTS, consta
     """The mean (N,) of the logarithm of the error in mm, of poses with these signs (N, 9)."""
     fit = np.exp(np.log1p(signs) @ weights + constant)
     return np.asarray(np.log(np.sqrt(fit**2 + lag_mm**2 + signs[:, SIGNS.index("before")] ** 2)))
+
+
+def least_error(confidence: Array) -> Array:
+    """The least expected error in mm that agrees with a confidence (Markov's inequality)."""
+    return GOOD_MM * (1 - confidence)
 
 
 def unknown_finger_errors() -> Array:
@@ -155,7 +160,7 @@ def judged(evidence: Evidence, weights: Array = WEIGHTS, constant: float = CONST
     unseen = 1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0)
     whole = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
     confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
-    least = GOOD_MM * (1 - confidence)
+    least = least_error(confidence)
     whole = np.clip(whole, least, LOST_MM)
     if fingers is None:
         return Judged(whole, confidence, np.tile(unknown_finger_errors(), (len(signs), 1)))

@@ -21,7 +21,7 @@ import numpy as np
 
 from handpose.body.sides import mirror_of
 from handpose.fit.body import SIZE, CapsuleModel, WorldPose
-from handpose.fit.network_errors import GOOD_MM
+from handpose.fit.pose_confidence import least_error
 from handpose.tracking.output import variables_of
 from handpose.tracking.smoothing import PoseFilter, turn_between, turned
 from handpose.tracking.track import TrackedFrame, TrackedHand
@@ -110,9 +110,8 @@ class TwoWaySmoothing(Generic[T]):
         around = [one for at, one in self._judged
                   if abs(at - time) <= LASTING_S and (one.id, one.hand) == (hand.id, hand.hand)]  # fmt: skip
         confidence = min(hand.confidence, float(np.mean([one.confidence for one in around])))
-        error_mm = float(np.mean([one.error_mm for one in around]))
-        # At least this, as in pose_confidence.judged.
-        return replace(hand, confidence=confidence, error_mm=max(error_mm, GOOD_MM * (1 - confidence)))
+        error_mm = np.maximum(np.mean([one.error_mm for one in around]), least_error(np.array(confidence)))
+        return replace(hand, confidence=confidence, error_mm=float(error_mm))
 
 
 def middle_of(first: WorldPose, second: WorldPose) -> WorldPose:

@@ -2,9 +2,11 @@
 
 from netlib.files.reading import (
     MAX_BYTES,
+    MAX_TEXT_BYTES,
     Content,
     Identity,
     Source,
+    decoded,
     identity,
     is_in_use,
     make_folder,
@@ -17,6 +19,19 @@ from netlib.files.reading import (
 )
 
 __all__ = [
-    "MAX_BYTES", "Content", "Identity", "Source", "identity", "is_in_use", "make_folder", "noted", "opened",
-    "read_bytes", "read_content", "read_pieces", "read_text",
+    "MAX_BYTES",
+    "MAX_TEXT_BYTES",
+    "Content",
+    "Identity",
+    "Source",
+    "decoded",
+    "identity",
+    "is_in_use",
+    "make_folder",
+    "noted",
+    "opened",
+    "read_bytes",
+    "read_content",
+    "read_pieces",
+    "read_text",
 ]  # fmt: skip

@@ -148,10 +148,11 @@ def parse_file(path: str | Path) -> Message:
     path = find(str(path), None)
     if str(path).endswith((".caffemodel", ".caffemodel.h5")):
         raise NetlibError(f"{path}: found weights, expected a .prototxt; a net stands before its weights")
-    text = files.read_text(path, "the prototxt", NetlibError, "surrogateescape")
+    content = files.read_bytes(path, "the prototxt", NetlibError, files.MAX_TEXT_BYTES)
+    text = files.decoded(content, path, "the prototxt", NetlibError, "surrogateescape")
     # Caffe reads any bytes in comments.
     if _NO_UTF_8.search(text) and _NO_UTF_8.search(_COMMENT.sub(lambda found: found[1] or "", text)):
-        text = files.read_text(path, "the prototxt", NetlibError)
+        text = files.decoded(content, path, "the prototxt", NetlibError)
     return parse(text, str(path))
 
 

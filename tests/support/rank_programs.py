@@ -186,7 +186,7 @@ def two_solvers(ranks):
 
 
 def losses(ranks):
-    """Write the losses of every solver file losses*.prototxt, 8 iterations each, into a .json beside it."""
+    """Train every solver file losses*.prototxt for 8 iterations; write its losses to a .json file of the same name."""
     for path in sorted(Path().glob("losses*.prototxt")):
         got = train(netlib.get_solver(path, callbacks=[DataParallel(ranks)]), 8)
         if ranks.rank == 0:
