@@ -97,7 +97,8 @@ class Net:
         self.phase = PHASES[self.state.phase]
         self.name = param.name
         self.seed = next_seed() if seed is None else seed
-        self.param = schema.changed(param, layer=tuple(select_layers(param, self.state)))
+        layers = tuple(select_layers(param, self.state))  # inputs are among them now
+        self.param = schema.changed(param, layer=layers, input=(), input_dim=(), input_shape=())
         python_layer.check_allowed(self.param.layer, python_layers)
         self.engine = engines.get(engine)
         graph = Graph(self.param, self.state.phase, self.engine, self.dtype, self.seed, layer_hook)

@@ -88,7 +88,12 @@ def find_class(spec: LayerParameter) -> type[Layer]:
             vars(module).setdefault(name, value)
         cls = getattr(module, param.layer, None)
     if not (isinstance(cls, type) and issubclass(cls, Layer)):
-        found = f"has no such class ({where})" if cls is None else "is not a subclass of netlib.Layer"
+        found = "is not a subclass of netlib.Layer"
+        if cls is None and module is not None and own_modules.is_ours(module):
+            found = (f"was looked for in this project's own package ({where}); expected a module {param.module!r} with "
+                     "it in the working directory or on PYTHONPATH")  # fmt: skip
+        elif cls is None:
+            found = f"has no such class ({where})"
         raise PrototxtError(
             schema.position_of(param, "layer"), f"layer {spec.name!r}: {param.module}.{param.layer} {found}"
         )

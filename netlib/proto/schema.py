@@ -303,8 +303,9 @@ def scalar_value(value: Scalar, kind: Any) -> Any:
     if value.kind == "string":
         return None
     if kind is bool:
-        return {"true": True, "t": True, "True": True, "1": True,
-                "false": False, "f": False, "False": False, "0": False}.get(value.text)  # fmt: skip
+        words = {"true": True, "t": True, "True": True, "false": False, "f": False, "False": False}
+        number = _integer(value)
+        return words.get(value.text, bool(number) if number in (0, 1) else None)
     if names := enum_of(kind):
         if value.kind == "word":
             if kind == Engine and value.text in forks.ENGINES:

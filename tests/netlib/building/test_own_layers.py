@@ -172,6 +172,9 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
        for name in ("", ".", ".squares", "squares.", "a..b", "../squares", "sys.path")},
     "null": (python("Square", "\\000"), rf"f:1:169: error: layer 'own': cannot import '\x00' (...); {BESIDE}"),
     "sys": (python("Square", "sys"), "f:1:183: error: layer 'own': sys.Square has no such class (sys)"),
+    "ours": (python("Absent", "layers"),
+             "f:1:186: error: layer 'own': layers.Absent was looked for in this project's own package "
+             "(...__init__.py); expected a module 'layers' with it in the working directory or on PYTHONPATH"),
     "no options": ('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }',
                    "f:1:104: error: missing required field 'num_output' in inner_product_param"),
 })  # fmt: skip

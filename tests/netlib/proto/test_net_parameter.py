@@ -92,6 +92,8 @@ def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[
     net = net_of(text)
     assert net.inputs == list(shapes)
     assert {name: blob.shape for name, blob in net.blobs.items()} == shapes
+    again = netlib.Net(net.param)
+    assert {name: blob.shape for name, blob in again.blobs.items()} == shapes
 
 
 def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:

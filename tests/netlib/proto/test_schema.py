@@ -61,6 +61,8 @@ def read(text: str) -> Outer:
         ("flag: false", "flag", False),
         ("flag: f", "flag", False),
         ("flag: 0", "flag", False),
+        ("flag: 01", "flag", True),
+        ("flag: 0x0", "flag", False),
         ("count: 0x10", "count", 16),
         ("count: 010", "count", 8),
         ("count: 4294967295", "count", 2**32 - 1),
