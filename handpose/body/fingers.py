@@ -38,6 +38,6 @@ class Fingers:
 
 
 def _joints(finger: str) -> list[tuple[str, ...]]:
-    """The skeleton's joints in the middle of which a finger's PIP joint, DIP joint and tip are."""
+    """The skeleton's joints in the middle of which a finger's PIP joint (up to 3 mm), DIP joint and tip are."""
     pip = ("thumb_pip",) if finger == "thumb" else (f"{finger}_pip_a", f"{finger}_pip_b")
     return [pip, (f"{finger}_dip",), (f"{finger}_tip",)]

@@ -44,7 +44,7 @@ class Weights:
     slack: float = 3.0  # mm that a sphere may extend into free space
     beyond: float = 0.3  # of points on capsules beyond the skeleton's joints
     limbs: float = 1.0
-    poses: float = 0.2  # of natural poses
+    poses: float = 0.5  # of natural poses
     rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
     size: float = 0.08  # deviation of the logarithm of the size; 0: it is known
     thickness: float = 0.08  # deviation of the logarithm of the thickness

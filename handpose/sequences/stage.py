@@ -48,10 +48,12 @@ class Stage:
 
     def __init__(self, script: Script, camera: Camera, seconds: float, numbers: Numbers) -> None:
         self.script, self.camera = script, camera
-        prior = prior_file.load().turned("palm_rot_z", any=0.0).turned("palm_rot_y", any=0.1)
+        # Palm or back mostly face the camera
+        prior = prior_file.load(prior_file.PEOPLE_PRIOR).turned("palm_rot_z", any=0.0)
+        prior = prior.turned("palm_rot_x", any=None, most=85.0).turned("palm_rot_y", any=0.1)
         others = [pose for pose in prior.pose if pose.name not in [own.name for own in script.poses]]
         prior = prior.but(pose=(*others, *script.poses)) if script.poses else prior
-        self.sampler = BodySampler(prior)  # palm or back mostly face the camera
+        self.sampler = BodySampler(prior)
         who = {role.person for role in script.roles}
         self.people = {person: Person.draw(numbers(PEOPLE, person), self.sampler) for person in who}
         volumes = [self._volume(n) for n in range(len(script.roles))]

@@ -23,7 +23,7 @@ def test_figures_of_the_packaged_network() -> None:
     assert predictor.fitter is not None
     fitter = predictor.fitter
     done: list[int] = []
-    frames = frames_of(Generator(77, "test", recipes.recipe("nyu")), 24)
+    frames = frames_of(Generator(77, "test", recipes.recipe("people")), 24)
     found = measure(predictor.net, lambda unit: fitter, frames, (FAST, ACCURATE), hands=True, progress=done.append)
     assert done == [24] and len(found.network) == 24 and found.limbs.shape == (24, 20)
     network, fast, accurate = (np.median(e) for e in (found.network, found.fits["fast"], found.fits["accurate"]))

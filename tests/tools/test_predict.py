@@ -21,6 +21,7 @@ from handpose.frames.crops import crop
 from handpose.frames.images import pack_depth, read_crop, read_frame
 from handpose.frames.recording import CameraInfo
 from handpose.output.tracks import joint_values
+from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import joints_of
 from layers.hand.kinematics import Kinematics
@@ -603,7 +604,7 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
     """A fitted hand has the correct side, an expected error, and 14 joints within 2 cm of the truth on average."""
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(3)
-    sampler = BodySampler()
+    sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
     hand = sampler.draw(rng, 1)
     depth = render_image(capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND), KINECT2)[0]
     cv2.imwrite("frame.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16))

@@ -183,7 +183,7 @@ def _flexion(axes: Any) -> None:
 
 def _rows(skeleton: Skeleton) -> dict[str, Array]:
     """Weights of each anatomical point."""
-    return dict(zip(POINTS, weights_of(list(POINTS.values()), skeleton.joint_names)))
+    return dict(zip(POINTS, weights_of(list(POINTS.values()), skeleton)))
 
 
 def _abduction(axes: Any, points: dict[str, Array], frames: HandFrames) -> None:

@@ -16,8 +16,8 @@ the phalanges u, v with the finger's back w, which is perpendicular to u:
     mcp_flexion   = atan2(-u . n, u . m)        mcp_abduction = asin(u . r), of the ring and the little finger -asin
     pip_flexion   = atan2(-v . w, v . u)        dip_flexion likewise
 
-The phalanges are the model's rigid ones, mcp to base to pip_b to tip: PIP and DIP are minus its angles ``*_pip_rot_x``
-and ``*_dip_rot_x``.
+The phalanges are the model's rigid ones, between the joints at which it bends (points.py): PIP and DIP are minus its
+angles ``*_pip_rot_x`` and ``*_dip_rot_x``.
 """
 
 from __future__ import annotations

@@ -8,20 +8,21 @@ The palm is rigid in the model. Its rotation is the one that best moves the palm
 
     d = M Rz(a) Rx(b) e_y,    Rz(a) Rx(b) e_y = (-sin a cos b, cos a cos b, sin b)
 
-which determines a and b, because |b| < 90 degrees in all limits. So the axis M Rz(a) e_x, about which the finger bends,
-is known for straight fingers, too. The thumb bends about z and points along x: d = M Rz(a) Ry(-b) e_x.
+which determines a and b, because a finger spreads by less than MAX_SPREAD from the middle of its range: one that is
+bent by more than 90 degrees points backwards. So the axis M Rz(a) e_x, about which the finger bends, is known for
+straight fingers, too, but not at exactly 90 degrees. The thumb bends about z and points along x:
+d = M Rz(a) Ry(-b) e_x.
 """
 
 from __future__ import annotations
 
 import functools
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.joint_formats.points import FINGERS, NO_HAND, POINTS, weights_of
+from handpose.body.joint_formats.points import FINGERS, NO_HAND, POINTS, hinges_of, weights_of
 from handpose.body.sides import SIDES, Side, mirror_of
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, rotation
@@ -32,10 +33,8 @@ from netlib.errors import DataError, reason_of
 PALM = ("palm", "wrist_left", "wrist_middle", "thumb_mcp", *(f"{finger}_mcp" for finger in FINGERS))
 MAX_MM = 1e6  # of joints; larger numbers are in another unit, or no positions
 MIN_PALM_MM = 1e-3
+MAX_SPREAD = np.radians(60)  # of a finger from the middle of its range; near 90 degrees of bend noise decides the rest
 MIN_SHARE = 1e-6  # minimum length of a bone relative to the palm, and sine of an angle between two directions
-HINGES = {"thumb": ("thumb_mcp", "thumb_pip", "thumb_dip", "thumb_tip")} | {
-    finger: tuple(f"{finger}_{part}" for part in ("mcp", "base", "pip_b", "tip")) for finger in FINGERS
-}  # the joints at the ends of the model's phalanges
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
     bones, back, palm = {}, {}, dict(zip(FINGERS, metacarpals))
     palm["thumb"] = metacarpals[0]
     for finger, hinges in rest.hinges.items():
-        ends = right[hinges]
+        ends = right[list(hinges)]
         phalanges = ends[1:] - ends[:-1]
         phalanx_lengths = lengths(phalanges)
         if not phalanx_lengths.min() > MIN_SHARE * size:
@@ -116,7 +115,7 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
             a = np.arctan2(d[1], d[0])
             back[finger] = M @ rotation(2, a)[:, 1] * -1
         else:
-            a, b = np.arctan2(-d[0], d[1]), np.arcsin(np.clip(d[2], -1, 1))
+            a, b = _spread_and_bend(d, rest.ahead[finger])
             back[finger] = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
     return HandFrames(unit_mm, dorsal, radial, bones, back, palm)
 
@@ -134,7 +133,8 @@ class _Rest:
     palm_joints: list[int]
     palm: Array
     frames: dict[str, Array]
-    hinges: dict[str, list[int]]
+    ahead: dict[str, Array]
+    hinges: dict[str, tuple[int, ...]]
     points: Array
 
 
@@ -142,20 +142,33 @@ class _Rest:
 def _rest(skeleton: Skeleton) -> _Rest:
     """The skeleton with its palm at the origin, not turned."""
     names = ["wrist", *(f"{finger}_{part}" for finger in FINGERS for part in ("cmc", "mcp"))]
-    points = weights_of([POINTS[name] for name in names], skeleton.joint_names)
     index = {name: i for i, name in enumerate(skeleton.joint_names)}
-    needed = (*PALM, *itertools.chain.from_iterable(HINGES.values()))
-    if missing := [name for name in needed if name not in index]:
+    if missing := [name for name in PALM if name not in index]:
         raise DataError(NO_HAND.format(missing[0]))
-    pose = Kinematics(skeleton).forward(np.zeros((1, len(skeleton.initial))))
-    palm = [index[name] for name in PALM]
+    points, hinges = weights_of([POINTS[name] for name in names], skeleton), hinges_of(skeleton)
+    kinematics = Kinematics(skeleton)
+    pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
+    middle = kinematics.forward(np.clip([skeleton.lower, skeleton.upper], -np.pi, np.pi).mean(axis=0, keepdims=True))
+    palm, joints = [index[name] for name in PALM], pose.joints[0]
     root = pose.frames[0, index["palm"]]
-    starts = {finger: "thumb_mcp" if finger == "thumb" else f"{finger}_mcp" for finger in HINGES}
     return _Rest(
-        palm, (pose.joints[0, palm] - pose.joints[0, index["palm"]]) @ root,
-        {finger: root.T @ pose.frames[0, index[start]] for finger, start in starts.items()},
-        {finger: [index[name] for name in names] for finger, names in HINGES.items()}, points,
+        palm, (joints[palm] - joints[index["palm"]]) @ root,
+        {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()},
+        {
+            finger: middle.frames[0, own[0]].T @ (middle.joints[0, own[1]] - middle.joints[0, own[0]])
+            for finger, own in hinges.items()
+        },
+        hinges, points,
     )  # fmt: skip
+
+
+def _spread_and_bend(d: Array, ahead: Array) -> tuple[float, float]:
+    """The angles about z and then x that turn y to d (3,), the first within MAX_SPREAD of that of ``ahead``."""
+    middle = float(np.arctan2(-ahead[0], ahead[1]))
+    x, y = rotation(2, middle)[:2, :2].T @ d[:2]
+    forward = 1.0 if y >= 0 else -1.0
+    spread = float(np.clip(np.arctan2(-forward * x, forward * y), -MAX_SPREAD, MAX_SPREAD))
+    return middle + spread, float(np.arctan2(d[2], forward * np.hypot(x, y)))
 
 
 def _pose_of(rest: Array, found: Array) -> tuple[Array, float]:

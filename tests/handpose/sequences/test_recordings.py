@@ -35,6 +35,15 @@ def test_frames_are_the_same_every_time() -> None:
     assert not np.array_equal(once[0].depth, other.frame(0).depth)
 
 
+def test_the_hands_are_those_of_people() -> None:
+    """Recordings show the hand that is tracked, with other proportions."""
+    recording = SyntheticRecording("rest", ICVL, seconds=0.1)
+    assert recording.header.skeleton.name == "people"
+    model, shown = recording.header.skeleton.bones, recording.truth(0).hands[0].bones
+    sizes = shown[model > 0] / model[model > 0]
+    assert np.ptp(sizes) > 0.1 * sizes.mean()
+
+
 def test_a_camera_keeps_its_noise_and_its_background() -> None:
     """The noise level is drawn once per recording, so that all frames of a still hand are equally noisy."""
     recording = SyntheticRecording("rest", ICVL, seconds=0.4)
@@ -74,14 +83,14 @@ def test_rate_and_length_do_not_change_the_movement() -> None:
 
 def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
     """The states are in sight, partly, gone, partly, in sight; ``since`` does not depend on the order of access."""
-    recording = SyntheticRecording("leaves", ICVL, seconds=9, rate=10)
+    recording = SyntheticRecording("leaves", ICVL, seconds=9, rate=20)
     truths = list(recording.truths())
     states = [truth.lost[0].reason if truth.lost else "" for truth in truths]
     assert [state for state, _ in itertools.groupby(states)] == ["", PARTLY, LEFT, PARTLY, ""]
     gone = states.index(LEFT)
     last = max(n for n in range(gone) if truths[n].hands)
-    assert truths[gone].lost[0].since == pytest.approx(last / 10) and not truths[gone].hands
-    again = SyntheticRecording("leaves", ICVL, seconds=9, rate=10)
+    assert truths[gone].lost[0].since == pytest.approx(last / 20) and not truths[gone].hands
+    again = SyntheticRecording("leaves", ICVL, seconds=9, rate=20)
     assert again.truth(gone + 5).lost == truths[gone + 5].lost
 
 

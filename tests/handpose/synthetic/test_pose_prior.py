@@ -96,7 +96,7 @@ def test_joints_of_a_chain_bend_apart() -> None:
     for apart in (0.0, 1.0):
         sampler = BodySampler(people.but(bend=tuple(schema.changed(bend, apart=apart) for bend in people.bend)))
         inputs = sampler.draw(np.random.default_rng(0), 400).inputs
-        index = [sampler.skeleton.dof_names.index(f"index_{joint}_rot_x") for joint in ("base", "dip")]
+        index = [sampler.skeleton.dof_names.index(f"index_{joint}_rot_x") for joint in ("pip", "dip")]
         found.append(np.corrcoef(inputs[:, index].T)[0, 1])
     assert found[0] > 0.6 and abs(found[1]) < 0.15
 

@@ -150,7 +150,7 @@ def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
 @pytest.mark.parametrize(
     ("side", "velocity", "seed"),
     [
-        ("right", (0, 0, -1.5), 6),
+        ("right", (0, 0, -1.5), 5),
         ("right", (2, 0, 0), 5),
         ("left", (2, 0, 0), 6),
         ("left", (2, 0, 1), 5),
@@ -168,7 +168,7 @@ def test_a_hand_that_moves_fast_is_not_covered(
 
 def test_a_cut_out_in_front_of_a_hand(predictor: Predictor) -> None:
     """A flat object with the outline of the hand, where a moved hand would be followed, covers it."""
-    take, tracker = moving("right", (0, 0, -1.5), 6), Tracker(predictor)
+    take, tracker = moving("right", (0, 0, -1.5), 5), Tracker(predictor)
     for frame in take.frames[:BEGUN]:
         assert tracker.step(frame).hands
     for number in range(BEGUN, len(take.frames)):

@@ -36,7 +36,7 @@ def estimator(model: CapsuleModel) -> Any:
 
 def variables(model: CapsuleModel) -> np.ndarray:
     """A pose (V,)."""
-    x = np.random.default_rng(0).uniform(0, 0.4, model.variables)
+    x = np.random.default_rng(0).uniform(0, 0.2, model.variables)
     x[SIZE] = np.log(0.95)
     return x
 

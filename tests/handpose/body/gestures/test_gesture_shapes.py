@@ -12,7 +12,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics
 from netlib.blob import Array
 
-SAMPLER = BodySampler(prior_file.load().but(pose=SHOWN))
+SAMPLER = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR).but(pose=SHOWN))
 SK = SAMPLER.skeleton
 
 

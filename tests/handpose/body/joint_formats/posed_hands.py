@@ -14,7 +14,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 def any_pose(rng: np.random.Generator) -> Array:
     """Inputs (D,) within the limits, with the palm at any place and orientation."""
-    inputs = rng.uniform(np.maximum(PEOPLE.lower, -1), np.minimum(PEOPLE.upper, 1))
+    inputs = rng.uniform(np.maximum(PEOPLE.lower, -np.pi), np.minimum(PEOPLE.upper, np.pi))
     inputs[:3], inputs[3:6] = rng.normal(size=3), rng.uniform(-np.pi, np.pi, 3)
     return np.asarray(inputs)
 

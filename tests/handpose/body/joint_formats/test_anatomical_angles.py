@@ -36,6 +36,37 @@ def test_hinges_are_the_models(seed: int) -> None:
     assert found["thumb_ip_flexion"] == pytest.approx(theta["thumb_tip_rot_z"], abs=1e-6)
 
 
+@pytest.mark.parametrize("finger", FINGERS)
+@pytest.mark.parametrize("spread", ["lower", "upper"])
+def test_a_closed_finger(finger: str, spread: str) -> None:
+    """At the limits a finger is bent by 90, 110 and 80 degrees, also if its first phalanx points backwards."""
+    inputs = np.zeros(len(PEOPLE.initial))
+    for joint in ("base", "pip", "dip"):
+        d = PEOPLE.dof_names.index(f"{finger}_{joint}_rot_x")
+        inputs[d] = PEOPLE.lower[d]
+    d = PEOPLE.dof_names.index(f"{finger}_base_rot_z")
+    inputs[d] = getattr(PEOPLE, spread)[d]
+    found = angles(inputs)
+    assert found[f"{finger}_mcp_flexion"] == pytest.approx(90, abs=1)
+    assert found[f"{finger}_pip_flexion"] == pytest.approx(110, abs=1e-4)
+    assert found[f"{finger}_dip_flexion"] == pytest.approx(80, abs=1e-4)
+
+
+@pytest.mark.parametrize("finger", FINGERS)
+def test_noise_near_a_right_angle(finger: str) -> None:
+    """Where the knuckle's bend does not determine the spread, noise of 0.1 mm changes the other bends little."""
+    rng = np.random.default_rng(0)
+    for bend in np.radians([-88, -90, -92]):
+        inputs = np.zeros(len(PEOPLE.initial))
+        knuckle, pip = (PEOPLE.dof_names.index(f"{finger}_{joint}_rot_x") for joint in ("base", "pip"))
+        inputs[knuckle], inputs[pip] = bend - PEOPLE.initial[knuckle], -1.0
+        exact = -np.degrees(PEOPLE.theta(inputs[None])[0, pip])
+        for _ in range(20):
+            joints = right_hand(inputs) + rng.uniform(-0.1, 0.1, (len(PEOPLE.joint_names), 3))
+            found = anatomical_angles(PEOPLE, "right", joints)
+            assert found[f"{finger}_pip_flexion"] == pytest.approx(exact, abs=30)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_place_turn_size_and_side_do_not_matter(seed: int) -> None:
     """The angles do not depend on place, orientation and size, and are equal for the mirrored left hand."""

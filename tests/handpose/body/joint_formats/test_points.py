@@ -2,19 +2,79 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from posed_hands import PEOPLE, any_pose, right_hand
 
-from handpose.body.joint_formats.points import FINGERS, POINTS, SKIN, weights_of
-from layers.hand.skeleton import NYU_HAND, load
+from handpose.body.joint_formats.points import FINGERS, POINTS, SKIN, hinges_of, weights_of
+from layers.hand.skeleton import NYU_HAND, Skeleton, load
 from netlib.errors import DataError
 
+PARTS = ("pip_a", "pip_b", "dip", "tip")  # of a finger beyond its base
 
-def test_weights_sum_to_one() -> None:
+
+@pytest.mark.parametrize("skeleton", [PEOPLE, load()], ids=["people", "nyu"])
+def test_weights_sum_to_one(skeleton: Skeleton) -> None:
     """The weights of every point sum to 1, so that points move, rotate, scale and mirror with the hand."""
-    weights = weights_of(list(POINTS.values()), PEOPLE.joint_names)
+    weights = weights_of(list(POINTS.values()), skeleton)
     assert np.allclose(weights.sum(axis=1), 1)
+
+
+@pytest.mark.parametrize(
+    ("skeleton", "bends_at"),
+    [(PEOPLE, ("mcp", "pip_a", "dip", "tip")), (load(), ("mcp", "base", "pip_b", "tip"))],
+    ids=["people", "nyu"],
+)
+def test_a_finger_bends_at_three_joints(skeleton: Skeleton, bends_at: tuple[str, ...]) -> None:
+    """The hinges are the joints about which a finger's angles turn; the packaged hand's are the anatomical joints."""
+    hinges = hinges_of(skeleton)
+    for finger in FINGERS:
+        assert [skeleton.joint_names[joint] for joint in hinges[finger]] == [f"{finger}_{part}" for part in bends_at]
+    assert [skeleton.joint_names[joint] for joint in hinges["thumb"]] == [
+        f"thumb_{part}" for part in ("mcp", "pip", "dip", "tip")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("angle", "now"), [("index_dip_rot_x", "fixed: true"), ("little_mcp_rot_x", "lower: -0.1 upper: 0.1")]
+)
+def test_a_joint_that_cannot_bend(tmp_path: Path, angle: str, now: str) -> None:
+    """Fixed angles of a finger are hinges, too, and free ones of a metacarpal are none."""
+    text = NYU_HAND.with_name("people.prototxt").read_text()
+    text, changes = re.subn(rf'(dof {{ name: "{angle}".*initial: \S+).*}}', rf"\1 {now} }}", text)
+    (tmp_path / "changed.prototxt").write_text(text)
+    assert changes == 1 and hinges_of(load(tmp_path / "changed.prototxt")) == hinges_of(PEOPLE)
+
+
+def test_phalanges_of_people() -> None:
+    """Phalanges have the proportions measured by Buryanov and Kotiuk, 2010; the last one without 3.8 mm."""
+    measured = {"index": (39.8, 22.4, 15.8), "middle": (44.6, 26.3, 17.4), "ring": (41.4, 25.7, 17.3)}
+    measured["little"] = (32.7, 18.1, 16.0)
+    for finger, lengths in measured.items():
+        of = [PEOPLE.bones[PEOPLE.joint_names.index(f"{finger}_{part}")] for part in ("base", *PARTS)]
+        ratios = np.array([of[0] + of[1], of[2] + of[3], of[4]]) * 150 / (lengths - np.array([0, 0, 3.8]))
+        assert ratios == pytest.approx(ratios[0], abs=1e-3) and 1.15 < ratios[0] < 1.3
+
+
+def test_straight_fingers_end_where_nyus_do() -> None:
+    """From a point on the proximal phalanx, ``base``, straight fingers of both hands are equally long."""
+    people, nyu = (
+        [sum(skeleton.bones[skeleton.joint_names.index(f"{f}_{part}")] for part in PARTS) for f in FINGERS]
+        for skeleton in (PEOPLE, load())
+    )
+    assert people == pytest.approx(nyu, abs=1e-4)
+
+
+def test_joints_of_people_are_where_they_bend() -> None:
+    """PIP and DIP of the packaged hand are the joints at which it bends."""
+    hinges = hinges_of(PEOPLE)
+    for finger in FINGERS:
+        weights = weights_of([POINTS[f"{finger}_pip"], POINTS[f"{finger}_dip"]], PEOPLE)
+        assert [int(np.argmax(row)) for row in weights] == list(hinges[finger][1:3])
+        assert (weights.max(axis=1) == 1).all()
 
 
 def test_the_joints_of_a_finger_follow_each_other() -> None:
@@ -22,7 +82,7 @@ def test_the_joints_of_a_finger_follow_each_other() -> None:
     joints = right_hand(any_pose(np.random.default_rng(1)))
     for finger in FINGERS:
         cmc, mcp, pip, dip, tip, skin = (
-            weights_of([POINTS[f"{finger}_{part}"]], PEOPLE.joint_names)[0] @ joints
+            weights_of([POINTS[f"{finger}_{part}"]], PEOPLE)[0] @ joints
             for part in ("cmc", "mcp", "pip", "dip", "tip", "skin")
         )
         lengths = [float(np.linalg.norm(b - a)) for a, b in ((cmc, mcp), (mcp, pip), (pip, dip), (dip, tip))]
@@ -44,5 +104,5 @@ def test_the_skin_is_a_radius_beyond_the_last_joint() -> None:
 def test_another_body_has_none() -> None:
     """The error names the joint that another body lacks."""
     arm = load(NYU_HAND.parents[1] / "body" / "arm.prototxt")
-    with pytest.raises(DataError, match=r"no joint 'wrist_left'; only hands"):
-        weights_of(list(POINTS.values()), arm.joint_names)
+    with pytest.raises(DataError, match=r"no joint 'thumb_mcp'; only hands"):
+        weights_of(list(POINTS.values()), arm)

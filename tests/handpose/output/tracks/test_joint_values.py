@@ -108,7 +108,7 @@ def test_another_body_has_no_format(tmp_path: Path) -> None:
     """A body other than a hand raises an error, and no file is written."""
     header = header_of(any_skeleton(2))
     with (
-        pytest.raises(DataError, match=r"no joint 'wrist_left'; only hands have joints and angles of other formats$"),
+        pytest.raises(DataError, match=r"no joint 'palm'; only hands have joints and angles of other formats$"),
         open_writer(tmp_path / "a.csv", header, joints="mano") as writer,
     ):
         writer.write(any_track(header, 3, 1)[0])
