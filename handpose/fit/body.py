@@ -33,7 +33,8 @@ from netlib.errors import NetlibError
 Floats = NDArray[np.float32]
 
 SIZE, THICKNESS = -2, -1  # indices into x
-SIZE_LIMIT = 0.3  # bound of both logarithms: 0.74 to 1.35 times the skeleton's size
+MIN_SIZE, MAX_SIZE = 0.66, 1.35  # relative to the skeleton's; the recipe `people` has 0.69 to 1.15
+THICKNESS_LIMIT = 0.3  # bound of its logarithm
 TYPICAL_SIZE = 0.92  # mean size of the recipe `people`, relative to the skeleton
 
 
@@ -69,8 +70,8 @@ class CapsuleModel:
         driven = whole.driven[self._order]
         self._one_each = np.array_equal(driven, self.free)
         self._sums = (driven[:, None] == self.free).astype(float)
-        self.lower = np.append(whole.lower[self.free], [-SIZE_LIMIT] * 2)
-        self.upper = np.append(whole.upper[self.free], [SIZE_LIMIT] * 2)
+        self.lower = np.append(whole.lower[self.free], [np.log(MIN_SIZE), -THICKNESS_LIMIT])
+        self.upper = np.append(whole.upper[self.free], [np.log(MAX_SIZE), THICKNESS_LIMIT])
         self.deviation = surface.deviation[self.free]
         roots = np.flatnonzero(whole.parents < 0)
         slides = [(j, m) for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handpose.fit.body import SIZE, SIZE_LIMIT, THICKNESS, TYPICAL_SIZE
+from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE, THICKNESS, TYPICAL_SIZE
 from handpose.fit.depth_fit import STARTS_TOGETHER, DepthFitter
 from handpose.fit.levenberg_marquardt import Stage, descend
 from handpose.fit.objective import Objective
@@ -24,7 +24,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.system.memory import blocks
 
-GRID = np.exp(np.linspace(-SIZE_LIMIT, SIZE_LIMIT, 21))  # the whole range of sizes that fits allow
+GRID = np.geomspace(MIN_SIZE, MAX_SIZE, 25)  # the whole range of sizes that fits allow
 MIN_FRAMES = 5  # frames needed to estimate a size
 STAGES = (Stage(15, 4), Stage(10, 3))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handpose.estimate.hand import Hand
-from handpose.fit.body import SIZE, SIZE_LIMIT
+from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import FAST
 from handpose.fit.size_calibration import calibrate_size
@@ -23,9 +23,8 @@ TIMES = 3  # maximum number of rounds, each about the best size, while it is the
 
 def checked(size: float) -> float:
     """The size relative to the skeleton. Raises DataError if hands of this size cannot be fitted."""
-    least, most = np.exp([-SIZE_LIMIT, SIZE_LIMIT])
-    if not least <= size <= most:
-        raise DataError(f"size {size:g}, expected {least:.2f} to {most:.2f} times the skeleton's")
+    if not MIN_SIZE <= size <= MAX_SIZE:
+        raise DataError(f"size {size:g}, expected {MIN_SIZE} to {MAX_SIZE} times the skeleton's")
     return size
 
 
@@ -57,7 +56,7 @@ class SizeKeeper:
         x = np.stack([s.x for s in estimates])
         size = float(np.exp(np.median(x[:, SIZE])))
         for _ in range(TIMES):
-            middle = np.clip(np.log(size), -SIZE_LIMIT - NEAR[0], SIZE_LIMIT - NEAR[-1])
+            middle = np.clip(np.log(size), np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1])
             found = calibrate_size(estimator.fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION)
             size, self.thickness = found.size, found.thickness
             if abs(np.log(size) - middle) < NEAR[-2]:

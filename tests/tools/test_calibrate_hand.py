@@ -185,13 +185,14 @@ def test_a_size_at_the_end_of_what_is_tried(tmp_path, monkeypatch):
     """A size at the end of the search range is reported with a warning."""
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("a.png", np.full((424, 512), 700, np.uint16))
-    for best, warned in ((20, True), (0, True), (19, False)):
+    last = len(GRID) - 1
+    for best, warned in ((last, True), (0, True), (last - 1, False)):
         costs = np.abs(np.arange(len(GRID)) - best)
         found = HandSize(float(GRID[best]), 1.0, 0.0, GRID, costs)
         monkeypatch.setattr(calibrate_hand, "hand_of", lambda *_, size=found: ("right", size))
         command = ["a.png", "--from-depth", "--camera", "kinect2", "--out", "me.prototxt", "--force"]
         done = run_tool("calibrate_hand", *command)
-        said = "warning: this is at the end of the range tried, 0.74 to 1.35"
+        said = "warning: this is at the end of the range tried, 0.66 to 1.35"
         assert (said in done.err) == warned
 
 

@@ -91,8 +91,8 @@ def test_the_default_names_replace_nothing(name: str) -> None:
         (["--look", "a.txt"], "--look: expected a file name with suffix .png, .jpg, found 'a.txt'"),
         (["--look", "a.png", "--json", "a.json"], "--look stops after the first frames"),
         (["--json", ".json"], "expected a file name with suffix .json, .jsonl, -, found '.json'"),
-        (["--size", "100"], "--size: size 100, expected 0.74 to 1.35 times the skeleton's"),
-        (["--size", "0.01"], "--size: size 0.01, expected 0.74 to 1.35 times the skeleton's"),
+        (["--size", "100"], "--size: size 100, expected 0.66 to 1.35 times the skeleton's"),
+        (["--size", "0.01"], "--size: size 0.01, expected 0.66 to 1.35 times the skeleton's"),
     ],
 )
 def test_wrong_usage(argv: list[str], said: str) -> None:
