@@ -22,7 +22,7 @@ from tools.common import arguments, hand_arguments
 from tools.common.console import say
 
 # A fit with this confidence confirms the depth unit, because a wrong unit changes the size of the hand. On six frames
-# of tools/demo.py the confidence is above 0.99 with the right unit, and at most 0.82 with units 10 times off.
+# of an earlier hand the confidence was above 0.99 with the right unit, and at most 0.82 with units 10 times off.
 CONFIRMS_UNIT = 0.95
 ABOUT_FRAMES = ("unit", "distortion", "swap_bytes")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
