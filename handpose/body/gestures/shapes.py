@@ -26,7 +26,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 STRAIGHT = (100.0, 14.0)  # degrees: where the probability is one half, and the scale of its slope
-OUT = (0.81, 0.04)  # palms
+OUT = (0.81, 0.04)  # palms; on the seeds of the choice (docs/gestures.md) at most 0.76 across, at least 0.87 out
 TOUCH = (0.32, 0.03)
 # Straight fingers: index, middle, ring, little; and whether the thumb is out (None: either).
 SHAPES: dict[str, tuple[tuple[bool, bool, bool, bool], bool | None]] = {

@@ -100,7 +100,8 @@ def _pinky(finger: str) -> str:
 def _nyu() -> JointFormat:
     names = [f"{finger}_{part}" for finger in reversed(FINGERS) for part in ("tip", "pip_a")]
     names += ["thumb_tip", "thumb_dip", "thumb_pip", "wrist_left", "wrist_middle", "palm"]
-    joints = {name: Point({name: 1}, "as annotated; pip_a of the packaged hand is 5 to 8 mm distal") for name in names}
+    moved = "as annotated; of the packaged hand 5 to 8 mm distal"
+    joints = {name: Point({name: 1}, moved if name.endswith("_pip_a") else "as annotated") for name in names}
     bones = [(f"{finger}_pip_a", f"{finger}_tip") for finger in FINGERS]
     bones += [("palm", f"{finger}_pip_a") for finger in FINGERS] + [("palm", "wrist_left"), ("palm", "wrist_middle")]
     bones += [("palm", "thumb_pip"), ("thumb_pip", "thumb_dip"), ("thumb_dip", "thumb_tip")]

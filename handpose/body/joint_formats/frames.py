@@ -103,7 +103,7 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
     bones, back, palm = {}, {}, dict(zip(FINGERS, metacarpals))
     palm["thumb"] = metacarpals[0]
     for finger, hinges in rest.hinges.items():
-        ends = right[list(hinges)]
+        ends = right[hinges]
         phalanges = ends[1:] - ends[:-1]
         phalanx_lengths = lengths(phalanges)
         if not phalanx_lengths.min() > MIN_SHARE * size:
@@ -133,8 +133,8 @@ class _Rest:
     palm_joints: list[int]
     palm: Array
     frames: dict[str, Array]
-    ahead: dict[str, Array]
-    hinges: dict[str, tuple[int, ...]]
+    ahead: dict[str, float]  # angle about z of the first phalanx in the middle of its range
+    hinges: dict[str, list[int]]
     points: Array
 
 
@@ -151,24 +151,23 @@ def _rest(skeleton: Skeleton) -> _Rest:
     middle = kinematics.forward(np.clip([skeleton.lower, skeleton.upper], -np.pi, np.pi).mean(axis=0, keepdims=True))
     palm, joints = [index[name] for name in PALM], pose.joints[0]
     root = pose.frames[0, index["palm"]]
+    ahead = {}
+    for finger, (knuckle, next_joint, *_) in hinges.items():
+        x, y, _ = middle.frames[0, knuckle].T @ (middle.joints[0, next_joint] - middle.joints[0, knuckle])
+        ahead[finger] = float(np.arctan2(-x, y))
     return _Rest(
         palm, (joints[palm] - joints[index["palm"]]) @ root,
         {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()},
-        {
-            finger: middle.frames[0, own[0]].T @ (middle.joints[0, own[1]] - middle.joints[0, own[0]])
-            for finger, own in hinges.items()
-        },
-        hinges, points,
+        ahead, {finger: list(own) for finger, own in hinges.items()}, points,
     )  # fmt: skip
 
 
-def _spread_and_bend(d: Array, ahead: Array) -> tuple[float, float]:
-    """The angles about z and then x that turn y to d (3,), the first within MAX_SPREAD of that of ``ahead``."""
-    middle = float(np.arctan2(-ahead[0], ahead[1]))
-    x, y = rotation(2, middle)[:2, :2].T @ d[:2]
+def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
+    """The angles about z and then x that turn y to d (3,), the first within MAX_SPREAD of ``ahead``."""
+    x, y = rotation(2, ahead)[:2, :2].T @ d[:2]
     forward = 1.0 if y >= 0 else -1.0
     spread = float(np.clip(np.arctan2(-forward * x, forward * y), -MAX_SPREAD, MAX_SPREAD))
-    return middle + spread, float(np.arctan2(d[2], forward * np.hypot(x, y)))
+    return ahead + spread, float(np.arctan2(d[2], forward * np.hypot(x, y)))
 
 
 def _pose_of(rest: Array, found: Array) -> tuple[Array, float]:

@@ -64,7 +64,6 @@ def test_better_than_frame_by_frame(shown: Take, predictor: Predictor) -> None:
         alone = predictor.in_frame(frame.depth)
         true = truth.hands[0].xyz
         errors.append([np.linalg.norm(xyz - true, axis=1).mean() for xyz in (reported.hands[0].xyz, alone.xyz)])
-    print(np.round(errors, 1))
     tracked, alone_mm = np.mean(errors, axis=0)
     assert tracked < alone_mm
 
