@@ -105,7 +105,6 @@ WORDED_CODE := netlib layers fast handpose exercises experiments export tools be
 NAMES := ledger,mot,nd,trainings
 lint: .venv/dev
 	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/codespell $(WORDED)

@@ -165,13 +165,13 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("--iterations", type=positive, default=1500, metavar="N", help="default: %(default)s")
     parser.add_argument("--frames", type=positive, default=50000, metavar="N",
-                        help="frames of the training data (default: %(default)s)")  # fmt: skip
+                        help="frames of the training data (default: %(default)s)")
     parser.add_argument("--seeds", type=natural, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
     parser.add_argument("--recipe", choices=STUDIES, default="nyu",
-                        help=f"{' or '.join(STUDIES)} (default: %(default)s)")  # fmt: skip
+                        help=f"{' or '.join(STUDIES)} (default: %(default)s)")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="studies to run (default: all)")
     parser.add_argument("--work", type=Path, default=Path("snapshots/ablation"), metavar="FOLDER",
-                        help="folder for data and weights (default: %(default)s)")  # fmt: skip
+                        help="folder for data and weights (default: %(default)s)")
     args = parser.parse_args(argv)
     names = [study.name for study in STUDIES[args.recipe]]
     for name in args.only or []:

@@ -420,7 +420,7 @@ class Bench:
         # The steps of the executor cannot be run from outside: it would see inputs written by a caller, and plan again.
         timed(net.executor.steps[0], "forward", -1)
         for owner, method in ((net, "clear_param_diffs"), (net, "run_forward"), (net, "run_backward"),
-                              (solver, "apply_update")):  # fmt: skip
+                              (solver, "apply_update")):
             timed(owner, method)
         whole, bare = [], []
         for _ in range(self.rounds):
@@ -437,7 +437,7 @@ class Bench:
         code = (f"import sys; sys.path.insert(0, {str(ROOT)!r}); import netlib; "
                 f"netlib.set_threads({self.threads}); "
                 f"netlib.get_solver({str(self.folder / 'solver.prototxt')!r}).step(4); "
-                "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])")  # fmt: skip
+                "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])")
         done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
         return int(done.stdout) * 1024 / 1e6
 
@@ -450,7 +450,7 @@ class Bench:
             if "ratio" in row:
                 goal = f"goal {row['goal']:.2f}" if row["goal"] else ""
                 lines.append(f"{row['what']:<38}{row['netlib_ms']:9.2f} ms  {row['peer']:<24}{row['peer_ms']:9.2f} ms "
-                             f"{row['ratio']:6.2f}x  {goal}")  # fmt: skip
+                             f"{row['ratio']:6.2f}x  {goal}")
             else:
                 goal = f"goal {row['goal']}" if row["goal"] else ""
                 lines.append(f"{row['what']:<38}{row['value']:9.2f} {row['unit']}  {goal}")

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             f"{single(lambda r, p=plan: hands.take(r).observe(p.points)):.1f}",  # type: ignore[misc]
             f"{single(lambda r, net=net, f=fitter, p=plan: fit_crops(net, f, hands.take(r), p)):.1f}",  # type: ignore[misc]
             f"{_median(lambda net=net, f=fitter, p=plan: fit_crops(net, f, hands, p), 3) / len(crops):.1f}",  # type: ignore[misc]
-        ])  # fmt: skip
+        ])
     print(aligned(rows))
     return DONE
 

@@ -93,11 +93,11 @@ def compare(peers: Forward | Training, args: argparse.Namespace) -> list[dict[st
     for name, found in times.items():
         theirs = float(np.median(found))
         rows.append({"what": peers.what, "peer": name, "netlib_ms": 1e3 * own, "peer_ms": 1e3 * theirs,
-                     "ratio": theirs / own})  # fmt: skip
+                     "ratio": theirs / own})
     for row in rows:
         line = f"{row['what']:<30}{row['netlib_ms']:9.2f} ms"
         print(line if "peer" not in row else f"{line}  {row['peer']:<32}{row['peer_ms']:9.2f} ms {row['ratio']:6.2f}x",
-              flush=True)  # fmt: skip
+              flush=True)
     return rows
 
 
@@ -107,7 +107,7 @@ def agrees(what: str, found: np.ndarray, expected: np.ndarray, tolerance: float 
     if error < tolerance:
         return True
     print(f"{what} is not timed: its values differ by {error:.2g} of the largest, not below {tolerance:g}",
-          file=sys.stderr)  # fmt: skip
+          file=sys.stderr)
     return False
 
 

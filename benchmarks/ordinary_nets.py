@@ -34,7 +34,7 @@ class Text:
         return self.add("ReLU", [bottom], top=bottom)
 
     def conv(self, bottom: str, count: int, kernel: int, stride: int = 1, pad: int = 0, group: int = 1,
-             relu: bool = True, norm: bool = False) -> str:  # fmt: skip
+             relu: bool = True, norm: bool = False) -> str:
         """Convolution, with BatchNorm and Scale in place of a bias, and a ReLU."""
         options = f"num_output: {count} kernel_size: {kernel} stride: {stride} pad: {pad} group: {group}"
         bias = "bias_term: false" if norm else ""
@@ -122,7 +122,7 @@ def mobilenet_v2() -> Text:
     net = Text(1, 3, 224, 224)
     x, channels = net.conv("data", 32, 3, stride=2, pad=1, norm=True), 32
     for wider, count, repeats, first in ((1, 16, 1, 1), (6, 24, 2, 2), (6, 32, 3, 2), (6, 64, 4, 2), (6, 96, 3, 1),
-                                         (6, 160, 3, 2), (6, 320, 1, 1)):  # fmt: skip
+                                         (6, 160, 3, 2), (6, 320, 1, 1)):
         for stride in (first, *(1,) * (repeats - 1)):
             wide = channels * wider
             y = net.conv(x, wide, 1, norm=True) if wider > 1 else x
@@ -238,7 +238,7 @@ INCEPTION = (
     (64, 96, 128, 16, 32, 32), (128, 128, 192, 32, 96, 64), (192, 96, 208, 16, 48, 64), (160, 112, 224, 24, 64, 64),
     (128, 128, 256, 24, 64, 64), (112, 144, 288, 32, 64, 64), (256, 160, 320, 32, 128, 128),
     (256, 160, 320, 32, 128, 128), (384, 192, 384, 48, 128, 128),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -256,7 +256,7 @@ NETS = (
     Ordinary("VGG-16", vgg16), Ordinary("DenseNet-121", densenet121), Ordinary("U-Net", unet),
     Ordinary("LeNet", lenet, True), Ordinary("CIFAR-10", cifar10, True), Ordinary("VGG-like", vgg, True),
     Ordinary("residual", residual, True),
-)  # fmt: skip
+)
 
 
 def fill(net: Net, rng: np.random.Generator) -> None:

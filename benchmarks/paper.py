@@ -22,14 +22,14 @@ def add_timing(parser: argparse.ArgumentParser, rounds: int, burst: float) -> No
     parser.add_argument("--rounds", type=positive, default=rounds, help="number of timings (default: %(default)s)")
     parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
     parser.add_argument("--burst", type=positive_number, default=burst, metavar="S",
-                        help="duration of a timing, at least one call (default: %(default)s)")  # fmt: skip
+                        help="duration of a timing, at least one call (default: %(default)s)")
     add_batch(parser)
 
 
 def add_batch(parser: argparse.ArgumentParser) -> None:
     """Add the option --batch."""
     parser.add_argument("--batch", type=positive, default=512, metavar="N",
-                        help="large batch; the small batch is an eighth of it (default: %(default)s)")  # fmt: skip
+                        help="large batch; the small batch is an eighth of it (default: %(default)s)")
 
 
 def small(batch: int) -> int:

@@ -132,11 +132,11 @@ class TorchNet(nn.Module):
             nn.Conv2d(1, 8, 5), nn.ReLU(), nn.MaxPool2d(4),
             nn.Conv2d(8, 8, 5), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
             nn.Conv2d(8, 8, 3), nn.ReLU(), nn.Flatten(),
-        )  # fmt: skip
+        )
         self.fc = nn.Sequential(
             nn.Linear(1152, 1024), nn.ReLU(), nn.Dropout(0.3), nn.Linear(1024, 1024), nn.ReLU(), nn.Dropout(0.3),
             nn.Linear(1024, 47),
-        )  # fmt: skip
+        )
         self.hand = TorchHand(skeleton)
         self.lower = torch.tensor(np.where(skeleton.fixed, -np.inf, skeleton.lower), dtype=torch.float32)
         self.upper = torch.tensor(np.where(skeleton.fixed, np.inf, skeleton.upper), dtype=torch.float32)

@@ -118,7 +118,7 @@ def main(argv: list[str] | None = None) -> int:
     )
     add_batch(parser)
     parser.add_argument("--launch", metavar="COMMAND", help="command that starts two ranks on two machines, to which "
-                        "-n 2 is appended; time only these, each with a whole batch")  # fmt: skip
+                        "-n 2 is appended; time only these, each with a whole batch")
     parser.add_argument("--worker", metavar="SOLVER", help=argparse.SUPPRESS)  # for processes started by mpiexec
     parser.add_argument("--threads", type=positive, default=1, help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
@@ -218,13 +218,13 @@ def run(args: argparse.Namespace) -> int:
                 for step, when in list(zip(steps, ("meanwhile", "at the end")))[0 if args.launch else 1 :]:
                     ends = [when, f"{step.agree * 1e3:.2f}", f"{step.average * 1e3:.1f}"] if count > 1 else [""] * 3
                     rows.append([f"{count} x {threads}", ends[0], f"{step.whole * 1e3:.1f}",
-                                 f"{frames / step.whole:.0f}", *ends[1:]])  # fmt: skip
+                                 f"{frames / step.whole:.0f}", *ends[1:]])
             print(f"\nbatch {batch}, gradients {size / 1e6:.1f} MB\n{aligned(rows)}")
             if not args.launch:
                 copies = _copies(size)
                 print(f"\nbatch {batch} on every rank, one rank per machine, estimated: speed, of N times one\n"
                       f"(of the {alone.whole * 1e3:.1f} ms of a step {alone.behind * 1e3:.1f} ms follow the first "
-                      f"gradients; copies {copies * 1e3:.1f} ms)\n")  # fmt: skip
+                      f"gradients; copies {copies * 1e3:.1f} ms)\n")
                 print(aligned(_table(alone, copies, size)))
     return DONE
 

@@ -71,5 +71,5 @@ def slower(rows: Sequence[Row], before: Sequence[Row]) -> list[str]:
         noise = max(MIN_CHANGE, (row["noise"] ** 2 + old["noise"] ** 2) ** 0.5)
         if row["ratio"] < old["ratio"] * (1 - noise):
             lines.append(f"{row['what']}, against {row['peer']}: {row['ratio']:.2f}x, "
-                         f"was {old['ratio']:.2f}x (noise {noise:.0%})")  # fmt: skip
+                         f"was {old['ratio']:.2f}x (noise {noise:.0%})")
     return lines

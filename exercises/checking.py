@@ -112,5 +112,5 @@ def in_network(exercise: Exercise, runner: Runner, iterations: int, progress: Pr
         return Step(title, False, (
             f"The loss of iteration {i} is {found[i]:.6g}, expected {expected[i]:.6g}.",
             ADVICE,
-        ))  # fmt: skip
+        ))
     return Step(f"{title} ({found[0]:.4f} → {found[-1]:.4f})", True)

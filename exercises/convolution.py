@@ -398,4 +398,4 @@ EXERCISE = layer_exercise(
         "conv_dil2_p2_s2": Example(_options(6, "kernel_size: 3 dilation: 2 pad: 2 stride: 2"), ()),
     },
     mistakes=known_in(globals(), Convolution),
-)  # fmt: skip
+)

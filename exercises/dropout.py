@@ -165,4 +165,4 @@ EXERCISE = layer_exercise(
         "dropout_train_ratio0": Example(_options(0), ()),
     },
     mistakes=known_in(globals(), Dropout),
-)  # fmt: skip
+)

@@ -134,4 +134,4 @@ EXERCISE = layer_exercise(
     ],
     from_caffe={"euclid": Example("", ()), "euclid_lw3": Example("loss_weight: 3", ())},
     mistakes=known_in(globals(), EuclideanLoss),
-)  # fmt: skip
+)

@@ -57,7 +57,7 @@ def _what_differs(found: Difference) -> str:
     size, others = found.got.size, ""
     if size > 1:
         others = f"; the first of {found.count} elements of {size} that differ" if found.count > 1 else \
-            f"; the only one of {size} elements that differs"  # fmt: skip
+            f"; the only one of {size} elements that differs"
     return f"{place} is {got}, {case.source} {wanted}{others}{where}."
 
 

@@ -183,4 +183,4 @@ EXERCISE = layer_exercise(
         "ip_axis2": Example("inner_product_param { num_output: 7 axis: 2 }", ()),
     },
     mistakes=known_in(globals(), InnerProduct),
-)  # fmt: skip
+)

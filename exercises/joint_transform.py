@@ -335,4 +335,4 @@ EXERCISE = Exercise(
         OwnBonesOnly,
     )),
     train=_train,
-)  # fmt: skip
+)

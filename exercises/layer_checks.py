@@ -58,7 +58,7 @@ def checks(
             )
         elif example.gradient:
             gradients.append(Case(example.title, gradient, differences, "finite differences give", axes, DIFFERENCES,
-                                  "backward"))  # fmt: skip
+                                  "backward"))
     caffes_values, caffes_gradients = [], []
     for name, example in recorded_examples.items():
 
@@ -80,7 +80,7 @@ def checks(
         Check("values: forward agrees with Caffe", tuple(values + caffes_values)),
         Check("gradient: backward agrees with finite differences and with Caffe",
               tuple(gradients + caffes_gradients)),
-    )  # fmt: skip
+    )
 
 
 def _by(run: Any, reference: Part) -> Any:

@@ -215,4 +215,4 @@ EXERCISE = layer_exercise(
               Example(L1, (_poses(2, 1),)), Example(L2, (_poses(2, 2),)), Example("", (_poses(3, 3),), gradient=False)],
     from_caffe={"phys_limit": Example(L2, ())},
     mistakes=known_in(globals(), PhysLimit),
-)  # fmt: skip
+)

@@ -240,4 +240,4 @@ EXERCISE = layer_exercise(
         "pool_AVE_k2s2_odd": Example(_options("pool: AVE kernel_size: 2 stride: 2"), ()),
     },
     mistakes=known_in(globals(), Pooling),
-)  # fmt: skip
+)

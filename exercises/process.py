@@ -77,7 +77,7 @@ class Worker:
         self._words = [exercise.name, str(path), str(int(python_layers))]
         self._cases = {
             case: (i, j) for i, check in enumerate(exercise.checks) for j, case in enumerate(check.cases)
-        }  # fmt: skip
+        }
         self._number = 0  # of the last request
         self._ended: ExerciseError | None = None
         self._stack = contextlib.ExitStack()
@@ -100,7 +100,7 @@ class Worker:
             child = subprocess.Popen(
                 [sys.executable, str(WORKER), *self._words], stdin=subprocess.PIPE, stdout=out, bufsize=0,
                 env={**os.environ, "TMPDIR": stack.enter_context(folder)}, start_new_session=True,
-            )  # fmt: skip
+            )
         except BaseException:
             os.close(answers)
             raise
@@ -114,7 +114,7 @@ class Worker:
             keeper = subprocess.Popen(
                 [sys.executable, "-I", "-S", "-c", KEEPER, str(child.pid)], stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-            )  # fmt: skip
+            )
             stack.enter_context(keeper)
             stack.callback(keeper.kill)
             stack.callback(_end, child)  # first, as long as the keeper runs
@@ -168,7 +168,7 @@ class Worker:
             line = self._queue.get(limit_s)
         except queue.Empty:
             raise self._failed(f"no progress for {limit_s:g} s, so its process was ended; look for an endless loop, or "
-                               "use a larger --limit") from None  # fmt: skip
+                               "use a larger --limit") from None
         if isinstance(line, int):
             raise self._failed(how_ended(line))
         try:
@@ -189,7 +189,7 @@ class Worker:
 
     def _malformed(self) -> ExerciseError:
         return self._failed("its process sent a malformed answer; the code must not change the code that runs it, or "
-                            "write into files that it has not opened")  # fmt: skip
+                            "write into files that it has not opened")
 
     def _arrays(self, answer: Mapping[str, Any]) -> Values:
         """Decode the arrays of an answer."""
@@ -229,7 +229,7 @@ def how_ended(status: int) -> str:
     """Describe the end of the process: ``status`` is its exit status, or minus the number of a signal."""
     if status >= 0:
         return (f"its process ended with status {status} in the middle of the check; the code must not end the process "
-                "or close its files")  # fmt: skip
+                "or close its files")
     try:
         name, text = signal.Signals(-status).name, signal.strsignal(-status)
     except ValueError:  # a real-time signal

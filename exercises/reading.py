@@ -88,7 +88,7 @@ class ReadersFile:
         missing = [name for name in exercise.names if not _has(module, name)]
         if missing:
             raise ExerciseError(f"{path}: {', '.join(missing)} missing; keep the names of the stub that --start "
-                                "writes")  # fmt: skip
+                                "writes")
         self._check_kinds(exercise, module)
         self.part: Part = exercise.part_of(module)
 
@@ -172,7 +172,7 @@ def functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
             yield node.name, node
         elif isinstance(node, ast.ClassDef):
             yield from ((f"{node.name}.{inner.name}", inner) for inner in node.body
-                        if isinstance(inner, ast.FunctionDef))  # fmt: skip
+                        if isinstance(inner, ast.FunctionDef))
 
 
 def body_lines(function: ast.FunctionDef) -> tuple[int, int]:

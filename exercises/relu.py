@@ -110,4 +110,4 @@ EXERCISE = layer_exercise(
     ],
     from_caffe={"relu": Example("", ()), "relu_neg": Example(LEAKY, ())},
     mistakes=known_in(globals(), ReLU),
-)  # fmt: skip
+)

@@ -291,4 +291,4 @@ EXERCISE = Exercise(
     train=_train,
     last="the paper's network, interrupted halfway through {} iterations: the losses equal the uninterrupted ones",
     drift=0,
-)  # fmt: skip
+)

@@ -91,7 +91,7 @@ def _by_hand(title: str, momentum: float, *rates: float, decay: float = 0.0) -> 
 def _by_caffe(name: str) -> Case:
     wanted = {t: recorded.everything()[f"training/{name}/{layer}/{i}"] for t, (layer, i) in WEIGHTS.items()}
     return Case(TRAININGS[name], lambda part: caffes_training(part, name), lambda: wanted, "Caffe has", AXES, 1e-5,
-                "_sgd")  # fmt: skip
+                "_sgd")
 
 
 # ---------------------------------------------------------------------------------------------- mistakes
@@ -259,4 +259,4 @@ EXERCISE = Exercise(
         _negative,
     ),
     train=_train,
-)  # fmt: skip
+)

@@ -90,4 +90,4 @@ EXERCISE = layer_exercise(
     ],
     from_caffe={"split_explicit": Example("", (), tops=3)},
     mistakes=known_in(globals(), Split),
-)  # fmt: skip
+)

@@ -24,4 +24,4 @@ EXERCISES: dict[str, Exercise] = {
         relu, inner_product, convolution, pooling, split, euclidean_loss, sgd, dropout, resume, joint_transform,
         torque_gradient, phys_limit,
     )
-}  # fmt: skip
+}

@@ -324,4 +324,4 @@ EXERCISE = Exercise(
     ),
     mistakes=known_in(globals(), Kinematics),
     train=hand.losses,
-)  # fmt: skip
+)

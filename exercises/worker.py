@@ -119,7 +119,7 @@ def _encoded(arrays: Mapping[str, Array]) -> dict[str, Any]:
     return {"values": {
         name: [array.shape, base64.b64encode(array.astype("<f8").tobytes()).decode("ascii")]
         for name, array in arrays.items()
-    }}  # fmt: skip
+    }}
 
 
 if __name__ == "__main__":

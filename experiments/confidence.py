@@ -117,7 +117,7 @@ def row(name: str, poses: Sequence[Poses], judgements: Sequence[Judged]) -> str:
     sure = confidence >= SURE
     wrong = (error[sure] > GOOD_MM).mean() if sure.any() else np.nan
     return (f"{name:28}{len(error):6}{sure.sum():8}{wrong:8.1%}{np.corrcoef(expected, error)[0, 1]:8.2f}"
-            f"{expected.mean():10.1f}{error.mean():8.1f}")  # fmt: skip
+            f"{expected.mean():10.1f}{error.mean():8.1f}")
 
 
 def _print_left_out(recordings: Sequence[Poses]) -> None:
@@ -175,9 +175,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     try:
         labelled_recordings = [[(path, _labels(joints)) for path, joints in pairs]
-                               for pairs in (args.recordings, args.apart)]  # fmt: skip
+                               for pairs in (args.recordings, args.apart)]
         own, apart = ([tracked(open_recording(path), labels, mirrored) for path, labels in pairs
-                       for mirrored in (False, True)] for pairs in labelled_recordings)  # fmt: skip
+                       for mirrored in (False, True)] for pairs in labelled_recordings)
     except NetlibError as error:
         print(error, file=sys.stderr)
         return 1

@@ -76,7 +76,7 @@ class Alone:
         for side, own in self._predictors.items():
             if own.sides != (side,) or own.refine:
                 raise NetlibError(f"a predictor for {' or '.join(own.sides)} hands that moves its crop {own.refine} "
-                                  f"times; expected one for {side} hands that leaves it")  # fmt: skip
+                                  f"times; expected one for {side} hands that leaves it")
 
     def __call__(self, depth: NDArray[np.float32], true: Iterable[TrackedHand]) -> dict[int, Array]:
         """The errors (K,) in mm of those of the true hands that are found, by their ids."""

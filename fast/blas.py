@@ -23,7 +23,7 @@ from pathlib import Path
 _THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _AVX512 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}  # used by OpenBLAS's SkylakeX kernels
 _SETTERS = ("scipy_openblas_set_num_threads64_", "scipy_openblas_set_num_threads", "openblas_set_num_threads64_",
-            "openblas_set_num_threads")  # fmt: skip
+            "openblas_set_num_threads")
 
 
 def configure() -> str:

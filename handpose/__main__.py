@@ -32,7 +32,7 @@ GROUPS = {
     "Measurements": ("table1", "measure-fit", "measure-finding", "measure-tracking", "measure-gestures",
                      "package-model"),
     "Learning": ("docs", "exercise"),
-}  # fmt: skip
+}
 
 # Commands for nets of any kind, in the order in which a user needs them: short name -> file in tools/.
 NET_TOOLS = {
@@ -92,7 +92,7 @@ def _run_command(program: str, groups: dict[str, dict[str, Path]], known: dict[s
         from netlib.errors import did_you_mean
 
         print(f"{program}: error: unknown command {words[0]!r}{did_you_mean(name, known)}; "
-              f"'{program} --help' lists them", file=sys.stderr)  # fmt: skip
+              f"'{program} --help' lists them", file=sys.stderr)
         sys.exit(2)
     sys.argv = [f"{program} {name}", *words[1:]]
     _run(known[name])
@@ -106,7 +106,7 @@ def commands() -> dict[str, Path]:
 def usage(program: str, groups: dict[str, dict[str, Path]]) -> str:
     """The commands by group, each with the first sentence of its docstring."""
     lines = [f"usage: {program} COMMAND ...", "", f"'{program} COMMAND --help' describes a command, "
-             f"'{program} docs' lists the pages of the documentation."]  # fmt: skip
+             f"'{program} docs' lists the pages of the documentation."]
     width = max(len(name) for listed in groups.values() for name in listed)
     for title, listed in groups.items():
         lines += ["", f"{title}:"]

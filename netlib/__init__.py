@@ -41,7 +41,7 @@ __all__ = [
     "BLAS_NOTE", "TEST", "TRAIN", "Blob", "Blobs", "DataError", "DivergenceError", "Layer", "LayerError", "Net",
     "NetlibError", "PrototxtError", "Solver", "WeightsError", "get_solver", "gradcheck", "install_as_caffe",
     "layer_type_list", "set_mode_cpu", "set_mode_gpu", "set_random_seed", "set_threads", "threads",
-]  # fmt: skip
+]
 
 
 def __getattr__(name: str) -> object:

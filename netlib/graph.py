@@ -99,7 +99,7 @@ class Graph:
             self.params[name] = layer.blobs
         if layer.blobs and name != spec.name:
             log.warning("%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
-                        "of the first are loaded twice", schema.position_of(spec), spec.name, name)  # fmt: skip
+                        "of the first are loaded twice", schema.position_of(spec), spec.name, name)
         self.layer_hook.after_setup(layer, seed)
 
     def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:
@@ -118,7 +118,7 @@ class Graph:
                 known = f"; known here: {', '.join(self.blobs)}" if self.blobs else ""
                 where = schema.position_of(layer.spec, "bottom", index)
                 raise LayerError(f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}"
-                                 f"{did_you_mean(name, self.blobs) or known}")  # fmt: skip
+                                 f"{did_you_mean(name, self.blobs) or known}")
             self._unread.pop(name, None)
         return Blobs(self.blobs[name] for name in layer.spec.bottom)
 
@@ -187,12 +187,12 @@ class Graph:
                 if below is not None and below.needs_backward and below.layer.reads_top:
                     log.warning("%s: layer %r overwrites blob %r, which the gradient of layer %r needs: it will be "
                                 "wrong, as in Caffe; give the top another name", schema.position_of(at.layer.spec),
-                                at.layer.name, name, below.layer.name)  # fmt: skip
+                                at.layer.name, name, below.layer.name)
                 signs = below is not None and below.layer.reads_signs
                 if below is not None and below.needs_backward and signs and not at.layer.keeps_signs:
                     log.warning("%s: layer %r overwrites blob %r, of which the gradient of layer %r needs the signs: "
                                 "where they change it will be wrong, as in Caffe; give the top another name",
-                                schema.position_of(at.layer.spec), at.layer.name, name, below.layer.name)  # fmt: skip
+                                schema.position_of(at.layer.spec), at.layer.name, name, below.layer.name)
                 if not signs or not at.layer.keeps_signs:
                     writers[blob] = at
 

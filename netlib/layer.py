@@ -62,7 +62,7 @@ class Layer:
     moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 
     def __init__(self, spec: LayerParameter, phase: Phase | None = None, rng: np.random.Generator | None = None,
-                 dtype: DTypeLike = np.float32) -> None:  # fmt: skip
+                 dtype: DTypeLike = np.float32) -> None:
         """A Python layer's own ``__init__`` passes on the first argument alone, when all is set (create.py)."""
         if phase is None or rng is None:
             return

@@ -217,7 +217,7 @@ class Net:
         for name, array in arrays.items():
             if name not in self.inputs:
                 raise NetlibError(f"net {self.name!r} has no input {name!r}{did_you_mean(name, self.inputs)}; "
-                                  f"its inputs: {', '.join(self.inputs) or 'none'}")  # fmt: skip
+                                  f"its inputs: {', '.join(self.inputs) or 'none'}")
             blob = self.blobs[name]
             if array.ndim != len(blob.shape):
                 raise LayerError(f"input {name!r} has shape {blob.shape}, got an array of shape {array.shape}")
@@ -255,7 +255,7 @@ class Net:
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         raise NetlibError("a net cannot be copied or pickled; build a second net from the same file and copy the "
-                          "weights with copy_from, or save them")  # fmt: skip
+                          "weights with copy_from, or save them")
 
     # ------------------------------------------------------------------------------------------ weights and states
 

@@ -118,7 +118,7 @@ class Solver:
         net = self.net_class(
             param, state=solver_parameter.state_of(phase, param.state, state), seed=self.seed + number,
             engine=self.engine.name, python_layers=self.python_layers, layer_hook=next(hooks, None),
-        )  # fmt: skip
+        )
         net.source = name
         return net
 
@@ -307,7 +307,7 @@ class Solver:
         done, seconds = self.iter - before, now - since
         speed = done / seconds if seconds and done else 0.0
         log.info("Iteration %d (%.6g iter/s, %.6gs/%d iters), loss = %.6g",
-                 self.iter, speed, seconds, self.param.display, self.loss)  # fmt: skip
+                 self.iter, speed, seconds, self.param.display, self.loss)
         outputs: Mapping[str, Array] = {name: self.net.blobs[name].data for name in self.net.outputs}
         for callback in self.callbacks:
             outputs = callback.outputs(self.net, outputs)
@@ -455,7 +455,7 @@ class Solver:
 def get_solver(
     path: str | Path, seed: int | None = None, engine: str | None = None, python_layers: bool = True,
     callbacks: Sequence[Callback] = (), **changes: Any,
-) -> Solver:  # fmt: skip
+) -> Solver:
     """Create the solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
 
     ``python_layers=False`` rejects nets with layers of type Python. ``callbacks`` is work attached to the solver

@@ -142,7 +142,7 @@ class Update:
         if norm <= bound:
             return 1.0
         log.info("Gradient clipping: scaling down gradients (L2 norm %.6g > %.6g) by scale factor %.6g",
-                 norm, bound, bound / norm)  # fmt: skip
+                 norm, bound, bound / norm)
         return bound / norm
 
 

@@ -81,7 +81,7 @@ NETS: dict[str, Callable[[int], str]] = {
     "layers that are left out": lambda n: "".join(
         layer(i, "x", "x", more='include { stage: "a" } include { phase: TEST }') for i in range(n)
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", engine.NAMES if engine.has_fast() else ["plain"])
@@ -100,7 +100,7 @@ def test_building_a_net(kind: str, name: str) -> None:
     "text",
     ['name: "a" ', 'layer { name: "a" bottom: "b" relu_param { } } ', "input_shape { dim: 1 } ", "input_dim: [3, 3] ",
      'state { stage: "a" } '],
-)  # fmt: skip
+)
 def test_text_and_bytes(text: str) -> None:
     """Parsing, reading, printing, and writing and reading binary nets is linear."""
     assert_linear(lambda n: partial(prototxt.parse, text * n))
@@ -118,7 +118,7 @@ def test_text_and_bytes(text: str) -> None:
      'layers { layer { name: "p" type: "padding" pad: 1 } bottom: "x" top: "p" } '
      'layers { layer { name: "a" type: "conv" } bottom: "p" top: "x" } '],
     ids=["V1", "V0", "V0 with padding"],
-)  # fmt: skip
+)
 def test_older_nets(text: str) -> None:
     """Upgrading the older formats of nets is linear."""
     assert_linear(lambda n: partial(upgraded, prototxt.parse(text * n)))

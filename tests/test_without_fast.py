@@ -68,7 +68,7 @@ WHERE_IT_COUNTS = (
     "test_nets.py", "netlib/engine/test_engine.py", "netlib/caffe/test_pycaffe.py",
     "tools/test_time.py", "tools/test_tools.py::test_main", "tools/test_tools.py::test_engine",
     "tools/test_predict.py::test_a_hand_with_the_packaged_weights",
-)  # fmt: skip
+)
 
 
 def test_tests_of_nets_pass(bare: Path) -> None:

@@ -54,7 +54,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--iterations", type=count, default=50, metavar="N", help="default: %(default)s")
     parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="time (default: %(default)s)")
     parser.add_argument("--level", type=whole(-MAX_COUNT, MAX_COUNT), default=0, metavar="N",
-                        help="level of the net (default: %(default)s)")  # fmt: skip
+                        help="level of the net (default: %(default)s)")
     parser.add_argument("--stage", default="", metavar="A,B", help="stages of the net, separated by commas")
     parser.add_argument("--sigint_effect", choices=EFFECTS, default="stop", help="train (default: %(default)s)")
     parser.add_argument("--sighup_effect", choices=EFFECTS, default="snapshot", help="train (default: %(default)s)")
@@ -109,7 +109,7 @@ def train(args: argparse.Namespace, console: BarHandler, ranks: Ranks) -> int:
         solver.restore(args.snapshot)
         if solver.iter >= solver.param.max_iter:
             log.warning("The snapshot is at iteration %d, and max_iter is %d: nothing is left to train", solver.iter,
-                        solver.param.max_iter)  # fmt: skip
+                        solver.param.max_iter)
     log.info("Starting Optimization")
     status = training.solve(solver, console, None, args.sigint_effect, args.sighup_effect)
     if status == 128 + signal.SIGTERM:

@@ -63,24 +63,24 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("annotations", metavar="ANNOTATIONS", nargs="+",
-                        help="an HDF5 file, or a list of them (.txt); depth frames with --from-depth")  # fmt: skip
+                        help="an HDF5 file, or a list of them (.txt); depth frames with --from-depth")
     parser.add_argument("--from-depth", action="store_true",
-                        help="estimate only size and thickness, from depth frames without annotation")  # fmt: skip
+                        help="estimate only size and thickness, from depth frames without annotation")
     add_camera_options(parser, "camera of the depth frames")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
-                        help="hand in the depth frames (default: %(default)s, the one in most of them)")  # fmt: skip
+                        help="hand in the depth frames (default: %(default)s, the one in most of them)")
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the skeleton file to write")
     parser.add_argument("--template", metavar="SKELETON", help="a skeleton file to start from (default: the NYU hand)")
     parser.add_argument("--frames", type=count, default=2000, metavar="N",
-                        help="use N random frames (default: %(default)s; more give little improvement)")  # fmt: skip
+                        help="use N random frames (default: %(default)s; more give little improvement)")
     parser.add_argument(
         "--joints", type=positive, choices=(31, 14), help="number of NYU's joints to use (default: all available)"
     )
     parser.add_argument("--half-cube", type=half_cube, metavar="MM",
                         help="unit of the skeleton, and of frames without half_cube (default: "
-                             f"the most frequent one, else {CUBE_MM / 2:g})")  # fmt: skip
+                             f"the most frequent one, else {CUBE_MM / 2:g})")
     parser.add_argument("--percentile", type=real(0, 50), default=0.5, metavar="P",
-                        help="limits are the P-th and (100 - P)-th percentiles (default: %(default)s)")  # fmt: skip
+                        help="limits are the P-th and (100 - P)-th percentiles (default: %(default)s)")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the random choices (default: 0)")
     parser.add_argument("--force", action="store_true", help="replace FILE if it exists")
     args = parser.parse_args(argv)
@@ -114,16 +114,16 @@ def run(args: argparse.Namespace) -> int:
     begun = time.perf_counter()
     with ProgressBar(len(frames.targets)) as progress:
         found = calibrate(template, frames.targets * (frames.half_cube / unit)[:, None, None], frames.joints,
-                          percentile=args.percentile, seed=args.seed, progress=progress)  # fmt: skip
+                          percentile=args.percentile, seed=args.seed, progress=progress)
     comment = calibration_report.comment(template, frames, found, unit, source=Path(annotations).name,
-                                         percentile=args.percentile)  # fmt: skip
+                                         percentile=args.percentile)
     write_skeleton(args.out, found.skeleton, comment)
     print(calibration_report.report(template, frames, found, unit))
     say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     after = float(np.nanmean(found.after)) * unit
     if after > LARGE_MM:
         say(f"warning: the mean distance of the joints to the hand is still {after:.1f} mm; check that all frames show "
-            "one person, with joints in this order", file=sys.stderr)  # fmt: skip
+            "one person, with joints in this order", file=sys.stderr)
     return DONE
 
 
@@ -137,17 +137,17 @@ def run_on_depth(args: argparse.Namespace) -> int:
     with ProgressBar((1 + len(GRID)) * len(frames)) as progress:
         hand, size = hand_of(predictor, frames, progress)
     words = (f"A {hand} hand of {size.size:.3f} +- {size.deviation:.3f} times the size of {predictor.skeleton.name}, "
-             f"with {size.thickness:.2f} times its thickness, from {len(frames)} depth frames.")  # fmt: skip
+             f"with {size.thickness:.2f} times its thickness, from {len(frames)} depth frames.")
     mirrored = " The file describes its mirror image, a right hand." if is_mirrored(hand) else ""
     write_skeleton(args.out, sized(predictor.skeleton, size), words + mirrored)
     say(words)
     say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     if size.at_the_edge:
         print(f"warning: this is at the end of the range tried, {GRID[0]:.2f} to {GRID[-1]:.2f}: the hand may be "
-              "outside it; check camera and unit of the frames", file=sys.stderr)  # fmt: skip
+              "outside it; check camera and unit of the frames", file=sys.stderr)
     if size.deviation > UNSURE:
         print("warning: the two halves of the frames give different sizes; check that all frames show one person, and "
-              f"that the hand is found in each ({command('predict')} draws it)", file=sys.stderr)  # fmt: skip
+              f"that the hand is found in each ({command('predict')} draws it)", file=sys.stderr)
     return DONE
 
 

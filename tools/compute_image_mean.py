@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
                 total = np.zeros(image.shape)
             if image.shape != total.shape:
                 raise DataError(f"{what}: the image (C, H, W) is {image.shape}, the first {total.shape}; expected "
-                                "equal shapes; convert_imageset.py can resize images")  # fmt: skip
+                                "equal shapes; convert_imageset.py can resize images")
             total += image
             progress(1)
     assert total is not None  # read_database rejects empty databases

@@ -47,9 +47,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--shuffle", action="store_true", help="shuffle the list, in the same order in every run")
     parser.add_argument("--backend", type=databases.backend, default="lmdb", help="lmdb")
     parser.add_argument("--resize_width", type=whole(0, MAX_SIDE), default=0, metavar="W",
-                        help="in px; 0: do not resize")  # fmt: skip
+                        help="in px; 0: do not resize")
     parser.add_argument("--resize_height", type=whole(0, MAX_SIDE), default=0, metavar="H",
-                        help="in px; 0: do not resize")  # fmt: skip
+                        help="in px; 0: do not resize")
     parser.add_argument("--check_size", action="store_true", help="require the same size of all images")
     parser.add_argument("--encoded", action="store_true", help="store image files instead of pixels")
     parser.add_argument(
@@ -85,11 +85,11 @@ def run(args: argparse.Namespace) -> int:
                 first = image.shape if first is None else first
                 if args.check_size and image.shape != first:
                     raise DataError(f"{path}: the image (H, W, C) is {image.shape}, the first {first}; expected equal "
-                                    "shapes because of -check_size")  # fmt: skip
+                                    "shapes because of -check_size")
                 writers[0].put(f"{number:08d}_{name}", datum_of(path, image, label, args))
         if not writers[0].entries:
             raise DataError(f"{args.list}: none of its {len(items)} images can be read; ROOTFOLDER/ is prepended to "
-                            f"every path, as in {args.root + items[0][0]!r}")  # fmt: skip
+                            f"every path, as in {args.root + items[0][0]!r}")
         if left := len(items) - writers[0].entries:
             say(f"skipped {left} of {len(items)} images", file=sys.stderr)
 

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             ]
             off = float(mean_errors_14(found.xyz[None], truth[None])[0])
             titles += [f"{found.hand}, {percent(found.confidence)} sure", f"expected {found.error_mm:.0f} mm",
-                       f"true error {off:.0f} mm"]  # fmt: skip
+                       f"true error {off:.0f} mm"]
             frames.append({"image": f"frame_{n}.png", **frame_values(n, found, predictor.skeleton)})
             frames[-1]["hands"][0]["true_error_mm"] = round(off, 1)
             predictions.append(found)

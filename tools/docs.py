@@ -57,7 +57,7 @@ def pages() -> dict[str, Path]:
     """The file of each page by its name."""
     folder = own("docs")
     return {path.stem if path.suffix == ".md" else path.name: path
-            for ending in ("*.md", "*.schema.json") for path in sorted(folder.glob(ending))}  # fmt: skip
+            for ending in ("*.md", "*.schema.json") for path in sorted(folder.glob(ending))}
 
 
 def _show(known: dict[str, Path], name: str) -> None:
@@ -73,7 +73,7 @@ def _show(known: dict[str, Path], name: str) -> None:
 
 def _find(known: dict[str, Path], words: str) -> None:
     found = [(name, line.strip()) for name, path in known.items()
-             for line in path.read_text(encoding="utf-8").splitlines() if words.lower() in line.lower()]  # fmt: skip
+             for line in path.read_text(encoding="utf-8").splitlines() if words.lower() in line.lower()]
     if not found:
         raise NetlibError(f"no page contains {words!r}")
     for name, line in found:

@@ -33,11 +33,11 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("input_net_proto_file", help="the net's prototxt, in any of Caffe's formats")
     parser.add_argument("output_image_file", help="image to write; its suffix selects the format: png, svg, pdf; dot "
-                        "or raw is Graphviz's own language and does not need Graphviz")  # fmt: skip
+                        "or raw is Graphviz's own language and does not need Graphviz")
     parser.add_argument("--rankdir", choices=["LR", "RL", "TB", "BT"], default="LR",
-                        help="direction: left to right, top to bottom ... (default: %(default)s)")  # fmt: skip
+                        help="direction: left to right, top to bottom ... (default: %(default)s)")
     parser.add_argument("--phase", choices=list(PHASES), default="ALL",
-                        help="draw the layers of this phase (default: %(default)s)")  # fmt: skip
+                        help="draw the layers of this phase (default: %(default)s)")
     parser.add_argument("--display_lrm", action="store_true", help="show the lr_mult of layers with weights")
     args = parser.parse_args(argv)
     return guarded(run, args)

@@ -54,7 +54,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("dataset", metavar="DATASET", choices=BENCHMARKS, help=" or ".join(BENCHMARKS))
     parser.add_argument("--groundtruth", metavar="FILE", required=True, help="annotated joints")
     parser.add_argument("--predictions", metavar="NAME=FILE", required=True, nargs="+", action="extend",
-                        type=named_file, help="predicted joints of each method")  # fmt: skip
+                        type=named_file, help="predicted joints of each method")
     parser.add_argument("--format", choices=FORMATS, default="uvd", help="of predictions (default: %(default)s)")
     parser.add_argument("--groundtruth-format", choices=FORMATS, default="uvd", help="default: %(default)s")
     parser.add_argument("--plot", metavar="FILE", help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         if scores[name].mean_mm > IMPLAUSIBLE_MM:
             say(f"warning: {path}: the mean error is {scores[name].mean_mm:.0f} mm; check that the format is "
                 f"{args.format}, y up if xyz, and that the frames are those of {benchmark.name}",
-                file=sys.stderr)  # fmt: skip
+                file=sys.stderr)
     if args.plot:
         plots.plot_joint_errors(scores, benchmark, len(truth), args.plot)
         say(f"wrote {args.plot}", file=sys.stderr)

@@ -47,12 +47,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--start", action="store_true", help="write the stub NAME.py into the working folder")
     parser.add_argument("--bare", action="store_true", help="with --start: omit formulas and hints")
     parser.add_argument("--bug", type=count, metavar="N",
-                        help="write NAME_bugN.py, the project's file with the Nth mistake to find")  # fmt: skip
+                        help="write NAME_bugN.py, the project's file with the Nth mistake to find")
     parser.add_argument("--file", metavar="FILE", help="file to check (default: NAME.py here)")
     parser.add_argument("--iterations", type=whole(0, MAX_COUNT), default=20, metavar="N",
-                        help="iterations of the network in the last step (default: %(default)s)")  # fmt: skip
+                        help="iterations of the network in the last step (default: %(default)s)")
     parser.add_argument("--limit", type=seconds, default=300.0, metavar="S",
-                        help="time limit of a step or an iteration (default: %(default)g)")  # fmt: skip
+                        help="time limit of a step or an iteration (default: %(default)g)")
     args = parser.parse_args(argv)
     if args.name is not None and args.name not in EXERCISES:
         known, meant = ", ".join(EXERCISES), did_you_mean(args.name.lower(), EXERCISES)
@@ -98,7 +98,7 @@ def plant(exercise: Exercise, number: int) -> int:
         raise ExerciseError(f"--bug {number}: {exercise.name} has {_bugs(len(files))}")
     solutions.write_new(path, files[number - 1])
     say(f"wrote {path}: bug {number} of {len(files)}. Read it, fix it, then: "
-        f"{command('exercise')} {exercise.name} --file {path}")  # fmt: skip
+        f"{command('exercise')} {exercise.name} --file {path}")
     return DONE
 
 
@@ -138,7 +138,7 @@ def check(exercise: Exercise, path: Path, iterations: int, limit_s: float, pytho
             solutions.note(exercise, checksum)
         except OSError as error:
             say(f"{solutions.PASSED}: cannot be written, so the list will not show this: {reason_of(error)}",
-                file=sys.stderr)  # fmt: skip
+                file=sys.stderr)
     say(f"Everything is correct. For comparison, the project's file: {exercise.file}")
     return DONE
 

@@ -47,10 +47,10 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
     parser.add_argument("out", metavar="OUT", type=Path, help="the file to write, *.onnx")
     parser.add_argument("--blob", metavar="NAME", action="append", default=[],
-                        help="also output this blob, for example DoF; can be repeated")  # fmt: skip
+                        help="also output this blob, for example DoF; can be repeated")
     parser.add_argument("--cube", type=cube, metavar="MM",
                         help="edge of the cube around a body in its crops, for the metadata "
-                             f"(default for hands: {CUBE_MM:g})")  # fmt: skip
+                             f"(default for hands: {CUBE_MM:g})")
     parser.add_argument("--size", type=pixels, metavar="WxH", help="size of images; the net is reshaped to it")
     parser.add_argument("--check", action="store_true", help="compare with onnxruntime")
     args = parser.parse_args(argv)
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     worst = differences(args.out.read_bytes(), net, BATCHES)
     for name, difference in worst.items():
         say(f"{name}: largest difference {difference:.1e} of its largest value, batch sizes "
-            f"{' and '.join(map(str, BATCHES))}")  # fmt: skip
+            f"{' and '.join(map(str, BATCHES))}")
     if max(worst.values()) > TOLERANCE:
         say(f"{args.out}: onnxruntime's result differs by more than {TOLERANCE:g}", file=sys.stderr)
         return FAILED

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
             raise NetlibError(f"{args.net}: the net has no blob {name!r}{did_you_mean(name, net.blobs)}")
         if len(net.blobs[name].shape) > 4:
             raise NetlibError(f"{args.net}: blob {name!r} has shape {net.blobs[name].shape}; a Datum holds items "
-                              "with at most three axes")  # fmt: skip
+                              "with at most three axes")
 
     def fill(writers: Sequence[databases.Writer]) -> None:
         with ProgressBar(args.batches, "batches") as progress:

@@ -57,13 +57,13 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the hand (default: NYU's)")
     parser.add_argument("--no-limits", action="store_true", help="allow angles outside their limits")
     parser.add_argument("--ridge", type=weight, default=0.0, metavar="W",
-                        help="weight of squared angles, which favours the initial pose (default: 0)")  # fmt: skip
+                        help="weight of squared angles, which favours the initial pose (default: 0)")
     parser.add_argument("--starts", type=count, default=8, metavar="N", help="starts per frame (default: 8)")
     parser.add_argument("--swarm", action="store_true", help="particle swarm, as in the paper")
     parser.add_argument("--particles", type=count, default=128, metavar="N", help="default: %(default)s")
     parser.add_argument("--generations", type=count, default=200, metavar="N", help="default: %(default)s")
     parser.add_argument("--frames", type=count, metavar="N",
-                        help="fit only N evenly spaced frames (text files)")  # fmt: skip
+                        help="fit only N evenly spaced frames (text files)")
     args = parser.parse_args(argv)
     if args.swarm and (args.no_limits or args.ridge):
         parser.error("--swarm does not support --no-limits and --ridge")
@@ -103,7 +103,7 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     with ProgressBar(len(rows)) as progress:
         if args.swarm:
             how: dict[str, Any] = {"fit": fit_joints_by_swarm, "particles": args.particles,
-                                   "generations": args.generations}  # fmt: skip
+                                   "generations": args.generations}
         else:
             how = {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge, "starts": args.starts}
         found = fit_absolute(skeleton, xyz[rows], nyu.half_cubes(len(xyz))[rows], chosen, progress=progress, **how)
@@ -121,7 +121,7 @@ def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     """Inputs (N, D) and residuals (N, K) in mm for the frames of a list, written to files with links to the data."""
     if args.swarm or args.frames or args.format != "uvd":
         raise NetlibError(f"{args.joints}: a list of HDF5 files; --swarm, --frames and --format need a text file "
-                          "of joints")  # fmt: skip
+                          "of joints")
     if not args.out:
         raise NetlibError(f"{args.joints}: a list of HDF5 files needs --out FOLDER for their angles")
     name = Path(args.joints).name
@@ -132,7 +132,7 @@ def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
         say(f"{number} of {len(files)}: {target}, {np.nanmean(residuals):.3f} mm", file=sys.stderr)
 
     return fit_list(files, Path(args.out), name, skeleton, on_done=on_file_done,
-                    limits=not args.no_limits, ridge=args.ridge, starts=args.starts)  # fmt: skip
+                    limits=not args.no_limits, ridge=args.ridge, starts=args.starts)
 
 
 if __name__ == "__main__":

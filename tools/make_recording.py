@@ -57,9 +57,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("script", metavar="SCRIPT", choices=SCRIPTS, help=", ".join(SCRIPTS))
     parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="output")
     parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
-                        help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")  # fmt: skip
+                        help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
-                        help="frames per second (default: %(default)g)")  # fmt: skip
+                        help="frames per second (default: %(default)g)")
     parser.add_argument("--seconds", type=seconds, metavar="S", help="duration (default: that of the script)")
     parser.add_argument("--hand", choices=SIDES, help="side of the first hand; a second one is the other")
     parser.add_argument("--clean", action="store_true", help="without noise and other artefacts of a camera")
@@ -81,10 +81,10 @@ def run(args: argparse.Namespace) -> int:
     recording = SyntheticRecording(
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
         sensor=None if args.clean else "camera's", mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),
-    )  # fmt: skip
+    )
     before = _identity(args.out)
     writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force,
-                             whole=True)  # fmt: skip
+                             whole=True)
     try:
         with (
             Stopper() as stopper,
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
         say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
     say(f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
-        f"unit {recording.unit_mm:g} mm; ground truth in {truth}")  # fmt: skip
+        f"unit {recording.unit_mm:g} mm; ground truth in {truth}")
     return DONE
 
 

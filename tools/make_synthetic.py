@@ -68,16 +68,16 @@ def main(argv: list[str] | None = None) -> int:
     kind.add_argument("--places", action="store_true", help="write crops of scenes, with and without a hand")
     kind.add_argument("--body", metavar="PRIOR", type=Path, help="draw the body of this prior file instead of hands")
     parser.add_argument("--out", type=Path, help="output folder (default: data/nyu; data/nyu_raw, data/places; with "
-                        "--body data/ and the skeleton's name)")  # fmt: skip
+                        "--body data/ and the skeleton's name)")
     parser.add_argument(
         "--train", type=count, default=20000, metavar="N", help="frames or crops (default: %(default)s)"
     )
     parser.add_argument("--test", type=count, default=2000, metavar="N", help="frames or crops (default: %(default)s)")
     parser.add_argument("--seed", type=seed, default=0, metavar="N",
-                        help="random seed (default: %(default)s)")  # fmt: skip
+                        help="random seed (default: %(default)s)")
     parser.add_argument("--recipe", choices=recipes.NAMES, help="hands and cameras (default: nyu)")
     parser.add_argument("--workers", type=workers, default=engine.available_cpus(), metavar="N",
-                        help="processes (default: one per processor, %(default)s)")  # fmt: skip
+                        help="processes (default: one per processor, %(default)s)")
     parser.add_argument("--force", action="store_true", help="replace existing data, even real data")
     args = parser.parse_args(argv)
     if args.places and args.recipe:

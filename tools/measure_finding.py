@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
             [row["scenes"], row["count"], f"{row['found']:.1%}", f"{row['right']:.1%}",
              *("" if row[name] is None else f"{row[name]:.1f}" for name in ("located", "mean", "median"))]
             for row in rows
-        ]  # fmt: skip
+        ]
         print(aligned([list(rows[0]), *([str(cell) for cell in row] for row in cells)]))
     return DONE
 

@@ -68,12 +68,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
     parser.add_argument("--model", metavar="NET", help="deploy prototxt of their net")
     parser.add_argument("--recipes", choices=recipes.NAMES, nargs="+", default=list(recipes.NAMES[:4]), metavar="NAME",
-                        help=f"some of {', '.join(recipes.NAMES)} (default: the first four)")  # fmt: skip
+                        help=f"some of {', '.join(recipes.NAMES)} (default: the first four)")
     parser.add_argument("--plans", choices=PLANS, nargs="+", default=list(PLANS), metavar="PLAN",
-                        help=f"some of {', '.join(PLANS)} (default: all)")  # fmt: skip
+                        help=f"some of {', '.join(PLANS)} (default: all)")
     parser.add_argument("--frames", type=count, default=2000, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=seed, default=0, metavar="N",
-                        help="seed of the test frames (default: 0)")  # fmt: skip
+                        help="seed of the test frames (default: 0)")
     parser.add_argument("--hands", action="store_true", help="also fit mirror images (twice the time)")
     parser.add_argument("--roll", action="store_true", help="errors by rotation of the palm in the image")
     parser.add_argument("--terms", action="store_true", help="errors without each term of the fit")
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
                 generator = Generator(args.seed, "test", recipes.recipe(recipe))
                 found = measure(net, functools.partial(DepthFitter.of_file, skeleton, weights, weights=own),
                                 frames_of(generator, args.frames), plans, hands=args.hands,
-                                progress=progress)  # fmt: skip
+                                progress=progress)
                 rows += _rows(recipe, found, without if args.terms else "", args.roll)
     if args.json:
         print(json.dumps({"weights": str(weights), "frames": args.frames, "seed": args.seed, "rows": rows}, indent=2))
@@ -146,7 +146,7 @@ def _errors(errors: Array) -> dict[str, float]:
 def _table(rows: list[dict[str, Any]]) -> str:
     names = list(dict.fromkeys(name for row in rows for name in row))
     formats = {"mean": "{:.2f}", "median": "{:.2f}", "failed": "{:.1%}", "auc": "{:.3f}", "expected": "{:.2f}",
-               "confidence": "{:.1%}", "right": "{:.1%}"}  # fmt: skip
+               "confidence": "{:.1%}", "right": "{:.1%}"}
 
     def cell(row: dict[str, Any], name: str) -> str:
         value = row.get(name)

@@ -39,9 +39,9 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("--seeds", type=seed, nargs="+", default=[100], metavar="N",
-                        help="seeds of the recordings (default: 100)")  # fmt: skip
+                        help="seeds of the recordings (default: 100)")
     parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
-                        help=f"some of {', '.join(CAMERAS)} (default: nyu)")  # fmt: skip
+                        help=f"some of {', '.join(CAMERAS)} (default: nyu)")
     parser.add_argument("--seconds", type=seconds, metavar="S", help="duration of each (default: 30)")
     parser.add_argument("--truth", action="store_true", help="use the true joints instead of a tracker")
     parser.add_argument("--left", action="store_true", help="use the left hand")
@@ -53,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Measure gesture recognition. Raises NetlibError."""
     recordings = [SyntheticRecording(SHOWING, CAMERAS[camera], seconds=args.seconds, seed=seed, mirrored=args.left)
-                  for camera in args.cameras for seed in args.seeds]  # fmt: skip
+                  for camera in args.cameras for seed in args.seeds]
 
     def tracked(recording: SyntheticRecording) -> tuple[TrackHeader, Iterable[TrackedFrame]]:
         if args.truth:
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         rows.append([name, str(row.sum()), *(f"{100 * n / row.sum():.0f}" if n else "" for n in row)])
     print(aligned(rows))
     say(f"{found.right():.1%} of {found.counts.sum()} frames are recognized correctly; "
-        f"median delay {delay or 0:.2f} s after the fingers come to rest, {len(found.delays)} times")  # fmt: skip
+        f"median delay {delay or 0:.2f} s after the fingers come to rest, {len(found.delays)} times")
     return DONE
 
 

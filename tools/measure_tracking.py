@@ -48,25 +48,25 @@ TITLES = {  # columns: key -> title and format
     "alone_found": ("found alone", ".1%"), "missed": ("missed", "d"), "invented": ("invented", "d"),
     "id_switches": ("ids", "d"), "wrong_side": ("wrong side", "d"), "side_switches": ("flips", "d"),
     "jitter": ("jitter", ".2f"), "lag": ("lag", ".0f"), "bone_change": ("bone", ".2f"), "rate": ("frames/s", ".0f"),
-}  # fmt: skip
+}
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("--scripts", choices=SCRIPTS, nargs="+", default=list(SCRIPTS), metavar="NAME",
-                        help=f"some of {', '.join(SCRIPTS)} (default: all)")  # fmt: skip
+                        help=f"some of {', '.join(SCRIPTS)} (default: all)")
     parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
-                        help=f"some of {', '.join(CAMERAS)} (default: nyu)")  # fmt: skip
+                        help=f"some of {', '.join(CAMERAS)} (default: nyu)")
     parser.add_argument("--seeds", type=seed, nargs="+", default=[0], metavar="N",
-                        help="seeds of the recordings (default: 0)")  # fmt: skip
+                        help="seeds of the recordings (default: 0)")
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
-                        help="frames per second (default: %(default)g)")  # fmt: skip
+                        help="frames per second (default: %(default)g)")
     parser.add_argument("--seconds", type=seconds, metavar="S", help="duration (default: the script's)")
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frame-by-frame", type=count, nargs="?", const=1, metavar="N",
-                        help="also fit each frame, or every N-th, independently")  # fmt: skip
+                        help="also fit each frame, or every N-th, independently")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     return guarded(run, parser.parse_args(argv))
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         (script, camera, seed, SyntheticRecording(script, CAMERAS[camera], rate=args.rate, seconds=args.seconds,
                                                   seed=seed))
         for camera in args.cameras for script in args.scripts for seed in args.seeds
-    ]  # fmt: skip
+    ]
     rows: list[Row] = []
     hands: list[HandFigures] = []
     invented, frames, seconds = 0, 0, 0.0

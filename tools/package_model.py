@@ -51,13 +51,13 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--model", metavar="NET", required=True, help="deploy prototxt of their net")
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="file to write")
     parser.add_argument("--bits", type=whole(0, 23), default=10, metavar="N",
-                        help="bits of each mantissa, at most 23 (default: %(default)s)")  # fmt: skip
+                        help="bits of each mantissa, at most 23 (default: %(default)s)")
     parser.add_argument(
         "--recipe", choices=recipes.NAMES, default="people", help="recipe of the frames (default: %(default)s)"
     )
     parser.add_argument("--frames", type=count, default=8192, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=seed, default=1000, metavar="N",
-                        help="seed of the frames, unlike that of the training (default: %(default)s)")  # fmt: skip
+                        help="seed of the frames, unlike that of the training (default: %(default)s)")
     args = parser.parse_args(argv)
     return guarded(run, args)
 
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         _measure(net, args)
     image = args.out.read_bytes()
     say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}, "
-        f"net_sha256: {hashlib.sha256(net_content(Path(args.model))).hexdigest()}")  # fmt: skip
+        f"net_sha256: {hashlib.sha256(net_content(Path(args.model))).hexdigest()}")
     return DONE
 
 
@@ -90,13 +90,13 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     model = CapsuleModel(skeleton, CUBE_MM / 2)
     if args.frames <= (count := len(model.limbs)):  # a covariance of fewer samples is singular
         raise NetlibError(f"--frames {args.frames} is too few for the covariance of {count} inputs; expected "
-                          f"--frames {count + 1} or more")  # fmt: skip
+                          f"--frames {count + 1} or more")
     generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
     with ProgressBar(3 * args.frames) as progress:
 
         def measured(errors: NetworkErrors | None, plans: Sequence[Plan]) -> fit_figures.Figures:
             return fit_figures.measure(net, lambda unit: DepthFitter(CapsuleModel(skeleton, unit), errors),
-                                       frames_of(generator, args.frames), plans, progress=progress)  # fmt: skip
+                                       frames_of(generator, args.frames), plans, progress=progress)
 
         exact = measured(None, ())
         _round(net, args.bits)
@@ -108,7 +108,7 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     write_model(net, replace(errors, tables=tables, weights=weights), args.out)
     say(f"{args.frames} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
         f"{args.bits} bits {first.network.mean():.2f} mm, "
-        + ", ".join(f"{plan} fit {errors.mean():.2f} mm" for plan, errors in found.fits.items()))  # fmt: skip
+        + ", ".join(f"{plan} fit {errors.mean():.2f} mm" for plan, errors in found.fits.items()))
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("logs", metavar="LOG", nargs="+", help="log of tools/train.py --log, or stderr of Caffe")
     parser.add_argument("--out", metavar="FILE", default="log.png",
-                        help="figure; its suffix selects the format (default: %(default)s)")  # fmt: skip
+                        help="figure; its suffix selects the format (default: %(default)s)")
     args = parser.parse_args(argv)
     return guarded(run, args)
 
@@ -113,7 +113,7 @@ def plot(logs: dict[str, Log], out: str | Path) -> None:
         if axis.lines:
             unnamed = len(axis.lines) - MAX_LABELS
             axis.legend(handles=axis.lines[:MAX_LABELS], frameon=False,
-                        title=f"{unnamed} more without a label" if unnamed > 0 else None)  # fmt: skip
+                        title=f"{unnamed} more without a label" if unnamed > 0 else None)
     outputs.write_figure(out, figure, dpi=110)
 
 

@@ -63,24 +63,24 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
     parser.add_argument("--model", metavar="NET",
                         help="net with input depth and output pred (default: that of the packaged weights; with "
-                             "--weights, nyu_deploy.prototxt)")  # fmt: skip
+                             "--weights, nyu_deploy.prototxt)")
     parser.add_argument("--fit", choices=("no", *PLANS), help="refine the predicted hand to match the depth (default: "
-                        "accurate; fast for other bodies, no for those without a surface)")  # fmt: skip
+                        "accurate; fast for other bodies, no for those without a surface)")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, help="default: either, with --fit no right")
     parser.add_argument("--out", metavar="DIR", default=".", help="output folder (default: the working folder)")
     parser.add_argument("--html", metavar="FILE", help="write a page on which the hands can be rotated")
     parser.add_argument("--cube", type=hand_arguments.cube, metavar="MM",
-                        help=f"edge of the cube (default for hands: {CUBE_MM:g})")  # fmt: skip
+                        help=f"edge of the cube (default for hands: {CUBE_MM:g})")
     add_camera_options(parser, "the images are full depth frames of this camera")
     parser.add_argument("--center", type=hand_arguments.center, metavar="U,V[,D]", action="append",
-                        help="px, px, mm: centre of the hand, once for all frames or once per frame")  # fmt: skip
+                        help="px, px, mm: centre of the hand, once for all frames or once per frame")
     parser.add_argument("--refine", type=arguments.whole(0, MAX_REFINE), default=3, metavar="N",
-                        help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
+                        help="move the crop to the predicted palm N times (default: %(default)s)")
     arguments.add_engine(parser)
     hand_arguments.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
     parser.add_argument("--csv", metavar="FILE.csv", type=arguments.name_in(".csv"), help="write one row per image")
     parser.add_argument("--json", metavar="FILE.json", type=arguments.name_in(".json", "-"),
-                        help="write JSON; without a name or with -, print it instead of a table")  # fmt: skip
+                        help="write JSON; without a name or with -, print it instead of a table")
     args = parser.parse_args(arguments.with_dash(argv, "--json", ".json"))
     if args.model and not args.weights:
         parser.error("--model needs --weights")
@@ -92,7 +92,7 @@ def main(argv: list[str] | None = None) -> int:
         )
     if args.center and len(args.center) not in (1, len(args.images)):
         parser.error(f"--center is given {len(args.center)} times for {len(args.images)} images; "
-                     "expected once, or once per image")  # fmt: skip
+                     "expected once, or once per image")
     return guarded(run, args)
 
 

@@ -46,7 +46,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=seconds, metavar="S", help="maximum duration")
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
     parser.add_argument("--out-unit", type=real(0, MAX_UNIT_MM, above=True), metavar="MM",
-                        help=f"depth unit of the output (default: the source's, at most {COARSEST_MM:g})")  # fmt: skip
+                        help=f"depth unit of the output (default: the source's, at most {COARSEST_MM:g})")
     parser.add_argument("--force", action="store_true", help="replace an existing output")
     args = parser.parse_args(argv)
     return guarded(run, args)
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 def _write(
     recording: Recording, seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None,
     frames: int | None,
-) -> float:  # fmt: skip
+) -> float:
     """Write frames up to the limits; returns the time in s from the first to the last. Raises StoppedError."""
     first = last = None
     with writer, ProgressBar(total_of(recording, frames), what="recording") as progress:

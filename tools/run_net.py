@@ -48,24 +48,24 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("images", metavar="IMAGE", nargs="+", help="image files")
     given = parser.add_argument_group("preprocessing (the net's author knows the values)")
     given.add_argument("--mean", type=numbers, metavar="M[,M,M]", default=(),
-                       help="to subtract: one number, or one per channel of the input (default: 0)")  # fmt: skip
+                       help="to subtract: one number, or one per channel of the input (default: 0)")
     given.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
     given.add_argument("--scale", type=positive_number, metavar="S", default=1.0,
-                       help="factor, after the mean (default: 1)")  # fmt: skip
+                       help="factor, after the mean (default: 1)")
     given.add_argument("--rgb", action="store_true", help="the net's first channel is red (Caffe's is blue)")
     given.add_argument("--size", type=pixels, metavar="WxH", help="size of the input (default: that of the prototxt)")
     given.add_argument("--resize", type=pixels, metavar="WxH", help="resize images to this size, and cut the input "
-                       "from the centre (default: size of the mean file, else of the input)")  # fmt: skip
+                       "from the centre (default: size of the mean file, else of the input)")
     given.add_argument("--crop", action="store_true",
-                       help="keep the aspect ratio: cut off what does not fit (default: stretch)")  # fmt: skip
+                       help="keep the aspect ratio: cut off what does not fit (default: stretch)")
     parser.add_argument("--labels", metavar="FILE", help="names of the classes, one per line")
     parser.add_argument(
         "--top", type=count, default=5, metavar="N", help="classes or detections to print (default: %(default)s)"
     )
     parser.add_argument("--blob", metavar="NAME", action="append", default=[],
-                        help="blob to print or write instead of the outputs; can be repeated")  # fmt: skip
+                        help="blob to print or write instead of the outputs; can be repeated")
     parser.add_argument("--out", metavar="FILE", type=name_in(".npz", ".npy"), help="write the blobs of all images: "
-                        ".npz, or .npy for a single one; the first axis is the image")  # fmt: skip
+                        ".npz, or .npy for a single one; the first axis is the image")
     parser.add_argument("--batch", type=count, metavar="N", help="images per pass (default: that of the prototxt)")
     add_engine(parser)
     args = parser.parse_args(argv)

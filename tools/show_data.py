@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
             found = 0 if joints is None else joints.size // 3
             if args.skeleton and found not in (0, len(skeleton.parents)):
                 raise DataError(f"{name}: frames have {found} joints, "
-                                f"{args.skeleton} has {len(skeleton.parents)}")  # fmt: skip
+                                f"{args.skeleton} has {len(skeleton.parents)}")
             if args.plain or joints is None or found != len(skeleton.parents):
                 images.append(hands.picture(crop, args.zoom))
             elif not np.isfinite(joints).all():
@@ -90,7 +90,7 @@ def _check_size(sets: Sequence[Sequence[Example]], columns: int, zoom: int) -> N
     width, height = columns * size, sum(-(-len(examples) // columns) for examples in sets) * size
     if max(width, height) > MAX_PX or width * height > MAX_PIXELS:
         raise DataError(f"{width} x {height} pixels; expected at most {MAX_PX} per side and {MAX_PIXELS / 1e6:.0f} "
-                        "million in total, so reduce --zoom or --frames")  # fmt: skip
+                        "million in total, so reduce --zoom or --frames")
 
 
 if __name__ == "__main__":

@@ -59,20 +59,20 @@ def main(argv: list[str] | None = None) -> int:
     what.add_argument("--speed", action="store_true", help="do not train; measure frames per second on this machine")
     parser.add_argument("--setting", choices=SETTINGS, help="only this setting (default: all, NYU if available)")
     parser.add_argument("--networks", nargs="+", choices=names, metavar="NAME",
-                        help=f"only some of {', '.join(names)} (default: those needed)")  # fmt: skip
+                        help=f"only some of {', '.join(names)} (default: those needed)")
     parser.add_argument("--recipe", choices=RECIPES, help="only this recipe (default: both)")
     parser.add_argument("--seeds", type=seed, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
     parser.add_argument("--hours", type=real(0, MAX_HOURS), metavar="H", help="stop after about H hours")
     parser.add_argument("--longest", type=count, metavar="N", help="train for at most N iterations")
     parser.add_argument("--threads", type=workers, metavar="N", help="training threads (default: one per processor)")
     parser.add_argument("--ledger", type=Path, default=RESULTS / "table1", metavar="FOLDER",
-                        help="folder of scored lengths (default: results/table1, in a clone in docs)")  # fmt: skip
+                        help="folder of scored lengths (default: results/table1, in a clone in docs)")
     parser.add_argument("--work", type=Path, default=Path("snapshots/table1"), metavar="FOLDER",
-                        help="folder of nets, snapshots and logs (default: %(default)s)")  # fmt: skip
+                        help="folder of nets, snapshots and logs (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="FOLDER",
-                        help="folder of the page and its figures (default: results, in a clone in docs)")  # fmt: skip
+                        help="folder of the page and its figures (default: results, in a clone in docs)")
     parser.add_argument("--lambda-length", type=count, metavar="N",
-                        help="iterations for other weights of PhysLimit (default: those of weight 1)")  # fmt: skip
+                        help="iterations for other weights of PhysLimit (default: those of weight 1)")
     args = parser.parse_args(argv)
     if args.networks and not (args.page or args.speed or args.lambda_length or _jobs(args)):
         parser.error(f"--networks {' '.join(args.networks)}: that --setting and --recipe have no training of these")
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     campaign = Campaign(args.ledger, args.work, args.command, deadline, args.longest, args.threads)
     if not args.ledger.is_dir() and (args.list or args.page or args.ledger.exists()):
         raise NetlibError(f"{args.ledger}: no such folder; expected the folder of results that --list and --page show; "
-                           "--ledger FOLDER selects that of a clone, docs/results/table1")  # fmt: skip
+                           "--ledger FOLDER selects that of a clone, docs/results/table1")
     if args.list:
         print(aligned(report([*_jobs(args), *_lambdas(args, campaign)], campaign.store_of, args.longest)))
         return DONE
@@ -113,7 +113,7 @@ def _write(args: argparse.Namespace) -> None:
         if not args.page:  # time was up before the first length was scored
             return
         raise NetlibError(f"{args.ledger}: no results yet, so there is no page; expected folders "
-                          f"{' or '.join(SETTINGS)} with a file per length")  # fmt: skip
+                          f"{' or '.join(SETTINGS)} with a file per length")
     make_folder(args.out)
     for path in write_pictures(args.out, args.ledger, entries, skeletons.load()):
         say(f"wrote {path}", file=sys.stderr)

@@ -63,12 +63,12 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("snapshots", metavar="SNAPSHOT", nargs="+", help="weights, *.caffemodel.h5")
     parser.add_argument("--model", metavar="NET", default=str(ROOT / "prototxt" / "nyu_train_test.prototxt"),
-                        help="the net's prototxt (default: nyu_train_test.prototxt)")  # fmt: skip
+                        help="the net's prototxt (default: nyu_train_test.prototxt)")
     parser.add_argument("--fit", choices=PLANS, help="also fit the predicted hands to the depth")
     parser.add_argument("--deploy", metavar="NET", default=str(ROOT / "prototxt" / "nyu_deploy.prototxt"),
-                        help="with --fit: deploy prototxt of the net (default: nyu_deploy.prototxt)")  # fmt: skip
+                        help="with --fit: deploy prototxt of the net (default: nyu_deploy.prototxt)")
     parser.add_argument("--picture", metavar="FILE.png", type=name_in(".png"),
-                        help=f"draw {DRAWN} frames with predictions of the last snapshot")  # fmt: skip
+                        help=f"draw {DRAWN} frames with predictions of the last snapshot")
     parser.add_argument("--joints", action="store_true", help="print the error per joint of the last snapshot")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         cubes = sorted(set((2 * predictions.half_cube).round(1).tolist()))
         say(f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "
-            f"cube {', '.join(f'{c:g}' for c in cubes[:3])} mm")  # fmt: skip
+            f"cube {', '.join(f'{c:g}' for c in cubes[:3])} mm")
         print(_table(rows))
         for name, error in errors_by_joint(predictions, skeleton).items() if args.joints else ():
             print(f"  {name:<16}{error:7.1f} mm")

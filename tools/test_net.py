@@ -33,7 +33,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("net", metavar="NET", help="prototxt with a data layer for phase TEST, as used for training")
     parser.add_argument("weights", metavar="WEIGHTS", nargs="+", help="*.caffemodel or *.caffemodel.h5")
     parser.add_argument("--iterations", type=count, default=50, metavar="N",
-                        help="number of batches; test_iter in a solver (default: %(default)s)")  # fmt: skip
+                        help="number of batches; test_iter in a solver (default: %(default)s)")
     add_engine(parser)
     args = parser.parse_args(argv)
     return guarded(run, args)
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         net = Net(args.net, netlib.TEST, engine=args.engine)
     if net.inputs:
         raise NetlibError(f"{args.net}: the caller provides the input {net.inputs[0]!r}; expected a net that reads its "
-                          "test data in a data layer")  # fmt: skip
+                          "test data in a data layer")
     for weights in args.weights:
         _, missing = net.copy_from(weights)
         warn_of_another_net(weights, net)

@@ -66,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
     add_output_options(parser)
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
-                        help="hands in the recording, if known (default: either, decided from the depth)")  # fmt: skip
+                        help="hands in the recording, if known (default: either, decided from the depth)")
     parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
     parser.add_argument("--size", type=_size, metavar="S", help="relative to the skeleton (default: estimated)")
     parser.add_argument("--raw", action="store_true", help="do not smooth")
@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
 def _track(
     recording: Recording, seen: Inspection, tracker: Tracker, outputs: Outputs, summary: Summary, stopper: Stopper,
     frames: int | None,
-) -> None:  # fmt: skip
+) -> None:
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
     held = Lookahead[NDArray[np.float32]]()
     smoothing = TwoWaySmoothing[NDArray[np.float32]](tracker.estimator.model)
@@ -142,7 +142,7 @@ def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextI
         rows = [["hand", "frames", "confidence", "size", "lost", "longest"]]
         for id, hand in sorted(summary.hands.items()):
             rows.append([f"{id} {hand.hand}", str(hand.frames), hand.sure, f"{hand.size:.3f}", str(hand.losses),
-                         f"{hand.longest:.1f} s"])  # fmt: skip
+                         f"{hand.longest:.1f} s"])
         print(aligned(rows), file=talk)
     for name in outputs.written:
         say(f"wrote {name}", file=talk)

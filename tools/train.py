@@ -47,9 +47,9 @@ def main(argv: list[str] | None = None) -> int:
     add_engine(parser)
     parser.add_argument("--log", metavar="FILE", help="log file, in addition to stderr; a resumed training appends")
     parser.add_argument("--ranks-divide-batch", action="store_true",
-                        help="split the net's batch among the processes instead of running it on each")  # fmt: skip
+                        help="split the net's batch among the processes instead of running it on each")
     parser.add_argument("--patience", type=seconds, metavar="S",
-                        help="timeout of a process in a step (default: 20 steps, at least 10 s)")  # fmt: skip
+                        help="timeout of a process in a step (default: 20 steps, at least 10 s)")
     with only_first_prints():
         args = parser.parse_args(argv)
         if args.snapshot and args.weights:

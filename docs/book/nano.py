@@ -155,7 +155,7 @@ def new_network(rng, p):
         (inner_product, *parameters(1024, 1152)), (relu,), (dropout, p, rng),
         (inner_product, *parameters(1024, 1024, std=0.001)), (relu,), (dropout, p, rng),
         (inner_product, *parameters(47, 1024, std=0.001)),  # the DoFs of the hand
-    ]  # fmt: skip
+    ]
 
 
 def loss_and_gradients(network, hand, depth, joints):

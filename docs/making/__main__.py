@@ -19,7 +19,7 @@ from tools.common.arguments import parser_of
 BUILT: dict[str, Callable[[], Iterator[Made]]] = {"hand_page": hand_page.made, "pages": pages.made}
 PIECES: dict[str, Callable[[], Iterator[Made]]] = {
     "documents": documents.made, "figures": figures.made, "pictures": pictures.made, "frames": frames.made, **BUILT,
-}  # fmt: skip
+}
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -37,5 +37,5 @@ def _page() -> bytes:
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
     data["bodies"] = [
         body("hand", sampler.skeleton), body("arm", arm), body("person", person, PERSON_UNIT_MM),
-    ]  # fmt: skip
+    ]
     return page("The hand", data).encode()

@@ -106,7 +106,7 @@ def notebook(text: str, document: Path) -> dict[str, Any]:
             "language_info": {"name": "python"},
         },
         "cells": [_cell(i, cell) for i, cell in enumerate(found)],
-    }  # fmt: skip
+    }
 
 
 def _chapters() -> list[Path]:
@@ -170,7 +170,7 @@ def main() -> int:
         for picture in sorted((ROOT / "docs" / "images" / "book").glob("*.svg")):
             atomic.replace_bytes(PICTURES / picture.name, picture.read_bytes())
         print("Open them in VS Code, or in Jupyter, started in this folder:\n"
-              ".venv/bin/pip install jupyterlab && .venv/bin/jupyter lab")  # fmt: skip
+              ".venv/bin/pip install jupyterlab && .venv/bin/jupyter lab")
     except OSError as error:
         print(f"error: {reason_of(error)}", file=sys.stderr)
         return 1

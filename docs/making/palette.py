@@ -18,8 +18,8 @@ PALM = "#555555"
 DARK = {
     "#000000": "#e7eaf0", INK: "#e7eaf0", DATA: "#7fb2f0", DIFF: "#f0954d", NEGATIVE: "#7fb2f0", THIRD: "#4fb06d",
     FOURTH: "#c583d8", REST: "#98a2b3", PALM: "#b4bac4", FINGERS["thumb"]: "#f0705a",
-}  # fmt: skip
+}
 DARK_AREAS = {
     **DARK, "#ffffff": "#1c2027", PALE_DATA: "#20344d", PALE_DIFF: "#4a2f1c", PALE_REST: "#2a2f38",
     "#ededed": "#2a2f38",
-}  # fmt: skip
+}

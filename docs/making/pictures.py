@@ -104,4 +104,4 @@ PICTURES: dict[str, tuple[tuple[str, ...], str, Callable[[bytes, bytes], bool]]]
     "synthetic.png": (
         ("tools/make_synthetic.py --out data --train 64 --test 480 --workers 1",
          "tools/show_data.py data/test.txt --frames 24 --plain --out synthetic.png"), "synthetic.png", alike),
-}  # fmt: skip
+}

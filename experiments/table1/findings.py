@@ -102,7 +102,7 @@ FINDINGS = (
     Finding("PhysLimit keeps angles within their limits", ("ours", "no_limit"), _less(OUT, "ours", "no_limit"), POINTS),
     Finding("... without increasing the joint error", ("ours", "no_limit"),
             _less(JOINTS, "ours", "no_limit"), MM, _little(JOINTS, "no_limit")),
-)  # fmt: skip
+)
 
 
 def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
@@ -118,7 +118,7 @@ def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
     margins = [finding.margin(of) for of in of_seeds]
     falls = any(line.by_seed[seed].end == "falls" for line in chosen.values() for seed in seeds)
     earlier = [finding.margin({name: _figures_of(line, seed, before=falls) for name, line in chosen.items()})
-               for seed in sorted(seeds)]  # fmt: skip
+               for seed in sorted(seeds)]
     mean, spread = sum(margins) / len(margins), max(margins) - min(margins)
     why = ""
     if len(margins) < 2:

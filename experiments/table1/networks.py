@@ -46,9 +46,9 @@ class Network:
 
 OURS = Network("ours", "ours", PROTOTXT / "nyu_train_test.prototxt", Published(16.9, 12.2, 0.009))
 NO_LIMIT = Network("no_limit", "ours without PhysLimit", PROTOTXT / "table1/no_limit.prototxt",
-                   Published(16.9, 12.0, 0.186))  # fmt: skip
+                   Published(16.9, 12.0, 0.186))
 DIRECT_JOINT = Network("direct_joint", "direct joint", PROTOTXT / "table1/direct_joint.prototxt",
-                       Published(17.2, 21.4), by_fit=True)  # fmt: skip
+                       Published(17.2, 21.4), by_fit=True)
 NETWORKS = (
     DIRECT_JOINT,
     Network("direct_parameter", "direct parameter", PROTOTXT / "table1/direct_parameter.prototxt",
@@ -60,7 +60,7 @@ NETWORKS = (
             labels="exact"),
     Network("ours_scale", "ours with predicted size", PROTOTXT / "table1/ours_scale.prototxt", people=True),
     Network("ours_bones", "ours with given bones", PROTOTXT / "table1/ours_bones.prototxt", people=True),
-)  # fmt: skip
+)
 
 
 def limited(weight: float, norm: str) -> Network:
@@ -70,8 +70,8 @@ def limited(weight: float, norm: str) -> Network:
     if (weight, norm) == (1, "L1"):
         return OURS
     return replace(OURS, name=f"ours_{norm.lower()}_{weight:g}", title=f"ours, λ = {weight:g}, {norm}", paper=None,
-                   limit=(weight, norm))  # fmt: skip
+                   limit=(weight, norm))
 
 
 LAMBDAS = tuple(limited(weight, norm) for norm, weights in (("L1", (0, 0.01, 0.1, 1, 10)), ("L2", (0.1, 1, 10)))
-                for weight in weights)  # fmt: skip
+                for weight in weights)

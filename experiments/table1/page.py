@@ -137,7 +137,7 @@ def _left(store: Store, setting: Setting) -> list[str]:
 def _table(setting: Setting, lines: Mapping[str, Line]) -> Iterable[str]:
     names = list(setting.subjects) if len(setting.subjects) > 1 else []
     heads = ["network", "joint error, mm", *names, "angle error, fitted", "exact", "out of limits", "max ≤ 40 mm",
-             "iterations", "length"]  # fmt: skip
+             "iterations", "length"]
     with_paper = setting is not MANY_HANDS  # the paper has no such table
     heads += ["paper: joints", "paper: angles"] if with_paper else []
     yield f"| {' | '.join(heads)} |"
@@ -236,7 +236,7 @@ def _lambdas(entries: Sequence[Entry], setting: Setting, recipe: Recipe) -> list
     for (weight, norm), entry in sorted(found.items(), key=lambda item: (item[0][1], item[0][0])):
         angle = value_of(entry, "angle_deg" if setting.has_exact_angles else "fitted_angle_deg")
         rows.append(f"| {weight:g} | {norm if weight else '–'} | {value_of(entry, 'error_14_mm'):.2f} | {angle:.2f}° | "
-                    f"{value_of(entry, 'out_of_limits'):.1%} |")  # fmt: skip
+                    f"{value_of(entry, 'out_of_limits'):.1%} |")
     length = next(iter(found.values())).iterations
     return [
         "",
@@ -272,7 +272,7 @@ def _speed(speed: Speed | None) -> list[str]:
     rows = ["## Speed", ""]
     if speed is None:
         return [*rows, f"Paper: {PAPERS_FPS} frames per second on a GPU. Here it is not measured yet: "
-                "`python tools/table1.py --speed`."]  # fmt: skip
+                "`python tools/table1.py --speed`."]
     return [
         *rows,
         "| forward pass of ours | frames per second |",

@@ -70,9 +70,9 @@ def lengths(base: int, count: int) -> tuple[int, ...]:
 
 # At the paper's rate errors fall for very long. The longest is beyond the 10,000 of the solver's file.
 PAPER = Recipe("paper", "the paper's solver", PROTOTXT / "nyu_solver.prototxt", lengths(4000, 4), Fraction(1, 10),
-               batch=512, every=1000)  # fmt: skip
+               batch=512, every=1000)
 ADAM = Recipe("adam", "our recipe", PROTOTXT / "synthetic_solver.prototxt", lengths(20000, 5), Fraction(3, 10),
-              batch=64, every=5000, robust=True)  # fmt: skip
+              batch=64, every=5000, robust=True)
 RECIPES = {recipe.name: recipe for recipe in (ADAM, PAPER)}  # our recipe converges earlier
 
 

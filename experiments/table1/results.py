@@ -70,12 +70,12 @@ def angles_of(
 def subjects_of(setting: Setting, half_cube: Array) -> dict[str, NDArray[np.bool_]]:
     """The test frames (N,) of each subject. Raises DataError for a frame of an unknown subject."""
     found = {name: np.full(len(half_cube), True) if size is None else np.abs(half_cube - size) < NEAR
-             for name, size in setting.subjects.items()}  # fmt: skip
+             for name, size in setting.subjects.items()}
     unknown = ~np.any(list(found.values()), axis=0)
     if unknown.any():
         known = ", ".join(f"{size:g} ({name})" for name, size in setting.subjects.items())
         raise DataError(f"{setting.list_of('test')}: half_cube of frame {unknown.argmax()} is "
-                        f"{half_cube[unknown][0]:g} mm, expected one of {known}")  # fmt: skip
+                        f"{half_cube[unknown][0]:g} mm, expected one of {known}")
     return {name: rows for name, rows in found.items() if rows.any()}
 
 
@@ -106,7 +106,7 @@ def figures(
             joints_mm=metrics.mean_error_per_joint(errors[rows]).tolist(),
             success=metrics.success_rate(few, THRESHOLDS_MM).tolist(),
             angles_deg=(fitted if exact is None else exact).mean(axis=0).tolist(),
-        ))  # fmt: skip
+        ))
     return metrics.mean_error(errors[:, CHOSEN]), found
 
 
@@ -135,7 +135,7 @@ def _with_bones(
     scale = np.abs(own).sum(axis=1, keepdims=True) / np.abs(skeleton.bones).sum()
     kinematics = kinematics_of(skeleton)
     calibrated, scaled = (metrics.mean_error(joint_errors(kinematics.joints(inputs, b), part)[:, CHOSEN])
-                          for b in (own, skeleton.bones * scale))  # fmt: skip
+                          for b in (own, skeleton.bones * scale))
     return calibrated, scaled
 
 

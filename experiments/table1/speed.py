@@ -70,7 +70,7 @@ def read(path: Path) -> Speed | None:
         return None
     of = Fields(parsed(files.read_text(path, "the speed"), str(path)), str(path))
     return Speed(of.positive("single"), of.positive("batched"), of.whole("batch"), of.text("engine"),
-                 of.whole("threads"), of.text("machine"))  # fmt: skip
+                 of.whole("threads"), of.text("machine"))
 
 
 def machine() -> str:

@@ -106,7 +106,7 @@ def read_all(folder: Path, setting: str) -> list[Entry]:
     for entry in entries:
         if entry.data != entries[0].data:
             raise DataError(f"{path_of(folder, *entry.key)}: was made with the data {entry.data!r}, "
-                            f"{path_of(folder, *entries[0].key).name} with {entries[0].data!r}")  # fmt: skip
+                            f"{path_of(folder, *entries[0].key).name} with {entries[0].data!r}")
     return entries
 
 
@@ -119,7 +119,7 @@ def read(path: Path) -> Entry:
         threads=of.whole("threads", 1), machine=of.text("machine"), data=of.text("data"),
         made_from=of.text("made_from"), command=of.text("command"),
         subjects=[_figures(part) for part in of.parts("subjects")], shown=of.numbers("shown", DRAWN, JOINTS, 3),
-    )  # fmt: skip
+    )
     if not entry.subjects:
         raise DataError(f"{path}: 'subjects' is empty, expected the figures of one at least")
     if path_of(path.parent.parent, *entry.key) != path:
@@ -142,9 +142,9 @@ def read_shown(folder: Path, setting: str) -> Shown:
     frames, half_cube = list(of.parts("frames")), of.numbers("half_cube", DRAWN)
     if len(frames) != DRAWN or half_cube.min() <= 0:
         raise DataError(f"{path}: {len(frames)} frames, half-cubes from {half_cube.min():g} mm; expected {DRAWN}, and "
-                        "half-cubes above 0")  # fmt: skip
+                        "half-cubes above 0")
     return Shown([frame.whole("number") for frame in frames], half_cube, of.numbers("truth", DRAWN, JOINTS, 3),
-                 [_crop(frame, path) for frame in frames])  # fmt: skip
+                 [_crop(frame, path) for frame in frames])
 
 
 def _fields(path: Path) -> Fields:
@@ -160,7 +160,7 @@ def _figures(of: Fields) -> Figures:
         scaled_mm=of.known("scaled_mm", 0),
         joints_mm=of.numbers("joints_mm", JOINTS).tolist(), success=of.numbers("success", len(THRESHOLDS_MM)).tolist(),
         angles_deg=of.numbers("angles_deg", ROTATIONS).tolist(),
-    )  # fmt: skip
+    )
 
 
 def _text(values: Any) -> bytes:

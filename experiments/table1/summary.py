@@ -61,7 +61,7 @@ def mean_of(parts: Sequence[Figures], figure: str) -> float:
 def curve_of(entries: Iterable[Entry], figure: str) -> list[float]:
     """The mean of a figure that is a list, over all test frames and all entries."""
     rows = [np.average([getattr(part, figure) for part in entry.subjects], axis=0,
-                       weights=[part.frames for part in entry.subjects]) for entry in entries]  # fmt: skip
+                       weights=[part.frames for part in entry.subjects]) for entry in entries]
     return [float(value) for value in np.mean(rows, axis=0)]
 
 

@@ -96,7 +96,7 @@ class Training:
         """A step with its solver's file."""
         first = iteration_of(snapshot) if snapshot else 0
         own = {"net": self.net, "max_iter": last, "display": 100, "snapshot": self.recipe.every,
-               "snapshot_format": "HDF5", "snapshot_prefix": prefix, "random_seed": self.seed}  # fmt: skip
+               "snapshot_format": "HDF5", "snapshot_prefix": prefix, "random_seed": self.seed}
         tree = self.recipe.trunk(own) if prefix == self._trunk else self.recipe.ending(last, own)
         solver = Path(f"{prefix}_solver.prototxt")
         atomic.replace_text(solver, str(tree))

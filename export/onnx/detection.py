@@ -103,7 +103,7 @@ def _not_suppressed(graph: Graph, at: Place, boxes: str, scores: str, K: int, k:
     if p.confidence_threshold is not None:
         limits.append(graph.constant([p.confidence_threshold], "threshold"))
     chosen = graph.op("NonMaxSuppression", graph.reshaped(boxes, ("N", k, 4)),
-                      graph.reshaped(scores, ("N", 1, k)), *limits)  # fmt: skip
+                      graph.reshaped(scores, ("N", 1, k)), *limits)
     places = graph.op("Gather", chosen, graph.constant([0, 2], "columns"), axis=1)  # item, candidate
     count = graph.op("Shape", places, end=1)
     ones = graph.op("Expand", graph.constant([1.0], "one"), count)

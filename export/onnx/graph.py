@@ -152,7 +152,7 @@ class Graph:
             [make.make_tensor_value_info(blob, typed, shape) for blob, shape in inputs.items()],
             [make.make_tensor_value_info(blob, typed, shape) for blob, shape in outputs.items()],
             [onnx.numpy_helper.from_array(array, constant) for constant, array in self.constants.items()],
-        )  # fmt: skip
+        )
         model = make.make_model(
             graph, producer_name=PRODUCER, opset_imports=[make.make_opsetid("", OPSET)], ir_version=IR_VERSION
         )

@@ -81,7 +81,7 @@ def _check_rows(layer: Layer, uneven: set[str]) -> None:
     for name in layer.spec.bottom:
         if name in uneven and layer.type != "Silence":
             raise layer.fail(f"reads {name!r}, whose number of rows depends on values, which cannot be exported to "
-                             "ONNX; expected no layer behind it")  # fmt: skip
+                             "ONNX; expected no layer behind it")
 
 
 def _outputs(net: Net, also: Sequence[str]) -> list[str]:
@@ -96,7 +96,7 @@ def _outputs(net: Net, also: Sequence[str]) -> list[str]:
             raise NetlibError(f"net {net.name!r} has no blob {name!r}{did_you_mean(name, net.blobs)}")
         if name in net.inputs:
             raise NetlibError(f"{net.source}: blob {name!r} is both input and output, which ONNX does not "
-                              "support; expected a layer that reads it, with another top")  # fmt: skip
+                              "support; expected a layer that reads it, with another top")
     return outputs
 
 
@@ -125,7 +125,7 @@ def shapes_of(net: Net) -> Shapes:
     if len({shape[0] for shape in declared.values()}) > 1:
         raise LayerError(f"{net.source}: inputs with different batch sizes, "
                          f"{', '.join(f'{name} {shape}' for name, shape in declared.items())}; "
-                         "expected first axes of the same size")  # fmt: skip
+                         "expected first axes of the same size")
     found = []
     for batch in (2, 3):
         for name, shape in declared.items():
@@ -144,7 +144,7 @@ def shapes_of(net: Net) -> Shapes:
         known = [[shape for shape in side if shape is not None] for side in both]
         if known != both:
             raise at.layer.fail(f"shape {two[1]} for 2 items, {three[1]} for 3 cannot be exported to ONNX; expected "
-                                "one axis that depends on the number of items")  # fmt: skip
+                                "one axis that depends on the number of items")
         shapes.append((known[0], known[1]))
     return shapes
 

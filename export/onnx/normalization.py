@@ -13,7 +13,7 @@ def batch_norm(graph: Graph, at: Place) -> list[str]:
     layer: Any = at.layer
     if not layer.uses_sums:
         raise layer.fail("use_global_stats: false makes items depend on their batch; expected true or no value",
-                         "use_global_stats")  # fmt: skip
+                         "use_global_stats")
     mean, variance, weight = (blob.data for blob in layer.blobs)
     factor = 1 / weight[0] if weight[0] else 0.0
     parts = {
@@ -43,7 +43,7 @@ def lrn(graph: Graph, at: Place) -> list[str]:
     if p.norm_region == "ACROSS_CHANNELS":
         return [graph.op("LRN", x, size=p.local_size, alpha=p.alpha, beta=p.beta, bias=p.k)]
     mean = graph.op("AveragePool", graph.op("Mul", x, x), kernel_shape=[p.local_size] * 2,
-                    pads=[p.local_size // 2] * 4, count_include_pad=1)  # fmt: skip
+                    pads=[p.local_size // 2] * 4, count_include_pad=1)
     s = graph.affine(mean, p.alpha, 1)
     return [graph.op("Mul", x, graph.op("Pow", s, graph.constant(-float(p.beta), "power")))]
 

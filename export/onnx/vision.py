@@ -57,7 +57,7 @@ def pooling(graph: Graph, at: Place) -> list[str]:
     inside = [min(o, -(-(n + p) // s)) for o, (n, _, s, p) in zip(outputs, axes)]
     after = [max((o - 1) * s + k - n - p, 0) for o, (n, k, s, p) in zip(inside, axes)]
     options: dict[str, Any] = {"kernel_shape": list(layer.kernel), "strides": list(layer.stride),
-                               "pads": [*layer.pad, *after]}  # fmt: skip
+                               "pads": [*layer.pad, *after]}
     beyond = [o - i for o, i in zip(outputs, inside)]
 
     def completed(y: str, nothing: float) -> str:
@@ -87,7 +87,7 @@ def spp(graph: Graph, at: Place) -> list[str]:
         missing = [k * 2**level - n for k, n in zip(kernel, sizes)]
         before = [(m + 1) // 2 for m in missing]
         options: dict[str, Any] = {"kernel_shape": kernel, "strides": kernel,
-                                   "pads": [*before, *(m - b for m, b in zip(missing, before))]}  # fmt: skip
+                                   "pads": [*before, *(m - b for m, b in zip(missing, before))]}
         if layer.param.pool == "MAX":
             levels.append(graph.op("MaxPool", at.values[0], **options))
         else:

@@ -158,7 +158,7 @@ def _paint(
     image: Floats, x: Floats, y: Floats, frame: NDArray[np.int64],
     bounds: list[tuple[NDArray[np.float64], NDArray[np.float64]]], coefficients: Floats,
     depths: Callable[[Floats, Floats, Floats], Floats],
-) -> None:  # fmt: skip
+) -> None:
     """Draw L shapes into images (N, H, W), where they are nearer than the existing depth.
 
     frame         (L,) the image of each

@@ -84,4 +84,4 @@ def empty_frames(joints: int, dofs: int | None = None, bones: bool = False) -> F
     none = np.zeros(0)
     inputs = None if dofs is None else np.zeros((0, dofs))
     return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, joints, 3)), np.zeros((0, 3)), NYU, none,
-                     np.zeros(0, np.int64), inputs, np.zeros((0, joints)) if bones else None)  # fmt: skip
+                     np.zeros(0, np.int64), inputs, np.zeros((0, joints)) if bones else None)

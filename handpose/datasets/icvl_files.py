@@ -65,7 +65,7 @@ def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
     u, v, d = np.nanmedian(uvd[:, CENTER_JOINT], axis=0)
     if not (0 <= u < ICVL.width and 0 <= v < ICVL.height and 50 < d < 5000):
         raise DataError(f"{paths[0]}: the palm is mostly at {u:g} {v:g} {d:g}, expected u v d: pixels of an image "
-                        f"{ICVL.width} x {ICVL.height}, and mm")  # fmt: skip
+                        f"{ICVL.width} x {ICVL.height}, and mm")
     return IcvlAnnotation(files, uvd)
 
 

@@ -65,7 +65,7 @@ def read(path: Path, joint_counts: Collection[int], usual: float = CUBE_MM / 2) 
     wrong = np.isinf(joints).any(axis=(1, 2))
     if wrong.any():
         raise DataError(f"{path}: data set 'joint' is infinite in frame {wrong.argmax()} ({wrong.sum()} such frames), "
-                        "expected half-cubes from the crop centre, or NaN if unknown")  # fmt: skip
+                        "expected half-cubes from the crop centre, or NaN if unknown")
     return Labels(joints, read_half_cubes(file, usual), file.names, file.made_from)
 
 
@@ -76,14 +76,14 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
     stored = File(file.path, ("half_cube",)).datasets[0].numbers()
     if stored.shape not in ((file.rows,), (file.rows, 1)):
         raise DataError(f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
-                        "mm, one number per frame")  # fmt: skip
+                        "mm, one number per frame")
     half_cube = stored.reshape(file.rows)
     least, most = (edge / 2 for edge in CUBES_MM)
     wrong = ~((half_cube >= least) & (half_cube <= most))
     if wrong.any():
         first = wrong.argmax()
         raise DataError(f"{file.path}: data set 'half_cube' is {half_cube[first]:g} in frame {first} ({wrong.sum()} "
-                        f"such frames), expected mm, {least:g} to {most:g}")  # fmt: skip
+                        f"such frames), expected mm, {least:g} to {most:g}")
     return half_cube
 
 
@@ -118,12 +118,12 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
         if np.ptp(pixel) < APART_PX:
             raise DataError(f"{files[0].path}: its crop centres lie within {np.ptp(pixel):.3g} px of each "
                             "other in a row or a column, which does not tell the camera; expected more frames, "
-                            f"with centres more than {APART_PX:g} px apart")  # fmt: skip
+                            f"with centres more than {APART_PX:g} px apart")
         numbers += [float(focal), float(middle)]
     fx, u0, fy, v0 = numbers
     if not (fx > 0 and fy > 0):
         raise DataError(f"{files[0].path}: crop centres from which focal lengths of {fx:g}, {fy:g} px follow; expected "
-                        "more than 0")  # fmt: skip
+                        "more than 0")
     for camera in CAMERAS.values():
         if np.allclose((fx, fy, u0, v0), (camera.fx, camera.fy, camera.u0, camera.v0), atol=0.5):
             return uvd, camera

@@ -47,7 +47,7 @@ def _run_worker(path: Path, names: Sequence[str]) -> bytes:
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     try:
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=limit, check=False,
-                              env=environment)  # fmt: skip
+                              env=environment)
     except subprocess.TimeoutExpired:
         raise DataError(f"{path}: damaged: SciPy's reader does not come to an end with it") from None
     except OSError as error:

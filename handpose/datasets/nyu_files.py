@@ -77,7 +77,7 @@ def read_annotation(path: Path) -> NyuAnnotation:
         array = found[name]
         if array.ndim != 4 or array.shape[2:] != (ANNOTATED_JOINTS, 3) or array.dtype.kind not in "fiu":
             raise DataError(f"{path}: {name} is {array.dtype} of shape {array.shape}, expected numbers "
-                            f"(cameras, frames, {ANNOTATED_JOINTS}, 3)")  # fmt: skip
+                            f"(cameras, frames, {ANNOTATED_JOINTS}, 3)")
     uvd, xyz = (np.array(found[name][0], dtype=np.float64) for name in ("joint_uvd", "joint_xyz"))
     if len(uvd) != len(xyz) or not len(uvd):
         raise DataError(f"{path}: joint_uvd has {len(uvd)} frames, joint_xyz {len(xyz)}; expected the same, not 0")
@@ -123,7 +123,7 @@ def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
     if not (difference < 5).all():
         hint = "; its y axis points down, expected up" if (upside_down < 5).all() else ""
         raise DataError(f"{path}: joint_xyz is not where joint_uvd is, off by x {difference[0]:.0f}, "
-                        f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera{hint}")  # fmt: skip
+                        f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera{hint}")
 
 
 # Annotated joints that the model lacks, and the two joints between which a synthetic annotation puts them.

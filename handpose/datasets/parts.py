@@ -87,7 +87,7 @@ def refuse_foreign(files: Sequence[Path], lists: Sequence[Path], own: Sequence[s
         if not exists(path):
             if by:
                 raise DataError(f"{by}: names {str(path)!r}, which is not there; move the list away, choose another "
-                                "--out, or use --force to replace it")  # fmt: skip
+                                "--out, or use --force to replace it")
             continue
         found = attributes(path)
         if found is None:

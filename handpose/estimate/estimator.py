@@ -117,7 +117,7 @@ class HandEstimator:
             candidate.side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, fit.network[0] * mirror, fit,
             fitter.model, known_size=candidate.size is not None, is_tracked=is_tracked,
             is_predicted=candidate.moved_mm is None,
-        )  # fmt: skip
+        )
 
     def _expected(self, candidates: Sequence[Candidate], camera: Camera, model: CapsuleModel) -> Array:
         """The expected variables (N, V) within their limits; NaN where nothing is expected."""

@@ -116,7 +116,7 @@ class Hand:
         found = judged_poses(
             self._the_model, self.fit.x, self.mirrored_center_mm[None], mirror_of(self.hand)[None], self.fit.signs,
             self.fit.joints, np.asarray(readings, np.float32), self.camera,
-        )  # fmt: skip
+        )
         error_mm, confidence, of_fingers = (values[0] for values in found)
         if self.other is not None:
             chance = side_chance(side_evidence(self.cost, self.other.cost))

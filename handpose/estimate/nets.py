@@ -106,7 +106,7 @@ def _refuse_bones(net: Net, hand: HandModel) -> None:
     if len(hand.spec.bottom) > 1 and net.blobs[hand.spec.bottom[1]].count != net.blobs[hand.spec.bottom[1]].num:
         raise NetlibError(f"{net.source}: layer {hand.name!r} takes the bones of each hand from blob "
                           f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
-                          "layer one bottom, or two with a size")  # fmt: skip
+                          "layer one bottom, or two with a size")
 
 
 class HandPoses(NamedTuple):

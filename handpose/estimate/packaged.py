@@ -62,7 +62,7 @@ def read_card(folder: Path) -> Card:
     if missing:
         raise NetlibError(f"{path}: no {missing[0]!r} in the front matter; expected {', '.join(KEYS)}")
     return Card(values["name"], folder / values["caffemodel"], values["license"], values["sha256"],
-                folder / "deploy.prototxt", values["net_sha256"])  # fmt: skip
+                folder / "deploy.prototxt", values["net_sha256"])
 
 
 def checked_weights(card: Card) -> Path:
@@ -92,7 +92,7 @@ def _check(path: Path, content: bytes, expected: str) -> None:
     found = hashlib.sha256(content).hexdigest()
     if found != expected:
         raise WeightsError(f"{path}: SHA-256 {found[:12]}..., the card says {expected[:12]}...; the file is damaged or "
-                           "of another version: get it again")  # fmt: skip
+                           "of another version: get it again")
 
 
 def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> Locator:
@@ -104,18 +104,18 @@ def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> L
 def load_predictor(
     camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "either", refine: int = 3,
     fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
-) -> Predictor:  # fmt: skip
+) -> Predictor:
     """A predictor with a packaged model; for the options see ``Predictor``. Raises NetlibError."""
     check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
     card = read_card(folder)
     return predictor_of(checked_net(card), checked_content(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
-                        fit=fit, engine=engine)  # fmt: skip
+                        fit=fit, engine=engine)
 
 
 def predictor_of(
     model: str | Path, weights: str | Path | Content, camera: Camera, *, cube_mm: float | None = None,
     hand: SoughtSide | None = None, refine: int = 3, fit: Fit | None = None, engine: str | None = None,
-) -> Predictor:  # fmt: skip
+) -> Predictor:
     """A predictor with any net and its weights. Raises NetlibError.
 
     fit   default: the one that suits the net (``nets.best_fit``)
@@ -131,7 +131,7 @@ def predictor_of(
     if fit != "no" and layer is not None:
         fitter = DepthFitter.of_file(layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2)
     return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, fitter=fitter,
-                     locator=functools.partial(load_locator, engine=engine))  # fmt: skip
+                     locator=functools.partial(load_locator, engine=engine))
 
 
 def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
@@ -151,6 +151,6 @@ def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
             for i, blob in enumerate(blobs):
                 values = np.asarray(blob.data, np.float32)
                 file.create_dataset(f"data/{layer}/{i}", data=values, compression="gzip", compression_opts=9,
-                                    shuffle=True)  # fmt: skip
+                                    shuffle=True)
         for name, values in arrays_of(errors).items() if errors else ():
             file.create_dataset(f"{GROUP}/{name}", data=values)

@@ -52,7 +52,7 @@ class HandPipeline:
     def __init__(
         self, net: Net, cube_mm: float, sides: tuple[Side, ...], refine: int, fitter: DepthFitter | None,
         plan: Plan | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         layer = hand_layer(net)
         if layer is None:
             raise NetlibError(f"{net.source}: no HandModel layer, so the skeleton is unknown")
@@ -68,7 +68,7 @@ class HandPipeline:
     def in_frame(
         self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], log_odds: Sequence[float], *,
         search: bool,
-    ) -> list[Hand]:  # fmt: skip
+    ) -> list[Hand]:
         """The hands at the best of some places in a frame (height, width) in mm, the best first.
 
         starts    (3,) px, px, mm each
@@ -83,13 +83,13 @@ class HandPipeline:
         in_front = [hand for hand in hands if (hand.xyz[:, 2] > 0).all()]
         if not in_front:
             raise DataError(f"a pose is predicted in which a joint is at a depth of {hands[0].xyz[:, 2].min():.0f} mm, "
-                            "behind the camera")  # fmt: skip
+                            "behind the camera")
         return in_front
 
     def _candidates(
         self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], log_odds: Sequence[float],
         search: bool,
-    ) -> list[Candidate]:  # fmt: skip
+    ) -> list[Candidate]:
         """The crops about the palms that are predicted from these starts, once for each side.
 
         In a ``search`` also the crops about the starts themselves, because some hands are lost on the way to the palm.

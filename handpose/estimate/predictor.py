@@ -61,7 +61,7 @@ class Predictor:
         self, net: Net, camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "right",
         refine: int = 3, fit: Fit = "no", fitter: DepthFitter | None = None,
         locator: Locator | Callable[[], Locator] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
         for name in ("depth", "pred"):
             if name not in net.blobs:

@@ -107,7 +107,7 @@ class DepthFitter:
     def fit(
         self, seen: Observation, starts: Sequence[Array], plan: Plan, *, size: float | Array | None = None,
         before: Array | None = None, seed: int = 0,
-    ) -> DepthFit:  # fmt: skip
+    ) -> DepthFit:
         """Fit every frame and return the best fits. Raises DataError.
 
         The same frames give bitwise equal fits, whatever other frames are fitted with them and on any processor, with
@@ -167,7 +167,7 @@ class DepthFitter:
     def _searched(
         self, seen: Observation, starts: Array, priors: Array, plan: Plan, size: float | Array | None,
         cost_factor: Array, hold: float = 1.0,
-    ) -> Found:  # fmt: skip
+    ) -> Found:
         """The best of starts (K, N, V) with these priors, in batches that fit the cache.
 
         cost_factor  (K, N) factors of the costs

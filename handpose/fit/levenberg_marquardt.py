@@ -61,7 +61,7 @@ def damped_step(A: Array, b: Array, mu: Array, x: Array, lower: Array, upper: Ar
 def minimise(
     evaluate: Evaluate, x: Array, lower: Array, upper: Array, iterations: int, *, ridge: float, min_mu: float = 0.0,
     min_gain: float | None = None,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """Minimise from x (N, F) between lower and upper (F,); returns x and its cost (N,).
 
     evaluate  of x (n, F) and the numbers (n,) of their frames: cost (n,), normal matrix (n, F, F), half gradient (n, F)

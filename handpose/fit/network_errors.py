@@ -112,11 +112,11 @@ def read_errors(path: str | Path | Content, model: CapsuleModel) -> NetworkError
     weights = {name.removesuffix(_SUFFIX): found.pop(name) for name in list(found) if name.endswith(_SUFFIX)}
     if set(weights) != set(found):
         raise DataError(f"{path}: {GROUP}: {', '.join(sorted(set(weights) ^ set(found)))}: a table without weights of "
-                        "signs, or weights without a table; package the weights again")  # fmt: skip
+                        "signs, or weights without a table; package the weights again")
     for name, own in weights.items():
         if own.shape != (len(SIGNS),) or not (own >= 0).all() or not np.isclose(own.sum(), 1):
             raise DataError(f"{path}: {GROUP}/{name}{_SUFFIX} of shape {own.shape}, expected {len(SIGNS)} weights with "
-                            "the sum 1")  # fmt: skip
+                            "the sum 1")
     for name, table in found.items():
         good = table.ndim == 2 and table.shape[1:] == (3,) and len(table) > 1 and np.isfinite(table).all()
         if not good or table[0, 0] <= 0 or (np.diff(table[:, 0]) <= 0).any():

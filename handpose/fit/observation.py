@@ -60,7 +60,7 @@ class Observation:
         """Some of the frames, with repetition. The crops themselves are not copied."""
         return Observation(**{
             name: values if name in ("outside", "nearest") else values[rows] for name, values in vars(self).items()
-        })  # fmt: skip
+        })
 
     def mirrored(self, which: NDArray[np.bool_] | None = None) -> Observation:
         """The frames mirrored along x, so that left hands become right ones.
@@ -113,7 +113,7 @@ class HandCrops:
     def of_sides(
         cls, crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera, cube_mm: float,
         sides: Side | Sequence[Side] = "right",
-    ) -> HandCrops:  # fmt: skip
+    ) -> HandCrops:
         """Crops of hands of these sides, one for all or one for each."""
         each = [sides] * len(crops) if isinstance(sides, str) else sides
         mirrored = np.array([is_mirrored(side) for side in each], dtype=bool)
@@ -235,6 +235,6 @@ def _outside(crop: NDArray[np.floating]) -> Floats:
     solid = cv2.morphologyEx((crop < BACKGROUND).astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
     out = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)
     within = cv2.distanceTransform(cv2.copyMakeBorder(solid, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1),
-                                   cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]  # fmt: skip
+                                   cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     far = np.float32(len(crop))  # a crop without a silhouette, or all of it, has no distance
     return np.asarray(np.where(solid > 0, 0.5 - np.minimum(within, far), np.minimum(out, far) - 0.5), np.float32)

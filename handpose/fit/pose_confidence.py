@@ -171,7 +171,7 @@ def judged(evidence: Evidence, weights: Array = WEIGHTS, constant: float = CONST
 def judged_poses(
     model: CapsuleModel, x: Array, center_mm: Array, mirror: Array, fit_signs: Array, fit_joints: Array,
     readings: NDArray[np.floating], camera: Camera,
-) -> Judged:  # fmt: skip
+) -> Judged:
     """What the image shows of N poses (``evidence_of``) as their errors and confidence."""
     return judged(evidence_of(model, x, center_mm, mirror, fit_signs, fit_joints, readings, camera))
 
@@ -179,7 +179,7 @@ def judged_poses(
 def evidence_of(
     model: CapsuleModel, x: Array, center_mm: Array, mirror: Array, fit_signs: Array, fit_joints: Array,
     readings: NDArray[np.floating], camera: Camera,
-) -> Evidence:  # fmt: skip
+) -> Evidence:
     """What one image (height, width) in mm, 0 without a reading, shows of N poses.
 
     x           (N, V) variables of the poses

@@ -66,7 +66,7 @@ class Found(NamedTuple):
 def search(
     objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan,
     cost_factor: Array | float = 1.0,
-) -> Found:  # fmt: skip
+) -> Found:
     """The best of K starts (K, N, V); each has a prior about the prediction ``priors`` (K, N, V).
 
     cost_factor  (K, N) factors of the costs that are compared

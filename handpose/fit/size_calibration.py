@@ -55,7 +55,7 @@ class HandSize:
 def calibrate_size(
     fitter: DepthFitter, seen: Observation, x: Array, progress: Callable[[int], None] = lambda done: None,
     sizes: Array = GRID, deviation: float = np.inf,
-) -> HandSize:  # fmt: skip
+) -> HandSize:
     """Estimate the size of the hand in all frames, fitted as x (N, V). Raises DataError for too few frames.
 
     progress   called with the number of further frames fitted, once for each size

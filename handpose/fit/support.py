@@ -125,7 +125,7 @@ def support(capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floa
 def support_of_parts(
     capsules: Capsules, limbs: NDArray[np.bool_], parts: Sequence[NDArray[np.bool_]], depth: NDArray[np.floating],
     camera: Camera,
-) -> list[Support]:  # fmt: skip
+) -> list[Support]:
     """``support`` of the whole hand, and then that of each part, some of the capsules (M,).
 
     All shares of a part that others cover entirely are 0.

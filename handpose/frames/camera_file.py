@@ -35,11 +35,11 @@ NAME = "camera.json"
 SAME = {  # synonyms of a key, and the factors of their values
     "cx": ("u0", 1), "ppx": ("u0", 1), "cy": ("v0", 1), "ppy": ("v0", 1), "fps": ("rate", 1),
     "depth_scale": ("unit_mm", 1000), "depth_units": ("unit_mm", 1000), "coeffs": ("coefficients", 1),
-}  # fmt: skip
+}
 RANGES = {  # exclusive lower and inclusive upper bounds
     "fx": (0, 1e6), "fy": (0, 1e6), "u0": (-1e6, 1e6), "v0": (-1e6, 1e6), "unit_mm": (0, 1e4), "rate": (0, 1e4),
     "width": (0, 1 << 14), "height": (0, 1 << 14), "min_range_mm": (0, 1e4),
-}  # fmt: skip
+}
 MIN_RANGE = "min_range_mm"
 TIME_UNITS = ("s", "ms", "us", "ns", "frames")
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")

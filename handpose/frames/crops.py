@@ -214,7 +214,7 @@ def cleared(crop: NDArray[np.float32], half_mm: float, pixel_mm: float) -> NDArr
 def with_hidden(
     crop_of_hand: NDArray[np.float32], readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float,
     camera: Camera,
-) -> NDArray[np.float32]:  # fmt: skip
+) -> NDArray[np.float32]:
     """A crop (S, S) whose pixels with a reading in front of the cube are at the near face, even isolated ones.
 
     What is behind them is unknown: the hand may continue there.

@@ -91,7 +91,7 @@ def read_crop(path: str | Path) -> NDArray[np.float32]:
         image = image[..., 0] if np.ptp(image[..., :3], axis=2).max() == 0 else image
     if image.dtype != np.uint8 or image.ndim != 2:
         raise DataError(f"{path}: found {image.dtype} {image.shape}; expected an 8-bit grey picture of normalised "
-                        "depth (for a whole depth frame name its --camera)")  # fmt: skip
+                        "depth (for a whole depth frame name its --camera)")
     if image.shape[0] != image.shape[1]:
         raise DataError(f"{path}: {image.shape[1]} x {image.shape[0]} pixels; expected a square crop")
     if image.shape != (SIZE, SIZE):

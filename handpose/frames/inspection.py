@@ -168,21 +168,21 @@ def _of_camera(camera: Camera) -> Iterator[str]:
     if not all(VIEW_DEGREES[0] <= angle <= VIEW_DEGREES[1] for angle in view):
         yield (f"focal lengths of {camera.fx:g}, {camera.fy:g} px give a field of view of {view[0]:.0f} x "
                f"{view[1]:.0f} degrees in {size} pixels; check fx and fy, which may be for another image "
-               "size")  # fmt: skip
+               "size")
     ways = ((camera.u0, camera.width), (camera.v0, camera.height))
     if any(abs(middle - size / 2) > OFF_MIDDLE * size for middle, size in ways):
         where = "far from the centre" if all(0 <= middle < size for middle, size in ways) else "outside"
         yield (f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
-               "which may be for another image size")  # fmt: skip
+               "which may be for another image size")
 
 
 def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
     if not any_read:
         yield (f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or "
-               "the hand too near?")  # fmt: skip
+               "the hand too near?")
     elif len(seen) > 2 and all(np.array_equal(seen[0].depth, frame.depth) for frame in seen[1:]):
         yield (f"the first {len(seen)} frames are the same to the last value; was one frame copied, or has the "
-               "camera stopped?")  # fmt: skip
+               "camera stopped?")
 
 
 def _of_depths(
@@ -225,10 +225,10 @@ def _of_unit(nearest: tuple[float, float], unit_mm: float, values: NDArray[np.fl
     if near or far:
         advice = f"{others}; " if others else ""
         yield (f"the nearest object is {_length(distance)} away and {_length(width)} wide, which is not plausible "
-               f"for a hand: {advice}check the unit, here {unit_mm:g} mm")  # fmt: skip
+               f"for a hand: {advice}check the unit, here {unit_mm:g} mm")
     elif (median := _median(values)) > MAX_MEDIAN_MM:
         yield (f"the median depth is {_length(median)}, which is beyond the range of depth cameras: check the unit, "
-               f"here {unit_mm:g} mm, and the byte order (--swap-bytes)")  # fmt: skip
+               f"here {unit_mm:g} mm, and the byte order (--swap-bytes)")
 
 
 def _other_units(nearest: tuple[float, float], unit_mm: float) -> str:
@@ -253,7 +253,7 @@ def _doubt(nearest: tuple[float, float], unit_mm: float, exchanged: bool) -> str
     if is_usual or not others:
         return ""
     return (f"the unit, {unit_mm:g} mm, may be wrong: the nearest object is {_length(distance)} away and "
-            f"{_length(width)} wide, {others}")  # fmt: skip
+            f"{_length(width)} wide, {others}")
 
 
 def _median(values: NDArray[np.floating]) -> float:

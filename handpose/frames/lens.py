@@ -49,7 +49,7 @@ class Lens:
     def __post_init__(self) -> None:
         if len(self.coefficients) not in (0, *COUNTS) or not np.isfinite(self.coefficients).all():
             raise DataError(f"distortion {self.coefficients}, expected {', '.join(map(str, COUNTS))} finite numbers: "
-                            "k1 k2 p1 p2 [k3 [k4 k5 k6]]")  # fmt: skip
+                            "k1 k2 p1 p2 [k3 [k4 k5 k6]]")
 
     @property
     def is_straight(self) -> bool:
@@ -104,7 +104,7 @@ def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
     if name not in FORWARD | INVERSE:
         advice = did_you_mean(name, FORWARD | INVERSE)
         raise DataError(f"{where}: distortion model {model!r} is not known{advice}; known: brown_conrady (OpenCV's), "
-                        "inverse_brown_conrady (RealSense's coded light), none")  # fmt: skip
+                        "inverse_brown_conrady (RealSense's coded light), none")
     while len(numbers) > max(COUNTS) and not numbers[-1]:  # OpenCV's thin prisms and tilted sensors
         numbers = numbers[:-1]
     try:

@@ -68,7 +68,7 @@ def not_started(kind: str, what: str, serial: str | None, error: Exception, conn
     connected  the serial numbers of all cameras
     """
     return DataError(f"{kind}: {f'{what} {serial}' if serial else f'a {what}'} cannot be started: {reason_of(error)}; "
-                     f"connected: {', '.join(connected) or 'none'} (no other program may use it)")  # fmt: skip
+                     f"connected: {', '.join(connected) or 'none'} (no other program may use it)")
 
 
 def calibrated(name: str, fx: float, fy: float, u0: float, v0: float, width: int, height: int) -> Camera:

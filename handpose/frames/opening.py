@@ -17,7 +17,7 @@ STACKS, VIDEOS, BAGS = (".npy", ".npz", ".h5", ".hdf5"), (".mkv", ".avi", ".mp4"
 PICTURES = (".png", ".tif", ".tiff", ".bin")
 LIVE = ("realsense", "orbbec", "oak", "ros2")
 EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *VIDEOS, *BAGS))}, or a camera that is "
-            "connected: realsense, orbbec or oak, each with or without :SERIAL, or ros2:TOPIC")  # fmt: skip
+            "connected: realsense, orbbec or oak, each with or without :SERIAL, or ros2:TOPIC")
 
 
 def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording:

@@ -50,7 +50,7 @@ class DepthDecoder:
         check_values(raw.dtype, where)
         if raw.shape != (self.camera.height, self.camera.width):
             raise DataError(f"{where}: {size_of(raw.shape)}; the camera has "
-                            f"{self.camera.width} x {self.camera.height}")  # fmt: skip
+                            f"{self.camera.width} x {self.camera.height}")
         if self.swap_bytes:
             raw = raw.byteswap()
         with np.errstate(all="ignore"):  # numbers beyond float32's range become infinite
@@ -70,7 +70,7 @@ def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np
     values = np.rint(depth.astype(np.float64) / unit_mm)
     if not (values.min(initial=0) >= 0 and values.max(initial=0) <= MAX_UINT16):
         raise DataError(f"{where}: depth from {depth.min():g} to {depth.max():g} mm does not fit into 16 bits of "
-                        f"{unit_mm:g} mm; expected 0 to {MAX_UINT16 * unit_mm:g}, or take a larger unit")  # fmt: skip
+                        f"{unit_mm:g} mm; expected 0 to {MAX_UINT16 * unit_mm:g}, or take a larger unit")
     return values.astype(np.uint16)
 
 
@@ -120,7 +120,7 @@ def calibration_of(
     known = given.or_else(own).or_else(camera_json)
     if known.camera is None:
         raise DataError(f"{where}: the camera of these frames is unknown; write {EXAMPLE} into a file camera.json "
-                        f"next to them, or give --camera, {', '.join(CAMERAS)} or FX,FY,U0,V0")  # fmt: skip
+                        f"next to them, or give --camera, {', '.join(CAMERAS)} or FX,FY,U0,V0")
     remarks = []
     if own.camera is None:
         remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else camera_json.origin}")
@@ -130,14 +130,14 @@ def calibration_of(
     if unit is None:
         if dtype.kind == "f":
             raise DataError(f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for metres, or "
-                            'write "unit_mm" into a camera.json next to it')  # fmt: skip
+                            'write "unit_mm" into a camera.json next to it')
         unit = 1.0
         remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
     if known.lens is not None and not known.lens.is_straight:
         remarks.append("the distortion of the lens is taken out")
     elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
         remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
-                       "if it holds for this one")  # fmt: skip
+                       "if it holds for this one")
     if known.swap_bytes:
         remarks.append("the bytes of every value are exchanged, as given")
     camera = sized(known.camera, shape, where)

@@ -92,7 +92,7 @@ class RecordingWriter:
         """Add a frame; times must ascend."""
         if frame.depth.shape != (self.camera.height, self.camera.width):
             raise DataError(f"{self.path}: frame {frame.number} has the shape {frame.depth.shape}, expected "
-                            f"{(self.camera.height, self.camera.width)}")  # fmt: skip
+                            f"{(self.camera.height, self.camera.width)}")
         self._writer.write(frame)
         self.count += 1
 

@@ -137,7 +137,7 @@ def deploy_of(net: Net, model: str | Path, weights: str | Path, engine: str | No
     if hand is not None and hand.skeleton.param != own.param:
         other = f"{hand.skeleton.name!r}" + (", with other numbers" if hand.skeleton.name == own.name else "")
         raise NetlibError(f"{deploy.source}: its body is {own.name!r}, that of {net.source} is {other}; "
-                          "expected the same net with an input (--deploy)")  # fmt: skip
+                          "expected the same net with an input (--deploy)")
     deploy.copy_from(weights, strict=True)
     return deploy
 

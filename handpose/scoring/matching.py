@@ -100,7 +100,7 @@ def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...], boun
     for hand in tracked:
         if hand.xyz.shape != true[0].xyz.shape:
             raise DataError(f"a track of joints {hand.xyz.shape}, its truth has {true[0].xyz.shape}; "
-                            "expected one skeleton")  # fmt: skip
+                            "expected one skeleton")
     apart = np.array([[np.linalg.norm(a.xyz - b.xyz, axis=1).mean() for b in tracked] for a in true])
     rows, columns = linear_sum_assignment(np.minimum(apart, 10 * bound_mm))
     return {int(n): int(m) for n, m in zip(rows, columns) if apart[n, m] <= bound_mm}

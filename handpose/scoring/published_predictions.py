@@ -82,14 +82,14 @@ def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> A
     usual = float(np.median(np.abs(found[..., 2])))
     if usual < MIN_DEPTH_MM:
         raise DataError(f"{path}: half of all depths are below {usual:.3g}; expected mm, more than "
-                        f"{MIN_DEPTH_MM:g}: are they metres?")  # fmt: skip
+                        f"{MIN_DEPTH_MM:g}: are they metres?")
     if fmt == "xyz":
         return found
     depth = found[..., 2].min(axis=1)
     if (depth <= 0).any():
         first = int((depth <= 0).argmax())
         raise DataError(f"{path}:{first + 1}: found a joint at depth {depth[first]:g}, expected more than 0 mm "
-                        f"({(depth <= 0).sum()} of {len(depth)} frames have such joints)")  # fmt: skip
+                        f"({(depth <= 0).sum()} of {len(depth)} frames have such joints)")
     return camera.unproject(found)
 
 
@@ -116,7 +116,7 @@ def _mistake(where: str, line: str, joints: int) -> DataError:
     for word in re.finditer(r"\S+", line):
         if not _is_sensible(word[0]):
             return DataError(f"{where}:{word.start() + 1}: found {word[0][:40]!r}, "
-                             f"expected a number of px or mm, below {_MAX_VALUE:g}")  # fmt: skip
+                             f"expected a number of px or mm, below {_MAX_VALUE:g}")
     count = len(line.split())
     return DataError(f"{where}: found {count} number{'s' * (count != 1)}, expected {3 * joints} = {joints} joints x 3")
 

@@ -53,7 +53,7 @@ class Actor:
 
     def __init__(
         self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: Side, volume: Volume, outward: float
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.rng, self.sampler, self.person, self.volume = rng, sampler, person, volume
         self.choices = Choices(rng, sampler, person, side, outward)
         self.time = 0.0

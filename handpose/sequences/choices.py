@@ -27,7 +27,7 @@ class Choices:
 
     def __init__(
         self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: Side, outward: float
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.rng, self.sampler, self.person, self.side, self.outward = rng, sampler, person, side, outward
 
     def fingers(self, before: Array) -> Array:

@@ -44,7 +44,7 @@ _FOLDED = {"thumb_pip_rot_y": 0.7, "thumb_pip_rot_z": 0.72, "thumb_dip_rot_z": 0
 _TOUCHING = {
     "thumb_pip_rot_y": 0.39, "thumb_pip_rot_z": 0.57, "thumb_dip_rot_z": 0.68, "thumb_tip_rot_z": 0.59,
     "index_base_rot_x": 0.58, "index_base_rot_z": 0.46, "index_pip_rot_x": 0.33, "index_dip_rot_x": 0.33,
-}  # fmt: skip
+}
 
 
 def _pose(name: str, bends: tuple[float, float, float, float], at: dict[str, float]) -> PoseParameter:

@@ -127,7 +127,7 @@ class Movement:
 
     def __init__(
         self, sampler: BodySampler, person: Person, side: Side, fingers: Array, palm: Rotation, arm: Array, place: Array
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.sampler, self.person, self.side = sampler, person, side
         self.fingers, self.palm = Values(fingers), Turns(palm)
         self.arm, self.place = Values(arm), Values(place)

@@ -71,7 +71,7 @@ class Person:
         ends = self.ends(inputs[None]) * self.unit_mm * mirror_of(side) + origin_mm
         radii = self.radii[None] * self.unit_mm
         return Capsules(ends[:, self.surface.start], ends[:, self.surface.end], radii[..., 0], radii[..., 1],
-                        self.surface.facets)  # fmt: skip
+                        self.surface.facets)
 
     def worn(self, capsules: Capsules) -> Capsules:
         """The sleeve (1, 1) over the forearm of ``capsules``."""

@@ -55,7 +55,7 @@ class SyntheticRecording(Recording):
     def __init__(
         self, script: Script | str, camera: Camera = NYU, *, rate: float = 30.0, seconds: float | None = None,
         seed: int = 0, sensor: Sensor | Literal["camera's"] | None = "camera's", mirrored: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if isinstance(script, str) and script not in SCRIPTS:
             raise DataError(f"script {script!r}{did_you_mean(script, SCRIPTS)}; expected one of {', '.join(SCRIPTS)}")
         self.script = SCRIPTS[script] if isinstance(script, str) else script
@@ -65,12 +65,12 @@ class SyntheticRecording(Recording):
         length = self.script.seconds if seconds is None else seconds
         if not (0 < rate < np.inf and 0 < length <= MAX_SECONDS) or seed < 0:
             raise DataError(f"{length:g} s at rate {rate:g}, seed {seed}; expected more than 0 and at most "
-                            f"{MAX_SECONDS:g} s, the seed 0 or more")  # fmt: skip
+                            f"{MAX_SECONDS:g} s, the seed 0 or more")
         if not camera.width:
             camera = replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
         if not (0 < camera.width <= MAX_IMAGE_PX and 0 < camera.height <= MAX_IMAGE_PX):
             raise DataError(f"camera {camera.name}: images of {camera.width} x {camera.height} pixels; expected 1 to "
-                            f"{MAX_IMAGE_PX} each way (u0 and v0 are taken for half of it)")  # fmt: skip
+                            f"{MAX_IMAGE_PX} each way (u0 and v0 are taken for half of it)")
         self.camera, self.rate, self.seed = camera, rate, seed
         self.count = max(1, round(length * rate))
         self.unit_mm = UNIT_MM.get(camera.name, 1.0)

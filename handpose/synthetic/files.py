@@ -55,7 +55,7 @@ def _refuse_another_kind(part: Part) -> None:
     there, asked = _kind_of((found or {}).get("recipe")), _kind_of(part.recipe)
     if there and there != asked:
         raise DataError(f"{part.path}: holds {there}, expected {asked}; choose another folder, or use --force to "
-                        "replace it")  # fmt: skip
+                        "replace it")
 
 
 class DataSet:

@@ -128,7 +128,7 @@ class Generator:
         index = np.arange(number * BLOCK, (number + 1) * BLOCK)
         own = len(self.sampler.skeleton.joint_names)
         return Frames.of(scene.depth, scene.bodies.joints, scene.center_uvd, scene.camera, scene.cube_mm / 2,
-                         index, scene.bodies.inputs, scene.bodies.bones[:, :own])  # fmt: skip
+                         index, scene.bodies.inputs, scene.bodies.bones[:, :own])
 
     def scene(self, number: int) -> Scene:
         """The bodies, crops and labels of a block."""
@@ -140,7 +140,7 @@ class Generator:
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)
         capsules = draw_capsules(rng, self.recipe.flesh, sampler.surface, bodies.inputs, bodies.bones, bodies.scale,
-                                 half, center)  # fmt: skip
+                                 half, center)
         depth = render_crop(capsules, center_uvd, cube_mm, camera)
         if self.recipe.wall:
             _add_walls(rng, depth, center_uvd[:, 2], half, self.recipe.wall)

@@ -54,7 +54,7 @@ class RawDataSet:
         for cube_mm in (recipe.prior.cube_mm, *(subject.cube_mm for subject in recipe.others)):
             if cube_mm != CUBE_MM:
                 raise DataError(f"NYU's format holds no cubes, they are taken for {CUBE_MM:g} mm; this recipe also has "
-                                f"one of {cube_mm:g} mm: make it without --raw")  # fmt: skip
+                                f"one of {cube_mm:g} mm: make it without --raw")
         for generator in (Generator(seed, split, recipe) for split in counts):
             folder = out / generator.split
             marker = atomic.text_of(folder / MARKER)

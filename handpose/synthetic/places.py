@@ -29,7 +29,7 @@ REFINED, WITH_HAND = 4, 4  # numbers of places moved as by a locator, and of oth
 REFINED_MM, JITTER_MM = 25.0, 15.0  # deviations
 PLACES_VERSION = 1  # increase if the code here, in scenes.py or in handpose/frames/places.py changes places
 VIEWS = ((View(), (400.0, 1200.0)), (View(KINECT2, TIME_OF_FLIGHT), (450.0, 1500.0)),
-         (View(SR305, CODED_LIGHT), (250.0, 900.0)))  # fmt: skip
+         (View(SR305, CODED_LIGHT), (250.0, 900.0)))
 
 
 @dataclass(frozen=True)

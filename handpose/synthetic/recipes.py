@@ -26,7 +26,7 @@ SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # like NYU's second subj
 PEOPLE_SURFACE = SurfacePrior(
     thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), limb=(0.75, 1.2), towards_camera=0.7,
     cut=0.3, sleeve=0.4,
-)  # fmt: skip
+)
 # The same with forearms as wide as the palm that come towards the camera, and objects near some hands.
 CLUTTERED_SURFACE = replace(PEOPLE_SURFACE, limb=(0.75, 1.45), towards_camera=0.9, cut=0.2, sleeve=0.35, object=0.1)
 
@@ -57,7 +57,7 @@ def _people() -> Recipe:
     time_of_flight = replace(TIME_OF_FLIGHT, spread=(0.0, 3.0), depth_noise=(0.5, 3.0), dropout=(0.0, 0.9))
     coded_light = replace(CODED_LIGHT, spread=(0.0, 2.0), disparity_noise=(0.0, 0.08))
     views = (View(NYU, kinect), View(NYU, noisy), View(KINECT2, time_of_flight), View(SR305, coded_light),
-             View(ICVL, time_of_flight), View(ICVL, coded_light))  # fmt: skip
+             View(ICVL, time_of_flight), View(ICVL, coded_light))
     return Recipe(prior_file.load(prior_file.PEOPLE_PRIOR), PEOPLE_SURFACE, views)
 
 
@@ -68,13 +68,13 @@ def _cluttered() -> Recipe:
     # Draws below 1 (of the filter, px of the crop) have no effect: 70% of the frames have no specks, 40% or more no
     # filter.
     views = tuple(view._replace(sensor=replace(view.sensor, specks=(-6.0, 4.0), median=(-1.0, 1.5)))
-                  for view in people.views if view.sensor)  # fmt: skip
+                  for view in people.views if view.sensor)
     return Recipe(prior, CLUTTERED_SURFACE, views, wall=0.12, cleared=True)
 
 
 def _cameras() -> Recipe:
     views = (View(), View(NYU, NOISY_KINECT), View(KINECT2, TIME_OF_FLIGHT), View(SR305, CODED_LIGHT),
-             View(ICVL, TIME_OF_FLIGHT))  # fmt: skip
+             View(ICVL, TIME_OF_FLIGHT))
     return Recipe(any_roll(), PERSON_SURFACE, views)
 
 

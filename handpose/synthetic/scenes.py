@@ -48,7 +48,7 @@ class Scenes(NamedTuple):
 def draw_scenes(
     rng: np.random.Generator, count: int, camera: Camera = NYU, sensor: Sensor | None = KINECT,
     prior: PosePrior | None = None, first: int = 0,
-) -> Scenes:  # fmt: skip
+) -> Scenes:
     """Images of the kinds of ``KINDS`` in turn from number ``first`` on, of right hands with poses from ``prior``.
 
     The default is ``prior_of``.

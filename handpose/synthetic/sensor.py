@@ -96,7 +96,7 @@ NOISY_KINECT = Sensor(
 def sense(
     rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], sensor: Sensor, camera: Camera,
     pixel: ArrayLike = 1.0,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """Depth (N, H, W) in mm as ``sensor`` measures it.
 
     far    (N,) mm, the background, also for missing readings

@@ -52,7 +52,7 @@ PERSON_SURFACE = SurfacePrior(
 def draw_capsules(
     rng: np.random.Generator, prior: SurfacePrior, surface: Surface, inputs: Array, bones: Array, scale: Array,
     unit_mm: float, origin: Array,
-) -> Capsules:  # fmt: skip
+) -> Capsules:
     """The capsules of N bodies and their limbs, in mm, camera axes.
 
     inputs   (N, D) of the skeleton (the surface's additional DoFs are drawn)

@@ -34,7 +34,7 @@ def tracked_hand(
 def _as_sides(
     track: HandTrack, sides: Sequence[SideState], chances: Sequence[float], estimator: PoseEstimator,
     readings: NDArray[np.float32], *, smooth: bool, surface: bool,
-) -> list[TrackedHand]:  # fmt: skip
+) -> list[TrackedHand]:
     """The hand in the states of its sides, of these probabilities."""
     model, found = estimator.model, [seen.estimate for seen in sides]
     center = np.stack([hand.mirrored_center_mm for hand in found])

@@ -59,7 +59,7 @@ class PoseEstimator:
     def estimate(
         self, depth: NDArray[np.float32], regions: Sequence[SearchRegion], plan: Plan | None = None,
         readings: NDArray[np.float32] | None = None,
-    ) -> list[Hand | None]:  # fmt: skip
+    ) -> list[Hand | None]:
         """The hand in each region; None if it is outside the image. Raises NetlibError.
 
         plan      of the fit; by default the predictor's

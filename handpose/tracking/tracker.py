@@ -77,7 +77,7 @@ class Tracker:
     def __init__(
         self, predictor: Predictor, *, hands: int = 2, smooth: bool = True, size: float | None = None,
         surface: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if predictor.fitter is None or predictor.locator is None:
             raise NetlibError("a tracker needs a predictor with a fit and a locator")
         check_whole("hands", hands, 1, MAX_HANDS)
@@ -221,7 +221,7 @@ class Tracker:
     def _estimates(
         self, depth: NDArray[np.float32], readings: NDArray[np.float32], regions: dict[int, list[SearchRegion]],
         plan: Plan | None = None,
-    ) -> dict[int, list[Hand]]:  # fmt: skip
+    ) -> dict[int, list[Hand]]:
         """The poses in those regions of several hands, by their ids, that are in the image."""
         every = [region for own in regions.values() for region in own]
         estimates = iter(self.estimator.estimate(depth, every, plan, readings))

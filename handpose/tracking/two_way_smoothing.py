@@ -108,7 +108,7 @@ class TwoWaySmoothing(Generic[T]):
         if hand.poses is None or np.isnan(hand.error_mm):
             return hand
         around = [one for at, one in self._judged
-                  if abs(at - time) <= LASTING_S and (one.id, one.hand) == (hand.id, hand.hand)]  # fmt: skip
+                  if abs(at - time) <= LASTING_S and (one.id, one.hand) == (hand.id, hand.hand)]
         confidence = min(hand.confidence, float(np.mean([one.confidence for one in around])))
         error_mm = np.maximum(np.mean([one.error_mm for one in around]), least_error(np.array(confidence)))
         return replace(hand, confidence=confidence, error_mm=float(error_mm))

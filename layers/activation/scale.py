@@ -63,7 +63,7 @@ class Scale(Layer):
         end = self.axis + len(gain)
         if x[self.axis : end] != gain:
             raise self.fail(f"gain {gain} does not fit axes {self.axis} to {end} of bottom "
-                            f"{self.spec.bottom[0]!r} {x}")  # fmt: skip
+                            f"{self.spec.bottom[0]!r} {x}")
         if self.param.bias_term and self.bias.shape != gain:
             raise self.fail(f"gain {self.spec.bottom[1]!r} {gain} does not fit the bias {self.bias.shape}")
         self.trailing = (1,) * (len(x) - end)

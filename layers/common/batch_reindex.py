@@ -27,7 +27,7 @@ class BatchReindex(Layer):
         x, index = bottom[0].shape, bottom[1].shape
         if not x or len(index) != 1:
             raise self.fail(f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {index} "
-                            "must be items (N, ...) and their indices (M,)")  # fmt: skip
+                            "must be items (N, ...) and their indices (M,)")
         top[0].reshape(*index, *x[1:])
 
     def allow_force_backward(self, bottom_index: int) -> bool:
@@ -38,7 +38,7 @@ class BatchReindex(Layer):
         wrong = index[~((index >= 0) & (index < len(x)))]
         if wrong.size:
             raise self.fail(f"bottom {self.spec.bottom[1]!r} has index {wrong[0]:g}, but {self.spec.bottom[0]!r} "
-                            f"{x.shape} has items 0 to {len(x) - 1}")  # fmt: skip
+                            f"{x.shape} has items 0 to {len(x) - 1}")
         top[0].data[...] = x[_indices(bottom[1])]
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

@@ -58,7 +58,7 @@ class Eltwise(Layer):
         for i, x in enumerate(bottom):
             if x.shape != bottom[0].shape:
                 raise self.fail(f"bottom {self.spec.bottom[i]!r} {x.shape} and {self.spec.bottom[0]!r} "
-                                f"{bottom[0].shape} must have the same shape")  # fmt: skip
+                                f"{bottom[0].shape} must have the same shape")
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

@@ -59,7 +59,7 @@ class Embed(Layer):
         wrong = index[~((index >= 0) & (index < K) & (index == np.floor(index)))]
         if wrong.size:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} holds {wrong[0]:g}, expected whole numbers "
-                            f"from 0 to {K - 1} (input_dim {K})", "input_dim")  # fmt: skip
+                            f"from 0 to {K - 1} (input_dim {K})", "input_dim")
         top[0].data[...] = self.weight.data[index.astype(np.intp)]
         if self.param.bias_term:
             top[0].data[...] += self.bias.data

@@ -30,7 +30,7 @@ class Filter(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(top) != len(bottom) - 1:
             raise self.fail(f"has {len(bottom)} bottoms, the last of them the selector, and {len(top)} tops; "
-                            f"expected {len(bottom) - 1} tops")  # fmt: skip
+                            f"expected {len(bottom) - 1} tops")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         selector, name = bottom[-1].shape, self.spec.bottom[-1]
@@ -39,7 +39,7 @@ class Filter(Layer):
         for i, (x, y) in enumerate(zip(bottom, top)):
             if x.shape[:1] != selector[:1]:
                 raise self.fail(f"bottom {self.spec.bottom[i]!r} {x.shape} and the selector {name!r} {selector} "
-                                "must have the same number of items")  # fmt: skip
+                                "must have the same number of items")
             y.reshape(x.shape)
 
     def allow_force_backward(self, bottom_index: int) -> bool:

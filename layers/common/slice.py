@@ -50,7 +50,7 @@ class Slice(Layer):
         parts = np.diff(ends)
         if p.slice_point and (len(parts) != len(top) or min(parts[:-1]) < 1 or parts[-1] < 0 or len(top) > size):
             raise self.fail(f"slice_point {self.points} must be {len(top) - 1} increasing numbers from 1 to {size}, "
-                            f"and {len(top)} tops at most {size}", "slice_point")  # fmt: skip
+                            f"and {len(top)} tops at most {size}", "slice_point")
         for y, a, b in zip(top, ends, ends[1:]):
             y.reshape(*x.shape[:axis], b - a, *x.shape[axis + 1 :])
 

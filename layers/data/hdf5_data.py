@@ -66,7 +66,7 @@ class HDF5Data(Reader):
             for name, first, this in zip(self.spec.top, self.files[0].datasets, file.datasets):
                 if first.shape[1:] != this.shape[1:]:
                     raise DataError(f"{file.path}: rows of {name!r} have shape {this.shape[1:]}, "
-                                    f"those in {self.files[0].path} {first.shape[1:]}")  # fmt: skip
+                                    f"those in {self.files[0].path} {first.shape[1:]}")
         origin = ", ".join(sorted({file.made_from for file in self.files}))
         self.notes = [f"{self.rows} rows in {len(self.files)} files of {source}, made from {origin}"]
         step = self.batch_size * self.shard.count

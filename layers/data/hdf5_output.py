@@ -56,12 +56,12 @@ class HDF5Output(Layer):
                 raise self.fail(f"bottom {name!r} {x.shape} has more than four axes")
         if bottom[0].num != bottom[1].num:
             raise self.fail(f"bottoms {self.spec.bottom[0]!r} {bottom[0].shape} and {self.spec.bottom[1]!r} "
-                            f"{bottom[1].shape} must have the same number of items")  # fmt: skip
+                            f"{bottom[1].shape} must have the same number of items")
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         if self.written:
             raise self.fail(f"{self.path} holds the batch of the first forward; as in Caffe, it writes only one: "
-                            "run one iteration, with a batch of all items", "file_name")  # fmt: skip
+                            "run one iteration, with a batch of all items", "file_name")
         try:
             with hdf5.created(self.path) as file:
                 for name, x in zip(NAMES, bottom):

@@ -73,7 +73,7 @@ class ImageData(Reader):
         self.batch_size = self.batch_of(p.batch_size)
         if (p.new_height == 0) != (p.new_width == 0):
             raise self.fail(f"new_height {p.new_height} and new_width {p.new_width} must be given together",
-                            "new_height" if p.new_height else "new_width")  # fmt: skip
+                            "new_height" if p.new_height else "new_width")
         self.transformer = Transformer(self)
         self.list = find(p.source, self.source)
         self.items, self.checksum = read_list(self.list)
@@ -81,7 +81,7 @@ class ImageData(Reader):
         skip = int(self.rng.integers(p.rand_skip)) if p.rand_skip else 0
         if skip >= len(self.items):
             raise self.fail(f"rand_skip {p.rand_skip} would skip all {len(self.items)} images of {p.source}",
-                            "rand_skip")  # fmt: skip
+                            "rand_skip")
         self.cursor: Cursor = (0, skip)
         self.notes = [f"{len(self.items)} images in {p.source}"]
         warn_of_misplaced(self, "scale", "mean_file", "crop_size", "mirror")

@@ -108,7 +108,7 @@ class Database:
         if begin[16:] != MAGIC:
             if MAGIC in begin or MAGIC[::-1] in begin:
                 raise DataError(f"{self.path}: written on a machine of 32 bits or of another byte order, expected "
-                                "64 bits, little endian; copy it with mdb_dump there and mdb_load here")  # fmt: skip
+                                "64 bits, little endian; copy it with mdb_dump there and mdb_load here")
             raise DataError(f"{self.path}: not an LMDB database")
         first = self._meta_page(0, 0)
         second = self._meta_page(1, first.page_size)
@@ -119,7 +119,7 @@ class Database:
             raise self.damaged(1, f"transaction {second.transaction} does not match {first.transaction} in page 0")
         if newest.flags:
             raise DataError(f"{self.path}: a database with flags {newest.flags:#x}, expected none, as Caffe writes it: "
-                            "one value per key, keys in byte order")  # fmt: skip
+                            "one value per key, keys in byte order")
         empty = {newest.depth == 0, newest.entries == 0, newest.root == NO_PAGE}
         if len(empty) > 1 or newest.depth > MAX_DEPTH:
             found = f"{newest.entries} entries at depth {newest.depth}, from page {newest.root} on"
@@ -176,7 +176,7 @@ class Database:
                 what = f"{key!r} is not an entry but a database within this one (flags {flags:#x})"
                 raise DataError(f"{self.path}: page {number}: {what}, which Caffe never writes, or the file is damaged")
         values = [(*NUMBER.unpack(raw[stop - rest : stop]), size) if flags else raw[stop - rest : stop]
-                  for stop, rest, (size, flags, _) in zip(stops, rests, nodes)]  # fmt: skip
+                  for stop, rest, (size, flags, _) in zip(stops, rests, nodes)]
         return Page(keys, end, [], values)
 
     def value(self, number: int, size: int) -> bytes:

@@ -85,7 +85,7 @@ class Transformer:
         if y.shape != (C, H, W):
             raise self.fail(f"{what}: the image (C, H, W) {image.shape} gives {(C, H, W)}, the first of its batch "
                             f"{y.shape}; expected the same number of channels, and without crop_size the same size",
-                            "crop_size")  # fmt: skip
+                            "crop_size")
         self._check_mean(image, what)
         mirror = p.mirror and rng.integers(2) == 1
         top, left = (image.shape[1] - H) // 2, (image.shape[2] - W) // 2
@@ -100,10 +100,10 @@ class Transformer:
         p = self.param
         if p.mean_file is not None and self.mean.shape != image.shape:
             raise self.fail(f"{what}: the image (C, H, W) is {image.shape}, mean_file {p.mean_file!r} "
-                            f"{self.mean.shape}; expected equal shapes before cropping", "mean_file")  # fmt: skip
+                            f"{self.mean.shape}; expected equal shapes before cropping", "mean_file")
         if len(p.mean_value) not in (0, 1, len(image)):
             raise self.fail(f"{what}: {len(image)} channels, but {len(p.mean_value)} mean_value; expected "
-                            "one for all, or one per channel", "mean_value")  # fmt: skip
+                            "one for all, or one per channel", "mean_value")
 
 
 def warn_of_misplaced(layer: Layer, *names: str) -> None:

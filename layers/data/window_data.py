@@ -105,20 +105,20 @@ class WindowData(Reader):
             raise self.fail("needs transform_param { crop_size: ... }, the size of its windows")
         if 2 * p.context_pad >= self.size:
             raise self.fail(f"context_pad {p.context_pad} on both sides exceeds crop_size {self.size}",
-                            "context_pad")  # fmt: skip
+                            "context_pad")
         self.mean = self._mean()
         self.list = find(p.source, self.source)
         windows = _read_windows(self.list)
         self.foreground = [window for window, overlap in windows if overlap >= p.fg_threshold]
         self.background = [window._replace(label=0) for window, overlap in windows
-                           if overlap < p.fg_threshold and overlap < p.bg_threshold]  # fmt: skip
+                           if overlap < p.fg_threshold and overlap < p.bg_threshold]
         for window in self.foreground:
             if window.label < 1:
                 raise DataError(f"{self.list}: a foreground window of {window.path} has class {window.label}; "
-                                "expected 1 or more, as 0 is the background")  # fmt: skip
+                                "expected 1 or more, as 0 is the background")
         if not self.foreground or not self.background:
             raise DataError(f"{self.list}: {len(self.foreground)} foreground and {len(self.background)} background "
-                            "windows; expected some of both")  # fmt: skip
+                            "windows; expected some of both")
         self.notes = [f"{len(self.foreground)} foreground and {len(self.background)} background windows in {p.source}"]
         warn_of_misplaced(self, "mean_file", "crop_size", "mirror")
         warn_of_ignored(self, "scale", block="transform_param", advice="; write it in window_data_param")
@@ -131,7 +131,7 @@ class WindowData(Reader):
             first = (mean.shape[2] - S) // 2  # row and column offsets both come from the width, as in Caffe
             if mean.shape[0] != 3 or first < 0 or first + S > min(mean.shape[1:]):
                 raise self.transformer.fail(f"mean_file {p.mean_file!r} has shape {mean.shape}, too small for a crop "
-                                            f"of {(3, S, S)}", "mean_file")  # fmt: skip
+                                            f"of {(3, S, S)}", "mean_file")
             return mean[:, first : first + S, first : first + S]
         if len(mean) not in (1, 3):
             raise self.transformer.fail(f"has {len(mean)} mean_value, expected 1 or 3", "mean_value")
@@ -165,7 +165,7 @@ class WindowData(Reader):
         p, S = self.param, self.size
         if window.x2 < window.x1 or window.y2 < window.y1:
             raise DataError(f"{self.list}: window {window[2:]} of {window.path} ends before it starts; "
-                            "expected x1 y1 x2 y2")  # fmt: skip
+                            "expected x1 y1 x2 y2")
         image = read_image(find(p.root_folder + window.path, self.source if p.root_folder else str(self.list)), True)
         rows, columns = (window.y1, window.y2), (window.x1, window.x2)
         at_row = at_column = 0
@@ -179,7 +179,7 @@ class WindowData(Reader):
             height, width = min(height, S - at_row), min(width, S - at_column)  # rounding can exceed it by a pixel
         if not (0 <= rows[0] <= rows[1] < image.shape[0] and 0 <= columns[0] <= columns[1] < image.shape[1]):
             raise DataError(f"{self.list}: window {window[2:]} is outside {window.path}, which has "
-                            f"{image.shape[1]} columns and {image.shape[0]} rows")  # fmt: skip
+                            f"{image.shape[1]} columns and {image.shape[0]} rows")
         if height < 1 or width < 1:
             raise DataError(f"{self.list}: window {window[2:]} of {window.path} has less than a pixel inside the image")
         part = resize_image(image[rows[0] : rows[1] + 1, columns[0] : columns[1] + 1], height, width)

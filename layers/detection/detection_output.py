@@ -125,7 +125,7 @@ class DetectionOutput(Layer):
             if not shape or shape[:1] != N or bottom[index].count != shape[0] * self.priors * numbers:
                 raise self.fail(f"bottom {self.spec.bottom[index]!r} has shape {shape}, expected "
                                 f"{numbers * self.priors} {what} per item: {numbers} for each of the "
-                                f"{self.priors} priors")  # fmt: skip
+                                f"{self.priors} priors")
         top[0].reshape(1, 1, 1, 7)
 
     def allow_force_backward(self, bottom_index: int) -> bool:
@@ -155,7 +155,7 @@ class DetectionOutput(Layer):
             for i in np.flatnonzero(~(priors[:, 2:] > priors[:, :2]).all(axis=1))[:1]:
                 numbers = ", ".join(f"{value:g}" for value in priors[i])
                 raise self.fail(f"prior {i} of {self.spec.bottom[2]!r} is ({numbers}); "
-                                f"{self.param.code_type} needs xmin < xmax and ymin < ymax")  # fmt: skip
+                                f"{self.param.code_type} needs xmin < xmax and ymin < ymax")
 
     def _detect(self, item: int, locations: Array, confidences: Array, priors: Array, variances: Array) -> Array:
         """Rows of one item: (P, L, 4) and (P, C) -> (D, 7)."""

@@ -68,7 +68,7 @@ class PriorBox(Layer):
             raise self.fail(f"min_size {list(p.min_size)} must be one or more sizes above 0", "min_size")
         if len(p.max_size) not in (0, len(p.min_size)) or not all(m < M for m, M in zip(p.min_size, p.max_size)):
             raise self.fail(f"max_size {list(p.max_size)} must have a larger size for each min_size "
-                            f"{list(p.min_size)}, or none", "max_size")  # fmt: skip
+                            f"{list(p.min_size)}, or none", "max_size")
         if not all(ratio > 0 for ratio in p.aspect_ratio):
             raise self.fail(f"aspect_ratio {list(p.aspect_ratio)} must be above 0", "aspect_ratio")
         if len(p.variance) not in (0, 1, 4) or not all(variance > 0 for variance in p.variance):

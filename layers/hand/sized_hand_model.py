@@ -45,7 +45,7 @@ class SizedHandModel(HandModel):
         self.is_factor = math.prod(b.shape[1:]) == 1
         if b.shape[:1] != (N,) or math.prod(b.shape[1:]) not in (1, K):
             raise self.fail(f"bottom {self.spec.bottom[1]!r} has shape {b.shape}, expected ({N}, 1), a factor, or "
-                            f"({N}, {K}), the bone lengths of skeleton {self.skeleton.name!r}")  # fmt: skip
+                            f"({N}, {K}), the bone lengths of skeleton {self.skeleton.name!r}")
 
     def _body(self, bottom: Blobs) -> tuple[Array, ...]:
         [x], sk = super()._body(bottom), self.skeleton

@@ -46,7 +46,7 @@ def check_shapes(layer: Layer, bottom: Blobs, places: tuple[int, ...], same_item
     x, labels = bottom[0].shape, bottom[1].shape
     if math.prod(labels) != math.prod(places) or (same_items and places and labels[:1] != places[:1]):
         raise layer.fail(f"labels {layer.spec.bottom[1]!r} {labels} do not fit scores {layer.spec.bottom[0]!r} {x}; "
-                         f"expected {places}")  # fmt: skip
+                         f"expected {places}")
 
 
 def rows(layer: Layer, bottom: Blobs) -> tuple[int, int]:

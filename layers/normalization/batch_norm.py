@@ -76,7 +76,7 @@ class BatchNorm(Layer):
         channels, shape = self.mean.count, bottom[0].shape
         if len(shape) < 2 or shape[1] != channels:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, its statistics are of "
-                            f"{channels} channels: expected (N, {channels}, ...)")  # fmt: skip
+                            f"{channels} channels: expected (N, {channels}, ...)")
         if bottom[0].count == 0 and not self.uses_sums:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} {shape} has no values, so no mean exists")
         self.others = (0, *range(2, len(shape)))  # all axes but the channels

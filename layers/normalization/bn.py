@@ -71,7 +71,7 @@ class BN(Layer):
         if bool(segnet) == bool(pspnet):
             found = f"found {segnet[0]} and {pspnet[0]}" if segnet else "found neither"
             raise self.fail(f"expected options of SegNet's BN ({', '.join(SEGNET)}) or of PSPNet's "
-                            f"({', '.join(PSPNET)}), {found}", segnet[0] if segnet else None)  # fmt: skip
+                            f"({', '.join(PSPNET)}), {found}", segnet[0] if segnet else None)
         if pspnet and len(top) > 1:
             raise self.fail(f"has {len(top)} tops, but only SegNet's BN has tops for mean and variance")
         if len(bottom[0].shape) != 4:

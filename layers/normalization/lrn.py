@@ -49,7 +49,7 @@ class LRN(Layer):
         p = self.param
         if p.local_size % 2 == 0:
             raise self.fail(f"local_size {p.local_size} is even; expected an odd number",
-                            "local_size")  # fmt: skip
+                            "local_size")
         across = p.norm_region == "ACROSS_CHANNELS"
         self.axes = (1,) if across else (2, 3)
         self.k = p.k if across else 1.0

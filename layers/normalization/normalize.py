@@ -53,7 +53,7 @@ class Normalize(Layer):
         x, scale = bottom[0].shape, self.scale.shape
         if len(x) < 2 or scale not in ((), x[1:2]):
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, its scale expects "
-                            f"{'(N, C, ...)' if scale == () else f'(N, {scale[0]}, ...)'}")  # fmt: skip
+                            f"{'(N, C, ...)' if scale == () else f'(N, {scale[0]}, ...)'}")
         self.axes = tuple(range(1, len(x))) if self.param.across_spatial else (1,)
         self.wide = scale + (1,) * (len(x) - 2) if scale else ()  # shape of the scale for broadcasting
         self.others = tuple(axis for axis in range(len(x)) if axis != 1 or not scale)

@@ -45,7 +45,7 @@ class LSTMUnit(Layer):
         for blob, name, wanted in zip(bottom[1:], names[1:], [(1, N, 4 * D), (1, N)]):
             if blob.shape != wanted:
                 raise self.fail(f"bottom {name!r} has shape {blob.shape}, expected {wanted} to match "
-                                f"{names[0]!r} {shape}")  # fmt: skip
+                                f"{names[0]!r} {shape}")
         for y in top:
             y.reshape(shape)
 

@@ -67,7 +67,7 @@ class Recurrent(Layer):
             raise self.fail("num_output must be at least 1", "num_output")
         if len(bottom) - exposed not in (2, 3) or len(top) != 1 + exposed:
             raise self.fail(f"has {len(bottom)} bottoms and {len(top)} tops, expected {2 + exposed} or {3 + exposed} "
-                            f"and {1 + exposed}", "expose_hidden")  # fmt: skip
+                            f"and {1 + exposed}", "expose_hidden")
         self.has_static = len(bottom) - exposed == 3
         self.steps = bottom[0].shape[0] if bottom[0].shape else 0
         self.states: list[Array] = []
@@ -92,21 +92,21 @@ class Recurrent(Layer):
         T, N = x[:2]
         if bottom[1].shape != (T, N):
             raise self.fail(f"bottom {names[1]!r} has shape {bottom[1].shape}, expected ({T}, {N}) as steps, streams "
-                            f"of {names[0]!r} {x}")  # fmt: skip
+                            f"of {names[0]!r} {x}")
         if self.has_static and (len(bottom[2].shape) < 2 or bottom[2].shape[0] != N):
             raise self.fail(f"bottom {names[2]!r} has shape {bottom[2].shape}, expected ({N}, ...), the streams "
-                            f"of {names[0]!r} {x}")  # fmt: skip
+                            f"of {names[0]!r} {x}")
         for i in range(3 if self.has_static else 2, len(bottom)):
             if bottom[i].shape != (1, N, self.param.num_output):
                 raise self.fail(f"bottom {names[i]!r} has shape {bottom[i].shape}, "
-                                f"expected (1, {N}, {self.param.num_output})")  # fmt: skip
+                                f"expected (1, {N}, {self.param.num_output})")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_axes(bottom)
         for (blob, axes), features, index in zip(self._inputs(bottom), self.features, (0, 2)):
             if math.prod(blob.shape[axes:]) != features:
                 raise self.fail(f"bottom {self.spec.bottom[index]!r} has {math.prod(blob.shape[axes:])} features "
-                                f"{blob.shape}, its weights expect {features}")  # fmt: skip
+                                f"{blob.shape}, its weights expect {features}")
         T, N = bottom[1].shape
         for y, steps in zip(top, [T] + [1] * (len(top) - 1)):
             y.reshape(steps, N, self.param.num_output)

@@ -43,7 +43,7 @@ class Crop(Layer):
         ends = [start + n for start, n in zip(starts, size[axis:])]
         if len(size) < len(x) or any(end > n for end, n in zip(ends, x[axis:])):
             raise self.fail(f"bottom {self.spec.bottom[0]!r} {x} does not contain {self.spec.bottom[1]!r} {size} "
-                            f"at offset {starts}, from axis {axis} on", "offset")  # fmt: skip
+                            f"at offset {starts}, from axis {axis} on", "offset")
         self.part = (*[slice(None)] * axis, *map(slice, starts, ends))
         top[0].reshape(*x[:axis], *size[axis : len(x)])
 

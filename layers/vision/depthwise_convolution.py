@@ -31,7 +31,7 @@ class DepthwiseConvolution(Convolution):
         if p.group != channels:
             raise self.fail(
                 f"group is {p.group}, but bottom {self.spec.bottom[0]!r} has {channels} channels; expected "
-                f"group: {channels}, or the type Convolution", "group")  # fmt: skip
+                f"group: {channels}, or the type Convolution", "group")
         super().setup(bottom, top)
 
 
@@ -49,6 +49,6 @@ class ConvolutionDepthwise(Convolution):
             given = getattr(self.param, name)
             if schema.is_given(self.param, name) and given != channels:
                 warn(self, f"{self.type} ignores {name} {given}, as in Caffe's forks: it has a group and an output for "
-                           f"each of the {channels} channels", schema.position_of(self.param, name))  # fmt: skip
+                           f"each of the {channels} channels", schema.position_of(self.param, name))
         self.param = schema.changed(self.param, num_output=channels, group=channels, axis=1)
         super().setup(bottom, top)

@@ -30,7 +30,7 @@ class Im2col(Convolution):
         warn_of_ignored(self, "num_output", "group", "bias_term", "weight_filler", "bias_filler")
         if not self.kernel:
             raise self.fail(f"no spatial axis after axis {self.axis} of bottom {self.spec.bottom[0]!r} "
-                            f"{bottom[0].shape}")  # fmt: skip
+                            f"{bottom[0].shape}")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0]

@@ -63,7 +63,7 @@ class Interp(Layer):
         for name in ("pad_beg", "pad_end"):
             if getattr(p, name) > 0:
                 raise self.fail(f"{name} is {getattr(p, name)}; as in Caffe's forks, only cropping is supported: "
-                                "expected 0 or less", name)  # fmt: skip
+                                "expected 0 or less", name)
         given = {name for name in ("height", "width", "zoom_factor", "shrink_factor") if schema.is_set(p, name)}
         if len(given & {"height", "width"}) == 1:
             raise self.fail("needs both height and width", next(iter(given & {"height", "width"})))
@@ -87,7 +87,7 @@ class Interp(Layer):
         sizes = [n + p.pad_beg + p.pad_end for n in whole]
         if min(sizes) < 1:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} is empty after cropping by "
-                            f"pad_beg {p.pad_beg} and pad_end {p.pad_end}")  # fmt: skip
+                            f"pad_beg {p.pad_beg} and pad_end {p.pad_end}")
         if self.by_factors:
             shrunk = [(n - 1) // p.shrink_factor + 1 for n in sizes]
             outputs = [(n - 1) * p.zoom_factor + 1 for n in shrunk]

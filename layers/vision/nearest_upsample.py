@@ -31,7 +31,7 @@ class NearestUpsample(Layer):
         for name in WITH_MASK:
             if schema.is_set(self.param, name):
                 raise self.fail(f"{name} needs the mask of a Pooling, its second top, as second bottom; "
-                                "with one bottom, Upsample reads only scale", name)  # fmt: skip
+                                "with one bottom, Upsample reads only scale", name)
         self.scale = 1 if self.param.scale is None else self.param.scale
         if self.scale < 1:
             raise self.fail("scale must be at least 1", "scale")

@@ -52,7 +52,7 @@ class PSROIPooling(Layer):
         x, rois = (blob.shape for blob in bottom)
         if len(x) != 4 or x[1] != K * G * G:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, {K * G * G}, H, W) for "
-                            f"output_dim {K} and group_size {G}")  # fmt: skip
+                            f"output_dim {K} and group_size {G}")
         if rois[1:2] != (5,) or bottom[1].count != 5 * rois[0]:
             raise self.fail(f"bottom {self.spec.bottom[1]!r} has shape {rois}, expected (R, 5)")
         top[0].reshape(rois[0], K, G, G)

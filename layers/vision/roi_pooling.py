@@ -101,7 +101,7 @@ def checked_rois(layer: Layer, bottom: Blobs) -> Array:
     for r in np.flatnonzero(~np.isfinite(rois).all(axis=1) | (rois[:, 0] < 0) | (rois[:, 0] >= N))[:1]:
         numbers = ", ".join(f"{value:g}" for value in rois[r])
         raise layer.fail(f"row {r} of {layer.spec.bottom[1]!r} is ({numbers}); "
-                         f"expected an item from 0 to {N - 1} and four finite coordinates")  # fmt: skip
+                         f"expected an item from 0 to {N - 1} and four finite coordinates")
     return rois
 
 

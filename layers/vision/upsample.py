@@ -67,7 +67,7 @@ class Upsample(Layer):
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, C, H, W)")
         if mask != x:
             raise self.fail(f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {mask}, the mask of a "
-                            "Pooling, must have the same shape")  # fmt: skip
+                            "Pooling, must have the same shape")
         less = (p.pad_out_h, p.pad_out_w)
         top[0].reshape(*x[:2], *(self.size or (n * s - one for n, s, one in zip(x[2:], self.scale, less))))
 

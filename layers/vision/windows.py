@@ -125,10 +125,10 @@ class SlidingWindow(Layer):
         """Check the number of spatial axes and of channels against those at setup. Raises LayerError."""
         if len(x.shape) != self.axis + 1 + len(self.kernel):
             raise self.fail(f"bottom {self.spec.bottom[i]!r} has shape {x.shape}, "
-                            f"expected {len(self.kernel)} spatial axes after axis {self.axis}")  # fmt: skip
+                            f"expected {len(self.kernel)} spatial axes after axis {self.axis}")
         if weight is not None and x.shape[self.axis] != self.channels:
             raise self.fail(f"bottom {self.spec.bottom[i]!r} has {x.shape[self.axis]} channels {x.shape}, "
-                            f"its weights {weight} expect {self.channels}")  # fmt: skip
+                            f"its weights {weight} expect {self.channels}")
 
     def _extent(self) -> tuple[int, ...]:
         """Size of the dilated kernel."""
@@ -159,7 +159,7 @@ class SlidingWindow(Layer):
             rounded = "CEIL" if p.ceil_mode else "FLOOR"
             if schema.is_given(p, "round_mode") and p.round_mode != rounded:
                 raise self.fail(f"ceil_mode: {str(p.ceil_mode).lower()} is round_mode: {rounded}, but "
-                                f"round_mode: {p.round_mode} is given; expected one of them", "ceil_mode")  # fmt: skip
+                                f"round_mode: {p.round_mode} is given; expected one of them", "ceil_mode")
             self.param = schema.changed(p, round_mode=rounded)
         if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
             raise self.fail("global_pooling does not allow a kernel size", "global_pooling")
@@ -202,7 +202,7 @@ class SlidingWindow(Layer):
         pad = (k * count - size + 1) // 2
         if pad >= k:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} is too small for a level of {count} x {count} windows: "
-                            f"{size} in {count} parts of {k} need a padding of {pad}", "pyramid_height")  # fmt: skip
+                            f"{size} in {count} parts of {k} need a padding of {pad}", "pyramid_height")
         return k, pad
 
 

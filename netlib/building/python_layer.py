@@ -91,7 +91,7 @@ def find_class(spec: LayerParameter) -> type[Layer]:
         found = "is not a subclass of netlib.Layer"
         if cls is None and module is not None and own_modules.is_ours(module):
             found = (f"was looked for in this project's own package ({where}); expected a module {param.module!r} with "
-                     "it in the working directory or on PYTHONPATH")  # fmt: skip
+                     "it in the working directory or on PYTHONPATH")
         elif cls is None:
             found = f"has no such class ({where})"
         raise PrototxtError(

@@ -79,4 +79,4 @@ __all__ = [
     "solver_count",
     "solver_rank",
     "to_proto",
-]  # fmt: skip
+]

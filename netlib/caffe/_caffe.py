@@ -42,4 +42,4 @@ __all__ = [
     "SGDSolver", "Solver", "SolverParameter", "StringVec", "Timer", "get_solver", "has_nccl", "init_log",
     "layer_type_list", "log", "set_device", "set_mode_cpu", "set_mode_gpu", "set_multiprocess", "set_random_seed",
     "set_solver_count", "set_solver_rank", "solver_count", "solver_rank",
-]  # fmt: skip
+]

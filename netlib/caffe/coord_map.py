@@ -21,7 +21,7 @@ IDENTITY: Map = (None, 1, 0)
 
 PASS_THROUGH_LAYERS = ["AbsVal", "BatchNorm", "Bias", "BNLL", "Dropout", "Eltwise", "ELU", "Log", "LRN", "Exp", "MVN",
                        "Power", "ReLU", "PReLU", "Scale", "Sigmoid", "Split", "TanH", "Threshold",
-                       "Clip", "Swish"]  # fmt: skip
+                       "Clip", "Swish"]
 _LEGACY = {f"{what}_{side}" for what in ("pad", "kernel", "stride") for side in "hw"}
 
 

@@ -55,13 +55,13 @@ def blob_from_images(
     """
     if isinstance(images, np.ndarray) and images.ndim < 4 and images.dtype != object:
         raise ShapeError(f"blob_from_images takes a list of images, found an array of shape {images.shape}; "
-                         "blob_from_image takes one image")  # fmt: skip
+                         "blob_from_image takes one image")
     if not len(images):
         raise ShapeError("blob_from_images takes at least one image, found none")
     planes = [_planes(image) for image in images]
     if len({each.shape[2] for each in planes}) > 1:
         raise ShapeError(f"blob_from_images takes images with the same number of channels, found "
-                         f"{[each.shape[2] for each in planes]}")  # fmt: skip
+                         f"{[each.shape[2] for each in planes]}")
     height, width, channels = planes[0].shape
     if size is not None and tuple(size) != (0, 0):
         width, height = _size(size)
@@ -83,7 +83,7 @@ def _planes(image: Array) -> Array:
         image = image[:, :, None]
     if image.ndim != 3 or image.shape[2] not in (1, 3, 4) or not image.size:
         raise ShapeError(f"found an image of shape {image.shape}; expected (H, W), or (H, W, C) with 1, 3 or 4 "
-                         "channels. cv2.imread returns None for a file that it cannot read")  # fmt: skip
+                         "channels. cv2.imread returns None for a file that it cannot read")
     if image.dtype not in TYPES:
         raise ShapeError(f"found an image of {image.dtype}; expected uint8, uint16 or float32")
     return image

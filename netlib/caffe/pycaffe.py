@@ -270,7 +270,7 @@ class _HookedExecutor(Executor):
 READ_ONCE = (
     "net", "net_param", "train_net", "train_net_param", "test_net", "test_net_param", "train_state", "test_state",
     "type", "solver_type", "weights", "random_seed", "layer_wise_reduce",
-)  # fmt: skip
+)
 
 
 class Options:
@@ -366,7 +366,7 @@ class AdamSolver(SGDSolver):
 
 
 _CLASSES = {cls.update_rule: cls for cls in (SGDSolver, NesterovSolver, AdaGradSolver, RMSPropSolver, AdaDeltaSolver,
-                                             AdamSolver)}  # fmt: skip
+                                             AdamSolver)}
 
 
 def get_solver(solver_file: str | Path, **options: Any) -> Solver:

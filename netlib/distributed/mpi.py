@@ -152,7 +152,7 @@ class MPIRanks(Ranks):
     ) -> Array:
         """Exchange the five numbers of all ranks; returns (N, 5). If a rank failed, raises its error on every rank."""
         own = np.array([loss, REQUESTS.index(request), failed is not None,
-                        NO_CHECKSUM if checksum is None else checksum, self._under_way is not None])  # fmt: skip
+                        NO_CHECKSUM if checksum is None else checksum, self._under_way is not None])
         table = np.zeros((self.count, len(own)))
         table[self.rank] = own
         if self.rank == 0:

@@ -21,4 +21,4 @@ from netlib.files.reading import (
 __all__ = [
     "MAX_BYTES", "MAX_TEXT_BYTES", "Content", "Identity", "Source", "decoded", "identity", "is_in_use", "make_folder",
     "noted", "opened", "read_bytes", "read_content", "read_pieces", "read_text",
-]  # fmt: skip
+]

@@ -118,7 +118,7 @@ class File:
                 other = Path(os.path.normpath(path.parent / str(rest)))
                 if Path(str(rest)).is_absolute() or not is_near(other, path):
                     raise DataError(f"{path}: rest_in is {str(rest)!r}; expected a relative name of a file in the same "
-                                    "folder or in one next to it, and no link to elsewhere")  # fmt: skip
+                                    "folder or in one next to it, and no link to elsewhere")
                 opens.append(stack.enter_context(opened(other, f"the rest of {path}")))
                 self.sources.append(self._source(other, opens[1]))
             self.names = tuple(dict.fromkeys(name for file in opens for name in file))
@@ -216,5 +216,5 @@ def read_list(source: str, prototxt: str | None) -> list[Path]:
         found.append(find(name, str(path)))
         if not exists(found[-1]):
             raise DataError(f"{source}: names {name!r}, which does not exist; expected a path relative to the working "
-                            "directory or to the list")  # fmt: skip
+                            "directory or to the list")
     return found

@@ -70,7 +70,7 @@ class _Walk:
                 where = f"{group.name.rstrip('/')}/{name}"
                 if isinstance(link, h5py.ExternalLink):
                     raise FaultError(f"{where!r} is a link into another file, {link.filename!r}, which is not "
-                                     "followed; expected all in one file")  # fmt: skip
+                                     "followed; expected all in one file")
                 if isinstance(link, h5py.SoftLink):  # its target is checked where it is stored
                     continue
                 if not isinstance(link, h5py.HardLink):
@@ -99,13 +99,13 @@ class _Walk:
             raise FaultError(f"{where} is virtual and refers to other data sets, which are not read; expected values")
         if dataset.external:
             raise FaultError(f"{where} is kept in another file, {dataset.external[0][0]!r}, which is not read; "
-                             "expected all in one file")  # fmt: skip
+                             "expected all in one file")
         plist = dataset.id.get_create_plist()
         for i in range(plist.get_nfilters()):
             number, _, _, name = plist.get_filter(i)
             if number not in FILTERS:
                 raise FaultError(f"{where} is compressed by filter {number} ({name.decode(errors='replace')}), which "
-                                 "is not supported; expected gzip, or none")  # fmt: skip
+                                 "is not supported; expected gzip, or none")
         stored = dataset.id.get_storage_size()
         claimed = math.prod(dataset.shape or ()) * dataset.id.get_type().get_size()
         if claimed >= LARGE and claimed > 2000 * stored:  # beyond the compression ratio of gzip, about 1000

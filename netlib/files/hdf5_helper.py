@@ -54,7 +54,7 @@ class _Helper:
             [sys.executable, "-I", str(CHECK), *sorted(folders)], encoding="ascii", stderr=subprocess.DEVNULL,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
             start_new_session=True,  # else Ctrl-C would kill it, which looks like a crash on this file
-        )  # fmt: skip
+        )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._in, self._out = self._process.stdin, self._process.stdout

@@ -39,7 +39,7 @@ def decode(content: bytes, flag: int, what: str) -> Array:
         if bound := re.search(r"CV_IO_MAX_IMAGE_(PIXELS|WIDTH|HEIGHT)", str(error)):
             most = {"PIXELS": "pixels in all", "WIDTH": "pixels in a row", "HEIGHT": "rows"}[bound[1]]
             raise DataError(f"{what}: the image has too many {most}; OPENCV_IO_MAX_IMAGE_{bound[1]} in the environment "
-                            "raises the limit") from error  # fmt: skip
+                            "raises the limit") from error
         raise DataError(f"{what}: not an image that OpenCV can decode: {reason_of(error)}") from error
     if image is None:
         raise DataError(f"{what}: not an image that OpenCV can decode ({len(content)} bytes)")

@@ -26,7 +26,7 @@ MAX_LFS_POINTER = 1024  # size in bytes
 KINDS = {
     stat.S_IFIFO: "it is a pipe", stat.S_IFCHR: "it is a device", stat.S_IFBLK: "it is a device",
     stat.S_IFSOCK: "it is a socket", stat.S_IFDIR: "Is a directory",
-}  # fmt: skip
+}
 
 
 _notebooks: list[list[str | Path]] = []

@@ -187,7 +187,7 @@ OPTIONS: dict[str, dict[str, Option]] = {
         "bgr2rgb": Option(INTEL, "false", "exchanges blue and red"),
         "pad": Option(INTEL, "0", _AUGMENTS),
     },
-}  # fmt: skip
+}
 
 # Layer type -> its fork. Similar names compute something else, so none of them is a misspelling.
 TYPES: dict[str, str] = {
@@ -200,7 +200,7 @@ TYPES: dict[str, str] = {
     **dict.fromkeys(("Reorg", "YoloDetectionOutput", "YoloSeg", "Yolov3", "Yolov3DetectionOutput"), YOLO),
     **dict.fromkeys(("GRN", "PriorBoxClustered", "ScaleFilter"), OPENVINO),
     "DenseImageData": SEGNET,
-}  # fmt: skip
+}
 
 
 def has_no_effect(message: str, item: Field) -> bool:

@@ -138,7 +138,7 @@ BLOCKS = {
     "bn_param": 152, "psroi_pooling_param": 153, "interp_param": 163, "relu6_param": 300, "shuffle_channel_param": 164,
     "upsample_param": 177,
     "hand_model_param": 10001, "phys_limit_param": 10002, "hand_augment_param": 10003,  # of this project
-}  # fmt: skip
+}
 
 # Type -> its block, and numbers of this block in forks. In other layers they are the numbers of other blocks.
 FORK_NUMBERS = {

@@ -40,7 +40,7 @@ Int64 = Annotated[int, "64 bits"]
 Natural = Annotated[int, "not negative"]
 INTEGERS: dict[Any, range] = {
     int: range(-(2**31), 2**31), UInt: range(2**32), Int64: range(-(2**63), 2**63), Natural: range(2**31),
-}  # fmt: skip
+}
 Double = Annotated[float, "64 bits"]
 Floats = Annotated[NDArray[np.float32], "<f4"]
 Doubles = Annotated[NDArray[np.float64], "<f8"]
@@ -289,7 +289,7 @@ def expected(kind: Any) -> str:
     return {
         str: "a string in quotes", bytes: "a string in quotes", bool: "true or false",
         float: "a number", Double: "a number",
-    }[kind]  # fmt: skip
+    }[kind]
 
 
 def scalar_value(value: Scalar, kind: Any) -> Any:
@@ -342,7 +342,7 @@ def _integer(value: Scalar) -> int | None:
 def _float(value: Scalar) -> float | None:
     if value.kind == "word":
         return {"inf": math.inf, "infinity": math.inf, "-inf": -math.inf, "-infinity": -math.inf,
-                "nan": math.nan, "-nan": math.nan}.get(value.text.lower())  # fmt: skip
+                "nan": math.nan, "-nan": math.nan}.get(value.text.lower())
     integer = _integer(value)
     if integer is not None:
         return float(integer)

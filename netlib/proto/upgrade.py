@@ -36,7 +36,7 @@ V1_TYPES = {
     "ARGMAX": "ArgMax", "THRESHOLD": "Threshold", "DUMMY_DATA": "DummyData", "SLICE": "Slice", "MVN": "MVN",
     "ABSVAL": "AbsVal", "SILENCE": "Silence", "CONTRASTIVE_LOSS": "ContrastiveLoss", "EXP": "Exp",
     "DECONVOLUTION": "Deconvolution",
-}  # fmt: skip
+}
 V1Type = Annotated[str, tuple(V1_TYPES)]  # an enum
 V1_BLOCKS = {  # numbers of the options blocks in a V1 layer
     "accuracy_param": 27, "argmax_param": 23, "concat_param": 9, "contrastive_loss_param": 40, "convolution_param": 10,
@@ -46,7 +46,7 @@ V1_BLOCKS = {  # numbers of the options blocks in a V1 layer
     "pooling_param": 19, "power_param": 21, "relu_param": 30, "sigmoid_param": 38, "softmax_param": 39,
     "slice_param": 31, "tanh_param": 37, "threshold_param": 25, "window_data_param": 20, "transform_param": 36,
     "loss_param": 42,
-}  # fmt: skip
+}
 V0_TYPES = {  # V0 type -> V1 type
     "accuracy": "ACCURACY", "bnll": "BNLL", "concat": "CONCAT", "conv": "CONVOLUTION", "data": "DATA",
     "dropout": "DROPOUT", "euclidean_loss": "EUCLIDEAN_LOSS", "flatten": "FLATTEN", "hdf5_data": "HDF5_DATA",
@@ -54,17 +54,17 @@ V0_TYPES = {  # V0 type -> V1 type
     "innerproduct": "INNER_PRODUCT", "lrn": "LRN", "multinomial_logistic_loss": "MULTINOMIAL_LOGISTIC_LOSS",
     "pool": "POOLING", "relu": "RELU", "sigmoid": "SIGMOID", "softmax": "SOFTMAX", "softmax_loss": "SOFTMAX_LOSS",
     "split": "SPLIT", "tanh": "TANH", "window_data": "WINDOW_DATA",
-}  # fmt: skip
+}
 V0_BLOCKS = {  # V0 type -> its options block
     "conv": "convolution_param", "innerproduct": "inner_product_param", "pool": "pooling_param", "lrn": "lrn_param",
     "dropout": "dropout_param", "concat": "concat_param", "data": "data_param", "images": "image_data_param",
     "hdf5_data": "hdf5_data_param", "window_data": "window_data_param", "infogain_loss": "infogain_loss_param",
-}  # fmt: skip
+}
 V0_RENAMED = {  # V0 option -> its name in the block
     "biasterm": "bias_term", "kernelsize": "kernel_size", "batchsize": "batch_size", "shuffle_images": "shuffle",
     "det_fg_threshold": "fg_threshold", "det_bg_threshold": "bg_threshold", "det_fg_fraction": "fg_fraction",
     "det_context_pad": "context_pad", "det_crop_mode": "crop_mode",
-}  # fmt: skip
+}
 # V0 option -> its name in transform_param
 V0_TRANSFORM = {"scale": "scale", "meanfile": "mean_file", "cropsize": "crop_size", "mirror": "mirror"}
 V0_LAYER = {"name", "blobs", "blobs_lr", "weight_decay", "hdf5_output_param"}  # fields that are the same in V1
@@ -151,7 +151,7 @@ def upgraded(net: Message) -> Message:
     new = [item for item in net.fields if item.name == "layer"]
     if old and new:
         raise PrototxtError(old[0].position, "this net has both 'layer' and 'layers' (Caffe's V1 format); "
-                                             "expected one of them")  # fmt: skip
+                                             "expected one of them")
     if not old:
         return Message([_with_fixed_statistics(item) for item in net.fields], net.position)
     layers = [schema.message_of(item) for item in old]
@@ -265,7 +265,7 @@ def _without_padding(connections: Iterable[Message]) -> list[Message]:
         read = [name for name in bottoms if name in padding]
         if read and (kind not in ("conv", "pool") or len(bottoms) != 1):
             raise PrototxtError(connection.position, f"a layer of type {kind!r} reads {read[0]!r} of a padding layer; "
-                                                     "expected a conv or pool layer with one bottom")  # fmt: skip
+                                                     "expected a conv or pool layer with one bottom")
         result.append(_padded(connection, *padding[read[0]]) if read else connection)
         for name in tops:  # a blob that is overwritten is no longer the padded one
             padding.pop(name, None)

@@ -92,7 +92,7 @@ def fields_of(cls: type) -> tuple[FieldInfo, ...]:
     for field in dataclasses.fields(cls):
         if field.name == "blocks":
             known += [FieldInfo(n, name, None, False, False) for name, n in field.metadata["numbers"].items()
-                      if name in option_blocks()]  # fmt: skip
+                      if name in option_blocks()]
         else:
             name = schema.written_name(field.name)
             kind, repeated = schema.kind_of(hints[name])

@@ -49,7 +49,7 @@ def state_image(state: SolverState) -> bytes:
 def _fitting(image: bytes) -> bytes:
     if len(image) > MAX_BYTES:
         raise WeightsError(f"a snapshot of {len(image)} bytes exceeds the limit of Caffe's binary format, 2 GB; "
-                           "expected snapshot_format: HDF5, or a file name that ends in .h5")  # fmt: skip
+                           "expected snapshot_format: HDF5, or a file name that ends in .h5")
     return image
 
 
@@ -69,7 +69,7 @@ def read_weights(data: bytes, path: str) -> Weights:
     state = _or_none(_state, data, path)
     if state is not None and state.history:
         raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, "
-                           f"{state.learned_net or '*.caffemodel'} (resume a training with --snapshot)")  # fmt: skip
+                           f"{state.learned_net or '*.caffemodel'} (resume a training with --snapshot)")
     raise WeightsError(f"{problem}; expected weights (.caffemodel){_looks(data)}")
 
 

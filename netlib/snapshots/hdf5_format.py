@@ -92,7 +92,7 @@ def read_weights(path: str | Path | Content) -> Weights:
         if "history" in file and "data" not in file:
             pair = _learned_net(file) or "*.caffemodel.h5"
             raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, {pair} "
-                               "(resume a training with --snapshot)")  # fmt: skip
+                               "(resume a training with --snapshot)")
         if not isinstance(file.get("data"), h5py.Group):
             raise WeightsError(f"{path}: no group /data; expected weights in the layout of Caffe's HDF5 snapshots")
         found: Weights = {}

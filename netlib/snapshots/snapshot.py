@@ -84,7 +84,7 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
         raise WeightsError(f"{folder}: cannot write snapshots there: {what}{reason_of(error)}") from error
     if not lock.taken:
         raise WeightsError(f"{prefix}: another training is writing its snapshots there (process {lock.holder}); wait "
-                           "for it, or choose another snapshot_prefix")  # fmt: skip
+                           "for it, or choose another snapshot_prefix")
     try:
         probe(prefix)
         _repair(prefix)

@@ -20,7 +20,7 @@ MAX_ITERATIONS = 2**31 - 1  # Caffe counts in 32 bits
 # Fields of ``extra`` and their types; states of earlier versions lack some.
 EXTRA: dict[str, type] = {
     "solver": dict, "smoothed": list, "layers": list, "ranks": list, "weights_crc": int, "checksum": int,
-}  # fmt: skip
+}
 
 
 @dataclass

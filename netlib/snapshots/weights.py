@@ -49,7 +49,7 @@ def image(net: Net, path: str | Path, diffs: bool = False) -> bytes:
     if snapshot.is_hdf5(path):
         return hdf5_format.weights_image(net.name, owned(net))
     layers = [(_complete_spec(layer), [(b.data, b.diff if diffs else None) for b in layer.blobs])
-              for layer in net.layer_dict.values()]  # fmt: skip
+              for layer in net.layer_dict.values()]
     return binary_format.weights_image(net.name, layers)
 
 
@@ -80,16 +80,16 @@ def fitting(net: Net, source: str | Path | Content | Net, strict: bool = False) 
     shared = {name: arrays for name, arrays in found.items() if name in net.layer_dict and arrays}
     if not shared and net.params:
         raise WeightsError(f"{what}: it has no layer of net {net.name!r}; it has {_some(found)}, "
-                           f"the net has {_some(net.params)}")  # fmt: skip
+                           f"the net has {_some(net.params)}")
     missing_layers = [n for n in dict.fromkeys(p.layer for p in net.learnable) if n not in shared]
     if strict and missing_layers:
         raise WeightsError(f"{what}: no weights for layer {missing_layers[0]!r} of net {net.name!r}; "
-                           f"it has {_some(found)}")  # fmt: skip
+                           f"it has {_some(found)}")
     own: dict[str, list[int]] = {}
     for p in net.learnable:
         own.setdefault(p.layer, []).append(p.index)
     writes = [w for name, arrays in shared.items() for w in _writes(name, net.layer_dict[name].blobs, own.get(name, []),
-                                                                    arrays, what)]  # fmt: skip
+                                                                    arrays, what)]
     return writes, ignored, missing_layers
 
 
@@ -117,7 +117,7 @@ def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array]
         shaped = legacy_shape(array, target[i].shape)
         if shaped.shape != target[i].shape:
             raise WeightsError(f"{what}: layer {name!r} parameter {i} has shape {array.shape}, "
-                               f"the net expects {target[i].shape}")  # fmt: skip
+                               f"the net expects {target[i].shape}")
         writes.append((target[i].data, shaped))
     return writes
 
@@ -136,10 +136,10 @@ def share(net: Net, other: Net) -> None:
         mine, theirs = net.params[name], other.params[name]
         if [blob.shape for blob in mine] != [blob.shape for blob in theirs]:
             raise LayerError(f"layer {name!r} has parameters {[b.shape for b in mine]} in net {net.source}, "
-                             f"{[b.shape for b in theirs]} in {other.source}")  # fmt: skip
+                             f"{[b.shape for b in theirs]} in {other.source}")
         if mine.dtype != theirs.dtype:
             raise LayerError(f"layer {name!r} is in {mine.dtype} in net {net.source}, in {theirs.dtype} in "
-                             f"{other.source}; expected the same dtype")  # fmt: skip
+                             f"{other.source}; expected the same dtype")
         pairs += zip(mine, theirs)
     for blob, owner in pairs:
         blob.share_data(owner)

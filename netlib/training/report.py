@@ -64,10 +64,10 @@ def debug_params(net: Net) -> None:
     arrays = [(p.blob.data.astype(np.float64), p.blob.diff.astype(np.float64)) for p in net.learnable]
     l1, l2 = ([sum(measure(pair[i]) for pair in arrays) for i in range(2)] for measure in (_l1, _squares))
     log.info("    [Backward] All net params (data, diff): L1 norm = (%.6g, %.6g); L2 norm = (%.6g, %.6g)",
-             *l1, *np.sqrt(l2))  # fmt: skip
+             *l1, *np.sqrt(l2))
     for p in net.learnable:
         log.info("    [Update] Layer %s, param %d data: %.6g; diff: %.6g",
-                 p.layer, p.index, _mean(p.blob.data), _mean(p.blob.diff))  # fmt: skip
+                 p.layer, p.index, _mean(p.blob.data), _mean(p.blob.diff))
 
 
 def _mean(array: Any) -> float:

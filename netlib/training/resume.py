@@ -30,7 +30,7 @@ COURSE = (
     "type", "base_lr", "lr_policy", "gamma", "power", "stepsize", "stepvalue", "rampup_interval", "rampup_lr",
     "max_iter", "iter_size", "momentum", "momentum2", "rms_decay", "delta", "weight_decay", "regularization_type",
     "clip_gradients",
-)  # fmt: skip
+)
 
 
 class Solver(Protocol):
@@ -90,7 +90,7 @@ def restore_state(solver: Solver, path: str | Path) -> None:
     then, now_type = state.extra.get("solver", {}).get("type"), solver.param.type
     if then is not None and then != now_type:
         raise WeightsError(f"{path}: this state is of the solver type {then}, whose history has another meaning for "
-                           f"{now_type}; expected type: \"{then}\", or a new training from the weights")  # fmt: skip
+                           f"{now_type}; expected type: \"{then}\", or a new training from the weights")
     _check_histories(solver, path, state)
     weights = snapshot.pair_of(path, state)
     writes, _, _ = weights_of.fitting(solver.net, weights, strict=True)
@@ -179,7 +179,7 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
         param, target = solver.net.learnable[i % count], solver.history[i % count][i // count]
         if weights_of.legacy_shape(array, target.shape).shape != target.shape:
             raise WeightsError(f"{path}: history {i} has shape {array.shape}, "
-                               f"layer {param.layer!r} parameter {param.index} {target.shape}")  # fmt: skip
+                               f"layer {param.layer!r} parameter {param.index} {target.shape}")
         if array.size and np.abs(array).max() > np.finfo(target.dtype).max:
             raise WeightsError(f"{path}: history {i} has values that are too large for {target.dtype}")
 

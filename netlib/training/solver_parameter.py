@@ -20,7 +20,7 @@ from netlib.updates import POLICIES, RULES
 log = logging.getLogger("netlib")
 
 OLD_TYPES = {"SGD": "SGD", "NESTEROV": "Nesterov", "ADAGRAD": "AdaGrad", "RMSPROP": "RMSProp",
-             "ADADELTA": "AdaDelta", "ADAM": "Adam"}  # fmt: skip
+             "ADADELTA": "AdaDelta", "ADAM": "Adam"}
 MAX_AVERAGE = 10**6  # limit of average_loss, whose losses are kept in memory
 
 

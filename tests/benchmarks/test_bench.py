@@ -50,7 +50,7 @@ def test_a_benchmark(alone: bool, tmp_path: Path) -> None:
     assert alone == (not stored.RESULTS.exists())  # the stored values are ratios
     assert alone == (not any("peer" in row for row in rows))
     assert all(value > 0 for row in rows for key in ("value", "netlib_ms", "peer_ms", "ratio")
-               if (value := row.get(key)) is not None and row["what"] != "data, log and overhead")  # fmt: skip
+               if (value := row.get(key)) is not None and row["what"] != "data, log and overhead")
 
 
 FACTS = {"kind": "a processor; 2 threads; BLAS", "date": "2026-01-02"}

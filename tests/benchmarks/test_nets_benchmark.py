@@ -80,7 +80,7 @@ def test_the_nets(one: Ordinary, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each net has one output, and about as many parameters as published."""
     monkeypatch.setattr(fillers, "_draw", lambda array, draw: None)  # the values do not matter, and take seconds
     known = {"CaffeNet": 61.0, "GoogLeNet": 7.0, "SqueezeNet": 1.24, "MobileNet-v1": 4.25, "MobileNet-v2": 3.54,
-             "ResNet-50": 25.6, "VGG-16": 138.4, "LeNet": 0.43, "CIFAR-10": 0.146}  # fmt: skip
+             "ResNet-50": 25.6, "VGG-16": 138.4, "LeNet": 0.43, "CIFAR-10": 0.146}
     net = netlib.Net(prototxt.parse("\n".join(one.text().lines)), netlib.TRAIN if one.trains else netlib.TEST)
     assert len(net.outputs) == 1
     count = sum(param.count for params in net.params.values() for param in params) / 1e6

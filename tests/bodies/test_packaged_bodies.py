@@ -132,12 +132,12 @@ def test_nets_fit_their_bodies(name: str) -> None:
     """The outputs of the nets are the skeleton's DoFs and joints, in training, testing and prediction."""
     skeleton = skeletons.load(BODY / f"{name}.prototxt")
     nets = {phase: select_layers(load_parameter(BODY / f"{name}_train_test.prototxt"), NetState(phase))
-            for phase in ("TRAIN", "TEST")}  # fmt: skip
+            for phase in ("TRAIN", "TEST")}
     nets["deploy"] = select_layers(load_parameter(BODY / f"{name}_deploy.prototxt"), NetState("TEST"))
     learned = {}
     for kind, layers in nets.items():
         learned[kind] = {layer.name: str(layer.blocks["inner_product_param"].values("num_output")[0])
-                         for layer in layers if layer.type == "InnerProduct"}  # fmt: skip
+                         for layer in layers if layer.type == "InnerProduct"}
         assert learned[kind]["DoF"] == str(len(skeleton.dof_names))
         assert learned[kind].pop("direct", str(3 * len(skeleton.joint_names))) == str(3 * len(skeleton.joint_names))
     assert all(one == learned["TEST"] for one in learned.values())

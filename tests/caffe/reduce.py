@@ -31,7 +31,7 @@ KEPT = {
     "chain_deepmodel_small/indiff/x": "[:, :, ::3, ::5]",
     **{f"pool_{kind}_k4s4_124/{part}": "[:, :1]" for kind in ("MAX", "AVE")
        for part in ("in/x", "top/y", "topdiff/y", "indiff/x")},
-}  # fmt: skip
+}
 
 LARGE, ITERATIONS = "ip1/0", (1, 10, 20)  # 94% of the weights of the solvers' net: kept after these updates only
 

@@ -38,7 +38,7 @@ def test_rows_hold_every_layer_once() -> None:
     rows = graph.rows_of(net())
     assert [(row.at.layer.name, row.column, [at.layer.name for at in row.in_place]) for row in rows] == [
         ("in", 0, []), ("c", 0, ["r"]), ("p", 0, []), ("p_p_0_split", 0, []), ("ip", 0, []), ("s", 1, []),
-    ]  # fmt: skip
+    ]
 
 
 def test_the_graph_is_of_the_papers_training_net() -> None:

@@ -33,7 +33,7 @@ F = "```"
         ("<!-- exercises: list -->\n| |\n", "x.md:1: this mark has no <!-- end -->"),
         ("\n\n[a](../netlib/blob.py \"Bob\")", "x.md:3: blob.py has no Bob, which a link names"),
     ],
-)  # fmt: skip
+)
 def test_a_mark_that_is_wrong(text: str, said: str) -> None:
     """A wrong mark is reported with the document, the line and the reason."""
     with pytest.raises(ValueError) as error:

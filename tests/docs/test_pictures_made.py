@@ -52,7 +52,7 @@ def test_hands_decide() -> None:
                ("angles_rad", {"a": 3.0}, True),
                ("error_mm", 4.6, True), ("error_mm", 9.0, False),
                ("positions_mm", [[1, 3, 3.5]], True), ("positions_mm", [[1, 2, 9]], False),
-               ("positions_mm", [], False)]  # fmt: skip
+               ("positions_mm", [], False)]
     for key, value, same in changes:
         other = copy.deepcopy(HANDS)
         other[0][key] = value

@@ -80,7 +80,7 @@ def parse(document: Document) -> Iterator[Region]:
         marks_seen |= {match.start() for match in found}
         follows = last if not document.text[last_end : region.start].strip() else None
         last, last_end = Block(region.lexemes["tag"].strip(), region.lexemes["source"],
-                               {match[1]: match[2] for match in found}, follows), region.end  # fmt: skip
+                               {match[1]: match[2] for match in found}, follows), region.end
         if not re.search(r"(`{3,}|~{3,})\Z", document.text[region.start : region.end].rstrip()):
             yield _failing(region, "no fence ends this block")
         else:
@@ -100,7 +100,7 @@ def _examples(document: Document, region: Region, block: Block) -> Iterator[Regi
     if block.tag not in (*TAGS, *(OF_FILES if "code" in marks else ())):
         known = ", ".join(TAGS)
         yield _failing(region, f"a block of {block.tag!r}: expected one of {known}" if block.tag else
-                       f"a block without a tag: expected one of {known}")  # fmt: skip
+                       f"a block without a tag: expected one of {known}")
     elif any(not words for words in marks.values()):
         yield _failing(region, f"{next(iter(marks))!r} above this block says nothing: <!-- not run: REASON -->")
     elif "not run" in marks or "code" in marks:
@@ -274,4 +274,4 @@ def _write(example: Example) -> None:
 _NOT_RUN: dict[str, Callable[[Example], str | None]] = {"bash": _check_commands, "python": _compile}
 _EVALUATORS: dict[str, Callable[[Example], str | None]] = {
     "python": _run_python, "bash": _run_commands, "prototxt": _read_prototxt, "json": _read_json, "text": _compare,
-}  # fmt: skip
+}

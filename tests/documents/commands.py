@@ -221,10 +221,10 @@ def run(script: str, folder: Path, python: Path) -> str:
         return "".join(_printed_by(Path(name).stem, argv) for _, name, *argv in tools)
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NETLIB", "PYTEST", "COV"))}
     environment |= {"PATH": f"{python}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT),
-                    "PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "MPLBACKEND": "Agg"}  # fmt: skip
+                    "PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "MPLBACKEND": "Agg"}
     bash = ["bash", "-e", "-o", "pipefail", "-c", script]
     running = subprocess.Popen(bash, cwd=folder, env=environment, text=True, encoding="utf-8", start_new_session=True,
-                               stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
+                               stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     with running:
         try:
             printed, _ = running.communicate(timeout=SECONDS)

@@ -221,7 +221,7 @@ def test_nothing_of_a_document_stays(reported) -> None:
         "os.environ['MINE'] = '1'", "sys.path.append('x')", "np.set_printoptions(precision=2)", "np.random.seed(3)",
         "from pathlib import Path", "Path('prototxt/hand/nyu.prototxt').write_text('gone')",
         "os.remove('models/synthetic_hand/readme.md')",
-    ) + block("bash", "echo gone > prototxt/nyu_solver.prototxt", "rm tools")  # fmt: skip
+    ) + block("bash", "echo gone > prototxt/nyu_solver.prototxt", "rm tools")
     assert reported(text) == []
     now = (Path.cwd(), dict(os.environ), list(sys.path), list(sys.meta_path), np.get_printoptions(), workplace.state())
     assert now == before

@@ -46,7 +46,7 @@ def furnish(folder: Path) -> Path:
             (folder / name).symlink_to(ROOT / name)
     for name in COPIED:
         shutil.copytree(ROOT / name, folder / name, copy_function=_small_copy,
-                        ignore=shutil.ignore_patterns("__pycache__"))  # fmt: skip
+                        ignore=shutil.ignore_patterns("__pycache__"))
     python = folder.with_name(f"{folder.name}_python")
     python.mkdir()
     programs = {"python": "", "python3": ""}

@@ -24,7 +24,7 @@ LAYERS = {
     "relu", "relu_neg", "ip_4d", "ip_axis2", "conv_k3_s2_p1", "conv_group2", "conv_dil2_p2_s2", "pool_MAX_k3s2p1_odd",
     "pool_MAX_k2s2_odd", "pool_MAX_ties", "pool_AVE_k3s2p1_odd", "pool_AVE_k2s2_odd", "split_explicit", "euclid",
     "euclid_lw3", "dropout_test", "dropout_train_ratio0",
-}  # fmt: skip
+}
 KINDS = ("in", "param", "top", "topdiff", "indiff", "pdiff")
 FIRST_IMAGE = ("conv_", "pool_")
 POSES = [2, 3, 12, 30]  # of the hand's 32: small angles, any angles, one DoF

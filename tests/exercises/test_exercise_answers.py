@@ -48,7 +48,7 @@ def test_the_dozen_is_there() -> None:
     assert set(EXERCISES) == {
         "relu", "inner_product", "convolution", "pooling", "split", "euclidean_loss", "sgd", "resume",
         "joint_transform", "torque_gradient", "phys_limit", "dropout",
-    }  # fmt: skip
+    }
     chapters = [exercise.chapter for exercise in EXERCISES.values()]
     assert chapters == sorted(chapters)
     assert set(chapters) == set(range(1, 11))

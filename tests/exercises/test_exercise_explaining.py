@@ -46,7 +46,7 @@ def test_the_first_element_that_differs_is_named() -> None:
     assert first == "y[n=0, c=2] is 3.00001, Caffe has 3; the first of 2 elements of 6 that differ (some options)."
     assert second.startswith("This is not a known mistake.")
     assert report(changed((0, 2), 9))[0] == "y[n=0, c=2] is 9, Caffe has 3; the only one of 6 elements that differs " \
-        "(some options)."  # fmt: skip
+        "(some options)."
 
 
 @pytest.mark.parametrize(

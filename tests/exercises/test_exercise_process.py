@@ -60,7 +60,7 @@ def fault() -> str:
          "its process sent a malformed answer"),
         ("import json; json.dumps = None", "its process ended with status 1"),
     ],
-)  # fmt: skip
+)
 def test_a_file_that_does_not_return(first: str, said: str, work: Path) -> None:
     """A file that ends its process, or breaks what runs it, gives one line."""
     write(first)
@@ -80,7 +80,7 @@ def test_patched_functions_do_not_pass(work: Path) -> None:
           "np.allclose = np.array_equal = np.isclose = lambda *all, **more: True\n"
           "np.abs = lambda x, **more: x * 0\nnp.argwhere = np.flatnonzero = lambda x: np.zeros((0, 1), int)\n"
           "e.agree = lambda got, wanted, tolerance: got == got\nc.first_difference = lambda *all: None",
-          "y.data[...] = bottom[0].data + 1")  # fmt: skip
+          "y.data[...] = bottom[0].data + 1")
     *_, step = process.checked(SPLIT, Path("split.py"), 0, 600)
     assert not step.passed and step.title.startswith("values")
     assert step.lines[1] == "All elements exceed the expected value by 1: a constant is superfluous or missing."
@@ -152,17 +152,17 @@ def encoded(*numbers: float) -> list[object]:
 OUTLINE = {"lines": {"Split.forward": 3}, "to_do": {}, "needed": []}
 GARBAGE = [
     b"\xff\xfe", b"[" * 100_000, b"null", b"[]", b'"x"', b"{}", b'{"number": 1e999}', b'{"error": 3}', b"9" * 5000,
-]  # fmt: skip
+]
 OUTLINES = [
     {"lines": []}, {"to_do": {"f": "1"}}, {"needed": 3}, {"needed": [None]}, {"lines": {"f": [1]}},
     {"lines": {"f": True}},
-]  # fmt: skip
+]
 ANSWERS = [
     {}, {"number": 7}, {"values": 3}, {"values": {"y_0": 3}}, {"values": {"y_0": [[3], 3]}}, {"failure": "x"},
     {"values": {"y_0": [[-1], ""]}}, {"values": {"y_0": [[10**30], ""]}}, {"values": {"y_0": [[2, 3], "é"]}},
     {"values": {"y_0": [[2], "AAAA"]}}, {"values": {"y_0": [[1] * 200, "AAAAAAAAAAA="]}}, {"count": 1},
     {"values": {"y_0": [None, ""]}}, {"failure": {}}, {"failure": {"text": 3}}, {"failure": {"text": "x", "more": 1}},
-]  # fmt: skip
+]
 
 
 def answers_of(*lines: object) -> str:
@@ -176,7 +176,7 @@ def answers_of(*lines: object) -> str:
     "lines",
     [*((line,) for line in GARBAGE), *(({**OUTLINE, **other},) for other in OUTLINES),
      *((OUTLINE, {"number": 1, **answer}) for answer in ANSWERS)],
-)  # fmt: skip
+)
 def test_malformed_answers(lines: tuple[object, ...], work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Anything but an answer to the last request is one line, never another exception."""
     (work / "forged.py").write_text(answers_of(*lines))

@@ -135,7 +135,7 @@ KEEP = "missing; keep the names of the stub that --start writes"
                     "relu.py:2: from __future__ imports must occur at the beginning of the file"),
     "missing": (None, "relu.py: cannot read the exercise relu: No such file or directory"),
     "bytes": (b"\xff\xfe\x00", "relu.py: cannot read the exercise relu: not a text file (byte 0 is not UTF-8)"),
-})  # fmt: skip
+})
 def test_a_file_that_is_no_solution(
     given: str | bytes | None, rejected: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,7 +167,7 @@ def test_a_file_that_is_called_otherwise(write: Write) -> None:
          "ReLU.forward is a generator or coroutine"),
         ("class ReLU(Layer)", "class ReLU", "ReLU: expected class ReLU(Layer), as in the stub"),
     ],
-)  # fmt: skip
+)
 def test_a_part_of_another_kind(old: str, new: str, said: str, write: Write) -> None:
     """A part of the wrong kind is reported, with the expected kind, before anything runs."""
     path = write()
@@ -184,7 +184,7 @@ def test_other_names_and_more_arguments_will_do(write: Write) -> None:
     path = write()
     text = path.read_text().replace("reshape(self, bottom: Blobs, top: Blobs)", "reshape(me, bottom, top, more=1)")
     path.write_text(text.replace("backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:",
-                                 "backward(self, *all):\n        top, _, bottom = all"))  # fmt: skip
+                                 "backward(self, *all):\n        top, _, bottom = all"))
     reader = ReadersFile(RELU, path)
     assert all(step.passed for step in steps(RELU, LocalRunner(RELU, reader.part, reader)))
 

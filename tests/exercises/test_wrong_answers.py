@@ -259,7 +259,7 @@ class WindowByWindow(Convolution):
             first = o // (p.num_output // p.group) * per_in
             row, column, d = h * self.stride[0], v * self.stride[1], dy[n, o, h, v]
             window = (n, slice(first, first + per_in), slice(row, row + dh * (kh - 1) + 1, dh),
-                      slice(column, column + dv * (kw - 1) + 1, dv))  # fmt: skip
+                      slice(column, column + dv * (kw - 1) + 1, dv))
             self.put("dw", self.weight.diff, o, d * padded[window])
             self.put("dx", dx, window, d * w[o])
             if p.bias_term:
@@ -385,7 +385,7 @@ ANSWERS = [
     ("convolution", loops(clears=False), "backward adds to the diff of a bottom"),
 ]
 RIGHT = [("phys_limit", Limits), ("torque_gradient", Torques), ("convolution", Loops), ("convolution", WindowByWindow),
-         ("convolution", ImageByImage), ("pooling", PoolingByWindow), ("inner_product", ItemByItem)]  # fmt: skip
+         ("convolution", ImageByImage), ("pooling", PoolingByWindow), ("inner_product", ItemByItem)]
 
 
 @pytest.mark.parametrize(("name", "part", "words"), ANSWERS, ids=[f"{n}-{w}" for n, _, w in ANSWERS])

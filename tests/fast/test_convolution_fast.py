@@ -26,7 +26,7 @@ SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50, "depth
                 "winograd.MIN_TILES": 6, "winograd.MIN_PART": 4, "winograd.FEW_TILES": 20, "winograd.WEIGHT_BYTES": 900,
                 "winograd.MIN_OUTPUTS": 1, "winograd.MIN_COST": 0, "geometry.MIN_BLOCK_COST": 0,
                 "row_winograd.BLOCK_BYTES": 3000, "row_winograd.MIN_IMAGES": 1, "columns.COLUMN_BYTES": 3000,
-                "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1, "fusing.BLOCK": 100}  # fmt: skip
+                "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1, "fusing.BLOCK": 100}
 USUAL = [
     "num_output: 128 kernel_size: 3 pad: 1",
     "num_output: 64 kernel_size: 5 pad: 2 group: 2",
@@ -60,7 +60,7 @@ def options(rng: np.random.Generator) -> tuple[str, tuple[int, ...]]:
     for name, values in (("kernel_size", kernel), ("stride", stride), ("dilation", dilation), ("pad", pad)):
         text += "".join(f"{name}: {value} " for value in values)
     return text + 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }', (
-        int(rng.choice([1, 2, 3, 7])), group * each, *sizes)  # fmt: skip
+        int(rng.choice([1, 2, 3, 7])), group * each, *sizes)
 
 
 def run(kind: str, text: str, x: Array, engine: str, dtype: type, dy: Array | None = None) -> list[Array]:
@@ -132,9 +132,9 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
     g = geometry_for(algorithm, rng, C)
     O = C * int(rng.integers(1, 3)) if g.group > 1 else int(rng.integers(1, 5))
     sizes = [max(d * (k - 1) + 1 - 2 * p, 1) + int(rng.integers(0, 20))
-             for k, d, p in zip(g.kernel, g.dilation, g.pad)]  # fmt: skip
+             for k, d, p in zip(g.kernel, g.dilation, g.pad)]
     windows = [(n + 2 * p - d * (k - 1) - 1) // s + 1
-               for n, k, s, p, d in zip(sizes, g.kernel, g.stride, g.pad, g.dilation)]  # fmt: skip
+               for n, k, s, p, d in zip(sizes, g.kernel, g.stride, g.pad, g.dilation)]
     x, w, dy = (
         rng.normal(size=(N, C, *sizes)),
         rng.normal(size=(O, C // g.group, *g.kernel)),
@@ -184,7 +184,7 @@ def test_batches_in_float32(text: str, batch: int) -> None:
     """Sizes as in usual nets, in small and large batches, agree with the plain layer within float32."""
     size = 16 if batch < 100 else 5
     compare("Convolution", text + ' weight_filler { type: "gaussian" }', (batch, 64, size, size),
-            np.random.default_rng(batch), np.float32)  # fmt: skip
+            np.random.default_rng(batch), np.float32)
 
 
 @pytest.mark.parametrize("kind", ["DepthwiseConvolution", "ConvolutionDepthwise"])

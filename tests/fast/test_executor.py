@@ -693,7 +693,7 @@ LAYERS = {
     "tanh": 'type: "TanH"',
     "sigmoid": 'type: "Sigmoid"',
     "two": "",
-}  # fmt: skip
+}
 
 
 @st.composite

@@ -48,7 +48,7 @@ def test_any_windows(rng: np.random.Generator, dtype: type) -> None:
             x = np.round(x)
         sizes = " ".join(f"dim: {n}" for n in shape)
         text = (f'force_backward: true input: "x" input_shape {{ {sizes} }}\n'
-                f'layer {{ name: "p" type: "Pooling" bottom: "x" top: "y" {options(choice)} }}')  # fmt: skip
+                f'layer {{ name: "p" type: "Pooling" bottom: "x" top: "y" {options(choice)} }}')
         try:
             expected = passes("plain", text, x)
         except LayerError:

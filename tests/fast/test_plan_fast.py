@@ -21,13 +21,13 @@ LAYERS_OF_A_SLICE = [
     ("convL1", "FastConvolution"), ("poolL1", "FastPooling"), ("ReLUconvL1", "FastReLU"),
     ("convL2", "FastConvolution"), ("poolL2", "FastPooling"), ("ReLUconvL2", "FastReLU"),
     ("convL3", "FastConvolution"), ("ReLUconvL3", "FastReLU"),
-]  # fmt: skip
+]
 WHOLE_LAYERS = [
     ("data", "Input"), ("FC1", "FastInnerProduct"), ("ReLUFC1", "FastReLU"), ("DropoutFC1", "Dropout"),
     ("FC2", "FastInnerProduct"), ("ReLUFC2", "FastReLU"), ("DropoutFC2", "Dropout"), ("DoF", "FastInnerProduct"),
     ("DoF_DoF_0_split", "Split"), ("HandModel", "FastHandModel"), ("joint_loss", "EuclideanLoss"),
     ("limit_loss", "PhysLimit"),
-]  # fmt: skip
+]
 TILES = {"convL1": 4, "poolL1": 2, "convL2": 2, "poolL2": 2}  # tiles of all hidden blobs
 SPARSE = {"convL1"}  # stored only where the image is not background
 WAYS = {"convL1": "WindowTiles", "convL2": "RowTiles", "convL3": "RowTiles"}  # algorithms of the convolutions

@@ -75,7 +75,7 @@ def test_a_convolution_of_two_bottoms_of_different_sizes(net_of: MakeNet, rng: n
     "function",
     ['type: "Power" power_param { scale: -1 shift: 0.5 }', 'type: "Power" power_param { shift: 1 }',
      'type: "Sigmoid"', 'type: "TanH"', 'type: "ReLU" relu_param { negative_slope: 0.1 }', 'type: "ReLU"'],
-)  # fmt: skip
+)
 def test_a_layer_that_overwrites_pooled_values(net_of: MakeNet, rng: np.random.Generator, function: str) -> None:
     """A ReLU is not moved behind a pooling whose values are overwritten, because its backward reads their signs."""
     fast, plain = both(net_of, CONVOLUTION % (POOLING + IN_PLACE % function, "d"))

@@ -86,7 +86,7 @@ PROMISES = (
     Promise("clocks have no effect", "stopped, running backwards, jumping", _F + "disks", ("clock",)),
     Promise("no leaks", "hundreds of nets and solvers built, trained, restored, released; thousands of frames tracked, "
             "written and sent to clients that read, stall and leave", _F + "disks", ("soak",)),
-)  # fmt: skip
+)
 
 
 @dataclass

@@ -206,7 +206,7 @@ COMMANDS = (
     Command("table1 --page --ledger ledger --out out --setting one_hand", store, ("out/table1.md",)),
     Command("demo --out shown --frames 1", lambda: None, ("shown/hands.json",)),
     Command("exercise relu --start"),
-)  # fmt: skip
+)
 NAMES = tuple(command.name for command in COMMANDS)
 
 
@@ -366,7 +366,7 @@ CALLS = {
     "is interrupted": (0, errno.EINTR, False), "is cut": (0, 0, True),
     "and all after it fail": (ALL, errno.ENOSPC, False), "is on a read-only disk": (ALL, errno.EROFS, False),
     "is cut, and all writes after it fail": (ALL, errno.ENOSPC, True),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -451,7 +451,7 @@ def a_limit(before: Undisturbed, rng: random.Random) -> Fault:
             resource.setrlimit(kind, (soft, hard))
 
     words = {resource.RLIMIT_FSIZE: "bytes of a file", resource.RLIMIT_NOFILE: "more descriptors",
-             resource.RLIMIT_AS: "MB more of memory"}  # fmt: skip
+             resource.RLIMIT_AS: "MB more of memory"}
     return Fault(f"{more} {words[kind]}", limited)
 
 

@@ -129,7 +129,7 @@ class Worker:
                 [sys.executable, "-m", "tests.faults.isolation", str(writable)], stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL, stderr=stderr, pass_fds=[writable], cwd=self._place, env=environment,
                 start_new_session=True,
-            )  # fmt: skip
+            )
         os.close(writable)
         return self._child
 

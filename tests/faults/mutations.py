@@ -118,7 +118,7 @@ def _span(content: bytes, rng: random.Random) -> tuple[int, int]:
 ANY: tuple[Damage, ...] = (
     flip_bits, flip_bits, flip_at_the_beginning, change_bytes, run_of_one_value, truncate, insert, delete, repeat, swap,
     splice, transplant, integer, integer, nothing_or_noise,
-)  # fmt: skip
+)
 
 # ---------------------------------------------------------------------------------------------- text
 
@@ -127,12 +127,12 @@ NUMBERS = (
     "9223372036854775807", "9223372036854775808", "18446744073709551615", "18446744073709551616", "nan", "-nan", "inf",
     "-inf", "1e308", "1e309", "-1e400", "1e-320", "0.5", "0x7fffffff", "1_000", "٣", "1e", "--1", "1.2.3",
     "9" * 5000, "-" + "9" * 5000, "0." + "3" * 5000,
-)  # fmt: skip
+)
 NAMES = (
     b"", b"a\nb", b"\x1b[2J\x1b[31mred", b"nul\0nul", b"\xff\xfe\x80", b"x" * 5000, b"a" * 300, b"../../x",
     b"/dev/null", b"%s%n%d{0}", b"\xe2\x80\xaeright to left", b"\\", b"'", b'"', b"a/b/c", b".", b"..",
     b"\r", b"\xf0\x9f\x91\x8b",
-)  # fmt: skip
+)
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 _NAME = re.compile(rb'"[^"\n]*"')
 _WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]*")
@@ -212,7 +212,7 @@ def other_encoding(content: bytes, donor: bytes, rng: random.Random) -> bytes:
         b"\xef\xbb\xbf" + content, content.replace(b"\n", b"\r\n"), content.replace(b"\n", b"\r"),
         text.encode("utf-16"), text.encode("utf-16-le"), text.encode("utf-32"), content + b"\x1a",
         content + b"\0" * 100, content.replace(b"e", "é".encode("latin-1"), 1),
-    ))  # fmt: skip
+    ))
 
 
 def long_line(content: bytes, donor: bytes, rng: random.Random) -> bytes:
@@ -234,7 +234,7 @@ def _replace_one(pattern: re.Pattern[bytes], content: bytes, new: bytes, rng: ra
 TEXT: tuple[Damage, ...] = (
     extreme_number, extreme_number, extreme_number, several_numbers, strange_name, strange_name, another_word,
     lost_mark, repeated_block, deep_nesting, lines_moved, other_encoding, long_line,
-)  # fmt: skip
+)
 
 
 def damaged(content: bytes, donor: bytes, rng: random.Random, is_text: bool) -> tuple[bytes, str]:

@@ -474,7 +474,7 @@ def make_hdf5() -> list[str]:
         file["data"], file["label"] = h5py.SoftLink("/group/deep"), np.zeros(3)
         file.attrs["made_from"] = "a text that is not of a fixed length"
     put("net.prototxt", 'layer { name: "d" type: "HDF5Data" top: "data" top: "label" '
-                        'hdf5_data_param { source: "list.txt" batch_size: 6 shuffle: true } }')  # fmt: skip
+                        'hdf5_data_param { source: "list.txt" batch_size: 6 shuffle: true } }')
     return ["a.h5", "b.h5", "c.h5", put("list.txt", "a.h5\nb.h5\nc.h5\n")]
 
 
@@ -499,10 +499,10 @@ def make_pictures() -> list[str]:
     from tests.support.caffe_messages import write_blob
 
     files = [put_picture("a.png", (12, 16, 3)), put_picture("b.jpg", (12, 16, 3)), put_picture("c.png", (12, 16)),
-             put_picture("d.bmp", (12, 16, 3)), put_picture("e.png", (12, 16, 4))]  # fmt: skip
+             put_picture("d.bmp", (12, 16, 3)), put_picture("e.png", (12, 16, 4))]
     write_blob(Path("mean.binaryproto"), np.full((1, 3, 12, 16), 100, np.float32))
     put("net.prototxt", 'layer { name: "d" type: "ImageData" top: "x" top: "t" image_data_param { source: "list.txt" '
-        'batch_size: 5 } transform_param { mean_file: "mean.binaryproto" crop_size: 8 mirror: true } }')  # fmt: skip
+        'batch_size: 5 } transform_param { mean_file: "mean.binaryproto" crop_size: 8 mirror: true } }')
     listed = "".join(f"{name} {i}\n" for i, name in enumerate(files))
     return [*files, put("list.txt", listed), "mean.binaryproto"]
 
@@ -514,7 +514,7 @@ def make_windows() -> list[str]:
         put_picture(f"{i}.png", (12, 16, 3), seed=i)
         lines += [f"# {i}", f"{i}.png", "3 12 16", "2", "5 0.75 2 3 5 6", "5 0.25 1 2 8 4"]
     put("net.prototxt", 'layer { name: "d" type: "WindowData" top: "x" top: "t" window_data_param { source: '
-        '"windows.txt" batch_size: 2 fg_fraction: 0.5 context_pad: 1 } transform_param { crop_size: 4 } }')  # fmt: skip
+        '"windows.txt" batch_size: 2 fg_fraction: 0.5 context_pad: 1 } transform_param { crop_size: 4 } }')
     return [put("windows.txt", "\n".join(lines) + "\n"), "0.png"]
 
 
@@ -532,7 +532,7 @@ def make_database() -> list[str]:
         for i, entry in enumerate(entries):
             change.put(f"{i:08}".encode(), entry)
     put("net.prototxt", 'layer { name: "d" type: "Data" top: "x" top: "t" '
-        'data_param { source: "db" backend: LMDB batch_size: 4 } }')  # fmt: skip
+        'data_param { source: "db" backend: LMDB batch_size: 4 } }')
     return ["db/data.mdb"]
 
 
@@ -599,7 +599,7 @@ def make_run_net() -> list[str]:
     from tests.support.caffe_messages import write_blob
 
     put("net.prototxt", inputs(data=(1, 3, 4, 5)) + 'layer { name: "p" type: "InnerProduct" bottom: "data" top: "y" '
-        'inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }')  # fmt: skip
+        'inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }')
     netlib.Net("net.prototxt", netlib.TEST).save("net.caffemodel")
     write_blob(Path("mean.binaryproto"), np.ones((1, 3, 4, 5), np.float32))
     np.save("mean.npy", np.ones((3, 4, 5)))
@@ -638,7 +638,7 @@ def run_tool(main: Callable[[list[str]], int], *arguments: str) -> None:
 def make_depth() -> list[str]:
     """Write a 16-bit frame, a frame in NYU's colours and a crop, as PNG, whose chunks have checksums."""
     return [put_picture("frame.png", (48, 64), np.uint16), put_picture("nyu.png", (48, 64, 3)),
-            put_picture("crop.png", (32, 32))]  # fmt: skip
+            put_picture("crop.png", (32, 32))]
 
 
 def read_depth(path: Path) -> Any:
@@ -750,7 +750,7 @@ def make_logs() -> list[str]:
     """Write a log of Caffe and a short one."""
     shutil.copy(RECORDED / "logs" / "a_avgloss.log", "caffe.log")
     return ["caffe.log", put("short.log", "I0101 Iteration 20 (5 iter/s, 1s/20 iters), loss = 0.5\n"
-                             "    Test net output #0: acc = 0.25\nIteration 40, loss = 0.25\n")]  # fmt: skip
+                             "    Test net output #0: acc = 0.25\nIteration 40, loss = 0.25\n")]
 
 
 def read_log(path: Path) -> Any:
@@ -834,7 +834,7 @@ def read_store(path: Path) -> Any:
     from experiments.table1 import speed, store
 
     return (store.read_all(Path("store"), "one_hand"), store.read_shown(Path("store"), "one_hand"),
-            speed.read(Path("store/speed.json")))  # fmt: skip
+            speed.read(Path("store/speed.json")))
 
 
 def make_components() -> list[str]:
@@ -875,7 +875,7 @@ def _prepare() -> Any:
         split="test", files=[Path(f"{i}.png") for i in range(3)], center_uvd=np.full((3, 3), (32, 24, 700.0)),
         joints=joints, cube_mm=np.full(3, 3e5), camera=camera, read=lambda path: unpack_depth(read_png(path)),
         made_from="a campaign", centre="nothing",
-    )  # fmt: skip
+    )
     split = PreparedSplit(frames, Path("out"))
     refuse_foreign([split], ["a campaign"])
     outcome = split.write(1, lambda count: None, lambda i, error: None)
@@ -921,9 +921,9 @@ def make_dice() -> list[str]:
 
 
 FORMATS = ("16UC1; compressedDepth png", "32FC1; compressedDepth", "16UC1; compressedDepth rvl", "png", "",
-           "16UC1; png compressed ", "bgr8; jpeg compressed bgr8")  # fmt: skip
+           "16UC1; png compressed ", "bgr8; jpeg compressed bgr8")
 HEADERS = (b"", bytes(12), bytes(9), struct.pack("<iff", 0, 10100, -1009), struct.pack("<iff", 0, math.nan, 0),
-           struct.pack("<iffII", 0, 0, 0, 8, 6), struct.pack("<iffII", 0, 0, 0, 1 << 31, 1 << 31))  # fmt: skip
+           struct.pack("<iffII", 0, 0, 0, 8, 6), struct.pack("<iffII", 0, 0, 0, 1 << 31, 1 << 31))
 
 
 def read_mixed_bag(path: Path) -> Any:
@@ -938,7 +938,7 @@ def read_mixed_bag(path: Path) -> Any:
     rng = random.Random(path.read_bytes())
     topics = [*[bags.TOPIC] * 6, "/camera/depth/camera_info", f"{bags.TOPIC}/compressedDepth", "/a",
               f"{bags.REALSENSE}/Depth_0/image/data", f"{bags.REALSENSE}/Depth_0/info/camera_info",
-              f"{bags.REALSENSE}/option/Depth_Units/value"]  # fmt: skip
+              f"{bags.REALSENSE}/option/Depth_Units/value"]
     depth = np.full((6, 8), 900, np.uint16)
 
     def records(of: bags.Messages, _: Any) -> bags.Content:
@@ -1008,9 +1008,9 @@ CAMERA_JSON = """{"name": "own", "fx": 60.0, "fy": 60, "u0": 32, "v0": 24.5, "wi
 def make_camera_json() -> list[str]:
     """Write camera files with the fields of this project, of RealSense and of Azure."""
     realsense = '{"width": 64, "height": 48, "ppx": 31.5, "ppy": 23.5, "fx": 60, "fy": 60, "model": ' \
-        '"Brown Conrady", "coeffs": [0, 0.01, 0, 0, 0], "depth_scale": 0.001, "fps": 30}'  # fmt: skip
+        '"Brown Conrady", "coeffs": [0, 0.01, 0, 0, 0], "depth_scale": 0.001, "fps": 30}'
     azure = '{"fx": 60, "fy": 60, "cx": 32, "cy": 24, "k1": 0.5, "k2": 0.1, "p1": 0, "p2": 0, "k3": 0.01, ' \
-        '"k4": 0.4, "k5": 0.1, "k6": 0.02, "codx": 0, "cody": 0, "metric_radius": 1.7}'  # fmt: skip
+        '"k4": 0.4, "k5": 0.1, "k6": 0.02, "codx": 0, "cody": 0, "metric_radius": 1.7}'
     return [put("own.json", CAMERA_JSON), put("realsense.json", realsense), put("azure.json", azure)]
 
 
@@ -1166,4 +1166,4 @@ READERS: tuple[Reader, ...] = (
            make_parts, read_parts),
     Reader("exercises that have passed", ("exercises/solutions.py",), make_passed, read_passed),
     Reader("track", ("handpose/output/tracks/json_file.py",), make_tracks, read_tracks),
-)  # fmt: skip
+)

@@ -330,7 +330,7 @@ RUNS: tuple[Run, ...] = (
     Run("tracks", make_old_tracks, write_tracks, check_tracks),
     Run("recordings", functools.partial(write_recordings, 1), write_recordings, check_recordings),
     Run("recordings and truths", make_old_recordings, make_recordings, check_pairs_of_recordings),
-)  # fmt: skip
+)
 
 
 def run_of(name: str) -> Run:

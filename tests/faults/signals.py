@@ -30,7 +30,7 @@ def case(name: str, seed: int, number: int) -> Outcome:
     what, where = name.split(" at ")
     wanted = signal.Signals[what]
     before = runs.undisturbed(random.Random(f"{name} {seed} {number}").choice(("training hdf5", "training binary"))
-                              if where == "a random moment" else "training hdf5")  # fmt: skip
+                              if where == "a random moment" else "training hdf5")
     with readers._copied(before.folder):
         if where == "a random moment":
             wait = random.Random(f"{name} {number} {seed}").uniform(0, 0.1)

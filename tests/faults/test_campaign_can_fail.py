@@ -60,7 +60,7 @@ def test_what_goes_wrong_is_one_failure_and_ends_nothing() -> None:
         found["hang"] = worker.run(HERE, "hang", 0, 0)
     assert {name: outcome.kind for name, outcome in found.items()} == {
         "traceback": "TRACEBACK", "crash": "CRASH", "exit": "CRASH", "memory": "TRACEBACK", "hang": "HANG",
-    }  # fmt: skip
+    }
     assert all(outcome.failed for outcome in found.values())
     assert found["traceback"].detail.startswith("KeyError at tests/faults/test_campaign_can_fail.py:")
     assert found["crash"].detail.startswith("the process ended by SIGSEGV")

@@ -13,7 +13,7 @@ OTHERS = {
     "docs": "prints", "measure_finding": "prints", "measure_fit": "prints", "measure_gestures": "prints",
     "measure_tracking": "prints", "test_net": "prints", "time": "prints",
     "prepare_icvl": "writes as make_synthetic; runs.py", "prepare_nyu": "writes as make_synthetic; runs.py",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", commands.NAMES[::5])

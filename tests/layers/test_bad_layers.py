@@ -346,14 +346,14 @@ BAD = [
         ("pyramid_height: 3", [IMAGE],
          "bottom 'bottom0' is too small for a level of 4 x 4 windows: 5 in 4 parts of 2 need a padding of 2"),
         ("pyramid_height: 2", [(3, 5)], SHAPE.format(0, (3, 5), "(N, C, H, W)"))),
-]  # fmt: skip
+]
 
 
 @bad_inputs(LayerError, {
     f"{text[6:]} {bottoms} {tops}":
         ((text, bottoms, tops), f"<gradcheck>:1:{line if ': base' in line else '...: ' + line}".replace(": ", AT, 1))
     for text, bottoms, line, tops in BAD
-})  # fmt: skip
+})
 def test_layers_that_are_refused(given, rejected):
     """Invalid options, and bottoms of other shapes or values than the layer takes, are an error with the position."""
     text, bottoms, tops = given
@@ -373,7 +373,7 @@ def test_layers_that_are_refused(given, rejected):
              "H.binaryproto: cannot read the blob: No such file..."),
     "MVN in place": ('type: "MVN"', LayerError,
                      "<gradcheck>:1:1: error: layer 'it': bottom 'bottom0' has shape (2, 3), expected ..., in place 4"),
-})  # fmt: skip
+})
 def test_texts_that_are_refused(given, rejected):
     """A required field that is missing, an unknown value and a missing file are errors before the layer runs."""
     count = 3 if "Output" in given else 2 if "Loss" in given else 1
@@ -401,7 +401,7 @@ def test_texts_that_are_refused(given, rejected):
         ('type: "Convolution" convolution_param { num_output: 2 kernel_size: 2 }', [(1, 2, 5, 5)], [(1, 3, 5, 5)],
          "bottom 'bottom0' has 3 channels (1, 3, 5, 5), its weights (2, 2, 2, 2) expect 2"),
     )
-})  # fmt: skip
+})
 def test_shapes_that_must_stay(given, rejected):
     """What the shapes of the parameters depend on may not change after setup; nothing is broadcast."""
     text, bottoms, later = given
@@ -433,7 +433,7 @@ def test_shapes_that_must_stay(given, rejected):
         ("RNN", [X4, CONT], None, 1, MARKS.format(1)),
         ("LSTM", [X4, CONT], None, 1, MARKS.format(1)),
     )
-})  # fmt: skip
+})
 def test_what_has_no_gradient(given, rejected):
     """Requesting a gradient of indices, labels, weights or marks is an error."""
     kind, bottoms, wanted, tops = given
@@ -462,7 +462,7 @@ def test_what_has_no_gradient(given, rejected):
         "net.prototxt:2:...: error: layer 'b': param 0 has lr_mult 1, but statistics are not learned: expected 0"),
     "bn_param": ('name: "b" type: "BatchNorm" bottom: "x" bn_param {}', "...error: layer 'b': bn_param "
                  'belongs to the type BN; expected batch_norm_param, or type: "BN"'),
-})  # fmt: skip
+})
 def test_nets_that_are_refused(net_of, given, rejected):
     """Layers that cannot run in place, statistics with a learning rate, and options of another type are an error."""
     with rejected:

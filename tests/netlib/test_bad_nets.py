@@ -123,7 +123,7 @@ def after(shape: str, layer: str) -> str:
         ("Python without its options", X + 'layer { name: "p" type: "Python" bottom: "x" top: "y" }', PrototxtError,
          "layer 'p' of type 'Python' needs a python_param"),
     )
-})  # fmt: skip
+})
 def test_nets_that_are_refused(net_of: MakeNet, given: str, rejected: Any) -> None:
     """The error names the layer, the blobs and the shapes, with the position in the file; none is an error of NumPy."""
     with rejected:
@@ -152,7 +152,7 @@ MASKED = np.ma.masked_equal(np.ones((2, 3)), 0)
                        "output 'a' has shape (2, 3), got an array of shape (7,)"),
     "masked output": (lambda net: net.backward(a=MASKED), LayerError, f"output 'a' {VALUE}"),
     "name": (lambda net: net.save(""), netlib.WeightsError, "...cannot write the snapshot: ..."),
-})  # fmt: skip
+})
 def test_calls_that_are_refused(net_of: MakeNet, given: Callable[[netlib.Net], object], rejected: Any) -> None:
     """Unknown names are reported with the known ones or the nearest; invalid arrays with the expected kind."""
     with rejected:
@@ -163,7 +163,7 @@ def test_calls_that_are_refused(net_of: MakeNet, given: Callable[[netlib.Net], o
     **{f"phase {phase}": ({"phase": phase}, f"phase {phase} is unknown; expected 0 (TRAIN) or 1 (TEST)")
        for phase in (-1, 2)},
     "int32": ({"dtype": np.int32}, "a net computes in float32 or float64, not in int32"),
-})  # fmt: skip
+})
 def test_arguments_that_are_refused(net_of: MakeNet, given: dict[str, object], rejected: Any) -> None:
     """A net has one of two phases, and computes in one of two types."""
     with rejected:
@@ -202,7 +202,7 @@ def read(text: str, message: type = messages.NetParameter) -> Callable[[], objec
                           f"x: byte 1: 'label' expects an integer from -2147483648 to 2147483647, found {found}")
        for data, found in ((b"\x28\x80\x80\x80\x80\x10", 4294967296),
                            (b"\x28\xff\xff\xff\xff\xf7" + b"\xff" * 4 + b"\x01", -2147483649))},
-})  # fmt: skip
+})
 def test_messages_that_are_refused(given: Callable[[], object], rejected: Any) -> None:
     """A value that does not fit its field, and an unknown field or filler, are an error with the position."""
     with rejected:

@@ -107,7 +107,7 @@ def test_a_python_layer_in_the_working_directory(
         "net.prototxt:1:...: error: layer 'p': double_....NotALayer is not a subclass of netlib.Layer",
     'module: "MODULE"': "net.prototxt:1:151: error: missing required field 'layer' in python_param",
     'modul: "MODULE" layer: "Double"': "net.prototxt:1:153: error: unknown field 'modul' (did you mean 'module'?)",
-})  # fmt: skip
+})
 def test_mistakes_in_python_param(net_of: MakeNet, module: str, given: str, rejected: Any) -> None:
     """Errors in python_param have the position in the prototxt."""
     with rejected:

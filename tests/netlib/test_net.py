@@ -158,7 +158,7 @@ def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None
         ((X + ip("a", "x", "a") + ip("b", "a", "b")).replace("num_output: 3", "num_output: 3 bias_term: false"),
          "layer 'a' has 2 parameters, the net expects 1"),
     ],
-)  # fmt: skip
+)
 def test_weights_that_do_not_fit_change_nothing(net_of: MakeNet, tmp_path: Path, text: str, message: str) -> None:
     """If one layer does not fit, none is copied."""
     net_of(X + ip("a", "x", "a") + ip("b", "a", "b")).save(tmp_path / "w.h5")

@@ -199,10 +199,10 @@ def test_debug_info_shows_a_blob_before_a_layer_in_place(
     solver_of(ip + text, "base_lr: 0 display: 2 debug_info: true").step(2)
     assert [line for line in messages(caplog, "[Forward]") if "blob y " in line] == [
         "[Forward] Layer ip, top blob y data: 2", "[Forward] Layer half, top blob y data: 4",
-    ]  # fmt: skip
+    ]
     assert [line for line in messages(caplog, "[Backward]") if "blob y " in line] == [
         "[Backward] Layer sum, bottom blob y diff: 1", "[Backward] Layer half, bottom blob y diff: 0.5",
-    ]  # fmt: skip
+    ]
 
 
 def test_solver_mode_gpu_is_accepted_with_a_note(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
@@ -218,7 +218,7 @@ def test_a_step_of_multistep_is_logged(solver_of: MakeSolver, caplog: pytest.Log
     solver_of(ONE_WEIGHT % "", 'lr_policy: "multistep" gamma: 0.1 stepvalue: 1 stepvalue: 3').step(5)
     assert messages(caplog, "MultiStep") == [
         "MultiStep Status: Iteration 1, step = 1", "MultiStep Status: Iteration 3, step = 2",
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize("policy", ['"exp" gamma: 1.5', '"step" stepsize: 1 gamma: 10', '"inv" gamma: 1 power: -400'])
@@ -384,7 +384,7 @@ def test_when_snapshots_are_written(solver_of: MakeSolver, work: Path, options: 
     ("prefix", "stem"),
     [('snapshot_prefix: "a/b"', "a/b"), ('snapshot_prefix: "new/"', "new/solver"),
      ('snapshot_prefix: "there"', "there/solver"), ('snapshot_prefix: ""', "solver")],
-)  # fmt: skip
+)
 def test_where_snapshots_go(solver_of: MakeSolver, work: Path, prefix: str, stem: str) -> None:
     """Snapshots in a folder, or without a prefix, are named after the solver file."""
     (work / "there").mkdir()
@@ -401,7 +401,7 @@ def test_a_directory_of_the_prefix_that_comes_later(solver_of: MakeSolver, work:
     solver.step(1)
     assert {path.name for path in work.glob("snap*.solverstate")} == {
         "snap_iter_1.solverstate", "snap_iter_2.solverstate",
-    }  # fmt: skip
+    }
     assert not list((work / "snap").iterdir())
 
 
@@ -604,7 +604,7 @@ def test_resume_of_moved_files(solver_of: MakeSolver, work: Path) -> None:
                 "nothing.solverstate: cannot read a solver state: No such file or directory"),
     "text": (lambda s: "solver.prototxt", "solver.prototxt: ...; expected a solver state (.solverstate); it looks "
              "like a text file"),
-})  # fmt: skip
+})
 def test_what_cannot_be_resumed_is_one_line(
     solver_of: MakeSolver, given: Callable[[netlib.Solver], Any], rejected: Any
 ) -> None:
@@ -624,7 +624,7 @@ BIAS, TWO_INPUTS = ("bias_term: false", ""), ("dim: 1 dim: 1", "dim: 1 dim: 2")
         (("", ""), 'type: "AdaGrad"', OTHER.format("AdaGrad")),
         (BIAS, "", "1 histories, but SGD on this net has 2; it is probably from another solver type or net"),
         (TWO_INPUTS, "", "history 0 has shape (1, 1), layer 'ip' parameter 0 (1, 2)"))
-})  # fmt: skip
+})
 def test_a_state_of_another_solver_or_net_changes_nothing(
     solver_of: MakeSolver, given: tuple[tuple[str, str], str], rejected: Any
 ) -> None:
@@ -734,7 +734,7 @@ NO_INTERVAL = "1 test nets, but no test_interval; expected at least 1"
         ('base_lr: "much"', "30: error: 'base_lr' expects a number, found \"much\""),
         ('solver_type: ADAM type: "SGD"',
          "21: error: solver_type ADAM contradicts type 'SGD', which Caffe reads; expected one of them"))
-})  # fmt: skip
+})
 def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, given: str, rejected: Any) -> None:
     """The error has the file, line and column, the invalid value and the known ones."""
     with rejected:
@@ -746,7 +746,7 @@ def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, given:
                     's.prototxt:1:1: error: this is a net; expected a solver, which names it: net: "FILE"'),
     "no net": ('net: "gone.prototxt" base_lr: 1 lr_policy: "fixed"', netlib.NetlibError, "s.prototxt: the net "
                "'gone.prototxt' does not exist in the working directory or next to the solver"),
-})  # fmt: skip
+})
 def test_what_is_no_solver(work: Path, given: str, rejected: Any) -> None:
     """A net, also one of an older format, is reported as such, and a missing net by its name in the solver file."""
     (work / "s.prototxt").write_text(given)

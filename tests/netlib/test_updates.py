@@ -49,7 +49,7 @@ def run(rule: str, gradients: list[float], rate: float = 0.1, **options: Any) ->
         ("Adam", {"momentum": 0.5, "momentum2": 0.75, "delta": 0.0},
          [1 - 0.1, 0.9 - 0.1 * math.sqrt(0.4375) / 0.75 * 2.5 / math.sqrt(4.75)]),
     ],
-)  # fmt: skip
+)
 def test_two_updates_by_hand(rule: str, options: dict[str, float], expected: list[float]) -> None:
     """Gradients 2 and 4 with learning rate 0.1 give the expected weights."""
     assert run(rule, [2, 4], **options) == pytest.approx(expected, rel=1e-12)

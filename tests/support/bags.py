@@ -50,7 +50,7 @@ class Messages:
         message = self.store.types["sensor_msgs/msg/Image"](
             header=self.header(ns), height=values.shape[0], width=values.shape[1], encoding=encoding,
             is_bigendian=int(big), step=data.shape[1], data=data.reshape(-1),
-        )  # fmt: skip
+        )
         return self.encode("sensor_msgs/msg/Image", message)
 
     def packed(
@@ -84,7 +84,7 @@ class Messages:
         message = self.store.types["sensor_msgs/msg/CameraInfo"](
             header=self.header(START_NS), height=shape[0], width=shape[1], distortion_model=model, binning_x=bin_x,
             binning_y=bin_y, roi=roi, **{name(key): np.array(value, np.float64) for key, value in arrays.items()},
-        )  # fmt: skip
+        )
         return self.encode("sensor_msgs/msg/CameraInfo", message)
 
     def number(self, value: float) -> bytes:
@@ -139,7 +139,7 @@ def driver(
     content = [
         (f"{topic.rpartition('/')[0]}/camera_info", "sensor_msgs/msg/CameraInfo", START_NS,
          messages.info(sensor or depth.shape[1:], **info))
-    ]  # fmt: skip
+    ]
     for i, image in enumerate(depth):
         content.append((topic, "sensor_msgs/msg/Image", stamp_of(i) + 5_000_000, messages.image(image, stamp_of(i))))
     return content

@@ -11,7 +11,7 @@ from tests.support.running import ROOT
 KINDS = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
 KNOWN = {"$schema", "title", "description", "$defs", "$ref", "allOf", "anyOf", "type", "const", "enum", "required",
          "properties", "additionalProperties", "items", "minItems", "maxItems", "minimum", "maximum",
-         "exclusiveMinimum"}  # fmt: skip
+         "exclusiveMinimum"}
 
 
 @functools.cache

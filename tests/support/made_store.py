@@ -16,7 +16,7 @@ PAPERS = {
     "direct_joint": (17.2, 21.4, np.nan), "direct_parameter": (26.7, 12.2, 0.0), "no_limit": (16.9, 12.0, 0.186),
     "ours": (16.9, 12.2, 0.009), "bottleneck": (18.0, 22.0, np.nan), "direct_parameter_exact": (26.0, 12.3, 0.0),
     "ours_scale": (16.0, 12.0, 0.01), "ours_bones": (15.0, 12.0, 0.01),
-}  # fmt: skip
+}
 
 
 def figures(
@@ -26,7 +26,7 @@ def figures(
     return Figures(
         subject, frames, error, error + 1, angle - 1, angle, broken, 0.5, own, own, [error] * JOINTS,
         [float(x) for x in np.linspace(0, 1, len(THRESHOLDS_MM))], [angle] * ROTATIONS,
-    )  # fmt: skip
+    )
 
 
 def entry(
@@ -44,7 +44,7 @@ def entry(
     subjects = [figures(name, error + 2 * i, angle, broken, 100, own) for i, name in enumerate(setting.subjects)]
     return Entry(setting.name, network, recipe.name, seed, iterations, error + len(subjects) - 1, 3600.0, 2,
                  "a machine, 2 cores", "synthetic_00000000", "synthetic", "a command", subjects,
-                 np.full((DRAWN, JOINTS, 3), 0.25))  # fmt: skip
+                 np.full((DRAWN, JOINTS, 3), 0.25))
 
 
 def trained(

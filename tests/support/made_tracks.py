@@ -45,7 +45,7 @@ def header_of(skeleton: Skeleton, unit_mm: float = 150.0) -> TrackHeader:
 
 
 def any_hand(header: TrackHeader, rng: np.random.Generator, id: int = 0, hand: str = "right",
-             bones: np.ndarray | None = None) -> TrackedHand:  # fmt: skip
+             bones: np.ndarray | None = None) -> TrackedHand:
     """Return a random pose; bones a little longer or shorter than the skeleton's, unless given."""
     sk = header.skeleton
     inputs = rng.uniform(-1.5, 1.5, len(sk.initial)) * ~sk.fixed

@@ -46,7 +46,7 @@ OPERATIONS = {  # weights of the choice
     "forward, write input, backward": 3, "forward part": 3, "backward": 7, "backward part": 3, "clear": 3,
     "read data": 4, "read diff": 2, "write data": 3, "write diff": 1, "write input": 2, "write parameter": 2,
     "share": 1, "reshape": 2, "backward after reshape": 1,
-}  # fmt: skip
+}
 
 POOLS = {count: parallel.Workers(count - 1, "netlib") for count in (1, 4)}  # started once: a program has ten changes
 
@@ -54,12 +54,12 @@ POOLS = {count: parallel.Workers(count - 1, "netlib") for count in (1, 4)}  # st
 ELEMENTWISE = {"relu": "ReLU", "leaky": "ReLU", "relu6": "ReLU6", "tanh": "TanH", "sigmoid": "Sigmoid",
                "power": "Power", "scale": "Scale", "bnll": "BNLL", "dropout": "Dropout", "lrn": "LRN",
                "norm": "BatchNorm", "bn": "BN", "prelu": "PReLU", "bias": "Bias", "softmax": "Softmax",
-               "unit": "Normalize"}  # fmt: skip
+               "unit": "Normalize"}
 KINDS = dict.fromkeys(ELEMENTWISE, 1) | {
     "relu": 5, "power": 2, "conv": 5, "two bottoms": 1, "shared": 1, "strided": 1, "max": 4, "ave": 1, "eltwise": 1,
     "concat": 1, "product": 1, "shuffle": 1, "depthwise": 1, "interp": 1, "nearest": 1, "unpool": 1,
     "permute": 1,
-}  # fmt: skip
+}
 BN_OPTIONS = [
     "bn_mode: LEARN scale_filler { value: 2 }",
     "bn_mode: INFERENCE scale_filler { value: 2 }",
@@ -150,7 +150,7 @@ class NetText:
         elif kind == "product":
             self.fixed_size = True
             self._layer(number, "InnerProduct", [bottom], [f"b{number}"], "inner_product_param { num_output: 3 "
-                        'weight_filler { type: "xavier" } }')  # fmt: skip
+                        'weight_filler { type: "xavier" } }')
 
     def _layer(self, number: int, type_: str, bottom: list[str], top: list[str], options: str = "") -> None:
         may_be_frozen = "filler" in options and "name:" not in options
@@ -171,7 +171,7 @@ class NetText:
             "dropout": "dropout_param { dropout_ratio: 0.3 }",
             "norm": rng.choice(["", "batch_norm_param { use_global_stats: true }"]),
             "unit": f"norm_param {{ across_spatial: {rng.choice(['true', 'false'])} channel_shared: false eps: 0.1 }}",
-        }.get(kind, "")  # fmt: skip
+        }.get(kind, "")
         may_overwrite = bottom not in self.read and bottom not in self.inputs
         in_place = may_overwrite and kind != "lrn" and "-0.5" not in options and rng.random() < 0.7
         top = bottom if in_place else f"b{number}"
@@ -193,7 +193,7 @@ class NetText:
         if channels:
             options = (f"convolution_param {{ num_output: {channels} kernel_size: {k} stride: {stride} pad: {pad} "
                        f'bias_term: {rng.choice(["true", "false"])} weight_filler {{ type: "gaussian" std: 0.5 }} '
-                       'bias_filler { type: "uniform" min: -1 max: 1 } }')  # fmt: skip
+                       'bias_filler { type: "uniform" min: -1 max: 1 } }')
         else:
             pool = "AVE" if kind == "ave" else "MAX"
             options = f"pooling_param {{ pool: {pool} kernel_size: {k} stride: {stride} pad: {pad} }}"
@@ -244,7 +244,7 @@ class NetText:
             return
         options = (f"convolution_param {{ num_output: {C * times} group: {C} kernel_size: {k} stride: {stride} "
                    f'pad: {pad} weight_filler {{ type: "gaussian" }} '
-                   'bias_filler { type: "uniform" min: -1 max: 1 } }')  # fmt: skip
+                   'bias_filler { type: "uniform" min: -1 max: 1 } }')
         self._layer(number, kind, [bottom], [f"b{number}"], options)
         height, width = (_windows_along(n, k, stride, pad, up=False) for n in (H, W))
         self.shapes[f"b{number}"] = C * times, height, width
@@ -610,7 +610,7 @@ def main(argv: list[str] | None = None) -> int:
             print(f"{seed}: {type(error).__name__}: {str(error)[:200]}", flush=True)
     print(f"{args.count} programs, {sum(done.values())} operations, {len(failed)} failed, "
           f"{len(rounded)} in which rounding decides{f' {rounded}' if rounded else ''}, "
-          f"{time.monotonic() - start:.0f} s: {dict(done.most_common())}")  # fmt: skip
+          f"{time.monotonic() - start:.0f} s: {dict(done.most_common())}")
     return bool(failed)
 
 

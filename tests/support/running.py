@@ -66,7 +66,7 @@ def run_python(
     ended = subprocess.run(
         [sys.executable, *map(str, argv)], cwd=cwd, preexec_fn=preexec_fn, capture_output=True, encoding="utf-8",
         env={name: value for name, value in environment.items() if value is not None}, errors="replace", check=False,
-    )  # fmt: skip
+    )
     done = Done(ended.returncode, ended.stdout, ended.stderr)
     assert done.status == status, done
     return done

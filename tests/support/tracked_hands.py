@@ -32,7 +32,7 @@ def tracked(
         id, hand, confidence, 8.0, inputs, sk.bones, origin,
         joints_of(sk, HEADER.unit_mm, hand, inputs, sk.bones, origin),
         CAMERA.project(origin), CUBE_MM, Capsules(a * side + origin, b * side + origin, *radii),
-    )  # fmt: skip
+    )
 
 
 def seen(hands: Sequence[TrackedHand], camera: Camera = CAMERA, wall: float = 1500.0) -> NDArray[np.float32]:

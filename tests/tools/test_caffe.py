@@ -163,7 +163,7 @@ def test_test_writes_the_recorded_log(log_of):
     theirs = log_lines("test.log")
     assert spoken(theirs)[-6:-2] == [
         "Running for 3 iterations.", "Batch 0, loss = 2.54403", "Batch 1, loss = 3.22669", "Batch 2, loss = 2.28123",
-    ]  # fmt: skip
+    ]
     check_same_log(spoken(mine), spoken(theirs))
 
 

@@ -47,7 +47,7 @@ def test_a_net_that_subtracts_it_has_the_mean_zero(images):
     run_tool("compute_image_mean", "db", "mean.binaryproto")
     net = netlib.Net(prototxt.parse("""layer { name: "d" type: "Data" top: "x"
         data_param { source: "db" batch_size: 7 backend: LMDB }
-        transform_param { mean_file: "mean.binaryproto" } }"""), netlib.TEST)  # fmt: skip
+        transform_param { mean_file: "mean.binaryproto" } }"""), netlib.TEST)
     x = net.forward()["x"]
     assert np.abs(x).mean() > 10
     assert np.abs(x.mean(axis=0)).max() < 1e-4

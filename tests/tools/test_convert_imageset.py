@@ -138,7 +138,7 @@ def test_sizes(pictures):
         (["-encode_type=tga7", "p/", "list.txt", "db"], "p/im 0.png: OpenCV cannot encode images of type 'tga7'; "
                                                         "expected for example -encode_type png"),
     ],
-)  # fmt: skip
+)
 def test_mistakes(pictures, tmp_path, argv, message):
     """Errors are one line with status 1, and no database is written."""
     before = sorted(tmp_path.rglob("*"))
@@ -154,7 +154,7 @@ def test_mistakes(pictures, tmp_path, argv, message):
         (["-resize_width=4", "p/", "list.txt", "db"], "-resize_width and -resize_height must be given together"),
         (["-gray=perhaps", "p/", "list.txt", "db"], "ignored explicit argument 'perhaps'"),
     ],
-)  # fmt: skip
+)
 def test_wrong_usage(argv, message):
     """Wrong usage gives argparse's message and status 2."""
     assert message in run_tool("convert_imageset", *argv, status=2).err

@@ -17,7 +17,7 @@ def test_the_pages_are_listed() -> None:
     lines = run_tool("docs").out.splitlines()
     assert {line.split()[0] for line in lines} == {
         *(path.stem for path in (ROOT / "docs").glob("*.md")), "hands.schema.json"
-    }  # fmt: skip
+    }
     assert all(len(line.split()) > 1 for line in lines)
     assert "camera             Tracking: from a depth camera to hand poses" in lines
 

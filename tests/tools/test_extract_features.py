@@ -61,7 +61,7 @@ def test_a_net_reads_them(tmp_path):
         "extract_features", "init.caffemodel", "net.prototxt", "ip1", tmp_path / "f", "1", "lmdb", "GPU", "DEVICE_ID=0"
     )
     net = netlib.Net(prototxt.parse(f"""layer {{ name: "d" type: "Data" top: "x"
-        data_param {{ source: "{tmp_path}/f" batch_size: 5 backend: LMDB }} }}"""), netlib.TEST)  # fmt: skip
+        data_param {{ source: "{tmp_path}/f" batch_size: 5 backend: LMDB }} }}"""), netlib.TEST)
     first = netlib.Net("net.prototxt", "init.caffemodel", netlib.TEST)
     first.forward()
     assert np.array_equal(net.forward()["x"].reshape(5, 16), first.blobs["ip1"].data)
@@ -77,7 +77,7 @@ def test_mistakes(tmp_path):
     """Errors are one line each, and no database is written."""
     deep = tmp_path / "deep.prototxt"
     deep.write_text('layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 dim: 1 '
-                    "dim: 1 dim: 1 } } }")  # fmt: skip
+                    "dim: 1 dim: 1 } } }")
     a, b = str(tmp_path / "a"), str(tmp_path / "b")
     refused = (
         ["init.caffemodel", "net.prototxt", "ip7,ip1", f"{a},{b}", "1", "lmdb"],

@@ -298,7 +298,7 @@ def test_places(tmp_path: Path) -> None:
     with h5py.File(f"{out}/train_000.h5") as file:
         assert {name: file[name].shape for name in file} == {
             "depth": (5, 1, 64, 64), "hand": (5,), "offset": (5, 3), "near": (5, 3), "index": (5,)
-        }  # fmt: skip
+        }
     done = run_tool("make_synthetic", "--places", "--recipe", "cameras", status=2)
     assert "--recipe applies only to hands" in done.err
 

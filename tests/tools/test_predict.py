@@ -85,7 +85,7 @@ def test_json_of_crops(snapshot):
     (hand,) = document["frames"][0]["hands"]
     assert [key for key, value in hand.items() if value is None] == [
         "confidence", "error_mm", "angles_rad", "translations_mm", "bones_mm"
-    ]  # fmt: skip
+    ]
     assert hand["origin_mm"] == [0, 0, 0] and hand["crop"] == {"center_uvd": None, "cube_mm": 300}
     Path("a.json").write_text(json.dumps(document))
     with pytest.raises(DataError, match="predicted from crops without a camera"):
@@ -341,7 +341,7 @@ def test_a_camera_by_its_file(snapshot):
         ('{"fx": 300, "fy": 300, "u0": 160, "v0": 120, "width": 320, "height": 240}',
          "frame.png: 512 x 424 pixels; camera own has 320 x 240"),
     ],
-)  # fmt: skip
+)
 def test_a_camera_file_with_something_wrong(frame, text, message):
     """An invalid camera.json gives one line."""
     if text is not None:

@@ -147,7 +147,7 @@ def test_check(root):
     ("name", "reported"),
     [("train/joint_data.mat", "NYU hand pose data set; use the command prepare_nyu"), ("P0/1/joint.txt", "MSRA15"),
      ("test_groundtruth_uvd.txt", "only text files"), ("Training.tar.gz", "not unpacked")],
-)  # fmt: skip
+)
 def test_check_wrong_archive(tmp_path, name, reported):
     """Other data sets are recognised."""
     (tmp_path / "root" / name).parent.mkdir(parents=True)

@@ -341,7 +341,7 @@ def test_check_whole(raw):
 def test_check_counts(tmp_path):
     """--check reports an incomplete data set; the second test subject alone cannot be prepared."""
     for count, reported in ((2440, "the first of the two test subjects only"), (5812, "the second test subject only"),
-                        (100, "100 labelled frames, the whole test set has 8252")):  # fmt: skip
+                        (100, "100 labelled frames, the whole test set has 8252")):
         write_labels(tmp_path / "test", hand(count))
         write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
         lines = check(tmp_path, "--splits", "test")
@@ -371,7 +371,7 @@ def test_check_missing_subject(tmp_path):
         (["notes.odt"], "does not look like any data set known here"),
         ([], "looks like nothing"),
     ],
-)  # fmt: skip
+)
 def test_check_wrong_archive(tmp_path, files, reported):
     """Other data sets are recognised."""
     for name in files:
@@ -385,7 +385,7 @@ def test_check_wrong_archive(tmp_path, files, reported):
 
 
 @pytest.mark.parametrize(("prefix", "reported"), [("synthdepth_1_", "rendered depth"), ("rgb_1_", "colour images"),
-                                              ("depth_2_", "camera 2")])  # fmt: skip
+                                              ("depth_2_", "camera 2")])
 def test_check_wrong_images(root, prefix, reported):
     """Rendered depth, colour images and frames of another camera are distinguished from the real depth."""
     for path in list((root / "test").glob("depth_1_*.png")):
@@ -462,7 +462,7 @@ def test_labels_of_version_73(root):
     ("text", "reported"),
     [("1 2\n" * 20, "centers.txt:1: expected 3 numbers, found '1 2'"), ("1 2 3\n" * 19, "expected (20, 3)"),
      ("u v d\n", "centers.txt:1: expected 3 numbers"), (None, "No such file")],
-)  # fmt: skip
+)
 def test_wrong_centres(root, text, reported):
     """An invalid file of centres gives a one-line error."""
     path = root.parent / "centers.txt"

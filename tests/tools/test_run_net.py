@@ -132,7 +132,7 @@ def test_mean_of_a_file_per_channel() -> None:
 def test_grey_net() -> None:
     """A net with one input channel takes grey images."""
     Path("net.prototxt").write_text(inputs(data=(1, 1, 8, 10)) + 'layer { name: "p" type: "Power" bottom: "data" top: '
-                                    '"y" }')  # fmt: skip
+                                    '"y" }')
     run("0.png", "--out", "y.npy")
     assert np.array_equal(np.load("y.npy")[0, 0], cv2.imread("0.png", cv2.IMREAD_GRAYSCALE))
 
@@ -224,7 +224,7 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
         (inputs(a=(1, 3, 2, 2)) + 'layer { name: "r" type: "Reduction" bottom: "a" top: "s" }', ["0.png"],
          "blob 's' has shape () for 1 images; expected the image as first axis"),
     ],
-)  # fmt: skip
+)
 def test_mistakes(net: str, argv: list[str], message: str) -> None:
     """Each mistake is one line with the file or the option, and nothing is written."""
     Path("empty.txt").write_text("")

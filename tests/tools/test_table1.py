@@ -143,7 +143,7 @@ def test_a_stopped_campaign_continues_where_it_was(setting, narrow, tmp_path, mo
     assert [sit(tmp_path / "two", jobs)[0] for _ in range(2)] == [130, 130]
     clock = iter([0.0] * 4 + [9.0] * 9)
     monkeypatch.setattr(campaign, "time", type("Clock", (), {"monotonic": lambda: next(clock),
-                                                             "perf_counter": time.perf_counter}))  # fmt: skip
+                                                             "perf_counter": time.perf_counter}))
     status, said, _ = sit(tmp_path / "two", jobs, deadline=5.0)
     assert status == 0 and said[-1] == "time is up; the next run continues here"
     monkeypatch.undo()
@@ -165,7 +165,7 @@ def test_time_that_is_up_while_frames_are_made(tmp_path, monkeypatch):
     )
     clock = iter([0.0, 0.0, *[9.0] * 99])
     monkeypatch.setattr(campaign, "time", type("Clock", (), {"monotonic": lambda: next(clock),
-                                                             "perf_counter": time.perf_counter}))  # fmt: skip
+                                                             "perf_counter": time.perf_counter}))
     status, said, _ = sit(tmp_path, jobs, deadline=5.0)
     assert status == 0 and said == ["time is up; the next run continues here"]
     assert not (tmp_path / "work").exists() and not list((tmp_path / "frames").glob("*.h5"))

@@ -140,7 +140,7 @@ def test_which_hand_is_known(hand: str) -> None:
     [("takes/wave.mkv", "wave"), ("takes/wave", "wave"), ("takes/wave/", "wave"), ("takes/*.png", "takes"),
      ("takes/left_*.png", "left"), ("realsense", "realsense"), ("takes/a b;c.npz", "a_b_c"),
      ("camera.npz", "camera_track"), (".", "here"), ("../here", "here")],
-)  # fmt: skip
+)
 def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Default output names are derived from the source and never equal a camera file."""
     seen: list[argparse.Namespace] = []
@@ -169,7 +169,7 @@ def test_a_first_look() -> None:
      ["--frames", "0"], ["--size", "0"], ["--fit", "no"], ["--serve", "x"], ["--serve", ":80"], ["--serve", "a:65536"],
      ["--serve", "a:-1"], ["--udp", "a"], ["--udp", "a:0"], ["--look", "a.png", "--serve"]],
     ids=lambda argv: " ".join(argv),
-)  # fmt: skip
+)
 def test_wrong_usage(argv: list[str]) -> None:
     """Wrong usage gives status 2 before any work."""
     assert argv[0] in run_tool("track", "takes/take.npz", *argv, status=2).err and files() == []

@@ -174,7 +174,7 @@ def test_a_signal_to_mpiexec(small):
     said = [line for line in Path("log").read_text().splitlines() if re.match(r"[IWE]\d{4} ", line)]
     assert said == [line for line in lines if re.match(r"[IWE]\d{4} ", line)]
     again = ranks_started.run(2, TRAIN, "solver.prototxt", "--snapshot", f"snapshots/small_iter_{stopped}.solverstate",
-                              "--max-iter", stopped + 1)  # fmt: skip
+                              "--max-iter", stopped + 1)
     assert again.returncode == 0 and "averaged loss; the resume is exact" in again.stderr
 
 

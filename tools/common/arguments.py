@@ -43,7 +43,7 @@ def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
     parser = _Parser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if nets:
         parser.add_argument("--no-python-layers", action="store_true",
-                            help="reject nets with layers of type Python, which execute code")  # fmt: skip
+                            help="reject nets with layers of type Python, which execute code")
     return parser
 
 
@@ -134,7 +134,7 @@ def address(least: int = 1) -> Callable[[str], tuple[str, int]]:
             return host, parse_port(port)
         except argparse.ArgumentTypeError:
             raise argparse.ArgumentTypeError(f"expected HOST:PORT, a port from {least} to {MAX_PORT}, found "
-                                             f"{_cut(text)}") from None  # fmt: skip
+                                             f"{_cut(text)}") from None
 
     return parse
 

@@ -144,7 +144,7 @@ class Campaign:
                 "done" if job.only else convergence_of(of_job(self.store_of(job.setting), job), job.recipe.lengths).end
             )
             say_now(f"{which} {job}: {length} iterations, {entry.error_mm:.2f} mm, {end}; "
-                    f"scored in {duration(time.perf_counter() - begun)}")  # fmt: skip
+                    f"scored in {duration(time.perf_counter() - begun)}")
 
     # ------------------------------------------------------------------------------------------ data
 
@@ -157,7 +157,7 @@ class Campaign:
             other = sorted({entry.data for entry in self.store_of(setting)} - {name})
             if other:
                 raise DataError(f"{self.store / setting.name}: was made with the data {', '.join(other)}, those in "
-                                f"{setting.folder} are {name}; choose another --ledger")  # fmt: skip
+                                f"{setting.folder} are {name}; choose another --ledger")
             truth = results.truth_of(setting, self._angles(setting, "test"))
             self.data[setting.name] = Data(name, files, truth)
         if job.network.labels == "fitted" and setting.name not in self.labelled:
@@ -172,14 +172,14 @@ class Campaign:
             say_now(f"{setting.folder}: making {data.missing_frames} frames")
             workers = self.threads or engine.available_cpus()
             status = fill_folder(setting.folder, "whole files are", data.missing_frames,
-                                 lambda advance: data.write(workers, self._until_over(advance)))  # fmt: skip
+                                 lambda advance: data.write(workers, self._until_over(advance)))
             if status != DONE:
                 raise EndedError(status)
         with on_missing_data():
             found = setting.files("train")
         if data is None and not is_real_nyu(setting):
             raise DataError(f"{setting.folder}: holds frames that prepare_nyu did not make; expected the NYU data "
-                            f"set, or --setting {ONE_HAND.name}")  # fmt: skip
+                            f"set, or --setting {ONE_HAND.name}")
         return found
 
     def _angles(self, setting: Setting, split: Split) -> Array:
@@ -189,7 +189,7 @@ class Campaign:
         with ProgressBar(sum(File(path, ("joint",)).rows for path in files), what=f"angles of {split}") as progress:
             inputs, residuals = fit_true_angles(split, files, setting.angles, SKELETON, self._until_over(progress))
         say_now(f"{setting.folder}, {split}: fitted the hand to {len(inputs)} frames, residual "
-                f"{np.nanmean(residuals):.2f} mm, {duration(time.perf_counter() - begun)}")  # fmt: skip
+                f"{np.nanmean(residuals):.2f} mm, {duration(time.perf_counter() - begun)}")
         return inputs
 
     # ------------------------------------------------------------------------------------------ training, scoring
@@ -209,7 +209,7 @@ class Campaign:
 
         begun = time.perf_counter()
         status = training.train(step.solver, snapshot=step.snapshot, weights=weights, threads=self.threads,
-                                log_file=step.log, watch=watch)  # fmt: skip
+                                log_file=step.log, watch=watch)
         one.add_time(step, last + 1 - step.first, time.perf_counter() - begun)
         one.forget_older(step, last + 1)
         if status != DONE:
@@ -231,7 +231,7 @@ class Campaign:
             error_mm=error, seconds=one.seconds(length), threads=self.threads or engine.get().threads(),
             machine=machine(), data=data.name, made_from=predictions.made_from, command=self.command, subjects=subjects,
             shown=predictions.joints[results.frames_to_show(setting, predictions)],
-        )  # fmt: skip
+        )
         store.write(self.store, entry)
         return entry
 

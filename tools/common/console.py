@@ -33,7 +33,7 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
         print(f"not enough memory: {error}" if names_no_place else error, file=sys.stderr)
     except UnicodeEncodeError as error:
         print(f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
-              "set PYTHONUTF8=1", file=sys.stderr)  # fmt: skip
+              "set PYTHONUTF8=1", file=sys.stderr)
     except ImportError as error:  # also of a library for which memory or descriptors do not suffice
         say(f"cannot load {error.name or 'a package'}: {reason_of(error)}", file=sys.stderr)
     except BrokenPipeError:  # the reader of the output has ended, like ``head``

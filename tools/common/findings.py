@@ -52,7 +52,7 @@ def write_csv(path: Path, hands: Sequence[tuple[str, Hand]], predictor: Predicto
 def write_json(
     file: str, hands: Sequence[tuple[str, Hand]], pictures: Sequence[Path], predictor: Predictor,
     joints: FormatName | None,
-) -> None:  # fmt: skip
+) -> None:
     """Write the images, pictures and predictions as a track with one frame per image, or print it for the name ``-``.
 
     Raises DataError, OSError.
@@ -162,7 +162,7 @@ def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
         inputs, size, thickness = hand_poses(predictor.net, as_right(found.crop, found.hand)[None]).inputs[0], 1.0, 1.0
     words = in_words(found, predictor).partition(";")[0]
     return hand(Path(image).name, words, inputs, camera=found.camera, center_uvd=found.center_uvd,
-                cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness, side=found.hand)  # fmt: skip
+                cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness, side=found.hand)
 
 
 def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:

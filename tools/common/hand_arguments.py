@@ -15,7 +15,7 @@ MAX_PX = 1e6  # of focal lengths and principal points, as in a camera.json
 def add_joints_option(parser: argparse.ArgumentParser, where: str) -> None:
     """Add the option --joints, for tools that write hands; ``where`` says to which output it applies."""
     parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, "
-                        f"{where} (docs/joint_formats.md)")  # fmt: skip
+                        f"{where} (docs/joint_formats.md)")
 
 
 def camera(text: str) -> Camera:
@@ -25,7 +25,7 @@ def camera(text: str) -> Camera:
     numbers = finite_values(text)
     if len(numbers) != 4 or min(numbers[:2]) <= 0 or max(map(abs, numbers)) > MAX_PX:
         raise argparse.ArgumentTypeError(f"expected {', '.join(CAMERAS)} or FX,FY,U0,V0 in px, the "
-                                         f"intrinsics from its SDK, found {text!r}")  # fmt: skip
+                                         f"intrinsics from its SDK, found {text!r}")
     return Camera("own", *numbers, width=0, height=0)
 
 

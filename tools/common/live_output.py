@@ -92,7 +92,7 @@ class LiveOutput:
         self._stack.__exit__(kind, error, where)
         if self._sender is not None and self._sender.dropped:
             say(f"warning: --udp: {self._sender.dropped} datagrams were not sent: {self._sender.reason}",
-                file=sys.stderr)  # fmt: skip
+                file=sys.stderr)
 
     def _server_at(self, address: tuple[str, int], header: TrackHeader) -> LiveServer:
         from handpose.output.live.page import page

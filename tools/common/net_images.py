@@ -48,7 +48,7 @@ class Preprocessing:
             raise NetlibError(f"images of {width} x {height} px are smaller than the net's input, {w} x {h}")
         if self.mean.shape[1:] not in ((1, 1), (height, width)):
             raise NetlibError(f"the mean image has {self.mean.shape[2]} x {self.mean.shape[1]} px, images are resized "
-                              f"to {width} x {height}; expected the same size, or one number per channel")  # fmt: skip
+                              f"to {width} x {height}; expected the same size, or one number per channel")
 
     def blob(self, images: Sequence[Array]) -> NDArray[np.float32]:
         """Return the input of the net for images."""
@@ -72,15 +72,15 @@ def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
     """Name and shape (N, C, H, W) of the input for images. Raises NetlibError."""
     if not net.inputs:
         raise NetlibError(f"{net.source}: the net reads its data in a data layer; expected a deploy prototxt, which "
-                          "has an Input layer instead and no loss")  # fmt: skip
+                          "has an Input layer instead and no loss")
     if len(net.inputs) > 1:
         raise NetlibError(f"{net.source}: the net has the inputs {', '.join(net.inputs)}; expected one, for images. "
-                          "Python's Net.forward accepts all")  # fmt: skip
+                          "Python's Net.forward accepts all")
     (name,) = net.inputs
     shape = net.blobs[name].shape
     if len(shape) != 4 or shape[1] not in (1, 3):
         raise NetlibError(f"{net.source}: the input {name!r} has shape {shape}; expected (N, C, H, W) with 3 channels, "
-                          "or 1 for grey images")  # fmt: skip
+                          "or 1 for grey images")
     return name, shape
 
 

@@ -37,7 +37,7 @@ class Results:
             items = [item.copy() for item in array]
         else:
             raise NetlibError(f"blob {self.blob!r} has shape {array.shape} for {count} images; expected the image as "
-                              "first axis")  # fmt: skip
+                              "first axis")
         self.found += items
         return items
 
@@ -68,13 +68,13 @@ class Results:
                 yield f"  {values.flat[number]:.4f}  {self._name(number)}"
         else:
             yield (f"{self.blob} {values.shape}, values from {values.min():.6g} to {values.max():.6g}, mean "
-                   f"{values.mean():.6g}")  # fmt: skip
+                   f"{values.mean():.6g}")
 
     def _check_labels(self, classes: int) -> None:
         if self.labels is not None and len(self.labels) != classes:
             background = ", the background included" if self.classes else ""
             raise NetlibError(f"{self.source}: {len(self.labels)} labels, but blob {self.blob!r} has {classes} classes"
-                              f"{background}")  # fmt: skip
+                              f"{background}")
 
     def _name(self, number: int) -> str:
         return self.labels[number] if self.labels else f"class {number}"

@@ -28,7 +28,7 @@ def plot_joint_errors(scores: Mapping[str, Score], benchmark: Benchmark, frames:
     labels = [f"{s.mean_mm:.2f} mm  {printable(name)}".replace("$", r"\$") for name, s in scores.items()]  # no TeX
     figure.legend(axes["max"].lines, labels, loc="outside upper center", ncols=min(len(labels), 4), frameon=False,
                   title=f"{benchmark.name}: mean error over {frames} frames and {len(benchmark.joints)} joints",
-                  title_fontsize="large")  # fmt: skip
+                  title_fontsize="large")
     outputs.write_figure(out, figure, dpi=130)
 
 
@@ -49,7 +49,7 @@ def _draw_bars(axis: Any, scores: list[Score], joints: Sequence[str]) -> None:
         turn, colour = divmod(i, len(COLOURS))
         left = [place - 0.4 + i * width for place in places]
         axis.bar(left, [*s.joints_mm.values(), s.mean_mm], width, align="edge", color=COLOURS[colour],
-                 hatch=HATCHES[turn % len(HATCHES)], edgecolor="white", linewidth=0.4)  # fmt: skip
+                 hatch=HATCHES[turn % len(HATCHES)], edgecolor="white", linewidth=0.4)
     axis.set_xticks(places, [*(joint.replace("_", "\n", 1).replace("_", " ") for joint in joints), "mean"])
     axis.tick_params(axis="x", length=0)
     axis.set(ylabel="mean error, mm", xlim=(-0.6, places[-1] + 0.6))

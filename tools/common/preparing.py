@@ -41,9 +41,9 @@ def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> ar
     parser.add_argument("root", type=Path, metavar=importer.root, help="the data set as published")
     parser.add_argument("--out", type=Path, default=importer.out, help="folder to write to (default: %(default)s)")
     parser.add_argument("--workers", type=workers, default=engine.available_cpus(), metavar="N",
-                        help="threads (default: one per processor, %(default)s)")  # fmt: skip
+                        help="threads (default: one per processor, %(default)s)")
     parser.add_argument("--center", default=importer.center, metavar=f"{importer.center}|FILE",
-                        help="crop centres (default: %(default)s)")  # fmt: skip
+                        help="crop centres (default: %(default)s)")
     parser.add_argument("--splits", nargs="+", choices=SPLITS, default=list(SPLITS), help="default: both")
     parser.add_argument("--check", action="store_true", help="only report what exists and what is missing")
     parser.add_argument("--strict", action="store_true", help="stop at the first bad frame")

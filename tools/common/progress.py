@@ -31,7 +31,7 @@ class ProgressBar:
             except ImportError:
                 return self
             self._bar = tqdm(total=self.total, initial=self.done, unit=f" {self.unit}",
-                             desc=printable(self.what) or None, dynamic_ncols=True)  # fmt: skip
+                             desc=printable(self.what) or None, dynamic_ncols=True)
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -37,7 +37,7 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
         from mpi4py import MPI
     except ImportError as error:
         raise NetlibError(f"{started} processes were started to train together, which needs mpi4py: {error}; "
-                          "pip install mpi4py mpich") from None  # fmt: skip
+                          "pip install mpi4py mpich") from None
     library = " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].rstrip("\0").split())
     count = 1
     if not (library.startswith("MPICH") and OPEN_MPI[0] in os.environ):  # MPICH would exit here without a message
@@ -46,7 +46,7 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
         count = MPI.COMM_WORLD.Get_size()
     if count != started > 1:
         raise NetlibError(f"{started} processes were started, but mpi4py, with {library}, sees {count}: they were "
-                          "started by another MPI; use the mpiexec of the MPI that mpi4py was built with")  # fmt: skip
+                          "started by another MPI; use the mpiexec of the MPI that mpi4py was built with")
     if count == 1:
         return ALONE
     from netlib.distributed.mpi import MPIRanks

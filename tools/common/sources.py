@@ -36,26 +36,26 @@ def add_source_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=rate, metavar="HZ", help="frame rate, if the frames have no times")
     parser.add_argument("--time-unit", choices=camera_file.TIME_UNITS,
                         help="unit of the times in file names or arrays; frames if they are numbers of frames "
-                             "(default: inferred from the steps)")  # fmt: skip
+                             "(default: inferred from the steps)")
 
 
 def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = "") -> None:
     """Add the options about a camera; ``of`` begins the help, and ``default`` is where its parameters come from."""
     parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
                         help=f"{of}: {', '.join(CAMERAS)}, four numbers in px, or a camera.json"
-                             f"{default and f' (default: {default})'}")  # fmt: skip
+                             f"{default and f' (default: {default})'}")
     parser.add_argument("--unit", type=unit_mm, metavar="MM", help="depth unit: mm per stored value of 1 (default: 1, "
-                        "for sr305 0.125)")  # fmt: skip
+                        "for sr305 0.125)")
     parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
-                        help="lens distortion in OpenCV's order; write --distortion= before a minus sign")  # fmt: skip
+                        help="lens distortion in OpenCV's order; write --distortion= before a minus sign")
     parser.add_argument("--swap-bytes", action="store_true", default=None,
-                        help="exchange the bytes of every stored value")  # fmt: skip
+                        help="exchange the bytes of every stored value")
 
 
 def given_of(args: argparse.Namespace) -> CameraInfo:
     """The camera parameters in the parsed arguments, and in the camera.json that they name. Raises NetlibError."""
     said = CameraInfo(None, args.distortion, args.unit, getattr(args, "rate", None),
-                      time_unit=getattr(args, "time_unit", None), swap_bytes=args.swap_bytes)  # fmt: skip
+                      time_unit=getattr(args, "time_unit", None), swap_bytes=args.swap_bytes)
     if isinstance(args.camera, Path):
         return said.or_else(camera_file.read(args.camera))
     return said.or_else(CameraInfo(args.camera, origin="--camera"))
@@ -83,11 +83,11 @@ def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     rate = f", {found.rate:g} frames/s" if found.rate else ""
     say(f"{found.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
     say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
-        f"field of view {found.view[0]:.0f} x {found.view[1]:.0f} degrees", file=file)  # fmt: skip
+        f"field of view {found.view[0]:.0f} x {found.view[1]:.0f} degrees", file=file)
     if found.depth_mm is not None and found.nearest is not None:
         low, middle, high = found.depth_mm
         say(f"  depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
-            f"unit {found.unit_mm:g} mm", file=file)  # fmt: skip
+            f"unit {found.unit_mm:g} mm", file=file)
         say(f"  nearest object: {found.nearest[0]:.0f} mm away, {found.nearest[1]:.0f} mm wide", file=file)
     for remark in found.remarks:
         say(f"  {remark}", file=file)

@@ -34,7 +34,7 @@ def write_pictures(out: Path, folder: Path, entries: table1_page.Store, skeleton
             shown = store.read_shown(folder, setting.name)
             title = f"{setting.title}, {recipe.title}"
             places = [out / name(recipe) for name in (table1_page.joints_picture, table1_page.angles_picture,
-                                                      table1_page.hands_picture)]  # fmt: skip
+                                                      table1_page.hands_picture)]
             _draw_joints(places[0], lines, skeleton, title)
             _draw_angles(places[1], lines, skeleton, title)
             _draw_hands(places[2], lines, shown, skeleton)
@@ -58,7 +58,7 @@ def _draw_joints(path: Path, lines: Mapping[str, Line], skeleton: Skeleton, titl
         label = f"{line.network.title}: {spread_text(line.values('error_14_mm').values())} mm"
         above.plot(THRESHOLDS_MM, curve, color=colour, label=label)
     above.set(xlabel="threshold, mm", ylabel="frames with all joints within the threshold, %", xlim=(0, 80),
-              ylim=(0, 101), title=title)  # fmt: skip
+              ylim=(0, 101), title=title)
     above.legend(frameon=False)
     _bars(below, lines, "joints_mm", skeleton.joint_names)
     below.set(ylabel="mean error, mm")
@@ -98,14 +98,14 @@ def _draw_lambda(path: Path, found: Mapping[tuple[float, str], Entry], setting: 
     """
     angle = "angle_deg" if setting.has_exact_angles else "fitted_angle_deg"
     rows = (("error_14_mm", "joint error, mm", 1), (angle, "angle error, degrees", 1),
-            ("out_of_limits", "frames out of limits, %", 100))  # fmt: skip
+            ("out_of_limits", "frames out of limits, %", 100))
     figure = outputs.new_figure(12, 4)
     axes = figure.subplots(1, 3)
     smallest = min(weight for weight, _ in found if weight) / 10  # position of 0 on the logarithmic axis
     for axis, (name, label, factor) in zip(axes, rows):
         for norm, style, colour in (("L1", "o-", COLOURS[0]), ("L2", "s--", COLOURS[1])):
             points = sorted((weight or smallest, factor * value_of(entry, name))
-                            for (weight, of), entry in found.items() if of == norm)  # fmt: skip
+                            for (weight, of), entry in found.items() if of == norm)
             if points:
                 axis.plot(*zip(*points), style, color=colour, label=norm)
         weights = sorted({weight for weight, _ in found})

@@ -42,32 +42,32 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that name output files."""
     parser.add_argument("--json", metavar="FILE|-", type=name_in(".json", ".jsonl", "-"),
                         help="joints, angles, crops: .json, .jsonl (one line per frame), or - for such lines on "
-                             "standard output")  # fmt: skip
+                             "standard output")
     parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="one row per frame and hand")
     parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
-                        help="bones and angles for Blender and other programs; one file per hand")  # fmt: skip
+                        help="bones and angles for Blender and other programs; one file per hand")
     add_joints_option(parser, "in --json in addition to NYU's, in --csv instead")
     parser.add_argument("--gestures", action="store_true",
-                        help="gesture of each hand and its confidence, in --json and --csv")  # fmt: skip
+                        help="gesture of each hand and its confidence, in --json and --csv")
     parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
-                        help="skeleton and surface on the depth image, and hands in space")  # fmt: skip
+                        help="skeleton and surface on the depth image, and hands in space")
     parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
-                        help="contact sheet of the track")  # fmt: skip
+                        help="contact sheet of the track")
     parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=name_in(".rrd"),
-                        help="show in Rerun's viewer, or write its file")  # fmt: skip
+                        help="show in Rerun's viewer, or write its file")
     add_live_options(parser)
     parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
-                        help="only report on the first frames, and draw the first hand")  # fmt: skip
+                        help="only report on the first frames, and draw the first hand")
 
 
 def add_live_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for live output."""
     parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
                         help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
-                             f"(default: {LOCAL}, which other machines do not reach, and any free port)")  # fmt: skip
+                             f"(default: {LOCAL}, which other machines do not reach, and any free port)")
     parser.add_argument("--addresses", metavar="FILE.json", type=name_in(".json"),
                         help="with --serve: write the addresses, which contain the token, to a file that only you can "
-                             "read; removed at the end")  # fmt: skip
+                             "read; removed at the end")
     parser.add_argument(
         "--udp", metavar="HOST:PORT", type=arguments.address(), help="a datagram of JSON per frame to this address"
     )
@@ -115,7 +115,7 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
             raise NetlibError(f"{name}: is in the folder of the frames and would be taken for one; write it elsewhere")
         if args.unnamed and os.path.lexists(name):
             raise NetlibError(f"{name}: exists already; to replace it or to write elsewhere, name the outputs, as in "
-                              f"--json {args.json} --sheet {args.sheet}")  # fmt: skip
+                              f"--json {args.json} --sheet {args.sheet}")
 
 
 def is_drawn(args: argparse.Namespace) -> bool:

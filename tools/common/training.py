@@ -160,7 +160,7 @@ def _warn_of_zeros(solver: Solver) -> None:
     for name, blobs in solver.net.params.items():
         if id(blobs[0]) in learned and blobs[0].data.ndim > 1 and not blobs[0].data.any():
             log.warning("layer %r: its weights start at 0, the default without a weight_filler; expected a "
-                        "weight_filler, or weights for it in a file", name)  # fmt: skip
+                        "weight_filler, or weights for it in a file", name)
 
 
 @contextlib.contextmanager
@@ -234,4 +234,4 @@ class _TimeLeft(Callback):
             self.last_line = now
             rate = (solver.iter - self.begun[0]) / (now - self.begun[1])
             log.info("%d of %d iterations done, %s left", solver.iter, solver.param.max_iter,
-                     duration((solver.param.max_iter - solver.iter) / rate))  # fmt: skip
+                     duration((solver.param.max_iter - solver.iter) / rate))

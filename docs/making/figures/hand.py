@@ -205,6 +205,6 @@ def _abduction(axes: Any, points: dict[str, Array], frames: HandFrames) -> None:
         axes.plot(*np.array([places[1], places[1] + 95 * on]).T, "--", color=LINE, lw=1)
         side = np.array([on[1], -on[0]]) * (1 if finger in ("ring", "little") else -1)
         axes.annotate("", places[1] + 95 * on + 16 * side, places[1] + 95 * on,
-                      arrowprops={"arrowstyle": "->", "color": FORCE})  # fmt: skip
+                      arrowprops={"arrowstyle": "->", "color": FORCE})
         axes.text(*(places[1] + 103 * on), finger, ha="center", fontsize=9, color=colour)
     axes.set(xlim=(-150, 115), ylim=(-10, 220), title="mcp_abduction, from the back of a right hand")

@@ -19,7 +19,7 @@ from docs.making.palette import (
     PALE_REST,
     SECOND,
     THIRD,
-)  # fmt: skip
+)
 from layers.hand.kinematics import rotation
 from netlib.blob import Array
 
@@ -56,7 +56,7 @@ def _wire(
     for number, (words, colour) in enumerate(((value, DATA), (gradient, DIFF))):
         aside = 0.22 - 0.44 * number
         axes.text(x - (0.55 if side and abs(end[1] - start[1]) > 1 else 0), y + aside, words, color=colour, ha="center",
-                  va="center", fontsize=9)  # fmt: skip
+                  va="center", fontsize=9)
 
 
 def _grid(axes: Any, x: float, y: float, numbers: Array, size: float = 0.7, shade: Array | None = None) -> None:
@@ -203,7 +203,7 @@ def small_pass() -> Any:
     axes = figure.add_subplot()
     _blank(axes, 17.0, 6.0)
     for x, y, words in ((2.6, 3, "first"), (5.4, 3, "second"), (8.4, 3, "relu"), (11.2, 3, "Split"),
-                        (14.0, 5.2, "out"), (14.0, 3, "mean"), (14.0, 0.8, "size"), (16.2, 5.2, "loss")):  # fmt: skip
+                        (14.0, 5.2, "out"), (14.0, 3, "mean"), (14.0, 0.8, "size"), (16.2, 5.2, "loss")):
         _box(axes, x, y, words, width=1.1, colour=PALE_REST if words not in ("first", "mean") else "white")
     _wire(axes, (0.2, 3), (1.9, 3), "x = 2", "–")
     _wire(axes, (3.3, 3), (4.7, 3), "a = 3", "–")
@@ -254,12 +254,12 @@ def dropout() -> Any:
     axes = figure.add_subplot()
     _blank(axes, 13.0, 3.2)
     for left, numbers, words, colours in ((0.2, x, "x", None), (3.4, 2 * keep, "keep / (1 − p)", shade),
-                                          (6.6, 2 * keep * x, "y", shade)):  # fmt: skip
+                                          (6.6, 2 * keep * x, "y", shade)):
         _grid(axes, left, 2.6, numbers, shade=colours)
         axes.text(left, 2.75, words, fontsize=9, color=DATA)
     back = np.where(keep > 0, DIFF, "").astype(object)
     for left, numbers, words, colours in ((6.6, dy, "dy", None), (3.4, 2 * keep, "the same factors", back),
-                                          (0.2, 2 * keep * dy, "dx", back)):  # fmt: skip
+                                          (0.2, 2 * keep * dy, "dx", back)):
         _grid(axes, left, 1.2, numbers, shade=colours)
         axes.text(left, 0.1, words, fontsize=9, color=DIFF)
     axes.text(9.8, 2.25, "forward →", fontsize=9, color=DATA, va="center")

@@ -42,4 +42,4 @@ def data() -> dict[str, Any]:
             }
             for at in made.connections
         ],
-    }  # fmt: skip
+    }

@@ -23,7 +23,7 @@ PICTURE = np.array([
     [0, 7, 9, 9, 5, 0],
     [2, 5, 8, 7, 6, 1],
     [0, 1, 4, 5, 2, 0],
-])  # fmt: skip
+])
 SEED = 10
 KERNEL = np.array([[1, 0, -1], [2, 0, -2], [1, 0, -1]])  # answers to edges that stand upright
 LAYERS: dict[str, tuple[str, str]] = {  # title: type and options
@@ -64,7 +64,7 @@ def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
         "w": KERNEL.ravel().tolist() if kind == "Convolution" else None, "b": [0] if kind == "Convolution" else None,
         "dy": np.random.default_rng(SEED).integers(-2, 3, layer.y.size).tolist(),
         "columns": {"x": padded.shape[1], "w": 3, "b": 1, "y": layer.y.shape[1]},
-    }  # fmt: skip
+    }
 
 
 class Layer:

@@ -18,7 +18,7 @@ from docs.making.code_blocks import shown_files
 from netlib.files.paths import ROOT
 
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "web/*.md", "docs/*.md", "docs/book/*.md",
-             "docs/exercises/**/*.md", "docs/results/*.md")  # fmt: skip
+             "docs/exercises/**/*.md", "docs/results/*.md")
 AS_THEY_ARE = ("docs/images/**/*",)  # besides what documents show; the hook adds the pages for the browser
 # Folders of which all source files are shown.
 CODE = (

@@ -36,7 +36,7 @@ ANGLES = (
     "thumb_cmc_radial_abduction", "thumb_cmc_palmar_abduction", "thumb_mcp_flexion", "thumb_ip_flexion",
     *(f"{finger}_{angle}" for finger in FINGERS
       for angle in ("mcp_flexion", "mcp_abduction", "pip_flexion", "dip_flexion")),
-)  # fmt: skip
+)
 
 
 def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:

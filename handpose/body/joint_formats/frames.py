@@ -75,7 +75,7 @@ def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
     if bad.any():
         first = int(np.argmax(bad))
         raise DataError(f"joint {skeleton.joint_names[first]!r} at {found[first].tolist()}; expected finite numbers "
-                        f"of mm, at most {MAX_MM:g}")  # fmt: skip
+                        f"of mm, at most {MAX_MM:g}")
     return found
 
 
@@ -159,7 +159,7 @@ def _rest(skeleton: Skeleton) -> _Rest:
         palm, (joints[palm] - joints[index["palm"]]) @ root,
         {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()},
         ahead, {finger: list(own) for finger, own in hinges.items()}, points,
-    )  # fmt: skip
+    )
 
 
 def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:

@@ -77,7 +77,7 @@ def report(template: Skeleton, frames: Observations, found: Calibration, unit: f
         f"size: {found.scale:.3f} of the template; a unit of the skeleton is {unit:g} mm (frames: {cubes} mm)",
         f"joints from the hand, mean: {before:.2f} mm before (scaled template), {after:.2f} mm now; "
         f"worst frame {worst:.2f} mm",
-    ])  # fmt: skip
+    ])
 
 
 def _range(skeleton: Skeleton, dof: int) -> str:

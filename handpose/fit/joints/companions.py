@@ -42,7 +42,7 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
             raise DataError(f"{target}: would replace the data themselves; choose another --out")
         if not hdf5.is_near(path, target):
             raise DataError(f"{target}: is not next to the folder of the data, {path}; expected --out "
-                            f"{Path(os.path.realpath(path)).parent}_angles, for example")  # fmt: skip
+                            f"{Path(os.path.realpath(path)).parent}_angles, for example")
     if len(set(targets)) < len(targets):
         raise DataError(f"{out}: two files of the list have the same name, expected different ones")
     return targets
@@ -84,7 +84,7 @@ def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) 
     for file in parts.listed(names, targets):
         if os.path.realpath(file) not in own:
             raise DataError(f"{names}: names {str(file)!r}, which is not a companion of these files; move the list "
-                            "away, or choose another --out")  # fmt: skip
+                            "away, or choose another --out")
 
 
 def fit_file(
@@ -108,7 +108,7 @@ def fit_file(
         {"version": VERSION, "skeleton": hand, "limits": limits, "ridge": ridge, "starts": starts,
          "source": path.name, "size": stat.st_size, "changed": stat.st_mtime_ns},
         sort_keys=True,
-    )  # fmt: skip
+    )
     kept = parts.attributes(target)
     if kept is not None and kept.get("recipe") == recipe:
         residuals = hdf5.File(target, ("residual_mm",)).datasets[0].numbers()

@@ -108,7 +108,7 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array, iterations: int) 
         return problem.evaluate(trial, goal[rows])
 
     x, cost = minimise(evaluate, inputs[:, problem.free], problem.lower, problem.upper, iterations,
-                       ridge=RIDGE, min_mu=MIN_MU, min_gain=MIN_GAIN)  # fmt: skip
+                       ridge=RIDGE, min_mu=MIN_MU, min_gain=MIN_GAIN)
     found = inputs.copy()
     found[:, problem.free] = x
     return found, cost

@@ -38,7 +38,7 @@ def depth_track(container: Any, where: str) -> Any:
     tracks = {stream.metadata.get("title", ""): stream for stream in container.streams.video}
     if TRACK not in tracks:
         raise DataError(f"{where}: no track {TRACK}, only {', '.join(filter(None, tracks)) or 'none'}; "
-                        "expected an Azure Kinect that recorded depth")  # fmt: skip
+                        "expected an Azure Kinect that recorded depth")
     return tracks[TRACK]
 
 
@@ -80,7 +80,7 @@ def _calibrated(calibration: Any, mode: str, where: str) -> tuple[Camera, Lens]:
     numbers = (cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, p1, p2)
     if size != (1024, 1024) or codx or cody or not (all(map(math.isfinite, numbers)) and min(fx, fy) > 0):
         raise DataError(f"{where}: a sensor of {size}, intrinsics {numbers[:4]}, distortion about ({codx:g}, {cody:g})"
-                        "; expected one of (1024, 1024), finite and positive, about (0, 0)")  # fmt: skip
+                        "; expected one of (1024, 1024), finite and positive, about (0, 0)")
     if not isinstance(model, str) or not model.startswith(MODEL):
         raise DataError(f"{where}: the lens is a {model!r}; expected {MODEL}BrownConrady")
     (sensor_width, sensor_height), (left, top), (width, height) = MODES[mode]
@@ -88,7 +88,7 @@ def _calibrated(calibration: Any, mode: str, where: str) -> tuple[Camera, Lens]:
         f"azure kinect {mode}", fx * sensor_width, fy * sensor_height,
         cx * sensor_width - left - 0.5, cy * sensor_height - top - 0.5,  # a pixel's centre is at a whole number
         width, height,
-    )  # fmt: skip
+    )
     kind = model.removeprefix(MODEL)
     if kind != "BrownConrady" and (p1 or p2):  # Rational6KT halves the mixed terms of p1 and p2
         raise DataError(f"{where}: the lens is a {kind} with tangential distortion; expected BrownConrady")

@@ -77,7 +77,7 @@ class Clock:
             return 0.0
         if time < self._last - MAX_DISTANCE_BACK:
             raise DataError(f"{self._where}: the clock goes back from {self._last:.3f} s to {time:.3f} s; "
-                            "expected one recording")  # fmt: skip
+                            "expected one recording")
         if time - self._first <= self._last - self._first:
             self.late += 1
             return None

@@ -68,7 +68,7 @@ def read_msra(path: Path) -> NDArray[Any]:
     inside = 0 <= left <= right <= width == MSRA15.width and 0 <= top <= bottom <= height == MSRA15.height
     if not inside or len(content) != start + 4 * (right - left) * (bottom - top):
         raise DataError(f"{path}: {len(content)} bytes are no frame of MSRA15: six int32 of its size {MSRA15.width} x "
-                        f"{MSRA15.height} and of a box in it, then the box's depths in float32")  # fmt: skip
+                        f"{MSRA15.height} and of a box in it, then the box's depths in float32")
     frame = np.zeros((height, width), np.float32)
     frame[top:bottom, left:right] = np.frombuffer(content, "<f4", offset=start).reshape(bottom - top, right - left)
     return frame

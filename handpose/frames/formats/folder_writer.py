@@ -101,7 +101,7 @@ def put_back(path: Path) -> None:
                 old.rename(path)
         if not exists(path):
             raise DataError(f"{path}: is being replaced, or who did that was killed; the old recording is {old}: "
-                            "give it its name back")  # fmt: skip
+                            "give it its name back")
 
 
 def _take_place(fresh: Path, path: Path) -> None:
@@ -140,4 +140,4 @@ def _end_what_was_killed(path: Path) -> None:
                 _discard(old, path)
             else:
                 raise DataError(f"{path}: is not the recording that was to take the place of {old} when its writer "
-                                "was killed; move one of them away")  # fmt: skip
+                                "was killed; move one of them away")

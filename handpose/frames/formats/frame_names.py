@@ -70,7 +70,7 @@ def in_order(names: Iterable[str], where: str, unit: str | None = None) -> Named
     more = f" and {len(sequences) - MAX_SHOWN} more" if len(sequences) > MAX_SHOWN else ""
     shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
     raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as "
-                    f"'{where}/{sequences[0][0]}'")  # fmt: skip
+                    f"'{where}/{sequences[0][0]}'")
 
 
 def _sorted(names: Sequence[str], found: Reading, where: str) -> NamedFrames:

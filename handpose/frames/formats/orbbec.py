@@ -78,7 +78,7 @@ class _Device:
         said, self._shape = profile.get_intrinsic(), (first.get_height(), first.get_width())
         if (said.height, said.width) != self._shape:
             raise DataError(f"{name}: frames of {self._shape[1]} x {self._shape[0]} pixels; its camera has "
-                            f"{said.width} x {said.height}")  # fmt: skip
+                            f"{said.width} x {said.height}")
         camera = calibrated(name, said.fx, said.fy, said.cx, said.cy, said.width, said.height)
         unit_mm = float(f"{first.get_depth_scale():.6g}")  # mm; 0.1 as a float of 32 bits is not 0.1
         self.info = CameraInfo(camera, _lens(profile.get_distortion(), name), unit_mm, float(profile.get_fps()), name)

@@ -52,7 +52,7 @@ def _library() -> Any:
         raise NetlibError("pyrealsense2 is missing: pip install pyrealsense2") from error
     except ImportError as error:  # its wheels leave out the system's libusb
         raise NetlibError(f"pyrealsense2 cannot be loaded: {reason_of(error)}"
-                          f"{': apt install libusb-1.0-0' if 'libusb' in str(error) else ''}") from error  # fmt: skip
+                          f"{': apt install libusb-1.0-0' if 'libusb' in str(error) else ''}") from error
     return pyrealsense2
 
 

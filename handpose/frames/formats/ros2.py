@@ -20,7 +20,7 @@ from handpose.frames.recording import CameraInfo, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
 MISSING = ("rclpy is missing: it is a part of ROS 2 (apt install ros-DISTRO-ros-base, then "
-           "source /opt/ros/DISTRO/setup.bash), and needs the Python of that distribution")  # fmt: skip
+           "source /opt/ros/DISTRO/setup.bash), and needs the Python of that distribution")
 
 
 def open_live(topic: str | None, given: CameraInfo) -> Recording:
@@ -107,7 +107,7 @@ class _Device:
             if time.monotonic() > deadline:
                 missing = node.topic if node.image is None else node.info_topic
                 raise DataError(f"{self.name}: no message on {missing} for {WAITS * WAIT_S:g} s"
-                                f"{'' if node.image is None else '; give --camera'}")  # fmt: skip
+                                f"{'' if node.image is None else '; give --camera'}")
         first, node.image = node.image, None
         values = messages.values_of(first, self.name)
         said = CameraInfo()

@@ -114,7 +114,7 @@ def _opened(path: Path) -> Iterator[Bag]:
         if system := system_error_of(error):
             raise DataError(f"{path}: cannot read the bag: {reason_of(system)}") from error
         raise DataError(f"{path}: cannot read the bag: damaged or cut: {reason_of(error)}"
-                        f"{REINDEX if is_ros1 and 'index' in str(error) else ''}") from error  # fmt: skip
+                        f"{REINDEX if is_ros1 and 'index' in str(error) else ''}") from error
     with contextlib.closing(reader):
         yield Bag(reader, is_ros1, str(path))
 
@@ -162,7 +162,7 @@ def _depth_topic(bag: Bag, asked: str) -> str:
     if asked:
         if asked not in (all_images := [*bag.topics(*messages.IMAGES)]):
             raise DataError(f"{bag.where}: no images of {asked!r}{did_you_mean(asked, all_images)}; it has "
-                            f"{', '.join(all_images) or 'none'}")  # fmt: skip
+                            f"{', '.join(all_images) or 'none'}")
         return asked
     depth = [t for t in images.values() if messages.encoding_of(bag.first(t, *messages.IMAGES)) in messages.ENCODINGS]
     named = [topic for topic in depth if "depth" in topic.lower()] or depth  # infrared has 16 bits, too
@@ -170,7 +170,7 @@ def _depth_topic(bag: Bag, asked: str) -> str:
         raise DataError(f"{bag.where}: no images of depth; it has {', '.join(images.values()) or 'no images'}")
     if len(named) > 1:
         raise DataError(f"{bag.where}: depth of {len(named)} topics: {', '.join(sorted(named))}; name one by "
-                        f"{bag.where}#TOPIC")  # fmt: skip
+                        f"{bag.where}#TOPIC")
     return named[0]
 
 

@@ -68,7 +68,7 @@ def values_of(message: Any, where: str) -> NDArray[Any]:
     height, step, row = message.height, message.step, message.width * dtype.itemsize
     if not (row and height) or step < row or len(message.data) < step * height:
         raise DataError(f"{where}: {len(message.data)} bytes in rows of {step}, which are no {message.width} x "
-                        f"{height} pixels of {encoding}")  # fmt: skip
+                        f"{height} pixels of {encoding}")
     rows = np.asarray(message.data)[: step * height].reshape(height, step)[:, :row]
     return np.ascontiguousarray(rows).view(dtype)
 
@@ -84,7 +84,7 @@ def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
         values = _rvl(picture, where)
     else:
         raise DataError(f"{where}: compressed depth of the format {message.format!r}; expected a PNG or TIFF of 16 "
-                        "bits, or RVL")  # fmt: skip
+                        "bits, or RVL")
     if encoding == "32FC1" and values.dtype == np.float32 and values.ndim == 2:
         return values
     if values.dtype != np.uint16 or values.ndim != 2:
@@ -96,7 +96,7 @@ def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
     _, a, b = HEADER.unpack_from(content)
     if not (math.isfinite(a + b) and a > 0):
         raise DataError(f"{where}: compressed depth with the parameters {a:g} and {b:g}; expected a positive and a "
-                        "finite number")  # fmt: skip
+                        "finite number")
     with np.errstate(all="ignore"):  # a value next to B is infinitely far away, which counts as no reading
         metres = np.float32(a) / (values.astype(np.float32) - np.float32(b))
     return np.where(values > 0, metres, np.float32(0))

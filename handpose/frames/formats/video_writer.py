@@ -69,7 +69,7 @@ class VideoWriter:
         tick = round(frame.time / TICK)
         if self._last is not None and tick <= self._last:
             raise DataError(f"{where}: at {frame.time:.6f} s, less than 1 ms after the frame before; "
-                            "a video's clock has no finer ticks")  # fmt: skip
+                            "a video's clock has no finer ticks")
         picture = self._av.VideoFrame.from_ndarray(values.astype("<u2"), format="gray16le")
         picture.pts, picture.time_base = tick, TICK
         try:

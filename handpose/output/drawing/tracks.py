@@ -124,7 +124,7 @@ def _camera_of(camera: Camera, view: View, size: tuple[int, int]) -> Camera:
     """The camera that sees a part of a frame in an image of this width and height."""
     across, down = size[0] / view.width, size[1] / view.height
     return Camera(camera.name, camera.fx * across, camera.fy * down, (camera.u0 + 0.5 - view.left) * across - 0.5,
-                  (camera.v0 + 0.5 - view.top) * down - 0.5, *size)  # fmt: skip
+                  (camera.v0 + 0.5 - view.top) * down - 0.5, *size)
 
 
 def _corners(hand: TrackedHand, camera: Camera, view: View, size: tuple[int, int]) -> tuple[Array, Array]:

@@ -73,10 +73,10 @@ class VideoFile:
             self._begin(image, time)
         elif not 1 <= (time - self._last) * TICKS <= MAX_SECONDS * TICKS:
             raise DataError(f"{self.path}: a picture at {time:g} s after one at {self._last:g} s; expected a later "
-                            f"one, by 1/{TICKS} s at least and {MAX_SECONDS:g} s at most")  # fmt: skip
+                            f"one, by 1/{TICKS} s at least and {MAX_SECONDS:g} s at most")
         if image.shape[:2] != self._size:
             raise DataError(f"{self.path}: a picture of {_pixels(image.shape)} after some of {_pixels(self._size)}; "
-                            "expected one size")  # fmt: skip
+                            "expected one size")
         even = cv2.copyMakeBorder(image, 0, image.shape[0] % 2, 0, image.shape[1] % 2, cv2.BORDER_REPLICATE)
         with self._refusals():
             frame = self._av.VideoFrame.from_ndarray(even, format="bgr24")

@@ -111,7 +111,7 @@ def answer(status: HTTPStatus, text: str, kind: str = "text/plain") -> bytes:
     fields = {
         "Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(content)), "Connection": "close",
         "Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff",
-    }  # fmt: skip
+    }
     if status == HTTPStatus.METHOD_NOT_ALLOWED:
         fields["Allow"] = "GET"
     lines = [f"HTTP/1.1 {status.value} {status.phrase}", *(f"{name}: {value}" for name, value in fields.items())]

@@ -124,7 +124,7 @@ class Messages:
         text = _text(values).encode()
         samples = np.clip(grid.of(depth), 0, _MAX_DEPTH).astype("<u2")
         parts = [struct.pack("<I", _padded(len(text))), text.ljust(_padded(len(text))),
-                 samples.tobytes(), bytes(2 * (samples.size % 2))]  # fmt: skip
+                 samples.tobytes(), bytes(2 * (samples.size % 2))]
         for surface in surfaces:
             if surface is not None:
                 radii = surface.radius_a[0, :, None], surface.radius_b[0, :, None]

@@ -23,7 +23,7 @@ def page(header: TrackHeader) -> str:
         "skeleton": {"joints": header.skeleton.joint_names, "parents": header.skeleton.parents.tolist()},
         "whole": surface.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(surface.start, surface.end)],
         "colours": [labels.colour_of(id)[::-1] for id in range(COLOURS)],
-    }  # fmt: skip
+    }
     style = source("page.css") + source("live.css", BROWSER)
     body = source("live.html", BROWSER)
     return assembled(f"{header.source}, live", data, body, style, script_of("live", BROWSER), connects=True)

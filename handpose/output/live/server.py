@@ -266,7 +266,7 @@ class LiveServer:
                 self._client, self.host, self.port, create_connection=self._gate, compression=None, server_header=None,
                 max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, backlog=BACKLOG,
                 logger=_silent_logger(),
-            )  # fmt: skip
+            )
             if not server.sockets:  # asyncio ignores a socket that cannot be created
                 raise OSError("no socket can be created; there may be too many open files")
         except Exception as error:

@@ -106,7 +106,7 @@ def nearest_frames(times: Array, rate: float | None = None) -> tuple[Array, floa
     most = max(MAX_FRAMES, MAX_VALUES * len(times))
     if not length < most:
         raise DataError(f"{len(times)} frames from {times[0]:g} s to {times[-1]:g} s, {rate:g} a second, would be "
-                        f"{length:.3g} frames of BVH; at most {most} are written")  # fmt: skip
+                        f"{length:.3g} frames of BVH; at most {most} are written")
     moments = times[0] + np.arange(round(length) + 1) / rate
     return np.searchsorted((times[1:] + times[:-1]) / 2, moments), rate
 

@@ -75,7 +75,7 @@ def _parts(skeleton: Skeleton, joint: int, depth: int, ends: bool) -> list[BvhJo
     runs = _runs([motion for motion in motions if motion.kind == "rotate"])
     names = [*(f"{name}_turn{i}" for i in range(1, len(runs))), name]
     parts = [BvhJoint(name, depth + i, joint, -1, (), _order(turns), tuple(turns))
-             for i, (name, turns) in enumerate(zip(names, runs))]  # fmt: skip
+             for i, (name, turns) in enumerate(zip(names, runs))]
     slides = tuple(motion for motion in motions if motion.kind == "translate")
     moves = any(motion.row >= 0 for motion in slides)
     parts[0] = parts[0]._replace(parent=int(skeleton.parents[joint]), slides=slides, moves=moves)

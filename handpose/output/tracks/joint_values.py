@@ -41,13 +41,13 @@ def format_values(name: FormatName) -> dict[str, Any]:
     """A format, for the header of a track."""
     chosen = FORMATS[name]
     return {"name": name, "joints": list(chosen.joints), "bones": [list(bone) for bone in chosen.bones],
-            "length": chosen.unit, "axes": chosen.in_words, "angles": list(ANGLES)}  # fmt: skip
+            "length": chosen.unit, "axes": chosen.in_words, "angles": list(ANGLES)}
 
 
 def hand_values(
     name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None = None,
     frames: HandFrames | None = None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """The JSON values of a hand in a format. Raises DataError for another body than a hand.
 
     frames  the hand's directions, if they are computed already (``hand_frames``)
@@ -75,7 +75,7 @@ def columns(name: FormatName) -> list[str]:
 def numbers(
     name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, frames: HandFrames,
     cube_mm: float | None = None,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """The values of a row, one for each column; ``frames`` are the hand's directions."""
     parts = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm, frames))
     return list(itertools.chain(_texts(parts), _texts({"deg": list(angles_of(frames).values())})))

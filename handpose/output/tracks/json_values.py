@@ -63,7 +63,7 @@ def header_values(header: TrackHeader, joints: FormatName | None = None, *, in_f
         "camera": camera | {"width": header.camera.width, "height": header.camera.height} if in_frames else None,
         "unit_mm": float(header.unit_mm), "skeleton": _skeleton_values(header.skeleton),
         **({"joint_format": joint_values.format_values(joints)} if joints else {}),
-    }  # fmt: skip
+    }
 
 
 def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
@@ -76,7 +76,7 @@ def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
         "angles": [{"name": name, "lower": low, "upper": high} for name, (low, high) in limits.items()],
         "translations": [skeleton.dof_names[d] for d in dofs.slides],
         "prototxt": text_of(skeleton.param, skeleton.name, ""),
-    }  # fmt: skip
+    }
 
 
 def header_of(fields: Fields) -> TrackHeader:
@@ -89,7 +89,7 @@ def header_of(fields: Fields) -> TrackHeader:
         raise DataError(f"{fields.where}: predicted from crops without a camera, so positions are relative to crops")
     of, body = fields.part("camera"), fields.part("skeleton")
     camera = Camera(of.text("name"), of.positive("fx"), of.positive("fy"), of.number("u0"), of.number("v0"),
-                    of.whole("width"), of.whole("height"))  # fmt: skip
+                    of.whole("width"), of.whole("height"))
     text = prototxt.parse(body.text("prototxt"), f"{body.where} 'prototxt'")
     skeleton = Skeleton(schema.read(text, SkeletonParameter, "a skeleton"))
     return TrackHeader(fields.text("source"), camera, skeleton, fields.positive("unit_mm"), fields.truth("smoothed"))
@@ -108,7 +108,7 @@ class FrameValues:
     def __init__(
         self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False, live: bool = False,
         in_frames: bool = True,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
         self._camera, self._joints = header.camera if in_frames else None, joints
         self._live = live
@@ -125,11 +125,11 @@ class FrameValues:
     def values(self, frame: TrackedFrame) -> dict[str, Any]:
         """One frame as an object."""
         lost = [{"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
-                for l in frame.lost]  # fmt: skip
+                for l in frame.lost]
         hands = [self._hand_values(hand, frame.time) for hand in frame.hands]
         refused = [{"position_mm": rounded(place.xyz, 1), "reason": place.reason} for place in frame.refused]
         return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost,
-                **({"refused": refused} if refused else {})}  # fmt: skip
+                **({"refused": refused} if refused else {})}
 
     def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
@@ -150,7 +150,7 @@ class FrameValues:
             **({} if same else {"bones_mm": bones}),
             "crop": {"center_uvd": _known(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
             **self._derived_values(hand, time),
-        }  # fmt: skip
+        }
 
     def _derived_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         """The joint format and the gesture, if requested."""
@@ -189,7 +189,7 @@ class FrameValues:
         inputs = angles.inputs_of(
             self._skeleton, self._dofs, _by_name(of, "angles_rad", self._angles),
             _by_name(of, "translations_mm", self._slides) / self._unit_mm,
-        )  # fmt: skip
+        )
         return TrackedHand(
             of.whole("id"), _side(of, "assumed_hand" if assumed else "hand"), of.known("confidence"),
             of.known("error_mm"), inputs, self._bones_of(of), of.numbers("origin_mm", 3),
@@ -197,7 +197,7 @@ class FrameValues:
             side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
             finger_error_mm=_finger_errors(of),
             raw_xyz=of.numbers("raw_positions_mm", joints, 3) if "raw_positions_mm" in of else None,
-        )  # fmt: skip
+        )
 
     def _bones_of(self, of: Fields) -> Array:
         hand, joints = of.whole("id"), len(self._skeleton.joint_names)

@@ -52,7 +52,7 @@ def frame_values(number: int, found: Hand, skeleton: Skeleton, joints: FormatNam
 def document(
     source: str, found: Sequence[Hand], frames: Sequence[dict[str, Any]], skeleton: Skeleton,
     joints: FormatName | None = None,
-) -> str:  # fmt: skip
+) -> str:
     """The JSON text of predictions, at least one, and of their frames (``frame_values``)."""
     first, cameras = found[0], {hand.camera for hand in found}
     header = _header(source, first, skeleton)

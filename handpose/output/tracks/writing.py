@@ -38,7 +38,7 @@ class TrackWriter(Protocol):
 def open_writer(
     path: str | Path, header: TrackHeader, rate: float | None = None, joints: FormatName | None = None,
     gestures: bool = False,
-) -> TrackWriter:  # fmt: skip
+) -> TrackWriter:
     """A writer for a name in .json, .jsonl, .csv or .bvh, or for "-": JSON lines on standard output. Raises DataError.
 
     BVH has a file for each hand, NAME_right_0.bvh, and needs a ``rate`` in frames per second (None: estimated).
@@ -63,4 +63,4 @@ def open_writer(
 
             return BvhWriter(path, header, rate)
     raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl, .csv or .bvh, "
-                    "or - for standard output")  # fmt: skip
+                    "or - for standard output")

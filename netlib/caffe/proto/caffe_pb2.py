@@ -42,22 +42,22 @@ _ENUMS = {
     "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
     "V0LayerParameter": {"pool": "PoolMethod"}, "BlobProto": {"raw_data_type": "Type"},
     "ResizeParameter": {"resize_mode": "Resize_mode", "pad_mode": "Pad_mode", "interp_mode": "Interp_mode"},
-}  # fmt: skip
+}
 _OWNERS = {("DetectionOutputParameter", "code_type"): "PriorBoxParameter"}  # enums that are inside another message
 # Defaults in caffe.proto that the dataclass does not have, because there None stands for an option that is not given
 _DEFAULTS = {
     ("ConcatParameter", "concat_dim"): 1, ("SliceParameter", "slice_dim"): 1, ("SolverParameter", "solver_mode"): "GPU",
-}  # fmt: skip
+}
 _NAMES = {Filler: "FillerParameter", upgrade.AnyNetParameter: "NetParameter", messages.NetParameter: "NetParameter"}
 _PACKAGE = "caffe"
 _TYPES = {float: "FLOAT", schema.Double: "DOUBLE", schema.Floats: "FLOAT", schema.Doubles: "DOUBLE", int: "INT32",
           schema.Natural: "INT32", schema.UInt: "UINT32", schema.Int64: "INT64", bool: "BOOL", str: "STRING",
-          bytes: "BYTES"}  # fmt: skip
+          bytes: "BYTES"}
 _MESSAGES = [
     messages.BlobShape, messages.BlobProto, messages.BlobProtoVector, messages.Datum, Filler, upgrade.AnyNetParameter,
     messages.SolverParameter, messages.SolverState, messages.NetState, messages.NetStateRule, messages.ParamSpec,
     messages.LayerParameter, upgrade.V1LayerParameter, upgrade.V0LayerParameter,
-]  # fmt: skip
+]
 
 
 def file_descriptor() -> Any:

@@ -22,7 +22,7 @@ def test_documents_and_what_they_lead_to(site: Published) -> None:
     assert set(site.documents) == {
         "README.md", "CHANGELOG.md", "docs/apart.md", "docs/data.md", "docs/net.md", "docs/book/README.md",
         "docs/book/1_one.md", "docs/book/2_two.md", "docs/book/10_ten.md", "tests/caffe/README.md",
-    }  # fmt: skip
+    }
     assert site.as_they_are == {"docs/images/x.png", "models/w.bin"}
 
 

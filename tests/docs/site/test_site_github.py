@@ -18,7 +18,7 @@ CHANGED = {
     "a list after a paragraph of an item": ("- a\n\n  more\n  - b\n", "- a\n\n    more\n\n    - b\n"),
     "code in an item": ("2. a\n\n   ```\n   x:\n       y\n   ```\n", "2. a\n\n    ```\n    x:\n        y\n    ```\n"),
     "an answer": ("<details><summary>A</summary>b</details>", '<details markdown="1"><summary>A</summary>b</details>'),
-}  # fmt: skip
+}
 KEPT = {
     "a list after a blank line": "text\n\n- a\n- b\n",
     "a list after a heading": "## text\n- a\n",

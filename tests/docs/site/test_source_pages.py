@@ -44,7 +44,7 @@ def test_prototxt_has_colours() -> None:
         ("Token.Name.Tag", "layer"), ("Token.Name.Tag", "type"), ("Token.Literal.String.Double", '"ReLU"'),
         ("Token.Name.Tag", "lr_mult"), ("Token.Literal.Number.Float", "-1.5e-3"), ("Token.Name.Tag", "phase"),
         ("Token.Keyword.Constant", "TRAIN"), ("Token.Comment.Single", '# "why"'),
-    ]  # fmt: skip
+    ]
     assert "".join(piece for _, piece in tokens) == text
 
 

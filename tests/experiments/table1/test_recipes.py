@@ -34,7 +34,7 @@ def test_the_paper_s_is_the_solver_s() -> None:
     assert asdict(end) | {"stepvalue": 0, "max_iter": 0} == asdict(paper) | {
         "stepvalue": 0, "max_iter": 0, "test_iter": (), "test_interval": 0, "snapshot": 0, "snapshot_prefix": "",
         "snapshot_format": end.snapshot_format, "net": paper.net,
-    }  # fmt: skip
+    }
     assert learning_rate(trunk, 3599) == learning_rate(end, 3599) == paper.base_lr
     assert learning_rate(end, 3600) == pytest.approx(paper.base_lr / 10)
 

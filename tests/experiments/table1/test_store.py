@@ -54,7 +54,7 @@ WHOLE = "expected a whole number of at least 1"
         ('"within_40_mm": 0.5', '"within_40_mm": 9',
          "'subjects' 0: 'within_40_mm' is 9, expected a number of at least 0, at most 1"),
         ('"seed": 1', '"seed": 1, "seed": 1', "has 'seed' twice"))
-})  # fmt: skip
+})
 def test_a_damaged_entry_is_one_line(tmp_path: Path, given: tuple[str, str], rejected: Any) -> None:
     """The error names the file and what is wrong with it, on one line."""
     path = store.write(tmp_path, entry())
@@ -76,7 +76,7 @@ CROP = re.compile(r'(?<="crop": ")[^"]*')
     "?": "...shown.json: a crop is not whole",
     "no crop": ("", "...shown.json: a crop is not a picture"),
     "AAAA": "...shown.json: a crop is not a picture",
-})  # fmt: skip
+})
 def test_other_frames_than_are_drawn(tmp_path: Path, given: Any, rejected: Any) -> None:
     """Half-cubes that are not positive, another number of frames, and a crop that is no picture raise errors."""
     store.write_shown(tmp_path, "one_hand", shown() if isinstance(given, str) else given(shown()))

@@ -32,10 +32,10 @@ def test_tables_findings_and_pictures() -> None:
     entries = {"one_hand": [*trained(), *trained(recipe=ADAM, seeds=(1,))], "many_hands": [*trained(MANY_HANDS)]}
     page = table1_page.page_of(entries, speed.Speed(812.4, 4000.0, 64, "fast", 2, "a machine, 2 cores"))
     titles = ["one hand, as in NYU: our recipe", "one hand, as in NYU: the paper's solver",
-              "hands of many people: the paper's solver", "Speed"]  # fmt: skip
+              "hands of many people: the paper's solver", "Speed"]
     assert re.findall(r"^## (.*)$", page, re.MULTILINE) == titles
     assert ("| ours | 17.93 ± 0.01 | 16.93 ± 0.01 | 18.93 ± 0.01 | 12.20 ± 0.00° | 11.20 ± 0.00° | 0.9% ± 0.0% | "
-            "50.0% ± 0.0% | 6,000 | converged | 16.9 mm | 12.2° |") in page  # fmt: skip
+            "50.0% ± 0.0% | 6,000 | converged | 16.9 mm | 12.2° |") in page
     assert "| DeepPrior's bottleneck | 19.02 | 18.02 | 20.02 | 22.00° | 21.00° | – |" in page
     assert page.count("| ours is better on joints than direct joint | **confirmed** |") == 1
     assert page.count("| **undecided**: one seed | +0.30 mm | +0.30 mm |") == 1
@@ -44,7 +44,7 @@ def test_tables_findings_and_pictures() -> None:
     assert "| here, one frame at a time | 812 |" in page and "| paper, on a GPU | 125 |" in page
     assert len(re.findall(r"!\[", page)) == 6 and "lambda" not in page
     left = ("one hand, as in NYU, our recipe: 6 of 12; hands of many people, our recipe: 8 of 8; "
-            "one hand, as in NYU, the weight of PhysLimit: 6 of 8.")  # fmt: skip
+            "one hand, as in NYU, the weight of PhysLimit: 6 of 8.")
     assert f"**Missing training runs:** {left}" in page
 
 
@@ -76,7 +76,7 @@ def test_the_weights_of_physlimit() -> None:
     rows = re.findall(r"^\| ([\d.]+) \| (–|L[12]) \| ([\d.]+) \|", page, re.MULTILINE)
     assert [(weight, norm) for weight, norm, _ in rows] == [
         ("0", "–"), ("0.01", "L1"), ("0.1", "L1"), ("1", "L1"), ("10", "L1"), ("0.1", "L2"), ("1", "L2"), ("10", "L2"),
-    ]  # fmt: skip
+    ]
     assert rows[6][2] == "19.00" and f"Ours with {PAPER.title}, 6,000 iterations" in page
     assert ONE_HAND.title in page and "(table1_lambda_paper.png)" in page
 

@@ -22,7 +22,7 @@ def test_the_papers_network(tmp_path, monkeypatch):
     netlib.Net(NYU, netlib.TEST, seed=3).save("net.caffemodel")
     out = run_tool("export_onnx", NYU, "net.caffemodel", "hand.onnx", "--check").out
     assert re.fullmatch(r"wrote hand\.onnx: 9\.\d\d MB\npred: largest difference \d\.\de-0[678] of its largest value, "
-                        r"batch sizes 1 and 3\n", out)  # fmt: skip
+                        r"batch sizes 1 and 3\n", out)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_metadata(packaged, onnx):
     assert about == {
         "producer": "handpose", "net": "SyntheticHand", "unit": "half-cubes", "cube_mm": "300",
         "axes": "x right, y up, z away", "input_range": "[-1, 1]",
-    }  # fmt: skip
+    }
     assert (model.producer_name, model.graph.name, model.ir_version) == ("handpose", "SyntheticHand", 8)
     assert [(opset.domain, opset.version) for opset in model.opset_import] == [("", 17)]
 
@@ -65,7 +65,7 @@ def test_the_file_is_plain_onnx(packaged, onnx):
     onnx.checker.check_model(model, full_check=True)
     assert {node.domain for node in model.graph.node} == {""}
     shapes = [[d.dim_param or d.dim_value for d in value.type.tensor_type.shape.dim]
-              for value in [*model.graph.input, *model.graph.output]]  # fmt: skip
+              for value in [*model.graph.input, *model.graph.output]]
     assert shapes == [["N", 1, 128, 128], ["N", 93], ["N", 93], ["N", 47]]
     assert len([node for node in model.graph.node if node.name.startswith("HandModel/")]) == 40
 
@@ -116,7 +116,7 @@ def test_the_document_in_a_process_of_its_own(packaged, tmp_path, rng):
 def test_size(files, onnx):
     """--size exports a net without fully connected layers for images of another size than the prototxt's."""
     net, weights = files('layer { name: "p" type: "Pooling" bottom: "x0" top: "y" pooling_param { kernel_size: 2 '
-                         'stride: 2 } }', (1, 3, 1, 1))  # fmt: skip
+                         'stride: 2 } }', (1, 3, 1, 1))
     assert (
         "y: largest difference 0.0e+00"
         in run_tool("export_onnx", net, weights, "a.onnx", "--size", "8x5", "--check").out

@@ -55,7 +55,7 @@ def test_a_type_without_a_form(kind, files):
          [(1, 4), (2, 4)], "net.prototxt: inputs with different batch sizes, x0 (1, 4), x1 (2, 4); expected first axes "
          "of the same size"),
     ],
-)  # fmt: skip
+)
 def test_a_net_without_a_batch(layers, shapes, message, files):
     """Every blob must have N items at most once, and cannot be both input and output."""
     assert refusal(*files(layers, *shapes)) == f"{message}\n"
@@ -77,7 +77,7 @@ def test_no_input(files):
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "y" }')
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "x" }'
-                                    'layer { name: "b" type: "AbsVal" bottom: "x" top: "y" }')  # fmt: skip
+                                    'layer { name: "b" type: "AbsVal" bottom: "x" top: "y" }')
     assert refusal("net.prototxt", weights) == (
         "net.prototxt: input 'x' has no shape; expected input_param { shape { ... } }\n"
     )

@@ -37,7 +37,7 @@ CASES: Cases = {
     "Swish": [(IMAGE, "swish_param { beta: 1.7 }", 1)],
     "TanH": [(IMAGE, "", 1)],
     "Threshold": [(IMAGE, "threshold_param { threshold: 0.3 }", 1)],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))

@@ -62,7 +62,7 @@ CASES: Cases = {
     "Softmax": [(IMAGE, "", 1), (IMAGE, "softmax_param { axis: -1 }", 1)],
     "Split": [(IMAGE, "", 2)],
     "Tile": [(IMAGE, "tile_param { tiles: 3 }", 1), (IMAGE, "tile_param { axis: -1 tiles: 2 }", 1)],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))
@@ -82,7 +82,7 @@ def test_equal_maxima(files):
         'layer { name: "a" type: "ArgMax" bottom: "x0" top: "a" argmax_param { top_k: 3 } }'
         'layer { name: "p" type: "Pooling" bottom: "x0" top: "y" top: "mask" pooling_param { kernel_size: 2 } }',
         (1, 2, 3, 2),
-    ))  # fmt: skip
+    ))
     x = np.zeros((2, 2, 3, 2), np.float32)
     x[:, 1, 1] = 1
     found = run_onnx(onnx_image(net), x0=x)
@@ -97,9 +97,9 @@ def test_silence_and_splits_are_no_operators(files, onnx):
         'layer { name: "a" type: "TanH" bottom: "x0" top: "a" } layer { name: "b" type: "AbsVal" bottom: "a" top: "b" }'
         'layer { name: "c" type: "BNLL" bottom: "a" top: "c" } layer { name: "s" type: "Silence" bottom: "c" }',
         (1, 4),
-    ))  # fmt: skip
+    ))
     graph = onnx.load_from_string(onnx_image(net)).graph
     assert [(node.op_type, *node.input) for node in graph.node] == [
         ("Tanh", "x0"), ("Abs", "a"), ("Softplus", "a"),
-    ]  # fmt: skip
+    ]
     assert [output.name for output in graph.output] == ["b"]

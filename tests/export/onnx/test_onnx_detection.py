@@ -19,7 +19,7 @@ CASES: Cases = {
         ([(1, 2, 2, 3), *IMAGE], "prior_box_param { min_size: 2 max_size: 4 aspect_ratio: 3 clip: true }", 1),
         ([(1, 2, 2, 3), (1, 5)], "prior_box_param { min_size: 2 img_size: 9 step_h: 2 step_w: 4 variance: 0.3 }", 1),
     ],
-}  # fmt: skip
+}
 SMALL = ROOT / "tests/layers/detection/small_ssd.prototxt"
 P, C = 12, 3
 SHAPES = {True: [(1, 4 * P), (1, C * P)], False: [(1, 4 * P * C), (1, C * P)]}  # by share_location
@@ -82,7 +82,7 @@ def nearly_equal(files, threshold: float) -> netlib.Net:
 def test_confidences_that_differ_by_rounding(files, monkeypatch):
     """Confidences that are equal up to rounding may be sorted in another order; another selection is a difference."""
     monkeypatch.setattr("export.onnx.net._random", lambda net, name, batch, rng: np.zeros(
-        (batch, *net.blobs[name].shape[1:]), np.float32))  # fmt: skip
+        (batch, *net.blobs[name].shape[1:]), np.float32))
     net, order = nearly_equal(files, 0.9), np.arange(C * P) * 2e-7
     net.params["b"][0].data[...] = 0.5 + order
     image, rows = onnx_image(net), net.forward()["d"].copy()
@@ -99,7 +99,7 @@ def test_nothing_found(files):
     """Without detections in the batch, every item has a row of -1; an item without any in another batch has none."""
     image = onnx_image(detector(files, "confidence_threshold: 0.5"))
     inputs = {f"x{i}": np.zeros((3, *shape[1:]), np.float32)
-              for i, shape in enumerate([*SHAPES[True], (1, 2, 2, 3), (1, 3, 8, 12)])}  # fmt: skip
+              for i, shape in enumerate([*SHAPES[True], (1, 2, 2, 3), (1, 3, 8, 12)])}
     assert run_onnx(image, **inputs)["d"].tolist() == [[[[item] + [-1] * 6 for item in range(3)]]]
     inputs["x1"][1, 1] = 1
     assert run_onnx(image, **inputs)["d"][0, 0, :, :3].tolist() == [[1, 1, 1]]
@@ -148,7 +148,7 @@ def test_a_whole_detector(tmp_path):
         ("", 'layer { name: "r" type: "Power" bottom: "d" top: "r" }',
          "layer 'r': reads 'd', whose number of rows depends on values, which cannot be exported"),
     ],
-)  # fmt: skip
+)
 def test_refusals(options, more, message, files):
     """What has no form in ONNX is an error of one line with the layer."""
     with pytest.raises(LayerError, match=message) as raised:

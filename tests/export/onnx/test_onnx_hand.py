@@ -24,7 +24,7 @@ CASES: Cases = {
         ([(1, 47), (1, 1)], "", 1),  # a factor
         ([(1, 47), (1, 31, 1)], "", 1),  # bone lengths
     ],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))

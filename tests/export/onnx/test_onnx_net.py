@@ -23,13 +23,13 @@ def test_layers_in_place(files, onnx):
         'layer { name: "same" type: "Dropout" bottom: "y" top: "z" }'
         'layer { name: "exp" type: "Exp" bottom: "y" top: "e" }',
         (1, 4),
-    ))  # fmt: skip
+    ))
     image = onnx_image(net, ["y"])
     assert max(differences(image, net, (1, 3)).values()) <= 1e-5
     graph = onnx.load_from_string(image).graph
     assert [(node.op_type, *node.output) for node in graph.node] == [
         ("Gemm", "ip/Gemm"), ("Relu", "relu/Relu"), ("Add", "z"), ("Exp", "e"), ("Identity", "y"),
-    ]  # fmt: skip
+    ]
 
 
 def test_a_net_from_python(files):

@@ -27,7 +27,7 @@ CASES: Cases = {
         (IMAGE, "norm_param { across_spatial: false channel_shared: false eps: 0.1 }", 1),
         ([(1, 5)], "norm_param { channel_shared: false }", 1),
     ],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))

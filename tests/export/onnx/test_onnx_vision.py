@@ -72,7 +72,7 @@ CASES: Cases = {
         (IMAGE, "", 1),
         ([(1, 2, 3)], "upsample_param { scale: 2 }", 1),
     ],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))

@@ -174,7 +174,7 @@ FLESH = ARM[ARM.index("flesh") :]
         (FLESH, "flesh { }", "5:7: error: no capsule and no wedge in the flesh"),
     )
 } | {"no flesh": ((FLESH, ""), NetlibError, "skeleton 'arm' has no flesh { ... }; expected capsules around its bones")},
-)  # fmt: skip
+)
 def test_mistakes(given: tuple[str, str], rejected: Any) -> None:
     """The error names the place in the file."""
     assert ARM.count(given[0]) == 1

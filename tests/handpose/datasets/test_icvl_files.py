@@ -30,7 +30,7 @@ def test_labels_of_two_sequences(tmp_path: Path) -> None:
              "...labels.txt:2: found something that is not a number..."),
     "empty": ("", "...: no labels in it..."),
     "x y z": ("a.png " + "-300.5 " * 48, "...the palm is mostly at -300.5 -300.5 -300.5, expected u v d..."),
-})  # fmt: skip
+})
 def test_broken_labels(tmp_path: Path, given: str, rejected: Any) -> None:
     """The error names the line of the file and what is wrong with it."""
     (tmp_path / "labels.txt").write_text(given)

@@ -41,7 +41,7 @@ def test_numbers_and_words(path: Path) -> None:
               "...a.mat: damaged: SciPy's reader crashes on it (status -11)"),
     "hang": (("import signal; signal.pause()", 0.1),
              "...a.mat: damaged: SciPy's reader does not come to an end with it"),
-})  # fmt: skip
+})
 def test_what_cannot_be_read(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: Any, given: tuple[str, float], rejected: Any
 ) -> None:

@@ -26,7 +26,7 @@ def fitted(model: CapsuleModel, side: Side, **said: float) -> Hand:
         inputs=model.inputs_of(x), size=np.exp(x[:, SIZE]), joints=model.joints(x), network=model.joints(x) + 4, x=x,
         signs=np.array([[1.0, 2, 3, 4, 5]]), start=np.zeros(1, int),
         **{name: np.array([n]) for name, n in numbers.items()},
-    )  # fmt: skip
+    )
     return Hand(side, CROP, CENTER, 300.0, NYU, fit.network[0] * mirror_of(side), fit, model)
 
 

@@ -117,7 +117,7 @@ def test_the_packaged_locator_finds_hands() -> None:
     "depth": (("dim: 64", "dim: 32"),
               "<net>: blob 'depth' of shape (1, 32, 64) an item, expected (1, 64, 64) of a locator"),
     "nan": (("", ""), "<net>: answers that are not finite; check its weights"),
-})  # fmt: skip
+})
 def test_other_nets(net_of: NetOf, given, rejected) -> None:
     """A net with other blobs raises an error at construction, weights that are not finite raise one at evaluation."""
     net = net_of(NET.replace(*given, 1), netlib.TEST)
@@ -228,7 +228,7 @@ def stick(joints: str) -> Callable[[], object]:
     "no palm": (stick('joint { name: "a" }'), "skeleton 'stick' has no joint 'palm' to move the crop to"),
     "one bone": (stick('joint { name: "palm" } joint { name: "a" parent: "palm" bone { axis: X length: 1 } }'),
                            "skeleton 'stick' has too few joints fixed to the palm to tell how it is turned"),
-})  # fmt: skip
+})
 def test_where_no_hand_can_be(given, rejected):
     """An image without depth, or with less than a hand shows from any side, and a body without a palm are errors."""
     with rejected:
@@ -239,7 +239,7 @@ def test_where_no_hand_can_be(given, rejected):
     "no depth": ((np.zeros((480, 640)), 0), "no depth anywhere in the image"),
     "far away": ((np.full((480, 640), 3000.0), 0), "nothing as large as a hand is seen nearer than 1600 mm"),
     "out of sight": ((two_plates(), 50), "what may be a hand is out of sight"),
-})  # fmt: skip
+})
 def test_nothing_to_be_found(drawn_to_the_right: Locator, given, rejected) -> None:
     """An image without depth, with everything far away, and places that leave the field of view raise an error."""
     depth, right = given

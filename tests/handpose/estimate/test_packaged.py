@@ -140,7 +140,7 @@ FIELDS = "expected name, caffemodel, license, sha256, net_sha256"
     "no weights": ("---\nname: x\n---\n", f"...readme.md: no 'caffemodel' in the front matter; {FIELDS}"),
     "no license": ("---\nname: x\ncaffemodel: a\nlicense:\nsha256: 0\n---\n",
                    f"...readme.md: no 'license' in the front matter; {FIELDS}"),
-})  # fmt: skip
+})
 def test_cards_with_something_wrong(copy: Path, given: str | None, rejected: Any) -> None:
     """An invalid model card raises an error that names the file."""
     card = copy / "readme.md"
@@ -173,7 +173,7 @@ def test_a_model_file(tmp_path: Path) -> None:
         for blob in blobs:
             blob.data[...] = rounded(blob.data, 8)
     errors = NetworkErrors(np.eye(20) * 0.1, {"fast": np.array([[1.0, 2, 1], [2, 3, 0.5]])},
-                           {"fast": np.full(5, 0.2)})  # fmt: skip
+                           {"fast": np.full(5, 0.2)})
     write_model(net, errors, tmp_path / "x.caffemodel.h5")
     again = netlib.Net(HAND_LOCATOR / "deploy.prototxt", tmp_path / "x.caffemodel.h5", netlib.TEST)
     for name, blobs in net.params.items():

@@ -59,7 +59,7 @@ EXPECTED = "expected a net with the input depth and the output pred"
     "pred": (NET.replace('"pred"', '"joints"'), f"<net>: no blob 'pred'; {EXPECTED}"),
     "hand": (NET[: NET.index('layer { name: "hand"')].replace('top: "DoF"', 'top: "pred"'),
              "<net>: no HandModel layer, so the skeleton is unknown"),
-})  # fmt: skip
+})
 def test_nets_of_another_kind(net_of: NetOf, given: str, rejected: Any) -> None:
     """A net with other blobs or layers raises an error at construction."""
     with rejected:
@@ -73,7 +73,7 @@ def test_nets_of_another_kind(net_of: NetOf, given: str, rejected: Any) -> None:
     "infinite": (np.full((128, 128), -np.inf), "crop with values from -inf to -inf, expected -1 to 1"),
     "list": ([[0.0]], "crop is a list, expected an array of numbers"),
     "text": (np.full((128, 128), "a"), "crop is an array of <U1, expected numbers"),
-})  # fmt: skip
+})
 def test_crops_that_are_refused(seeing: netlib.Net, given: Any, rejected: Any) -> None:
     """A crop of another shape or with invalid values raises an error about the crop, not about the net."""
     with rejected:
@@ -151,7 +151,7 @@ SHAPE = "depth image of shape {}, expected {}"
     "nothing": ((np.zeros_like, KINECT2, None), "no depth anywhere in the image"),
     "another camera": ((lambda frame: frame, NYU, None), SHAPE.format("(424, 512)", "(480, 640) of camera 'nyu'")),
     "channels": ((lambda frame: frame[:, :, None], KINECT2, None), SHAPE.format("(424, 512, 1)", "(height, width)")),
-})  # fmt: skip
+})
 def test_frames_that_are_refused(seeing: netlib.Net, frame: np.ndarray, given: Any, rejected: Any) -> None:
     """A frame in another unit, of another size or without readings, and an invalid centre, raise an error."""
     change, camera, center = given
@@ -242,7 +242,7 @@ WHOLE = "expected a whole number from 0 to 100"
         ({"cube_mm": 0.3}, "cube_mm=0.3; expected 50 to 10000 mm"),
         ({"cube_mm": np.nan}, "cube_mm=nan; expected 50 to 10000 mm"),
         ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"))
-})  # fmt: skip
+})
 def test_options_that_are_none(seeing: netlib.Net, given: dict[str, Any], rejected: Any) -> None:
     """An invalid option raises an error at construction, also with the packaged weights."""
     for make in (lambda: Predictor(seeing, **given), lambda: load_predictor(**given)):

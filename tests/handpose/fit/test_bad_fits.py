@@ -31,7 +31,7 @@ ROOT = (
     "skeleton 'made up': its root does not translate along x, y, z and turn about three axes, by a free DoF each, ..."
 )
 PARTS = ("X Y", "Z X Y"), ("X Y Y", "Z X Y"), ("X Y Z", "Z X"), ("X Y Z", "Z X Z"), ("X Y Z", "Z X Y", "fixed: true"), (
-    "X Y Z", "Z X Y", "", "abb")  # fmt: skip
+    "X Y Z", "Z X Y", "", "abb")
 SAME = "fits with the same uncertainty, expected many different ones to measure"
 
 
@@ -71,7 +71,7 @@ def measured(uncertainty: float, count: int) -> Callable[[], object]:
     "calibration of joint 31": (calibrated(20, 1, 3, joints=[31]), "joints [31], expected numbers from 0 to 30"),
     "percentile": (calibrated(20, 31, 3, value=1, percentile=50),
                    "percentile 50, expected at least 0 and less than 50"),
-})  # fmt: skip
+})
 def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> None:
     """Bodies with other roots, and joints that are too few, unknown or not finite, raise an error."""
     with rejected:
@@ -84,7 +84,7 @@ def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> No
     "frames": (lambda fit, x, scene: fit.fit(scene.seen, [x[:11]], FAST), "starts of 11 frames for 12 crops"),
     "few frames": (lambda fit, x, scene: calibrate_size(fit, scene.seen.take(slice(0, 4)), scene.truth[:4]),
                    "4 frames to estimate a hand's size from, expected 5 or more"),
-})  # fmt: skip
+})
 def test_mistakes(model: CapsuleModel, scene: Scene, given: Callable[..., object], rejected: Any) -> None:
     """The number of starts must match the quarter turns, the number of frames the crops; a size needs 5 frames."""
     with rejected:

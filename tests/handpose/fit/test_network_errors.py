@@ -112,7 +112,7 @@ ZEROS = TABLE * (0, 1, 1) + ((0, 0, 0), (1, 0, 0), (2, 0, 0))
         ("negative signs", {"limbs": np.eye(20), "fast": TABLE, "fast.signs": -EVEN},
          "fit/fast.signs of shape (5,), expected 5 weights with the sum 1"),
         ("text", {"limbs": b"text"}, "cannot read the group 'fit': damaged, or not as expected: ..."))
-})  # fmt: skip
+})
 def test_files_with_something_wrong(
     model: CapsuleModel, tmp_path: Path, given: dict[str, object], rejected: Any
 ) -> None:

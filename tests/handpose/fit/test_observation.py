@@ -53,7 +53,7 @@ def test_outside_and_nearest() -> None:
 
 @pytest.mark.parametrize("camera", [NYU, KINECT2], ids=lambda camera: camera.name)
 @pytest.mark.parametrize(("u", "v", "cut_mm"), [(0.5, 0.5, 0), (0.0, 0.5, 90), (1.0, 0.5, 90), (0.5, 0.0, 60),
-                                                (0.5, 1.0, 60), (0.0, 1.0, 75)])  # fmt: skip
+                                                (0.5, 1.0, 60), (0.0, 1.0, 75)])
 def test_what_the_edge_of_the_image_cuts(camera: Camera, u: float, v: float, cut_mm: float) -> None:
     """``cut_mm`` is the length in mm along which the image border cuts a plate of 60 x 90 mm.
 

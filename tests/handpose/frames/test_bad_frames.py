@@ -107,7 +107,7 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
     "an upright frame": (lambda: sized(CAMERA, (64, 48), "take"), "take: 48 x 64 pixels; camera own has 64 x 48"),
     "frames at once": (lambda: sized(CAMERA, (4, 48, 64), "take"),
                        "take: frames of shape (4, 48, 64), expected (height, width)"),
-})  # fmt: skip
+})
 def test_values_that_are_refused(given: Callable[[], object], rejected: Any) -> None:
     """A value that cannot be right raises an error with what was found and what is expected."""
     with rejected:
@@ -125,7 +125,7 @@ def test_values_that_are_refused(given: Callable[[], object], rejected: Any) -> 
                      "...frame.png: 40 x 30 pixels; camera kinect2 has 512 x 424"),
     "no camera": (lambda tmp: images.read_frame(tmp / "frame.png", UNKNOWN), f"...frame.png: {UNKNOWN_CAMERA}"),
     "no camera.json": (lambda tmp: camera_file.read(tmp / "none.json"), "...none.json: cannot read the camera: No ..."),
-})  # fmt: skip
+})
 def test_files_that_are_refused(tmp_path: Path, given: Callable[[Path], object], rejected: Any) -> None:
     """A missing or damaged file, and one that does not fit its camera, raise an error with its name."""
     content = cv2.imencode(".png", np.random.default_rng(0).integers(0, 999, (30, 40)).astype(np.uint16))[1].tobytes()

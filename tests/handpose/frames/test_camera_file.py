@@ -47,7 +47,7 @@ def test_the_example_of_the_docstring() -> None:
          CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((1, 2, 7, 8, 3, 4, 5, 6)), origin="x")),
     ],
     ids=["nothing", "a unit", "a camera", "a range", "a list", "RealSense", "Azure"],
-)  # fmt: skip
+)
 def test_what_is_understood(text: str, expected: CameraInfo) -> None:
     """This project's keys, RealSense's and Azure's are accepted."""
     assert parse(text, "x") == expected
@@ -89,7 +89,7 @@ NUMBER, WHAT = "expected a number more than 0 and at most", "known: fx, fy, u0, 
     '{"codx": 0.1}': "x: has codx 0.1; expected 0, a distortion about the middle of the lens",
     '{"time_unit": "msec"}': 'x: time_unit is "msec"; expected s, ms, us, ns, frames',
     '{"swap_bytes": 1}': "x: swap_bytes is 1; expected true or false",
-})  # fmt: skip
+})
 def test_what_is_refused(given: str, rejected: Any) -> None:
     """An invalid text raises an error with its place."""
     with rejected:
@@ -101,7 +101,7 @@ positive = st.floats(1e-3, 1e4)
 
 @example(60.0, 61.0, 31.5, 23.5, 64, None, [0.0] * 5)
 @given(positive, positive, st.floats(-1e5, 1e5), st.floats(-1e5, 1e5), st.integers(0, 9000), st.none() | positive,
-       st.none() | st.lists(st.floats(-5, 5), min_size=5, max_size=5))  # fmt: skip
+       st.none() | st.lists(st.floats(-5, 5), min_size=5, max_size=5))
 def test_every_number_returns(
     fx: float, fy: float, u0: float, v0: float, width: int, unit: float | None, lens: list[float] | None
 ) -> None:

@@ -124,7 +124,7 @@ def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
      (0.1, 0.1, "50 mm away and 10 mm wide.*with --unit 1 0.50 m away"),
      (0.001, 1.0, "0.5 mm away and 0.1 mm wide.*with --unit 1000 0.50 m"),
      (80, 1.0, "40 m away and 8 m wide, which is not plausible for a hand: check the unit")],
-)  # fmt: skip
+)
 def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str) -> None:
     """An implausible distance or width gives a warning, with the units of known cameras that would be plausible."""
     warnings = inspect(Taken(moving(factor), unit_mm=unit_mm)).warnings

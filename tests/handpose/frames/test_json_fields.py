@@ -40,7 +40,7 @@ def test_values() -> None:
         (lambda of: of.numbers("a", 3, 2), "f: 'a' is [[1, 2], [3, 4]], expected 3 x 2 numbers"),
         (lambda of: of.part("o").part("b"), "f: 'o': 'b': found 1, expected an object"),
         (lambda of: list(of.parts("t")), "f: 't' is 'text', expected a list"))
-})  # fmt: skip
+})
 def test_what_is_not_what_it_should_be(given: Callable[[Fields], object], rejected: Any) -> None:
     """The error names the place, the field, what was found and what was expected."""
     with rejected:
@@ -52,7 +52,7 @@ def test_what_is_not_what_it_should_be(given: Callable[[Fields], object], reject
     "deep": ("[" * 100_000, "f: JSON of too many levels"),
     "twice": ('{"a": 1, "b": {"c": 1, "c": 2}}', "f: has 'c' twice"),
     "long": ("1" * 5000, "f: not whole JSON: ..."),
-})  # fmt: skip
+})
 def test_what_is_no_json(given: str, rejected: Any) -> None:
     """Invalid JSON raises an error of one line."""
     with rejected:

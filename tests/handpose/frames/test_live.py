@@ -67,7 +67,7 @@ def test_frames_without_numbers() -> None:
 
 
 @pytest.mark.parametrize("times", [[(1.0, "a"), (1.1, "a"), (1.7e9, "b"), (1.7e9 + 0.1, "b")],
-                                   [(5.0, "a"), (5.0, "a"), (0.0, "a"), (0.1, "a")]])  # fmt: skip
+                                   [(5.0, "a"), (5.0, "a"), (0.0, "a"), (0.1, "a")]])
 def test_a_clock_that_changes(times: list[tuple[float, str]]) -> None:
     """Times ascend if the clock changes, stands still or restarts; then one frame's time passes."""
     recording = LiveRecording(Simulated([frame(time, clock=clock) for time, clock in times] + [EOFError()]))
@@ -149,7 +149,7 @@ def test_given_parameters() -> None:
     "no size": ((CameraInfo(Camera("own", 60, 60, 32, 24, 0, 0), unit_mm=1.0), CameraInfo()), INCOMPLETE),
     "another size": ((CameraInfo(CAMERA, unit_mm=1.0), CameraInfo(Camera("x", 60, 60, 32, 24, 99, 48))),
                      "simulated: 64 x 48 pixels; camera x has 99 x 48"),
-})  # fmt: skip
+})
 def test_parameters_that_do_not_fit(given: tuple[CameraInfo, CameraInfo], rejected: Any) -> None:
     """A device without its parameters, or with others than given, raises an error and is closed."""
     device = Simulated([], given[0])
@@ -162,7 +162,7 @@ def test_parameters_that_do_not_fit(given: tuple[CameraInfo, CameraInfo], reject
     "an error made for users": (DataError("simulated: not calibrated"), "simulated: not calibrated"),
     "a frame of another size": (DeviceFrame(0.0, np.zeros((3, 4), np.uint16)),
                                 "simulated: 4 x 3 pixels; the camera has 64 x 48"),
-})  # fmt: skip
+})
 def test_bad_events(given: Event, rejected: Any) -> None:
     """A frame that does not fit raises an error with the device's name; an error of the device is raised as it is."""
     with rejected:

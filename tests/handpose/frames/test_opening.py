@@ -79,7 +79,7 @@ def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]], kind: str) -
 @bad_inputs(DataError, {
     name: f"{name}: its times have a unit; --time-unit is for the names of images and for arrays"
     for name in ("a.mkv", "a.bag", "realsense", "oak")
-})  # fmt: skip
+})
 def test_a_unit_of_times_where_there_is_none(
     tmp_path: Path, asked: list[Any], monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
@@ -96,7 +96,7 @@ def test_a_unit_of_times_where_there_is_none(
     **{name: f"{name}: no such file" for name in ("none.npz", "none.mkv", "none.bag")},
     **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
     "a.txt": "a.txt: not a recording; expected a folder of 16-bit PNG, ..., .npz, ...: realsense, orbbec or oak...",
-})  # fmt: skip
+})
 def test_what_is_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any, asked: list[Any]
 ) -> None:

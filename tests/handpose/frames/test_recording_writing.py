@@ -108,7 +108,7 @@ def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseExcept
                   "...: frame 9: at 0.033333 s, which is not after the frame before"),
     "another size": (DepthFrame(9, 1.0, np.ones((4, 3), np.float32)),
                      "...: frame 9 has the shape (4, 3), expected (3, 4)"),
-})  # fmt: skip
+})
 def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, given: DepthFrame, rejected: Any) -> None:
     """An invalid frame raises an error, and the frames before it are kept."""
     with rejected, RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
@@ -320,7 +320,7 @@ ENDINGS = "expected a folder, FILE.npz or FILE.mkv"
     "a folder of others": (("others", True), "others: holds thesis.txt, which no recording has; name a new folder"),
     **{f".{end}": ((f"take.{end}", True), f"take.{end}: cannot write .{end}; {ENDINGS}")
        for end in ("npy", "mp4", "bag", "png")},
-})  # fmt: skip
+})
 def test_places_that_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, bool], rejected: Any
 ) -> None:
@@ -342,7 +342,7 @@ def test_places_that_are_refused(
     "a null character": ("a\0b", r"a\x00b: no such file or folder"),
     "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
     "loop": "loop: no such file or folder (did you mean 'loop'?)",
-})  # fmt: skip
+})
 def test_a_name_that_no_recording_can_have(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:

@@ -82,7 +82,7 @@ def predict(folder: Path, name: str = "", at: int = 0, extra: str = "") -> objec
     "x": (lambda at: predict(at, "x", 3), "the predicted joints of frame 10 are not finite (1 such frames)"),
     "shuffle": (lambda at: predict(at, extra="shuffle: true"), NetlibError,
                 "<net>: layer 'data' shuffles its frames; a test set is read in order"),
-})  # fmt: skip
+})
 def test_frames_that_cannot_be_judged(frames: Path, given: Callable[[Path], object], rejected: Any) -> None:
     """Values that are not finite are reported with the file and frame; half-cubes are in the order of frames."""
     with rejected:

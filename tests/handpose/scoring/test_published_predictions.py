@@ -34,7 +34,7 @@ def test_read_joints(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [LINE * 3, LINE * 3 + "\n \n", (LINE * 3).strip(), LINE.replace("\n", "\r\n") * 3,
-                                  "\ufeff" + LINE * 3, LINE.replace(" ", "\t") * 3])  # fmt: skip
+                                  "\ufeff" + LINE * 3, LINE.replace(" ", "\t") * 3])
 def test_what_editors_make_of_a_file(tmp_path: Path, text: str) -> None:
     """Trailing empty lines, a missing line end, CRLF, a byte order mark and tabs give the same three frames."""
     np.testing.assert_array_equal(read(tmp_path, text), read(tmp_path, LINE * 3))
@@ -62,7 +62,7 @@ METRES = "320 240 0.7  330.5 230 0.65\n300 200 0.71  310 200 0.7\n"
         (LINE + "1e300 2 3 4 5 6\n", "xyz", f":2:1: found '1e300', {NUMBER}"),
         *((METRES, fmt, ": half of all depths are below 0.7; expected mm, more than 100: are they metres?")
           for fmt in ("uvd", "xyz")))
-})  # fmt: skip
+})
 def test_mistakes(tmp_path: Path, given: tuple[str | bytes | None, Format], rejected: Any) -> None:
     """The error names the line and the column, what was found and what was expected."""
     text, fmt = given

@@ -104,11 +104,11 @@ def test_lost_hands() -> None:
     here = hand(0, RIGHT)
     reasons = ["", "", PARTLY, LEFT, LEFT, LEFT, HIDDEN, PARTLY, "", ""]
     truth = frames([[] if why else [here] for why in reasons],
-                   [[LostHand(0, "right", 1 / 30, why)] if why else [] for why in reasons])  # fmt: skip
+                   [[LostHand(0, "right", 1 / 30, why)] if why else [] for why in reasons])
     said = ["", "", "", "", LEFT, "nothing like a hand there", "hidden by another hand", "", "no hand", ""]
     shown = [True, True, True, True, False, False, False, False, False, True]
     tracked = frames([[hand(5, RIGHT)] if there else [] for there in shown],
-                  [[LostHand(5, "right", 0.1, why)] if why else [] for why in said])  # fmt: skip
+                  [[LostHand(5, "right", 0.1, why)] if why else [] for why in said])
     scores = score(HEADER, tracked, truth)
     own = scores.hands[0]
     assert (own.in_sight, own.found, own.said_lost) == (4, 3, 1)
@@ -138,7 +138,7 @@ SHORT = [TRUTH[0]._replace(hands=(replace(TRUTH[0].hands[0], xyz=BASE[:21]),))]
     "twice": (lambda: score(HEADER, [TRUTH[0], TRUTH[0]], TRUTH), "the track has two frames 0; expected one"),
     "21 joints": (lambda: score(HEADER, SHORT, TRUTH),
                   "a track of joints (21, 3), its truth has (31, 3); expected one skeleton"),
-})  # fmt: skip
+})
 def test_what_cannot_be_compared(given: Callable[[], object], rejected: Any) -> None:
     """Frames missing in the truth, repeated frames and other skeletons raise errors."""
     with rejected:

@@ -172,7 +172,7 @@ RANGE = "expected more than 0 and at most 36000 s, the seed 0 or more"
     **{f"u0 {u0}": (("rest", Camera("own", 500, 500, u0, 240, 0, 0), {}),
                     f"camera own: images of {2 * u0:.0f} x 480 pixels; expected 1 to 16384 each way ...")
        for u0 in (-3.0, 0.0, 1e6)},
-})  # fmt: skip
+})
 def test_what_cannot_be_recorded(given: Any, rejected: Any) -> None:
     """Invalid arguments raise an error with the expected values."""
     script, camera, options = given

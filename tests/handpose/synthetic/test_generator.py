@@ -182,7 +182,7 @@ SEED, SPLIT = "expected 0 to 4294967295", "expected one of train, test"
     "frames": (lambda: list(generate(-1, Generator())), "-1 frames from number 0, expected 0 or more of both"),
     "workers": (lambda: list(generate(1, Generator(), workers=0)), "0 worker processes, expected at least one"),
     "a pool": (lambda: processes(0).__enter__(), "0 worker processes, expected at least one"),
-})  # fmt: skip
+})
 def test_mistakes(given: Callable[[], object], rejected: Any) -> None:
     """An invalid seed, split or number raises an error that names it."""
     with rejected:

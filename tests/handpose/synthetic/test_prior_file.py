@@ -172,7 +172,7 @@ FREE = "joint: expected one without a parent that translates along X, Y and Z"
                     "tial.prototxt: cannot read the prototxt: No such file or directory"),
     "a fixed translation": (('dof { name: "z" }', 'dof { name: "z" fixed: true }'),
                             f"...tail_prior.prototxt:4:10: error: {FREE}"),
-})  # fmt: skip
+})
 def test_refusals(tail: Path, given: tuple[str, str], rejected: Any) -> None:
     """An invalid value of the prior or its skeleton raises an error of one line with its place."""
     assert given[0] in PRIOR + SKELETON

@@ -41,7 +41,7 @@ class AtPlace(Hand):
     def __init__(self, body: WorldPose, fit: DepthFit, side: Side, is_tracked: bool, empty: int) -> None:
         crop = np.zeros((128, 128), np.float32)
         super().__init__(side, crop, body.place, 300.0, NYU, np.zeros((1, 3)), fit, is_tracked=is_tracked,
-                         in_empty_space=empty)  # fmt: skip
+                         in_empty_space=empty)
         vars(self)["body"] = body
 
 
@@ -57,7 +57,7 @@ def estimate(
     """An estimate of a hand at x mm."""
     one, none = np.ones(1), np.zeros((1, 3))
     fit = DepthFit(none, one, none[None], none, cost * one, cost * one, error * one, confidence * one, none,
-                   np.full((1, 5), 3.0), one)  # fmt: skip
+                   np.full((1, 5), 3.0), one)
     body = WorldPose(np.array([x, 0, 600]), np.eye(3), np.zeros(4))
     return AtPlace(body, fit, side, goes_on, in_empty_space)
 
@@ -318,7 +318,7 @@ def test_losing(seen: list[Hand]) -> None:
 
 
 @pytest.mark.parametrize(("alone", "confidence", "frames"), [(True, 0.1, 13), (True, 0.5, None), (True, np.nan, None),
-                                                             (False, 0.1, 31), (False, 0.5, None)])  # fmt: skip
+                                                             (False, 0.1, 31), (False, 0.5, None)])
 def test_a_hand_must_be_trusted(alone: bool, confidence: float, frames: int | None) -> None:
     """A hand is given up when its reported confidence is low for longer than 1 s, without its surroundings 0.4 s."""
     one = HandTrack(ESTIMATOR, [estimate()], 0.0, alone=alone)

@@ -95,7 +95,7 @@ def test_a_point_has_no_axes(seed: int) -> None:
     once = filtered(OneEuro(CUTOFF, together=True), values, times)
     np.testing.assert_allclose(filtered(OneEuro(CUTOFF, together=True), values @ R.T, times), once @ R.T, atol=1e-9)
     assert not np.allclose(filtered(OneEuro(CUTOFF), values @ R.T, times),
-                           filtered(OneEuro(CUTOFF), values, times) @ R.T)  # fmt: skip
+                           filtered(OneEuro(CUTOFF), values, times) @ R.T)
 
 
 @given(seed=SEEDS, noise=st.floats(0, 3), most=st.sampled_from([2.0, 30.0, math.inf]), gap=st.sampled_from([0.0, 2.0]))

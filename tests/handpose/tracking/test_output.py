@@ -44,13 +44,13 @@ def variables(model: CapsuleModel) -> np.ndarray:
 def track(
     model: CapsuleModel, estimator: Any, side: Side = "right", size: float | None = None, *, apart: float = 6.0,
     error_mm: float = 7.0,
-) -> Any:  # fmt: skip
+) -> Any:
     """A track with this pose, smoothed to one ``apart`` mm farther along x."""
     x = variables(model)[None]
     fit: Any = SimpleNamespace(
         confidence=np.array([0.9]), error_mm=np.array([error_mm]), signs=np.array([[30.0, 2, 0.2, 5, 10]]),
         joints=model.joints(x), x=x,
-    )  # fmt: skip
+    )
     seen = Hand(side, np.zeros((128, 128), np.float32), CENTER, 300.0, NYU, np.zeros((31, 3)), fit, model)
     smooth = seen.body._replace(place=seen.body.place + (apart, 0, 0))
     best = SimpleNamespace(estimate=seen, smooth=smooth)

@@ -17,7 +17,7 @@ OFFSETS = np.array([(x, y, z) for x in (-60, 0, 60) for y in (-60, 0, 60) for z 
 def why(
     depth: np.ndarray, u: float = 80, v: float = 60, d: float = 600, *, hidden: float = 0.0, missing: float = 0.0,
     doubt: str = "",
-) -> str:  # fmt: skip
+) -> str:
     """The reason for a hand 120 mm wide that was expected at this place."""
     shares = Support(*(np.array([one]) for one in (1 - hidden - missing, hidden, 0.0, missing, 0.0)))
     hand = Expected(CAMERA.unproject(np.array([u, v, d])) + OFFSETS, np.array([u, v, d]), shares)
@@ -40,7 +40,7 @@ def plate(mm: float, half: int = 20) -> np.ndarray:
     ("u", "v", "where"),
     [(-5, 60, "left"), (165, 60, "right"), (80, -9, "upper"), (80, 125, "lower"), (-5, 125, "left lower"),
      (900, -900, "right upper")],
-)  # fmt: skip
+)
 def test_beyond_the_edges(u: float, v: float, where: str) -> None:
     """A hand beyond an edge of the image has left there."""
     assert why(wall(), u, v) == f"{LEFT} at the {where} edge"

@@ -65,9 +65,9 @@ def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:
     frames = take(model, x)
     causal = np.stack([
         model.joints(variables_of(model, frame.hands[0]))[0] + ORIGIN for frame in frames
-    ])  # fmt: skip
+    ])
     off, causal_off = (np.linalg.norm(found - true, axis=2)[30:-30].mean() for found in
-                       (joints(smoothed(model, frames)), causal))  # fmt: skip
+                       (joints(smoothed(model, frames)), causal))
     assert off < 0.5 * causal_off
 
 

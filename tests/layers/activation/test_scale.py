@@ -31,7 +31,7 @@ def test_it_starts_as_the_identity(run, rng):
     ("options", "shape"),
     [("", (3,)), ("axis: 0", (2,)), ("axis: 1 num_axes: 2", (3, 4)), ("axis: 0 num_axes: -1", (2, 3, 4)),
      ("num_axes: 0", ()), ("axis: -1", (4,))],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient_for_every_shape_of_the_gain(run, check, rng, options, shape, in_place):
     """The gradients of x, gain and bias agree with differences, also in place."""

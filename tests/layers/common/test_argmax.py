@@ -35,7 +35,7 @@ def test_by_hand(run, options, y):
     ("shape", "options", "top"),
     [((4, 6), "", (4, 1, 1)), ((4,), "", (4, 1, 1)), ((4, 6), "top_k: 2 out_max_val: true", (4, 2, 2)),
      ((4, 3, 2, 5), "top_k: 7", (4, 1, 7, 1)), ((4, 3, 2, 5), "axis: 1 top_k: 2", (4, 2, 2, 5))],
-)  # fmt: skip
+)
 def test_shapes(run, rng, shape, options, top):
     """Without ``axis`` the top has at least three axes, with it those of the bottom."""
     assert run(text(options), rng.normal(size=shape)).y.shape == top

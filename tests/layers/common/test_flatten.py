@@ -11,7 +11,7 @@ pytestmark = pytest.mark.both_engines
     [("", (2, 60)), ("axis: 0", (120,)), ("axis: 2", (2, 3, 20)), ("axis: 1 end_axis: 2", (2, 12, 5)),
      ("axis: -2", (2, 3, 20)), ("axis: 1 end_axis: -2", (2, 12, 5)), ("axis: 1 end_axis: 1", (2, 3, 4, 5)),
      ("axis: 2 end_axis: 1", (2, 3, 1, 4, 5))],
-)  # fmt: skip
+)
 def test_axes_are_joined(run, rng, options, shape):
     """The values keep their order, and the gradient has the shape of the bottom."""
     x = rng.normal(size=(2, 3, 4, 5))

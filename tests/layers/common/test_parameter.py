@@ -27,7 +27,7 @@ def test_the_top_is_the_parameter(net_of):
 def test_in_place_behind_it_leaves_the_parameter_alone(net_of):
     """The top is a copy, so a layer in place after it does not change the parameter."""
     net = net_of(NET.replace('layer { name: "sum"', 'layer { name: "r" type: "ReLU" bottom: "w" top: "w" }\n'
-                                                    'layer { name: "sum"'))  # fmt: skip
+                                                    'layer { name: "sum"'))
     net.params["w"][0].data[...] = -1
     assert net.forward()["loss"] == 0
     assert (net.params["w"][0].data == -1).all()
@@ -42,7 +42,7 @@ def test_shared_by_name(net_of):
     """Two Parameter layers with the same param name share one parameter."""
     net = net_of(NET.replace("lr_mult: 2", 'name: "one"')
                  + 'layer { name: "v" type: "Parameter" top: "v" parameter_param { shape { dim: 2 dim: 3 } } '
-                   'param { name: "one" } }')  # fmt: skip
+                   'param { name: "one" } }')
     net.params["w"][0].data[...] = 5
     assert (net.forward()["v"] == 5).all()
     assert len(net.learnable) == 1

@@ -35,7 +35,7 @@ def test_by_hand(run, options, y, dx):
     ("options", "y"),
     [("axis: 1", [2, -1]), ("operation: MEAN axis: -1", [2 / 3, -1 / 3]), ("operation: SUMSQ axis: 1", [14, 41]),
      ("operation: ASUM axis: 1 coeff: -1", [-6, -9])],
-)  # fmt: skip
+)
 def test_from_an_axis_on(run, options, y):
     """The axes before ``axis`` are kept."""
     assert np.allclose(run(text(options), X).y, y)

@@ -254,7 +254,7 @@ def truncated(path, pages):
     "another size": (("lmdb", lambda path: write(path, [datum(np.zeros((c, 4, 5), np.uint8), 0) for c in (3, 1)]), ""),
         netlib.LayerError, "...: layer 'd': ...lmdb: entry '00000001': the image (C, H, W) (1, 4, 5) "
         "gives (1, 4, 5), the first of its batch (3, 4, 5); expected the same number of channels, ..."),
-})  # fmt: skip
+})
 def test_mistakes(tmp_path, net_of, given, rejected):
     """A missing, invalid or truncated database, and invalid options, are one line when the net is built."""
     name, make, options = given

@@ -82,7 +82,7 @@ WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
     "nothing": (datum(b"", 0), "d: not an image that OpenCV can decode (0 bytes)"),
     "16 bits": (datum(cv2.imencode(".png", np.zeros((2, 2), np.uint16))[1].tobytes(), 0),
                 "d: image of type uint16, expected 8 bits per value"),
-})  # fmt: skip
+})
 def test_mistakes(given, rejected):
     """A damaged or unsupported Datum raises a one-line error."""
     with rejected:
@@ -126,7 +126,7 @@ def test_a_blob_with_the_older_four_sizes(tmp_path, rng):
                    "...mean: byte 0: a blob of shape (2, 0, 0, 0) has 2 values; expected a blob (.binaryproto)"),
     "empty": (b"", "...mean: it holds no values; expected a blob (.binaryproto)"),
     "text": (b"text", "...mean: byte 0: malformed: wire type 4; expected a blob (.binaryproto)"),
-})  # fmt: skip
+})
 def test_mistakes_of_a_blob(tmp_path, given, rejected):
     """The error names the file and the fault."""
     if given is not None:

@@ -51,7 +51,7 @@ def test_random_values_are_new_in_every_batch(net_of):
         "net.prototxt:1:...: error: layer 'd': has both shape and the older num, channels, height, width; expected one",
     "filler": ('shape { dim: 1 } data_filler { type: "gausian" }', netlib.PrototxtError,
                "net.prototxt:1:...: error: unknown filler type 'gausian' (did you mean 'gaussian'?)"),
-})  # fmt: skip
+})
 def test_mistakes(net_of, given, rejected):
     """The number of shapes or fillers must be one or that of the tops; the error has its position."""
     with rejected:

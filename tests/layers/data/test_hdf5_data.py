@@ -260,7 +260,7 @@ def of_two_shapes(folder):
        for keep in (0.3, 0.6, 0.95)},
     "batch_size 0": (lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(3)), netlib.LayerError,
                      "net.prototxt:1:...: error: layer 'd': batch_size must be at least 1"),
-})  # fmt: skip
+})
 def test_files_with_something_wrong_in_them(tmp_path, net_of, request, given, rejected):
     """A missing, invalid or truncated file is an error with its name and the expected content."""
     given(tmp_path)

@@ -15,7 +15,7 @@ def text(path, x="dim: 2 dim: 3", t="dim: 2"):
     """Return a net of two inputs that are written to ``path``."""
     return (f'force_backward: true layer {{ name: "in" type: "Input" top: "x" top: "t" input_param {{ shape {{ {x} }} '
             f'shape {{ {t} }} }} }} layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" '
-            f'hdf5_output_param {{ file_name: "{path}" }} }}')  # fmt: skip
+            f'hdf5_output_param {{ file_name: "{path}" }} }}')
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -61,9 +61,9 @@ def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
     (tmp_path / "list.txt").write_text("in.h5")
     before = (tmp_path / "in.h5").read_bytes()
     data = (f'layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" hdf5_data_param {{ source: "{tmp_path}/list.txt" '
-            'batch_size: 4 } }')  # fmt: skip
+            'batch_size: 4 } }')
     out = (f'layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" hdf5_output_param {{ '
-           f'file_name: "{tmp_path}/{name}" }} }}')  # fmt: skip
+           f'file_name: "{tmp_path}/{name}" }} }}')
     with pytest.raises(netlib.LayerError, match=rf"layer 'out': file_name '.*{name}' is read by a net; write to"):
         net_of(data + out)
     assert (tmp_path / "in.h5").read_bytes() == before
@@ -75,7 +75,7 @@ def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
     net_of(text(tmp_path / "out.h5")).forward(x=x)
     (tmp_path / "list.txt").write_text("out.h5")
     net = net_of(f'layer {{ name: "d" type: "HDF5Data" top: "data" top: "label" '
-                 f'hdf5_data_param {{ source: "{tmp_path}/list.txt" batch_size: 2 }} }}')  # fmt: skip
+                 f'hdf5_data_param {{ source: "{tmp_path}/list.txt" batch_size: 2 }} }}')
     assert np.array_equal(net.forward()["data"].reshape(2, 3), x)
 
 
@@ -86,7 +86,7 @@ def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
               "...: error: layer 'out': bottoms 'x' (2, 3) and 't' (3,) must have the same number of items"),
     "axes": (("out.h5", {"x": "dim: 2 " * 5}),
              "...: error: layer 'out': bottom 'x' (2, 2, 2, 2, 2) has more than four axes"),
-})  # fmt: skip
+})
 def test_mistakes(tmp_path, net_of, given, rejected):
     """Invalid names and shapes raise an error when the net is built."""
     with rejected:

@@ -31,7 +31,7 @@ def write_list(folder, numbers):
 def text(folder, options="", more=""):
     """Return a layer that reads the list."""
     return (f'layer {{ name: "d" type: "ImageData" top: "x" top: "t" image_data_param '
-            f'{{ source: "{folder}/list.txt" {options} }} {more} }}')  # fmt: skip
+            f'{{ source: "{folder}/list.txt" {options} }} {more} }}')
 
 
 def labels(net, count=1):
@@ -198,7 +198,7 @@ AT = "net.prototxt:1:...: error: layer 'd': "
     "another size": ((b"picture 0.png 1\npicture 3.png 1", "batch_size: 2"), netlib.LayerError,
                      "...: layer 'd': picture 3.png: the image (C, H, W) (3, 5, 8) gives (3, 5, 8), "
                      "the first of its batch (3, 4, 6); expected the same number of channels, and without ..."),
-})  # fmt: skip
+})
 def test_mistakes(tmp_path, pictures, net_of, given, rejected):
     """Errors in the list, the images or the options are one line."""
     content, options = given

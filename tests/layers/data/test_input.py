@@ -23,7 +23,7 @@ def test_one_shape_for_all_tops_or_one_for_each(net_of):
                    "net.prototxt:1:75: error: layer 'in': has 3 tops, but 2 shapes"),
     "negative": ('top: "a" input_param { shape { dim: -2 } }',
                  "net.prototxt:1:57: error: layer 'in': shape (-2,) has a negative size"),
-})  # fmt: skip
+})
 def test_mistakes(net_of, given, rejected):
     """A number of shapes that matches neither one nor the tops, and a negative size, are errors with the position."""
     with rejected:

@@ -178,7 +178,7 @@ def test_pages_of_any_size(tmp_path: Path, size: int) -> None:
         page(LEAF, 4, [node(b"m", b""), node(b"mm", b"last")], size),
         overflow(5, 3, value, size),
         depth=2, entries=4, size=size,
-    )  # fmt: skip
+    )
     assert list(walked(path)) == [(b"a", b"first"), (b"b", value), (b"m", b""), (b"mm", b"last")]
 
 
@@ -217,7 +217,7 @@ DAMAGED, UNSORTED = "; the database is damaged", "its keys are out of order, or 
         ([page(LEAF, 2, [node(b"a", (3, 900))], 512), overflow(3, 1, b"", 512), WHOLE], {},
          f"page 3: expected a value of 900 bytes, found page 3 of kind 0x4{DAMAGED}"),
     ))
-})  # fmt: skip
+})
 def test_nothing_is_believed(tmp_path: Path, given: tuple[list[bytes], dict[str, int]], rejected: Any) -> None:
     """Inconsistent numbers, lengths, depths and circular trees raise an error with the page."""
     path = database_of(tmp_path / "a", *given[0], **{"depth": 1, "entries": 2, **given[1]})
@@ -244,7 +244,7 @@ ORDER = (
     "cut": (bytes(16) + b"\xde\xc0\xef\xbe", ".../a: page 0: the file ends at byte 20; the database is damaged"),
     "32 bits": (bytes(12) + b"\xde\xc0\xef\xbe" + bytes(9000), f".../a{ORDER[3:]}"),
     "byte order": (bytes(16) + b"\xbe\xef\xc0\xde" + bytes(9000), f".../a{ORDER[3:]}"),
-})  # fmt: skip
+})
 def test_what_is_no_such_database(tmp_path: Path, given: bytes, rejected: Any) -> None:
     """A file that is not a database, or is from another kind of machine, raises an error."""
     (tmp_path / "a").write_bytes(given)
@@ -347,7 +347,7 @@ def test_a_database_that_is_cut_under_way(tmp_path: Path) -> None:
     """A file that is truncated or changed in use raises an error on the next access, even for pages in memory."""
     path = only_file(write(tmp_path / "a", numbered(300, 5000)))
     for change, message in ((lambda: os.truncate(path, 20_000), "was cut to 20000 of"),
-                            (lambda: os.utime(path, ns=(0, 1)), "was changed")):  # fmt: skip
+                            (lambda: os.utime(path, ns=(0, 1)), "was changed")):
         cursor = Cursor(Database(path))
         assert cursor.first() and cursor.next()
         size = path.stat().st_size

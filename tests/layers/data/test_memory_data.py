@@ -79,7 +79,7 @@ def giving(shape, labels):
         ("pairs of labels", giving((2, 3, 1, 2), (2, 2)), "the labels have shape (2, 2), expected (N, 1, 1, 1)"),
         ("texts", giving((2, 3, 1, 2), ["a", "b"]), "the labels must be numbers, found an array of <U1"),
         ("none", lambda net: net.forward(), "has no data; call set_input_arrays(data, labels) before forward"))
-})  # fmt: skip
+})
 def test_mistakes(net_of, given, rejected):
     """Missing data, labels that are not numbers and other shapes raise an error."""
     with rejected:

@@ -118,7 +118,7 @@ def test_the_same_state_gives_the_same_crops(image):
     "force_color: true force_gray: true": "...:1:66: error: layer 'it': force_color and force_gray cannot both be set",
     "no mean": ('mean_file: "none"', netlib.DataError, "none: cannot read the blob: No such file or directory"),
     "unknown": ("crop: 3", netlib.PrototxtError, "...:1:48: error: unknown field 'crop' (did you mean 'crop_size'?)"),
-})  # fmt: skip
+})
 def test_mistakes(tmp_path, image, given, rejected):
     """The error states the position or the image, and the expected value."""
     write_blob(tmp_path / "m", np.zeros((1, 3, 5, 6)))
@@ -131,7 +131,7 @@ def test_mistakes(tmp_path, image, given, rejected):
     f"{options} {first}": ((options, first), f"<test>:1:...: error: layer 'it': x: the image (C, H, W) (3, 5, 7) gives "
                            f"{found}, the first of its batch {first}; expected the same number of channels, and ...")
     for options, first, found in (("", (3, 5, 8), (3, 5, 7)), ("crop_size: 2", (1, 2, 2), (3, 2, 2)))
-})  # fmt: skip
+})
 def test_an_image_that_does_not_fit_its_batch(image, given, rejected):
     """Without crop_size all images of a batch must have the same size; the number of channels must always agree."""
     with rejected:

@@ -36,7 +36,7 @@ def write_list(folder, *windows):
 def text(folder, options="batch_size: 2 fg_fraction: 0.5", transform="crop_size: 4"):
     """Return a layer that reads the list."""
     return (f'layer {{ name: "d" type: "WindowData" top: "x" top: "t" window_data_param '
-            f'{{ source: "{folder}/windows.txt" {options} }} transform_param {{ {transform} }} }}')  # fmt: skip
+            f'{{ source: "{folder}/windows.txt" {options} }} transform_param {{ {transform} }} }}')
 
 
 def part(image, x1, y1, x2, y2, width=4, height=4):
@@ -127,7 +127,7 @@ def test_any_window_is_cut_as_caffe_cuts_it(tmp_path, images, net_of, rng, real,
         for x, t in zip(tops["x"], tops["t"]):
             corner = corners[int(t) - 6 if t else 0]
             want = [as_caffe(images[0], corner, 7, pad, square, mirror, real, mean[0, :, 2:9, 2:9], 0.5)
-                    for mirror in (False, True)]  # fmt: skip
+                    for mirror in (False, True)]
             found = [mirror for mirror in (0, 1) if np.allclose(x, want[mirror], rtol=1e-6, atol=1e-6)]
             assert found
             seen.add((int(t), found[0]))
@@ -209,7 +209,7 @@ BOTH = "1 1 0 0 3 3 0 0 0 0 3 3"
         "...windows.txt: window (0, 0, 16, 3) is outside 0.png, which has 16 columns and 12 rows",
     "# 0 0.png 3 2 2 2 1 1 5 5 3 9 0 0 0 0 3 3":
         "...windows.txt: window (5, 5, 3, 9) of 0.png ends before it starts; expected x1 y1 x2 y2",
-})  # fmt: skip
+})
 def test_lists_with_something_wrong_in_them(tmp_path, images, net_of, given, rejected):
     """The error states the position, the invalid and the expected content."""
     if given is not None:
@@ -230,7 +230,7 @@ def test_lists_with_something_wrong_in_them(tmp_path, images, net_of, given, rej
         ("batch_size: 1", "crop_size: 4 mean_value: 1 mean_value: 2", "has 2 mean_value, expected 1 or 3"),
         ("batch_size: 1", 'crop_size: 9 mean_file: "m"',
          "mean_file 'm' has shape (3, 8, 8), too small for a crop of (3, 9, 9)"))
-})  # fmt: skip
+})
 def test_options_that_do_not_go_together(tmp_path, images, given, rejected):
     """Invalid combinations of options raise an error when the net is built."""
     write_list(tmp_path, [(1, 1, 0, 0, 3, 3), (0, 0, 1, 1, 4, 4)])

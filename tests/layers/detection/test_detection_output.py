@@ -164,7 +164,7 @@ def test_values_that_are_not_finite(run):
 def loops(options, locations, confidences, priors):
     """The detections, as in the definition: one number after the other."""
     o = {"code": "CORNER", "share": True, "background": 0, "nms": 0.3, "top_k": -1, "eta": 1, "keep": -1,
-         "encoded": False, "threshold": -math.inf, "clip": False} | options  # fmt: skip
+         "encoded": False, "threshold": -math.inf, "clip": False} | options
     C, P = o["classes"], priors.shape[2] // 4
     result = []
     for n in range(len(locations)):
@@ -173,7 +173,7 @@ def loops(options, locations, confidences, priors):
             if c == o["background"]:
                 continue
             order = sorted((p for p in range(P) if confidences[n, p * C + c] > o["threshold"]),
-                           key=lambda p, c=c: -confidences[n, p * C + c])  # fmt: skip
+                           key=lambda p, c=c: -confidences[n, p * C + c])
             order = order if o["top_k"] < 0 else order[: o["top_k"]]
             kept, limit = [], o["nms"]
             for p in order:
@@ -224,7 +224,7 @@ def test_any_options_give_what_plain_loops_give(run, rng, code, share):
             o = {"code": code, "share": share, "encoded": encoded, "clip": clip, "classes": C,
                  "background": int(rng.integers(-1, C)), "nms": float(np.float32(rng.choice([0, 0.3, 0.6, 0.9, 1.2]))),
                  "eta": float(np.float32(rng.choice([1, 0.7]))), "top_k": int(rng.choice([-1, 3, 40])),
-                 "keep": int(rng.choice([-1, 7, 60]))}  # fmt: skip
+                 "keep": int(rng.choice([-1, 7, 60]))}
             if number % 2:
                 o["threshold"] = 0.25
             corner = rng.uniform(0, 0.9, (P, 2))
@@ -234,10 +234,10 @@ def test_any_options_give_what_plain_loops_give(run, rng, code, share):
             confidences = rng.uniform(0, 1, (N, P * C)).round(2)  # with equal values
             options = (f"code_type: {code} share_location: {share} variance_encoded_in_target: {encoded} clip: {clip} "
                        f"background_label_id: {o['background']} keep_top_k: {o['keep']} nms_param {{ nms_threshold: "
-                       f"{o['nms']} top_k: {o['top_k']} eta: {o['eta']} }} ").replace("True", "true")  # fmt: skip
+                       f"{o['nms']} top_k: {o['top_k']} eta: {o['eta']} }} ").replace("True", "true")
             options = options.replace("False", "false") + ("confidence_threshold: 0.25" if "threshold" in o else "")
             found, expected = rows(run, text(C, options), locations, confidences, priors), loops(
-                o, locations, confidences, priors)  # fmt: skip
+                o, locations, confidences, priors)
             assert found.shape == np.shape(expected), o
             assert np.allclose(found, expected, rtol=1e-12, atol=1e-12), o
             counts.append(len(found))

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.both_engines
 def boxes(run, options, map_size=(1, 1), image=(10, 20), **more):
     """Return the boxes (positions and boxes at each, 4), in pixels of the image."""
     done = run(f'type: "PriorBox" prior_box_param {{ {options} }}', np.zeros((2, 3, *map_size)),
-               np.zeros((2, 1, *image)), **more)  # fmt: skip
+               np.zeros((2, 1, *image)), **more)
     assert done.y.shape[:2] == (1, 2)
     return done.y[0, 0].reshape(-1, 4) * np.tile(image[::-1], 2)
 
@@ -47,7 +47,7 @@ def test_the_order_of_sizes(run):
     assert sizes(boxes(run, options)) == [
         [4, 4], [6, 6], [8, 2], [2, 8], [6, round(4 / 1.5, 6)], [round(4 / 1.5, 6), 6],
         [6, 6], [12, 12], [12, 3], [3, 12], [9, 4], [4, 9],
-    ]  # fmt: skip
+    ]
 
 
 def test_ratios_that_occur_again_are_skipped(run):
@@ -76,7 +76,7 @@ def test_clip(run):
 def test_variances(run, options, values):
     """The second row repeats four variances for each box; the default is 0.1."""
     done = run(f'type: "PriorBox" prior_box_param {{ min_size: 1 {options} }}', np.zeros((1, 1, 2, 2)),
-               np.zeros((1, 1, 9, 9)), dtype=np.float32)  # fmt: skip
+               np.zeros((1, 1, 9, 9)), dtype=np.float32)
     assert np.array_equal(done.y[0, 1].reshape(4, 4), np.tile(np.float32(values), (4, 1)))
 
 

@@ -173,7 +173,7 @@ def test_double_precision(net_of: NetOf) -> None:
                 "bottom 'depth' has shape (40, 1, 128, 96), expected crops (N, 1, S, S)"),
     "no joints": (LAYER.replace("dim: 6", "dim: 7") % ("y", "moved", ""), "net.prototxt:4:7: error: layer 'augment': "
                   "bottom 'joint' has shape (40, 7), expected joints (40, 3 K)"),
-})  # fmt: skip
+})
 def test_mistakes(net_of: NetOf, given: str, rejected: Any) -> None:
     """The error states the invalid option or shape."""
     with rejected:

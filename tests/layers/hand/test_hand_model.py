@@ -189,7 +189,7 @@ LENGTHS = "expected (2, 1), a factor, or (2, 3), the bone lengths of skeleton 'a
     "a number": ([np.zeros(())],
                  "<gradcheck>:1:1: error: layer 'it': bottom 'bottom0' has shape (), skeleton 'arm' expects (1, 4)"),
     "no file": ([], netlib.NetlibError, "...gone.prototxt: cannot read the prototxt: No such file or directory"),
-})  # fmt: skip
+})
 def test_mistakes(run, text, given, rejected):
     """Wrong numbers of inputs, lengths and items, and a missing skeleton file, raise an error."""
     with rejected:

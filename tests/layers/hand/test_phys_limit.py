@@ -57,7 +57,7 @@ def test_gradient(check, rng, norm):
     "a number": (("", ()), "...: error: layer 'it': bottom 'bottom0' has shape (), the skeleton has 3 DoFs"),
     "norm": (("norm: L3", (2, 3)), netlib.PrototxtError,
              "<gradcheck>:1:...: error: unknown value L3 of 'norm'; known values: L1, L2"),
-})  # fmt: skip
+})
 def test_mistakes(run, text, given, rejected):
     """A wrong number of inputs and an unknown norm raise an error."""
     with rejected:

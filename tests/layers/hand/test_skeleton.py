@@ -112,7 +112,7 @@ LIMITS = "lower: -1 upper: 1"
         ("length: 1 ", "length: -11 ", f"5:79: error: a bone of length -11; {BONE}"),
         ("length: 1 ", "length: nan ", f"5:79: error: a bone of length nan; {BONE}"),
     )
-})  # fmt: skip
+})
 def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
     """Errors have their position and the nearest known name."""
     assert given[0] in arm_text
@@ -124,7 +124,7 @@ def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
     **dict.fromkeys(("", 'name: "empty"', 'dof { name: "x" }'),
                     "...skeleton0.prototxt:1:1: error: this file has no joints; expected a skeleton"),
     "no file": (None, netlib.NetlibError, "...gone.prototxt: cannot read the prototxt: No such file or directory"),
-})  # fmt: skip
+})
 def test_what_is_no_skeleton(skeleton, tmp_path, given, rejected):
     """A file without joints, and a missing file, raise an error with the file's name."""
     with rejected:

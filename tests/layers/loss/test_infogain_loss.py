@@ -54,7 +54,7 @@ def test_the_identity_is_softmax_with_loss(run, rng, options):
     ("options", "divisor"),
     [("", 3), ("normalization: VALID", 3), ("normalization: FULL", 4), ("normalization: BATCH_SIZE", 2),
      ("normalization: NONE", 1)],
-)  # fmt: skip
+)
 def test_against_loops(run, rng, options, divisor):
     """Loss and gradient agree with loops for each normalization, with an ignored label and H as (1, 1, K, K)."""
     x, labels, H = rng.normal(size=(2, 3, 2)), np.array([[0, 1], [9, 2]]), rng.normal(size=(3, 3))

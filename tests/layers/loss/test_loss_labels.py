@@ -20,7 +20,7 @@ def loss_param(text):
     [("", "VALID", "VALID"), ("", "BATCH_SIZE", "BATCH_SIZE"), ("normalize: true", "BATCH_SIZE", "VALID"),
      ("normalize: false", "VALID", "BATCH_SIZE"), ("normalization: NONE", "BATCH_SIZE", "NONE"),
      ("normalization: VALID normalize: false", "BATCH_SIZE", "VALID")],
-)  # fmt: skip
+)
 def test_normalization(text, default, expected):
     """``normalization`` takes precedence over ``normalize``, then the default of the layer type."""
     assert labels.normalization(loss_param(text), default) == expected

@@ -28,7 +28,7 @@ def test_by_hand(run):
     [("", 2), ("normalization: VALID", 5), ("normalization: FULL", 6), ("normalization: BATCH_SIZE", 2),
      ("normalization: NONE", 1), ("normalize: true", 5), ("normalize: false", 2),
      ("normalize: false normalization: FULL", 6)],
-)  # fmt: skip
+)
 def test_normalization(run, rng, options, divisor):
     """The divisors agree for 2 items of 3 values with one ignored; BATCH_SIZE is the default of this layer only."""
     x, target = rng.normal(size=(2, 3)), np.array([[0, 1, -1], [0.25, 1, 0]])

@@ -32,7 +32,7 @@ def test_the_second_top_has_the_probabilities(run):
     [("", 3), ("normalization: VALID", 3), ("normalization: FULL", 4), ("normalization: BATCH_SIZE", 2),
      ("normalization: NONE", 1), ("normalize: true", 3), ("normalize: false", 2),
      ("normalize: false normalization: FULL", 4)],
-)  # fmt: skip
+)
 def test_normalization(run, rng, options, divisor):
     """The divisors agree for 2 items of 2 pixels with one ignored; ``normalization`` overrides ``normalize``."""
     x, labels = rng.normal(size=(2, 3, 2)), np.array([[0, 1], [9, 2]])

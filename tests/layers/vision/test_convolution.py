@@ -39,7 +39,7 @@ PAIRS = st.tuples(st.integers(1, 3), st.integers(1, 3))
 @given(
     N=st.integers(1, 3), per=st.integers(1, 2), group=st.integers(1, 2), size=st.tuples(*[st.integers(1, 9)] * 2),
     kernel=PAIRS, stride=PAIRS, pad=st.tuples(*[st.integers(0, 2)] * 2), dilation=PAIRS,
-)  # fmt: skip
+)
 def test_any_options_give_what_plain_loops_give(N, per, group, size, kernel, stride, pad, dilation):
     """The values agree with loops, and backward is the transpose of forward, for any options."""
     C = O = per * group
@@ -78,7 +78,7 @@ def forward_backward(text, x, w, b):
         {"kernel_size": "[2, 3]", "stride": "[1, 2]", "pad": "[0, 1]"},
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_gradient(check, rng, options):
     """The gradients of x, w and b agree with differences."""
     check(text(**options), rng.normal(size=(2, 2, 5, 6)))

@@ -27,7 +27,7 @@ OPTIONS = [
     {"kernel_size": 3}, {"kernel_size": 1}, {"kernel_size": 4, "stride": 2, "pad": 1},
     {"kernel_size": 2, "dilation": 2}, {"num_output": 4, "kernel_size": 2, "group": 2},
     {"kernel_size": "[2, 3]", "stride": "[1, 2]", "pad": "[0, 1]"}, {"kernel_size": 2, "bias_term": "false"},
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)

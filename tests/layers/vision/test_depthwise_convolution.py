@@ -33,7 +33,7 @@ OPTIONS = [
     {"kernel_size": 3, "pad": 1}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"kernel_size": 2, "dilation": 2},
     {"kernel_h": 1, "kernel_w": 3, "stride_h": 1, "stride_w": 2, "pad_h": 0, "pad_w": 1},
     {"kernel_size": "[3, 2]", "bias_term": "false"},
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("size", [(5, 6), (40, 33)], ids=str)

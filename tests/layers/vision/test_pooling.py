@@ -36,7 +36,7 @@ PAIRS = st.tuples(st.integers(1, 4), st.integers(1, 4))
 @given(
     size=SIZES, kernel=PAIRS, stride=PAIRS, pad=st.tuples(st.integers(0, 2), st.integers(0, 2)), ceil=st.booleans(),
     mean=st.booleans(), ties=st.booleans(),
-)  # fmt: skip
+)
 def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil, mean, ties):
     """Values and gradients agree with loops for overlapping, padded and overhanging windows and for ties."""
     stride = tuple(min(s, k) for s, k in zip(stride, kernel))
@@ -44,7 +44,7 @@ def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil,
     rng = np.random.default_rng(0)
     x = rng.integers(0, 3, (2, 2, *size)).astype(float) if ties else rng.normal(size=(2, 2, *size))
     options = text(pool="AVE" if mean else "MAX", kernel_h=kernel[0], kernel_w=kernel[1], stride_h=stride[0],
-                   stride_w=stride[1], pad_h=pad[0], pad_w=pad[1], round_mode="CEIL" if ceil else "FLOOR")  # fmt: skip
+                   stride_w=stride[1], pad_h=pad[0], pad_w=pad[1], round_mode="CEIL" if ceil else "FLOOR")
     compare(options, x, *pool(x, kernel, stride, pad, mean, ceil))
 
 
@@ -143,13 +143,13 @@ def test_the_mask_by_hand(run):
         {"kernel_h": 2, "kernel_w": 3, "pad_h": 1, "pad_w": 2}, {"kernel_size": 7, "stride": 3},
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_the_mask_says_where_the_maximum_is(run, rng, options):
     """The mask points to the maximum in every map of every item."""
     x = rng.normal(size=(2, 3, 5, 6))
     y, mask = run(text(**options), x, tops=2).ys
     assert np.array_equal(np.take_along_axis(x.reshape(2, 3, -1), mask.reshape(2, 3, -1).astype(int), axis=2),
-                          y.reshape(2, 3, -1))  # fmt: skip
+                          y.reshape(2, 3, -1))
 
 
 def test_the_mask_of_an_empty_window(run):

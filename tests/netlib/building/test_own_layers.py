@@ -177,7 +177,7 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
              "(...__init__.py); expected a module 'layers' with it in the working directory or on PYTHONPATH"),
     "no options": ('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }',
                    "f:1:104: error: missing required field 'num_output' in inner_product_param"),
-})  # fmt: skip
+})
 def test_a_python_layer_that_is_not_there(squares: None, given: str, rejected: Any) -> None:
     """The error names the missing module or class and where it was searched for."""
     with rejected:
@@ -215,7 +215,7 @@ def has_run() -> set[str]:
     "text",
     ["", "class Squared: pass", "from math import sqrt as Squared", "print(Square)", "def f(Square=1): return Square",
      "Squares = 'Square'"],
-)  # fmt: skip
+)
 def test_a_module_that_cannot_have_the_class_does_not_run(module: Callable[[str, str], None], text: str) -> None:
     """The module's text is read first; the error is the same as for a module that has run."""
     module("gadget.py", text)
@@ -232,7 +232,7 @@ def test_a_module_that_cannot_have_the_class_does_not_run(module: Callable[[str,
      "import netlib\ndef __getattr__(name): return netlib.Layer",
      "exec('from netlib import Layer as Squ' + 'are')",
      "import netlib, sys\nsetattr(sys.modules[__name__], 'Squ' + 'are', netlib.Layer)"],
-)  # fmt: skip
+)
 def test_a_module_that_may_have_it_runs(module: Callable[[str, str], None], text: str) -> None:
     """A module runs if any statement may define the name, including statements that hide it, such as ``exec``."""
     module("made.py", "from netlib import Layer as Square")
@@ -250,7 +250,7 @@ def test_a_module_that_may_have_it_runs(module: Callable[[str, str], None], text
     "parent.broken": "f:1:169: error: layer 'own': cannot import 'parent.broken' (SyntaxError: ...broken.py, line 2...",
     "parent": "f:1:186: error: layer 'own': parent.Square has no such class (...__init__.py)",
     "folder.gadget": "f:1:193: error: layer 'own': folder.gadget.Square has no such class (...gadget.py)",
-})  # fmt: skip
+})
 def test_packages_do_not_run_for_nothing(module: Callable[[str, str], None], given: str, rejected: Any) -> None:
     """Neither the packages above a missing module run, nor those above a module without the class."""
     for file in ("parent/__init__", "parent/gadget", "parent/child/__init__", "parent/child/gadget", "folder/gadget"):

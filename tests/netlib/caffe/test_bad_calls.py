@@ -150,7 +150,7 @@ def images(*given: object, **options: object):
     "params unknown": (lambda: P.Poling.MAX, UnknownNameError, "params has no 'Poling' (did you mean 'Pooling'?)"),
     "value unknown": (lambda: P.Pooling.MEAN, UnknownNameError,
                       "params.Pooling has no 'MEAN'; it has MAX, AVE, STOCHASTIC, ..."),
-})  # fmt: skip
+})
 def test_calls_that_are_refused(given, rejected):
     """Each mistake is one line, with what was found and expected, also where OpenCV computes something else."""
     with rejected:
@@ -177,7 +177,7 @@ def test_classes_of_wrong_options(option, error):
     "empty": ("empty.png", "...empty.png: not an image that OpenCV can decode (0 bytes)"),
     "a text": ("text.png", "...text.png: not an image that OpenCV can decode (5 bytes)"),
     "signed": ("a.tiff", "...a.tiff: image of type int16; expected 8 or 16 bits unsigned, or floats"),
-})  # fmt: skip
+})
 def test_images_that_are_refused(tmp_path, given, rejected):
     """A missing, damaged or unsupported image raises a one-line error with the file's name."""
     (tmp_path / "empty.png").touch()
@@ -190,7 +190,7 @@ def test_images_that_are_refused(tmp_path, given, rejected):
 @bad_inputs(DataError, {
     "a text": (StringIO("hello"), "load_image got a file opened as text; expected one opened for bytes, or io.BytesIO"),
     "no image": (BytesIO(b"hello"), "the image: not an image that OpenCV can decode (5 bytes)"),
-})  # fmt: skip
+})
 def test_open_files_that_are_refused(given, rejected):
     """An open file without an image raises a one-line error."""
     with rejected:
@@ -203,7 +203,7 @@ def test_open_files_that_are_refused(given, rejected):
     "no suffix": (("", "net"), "...net: no suffix; expected one that names the format: .png, .svg, .pdf ..."),
     "no folder": (("", "none/net.raw"), "...none/net.raw: cannot write the image: No such file..."),
     "two rules": (("rules", "net.raw"), draw.RuleError, "layer 'relu' has both include and exclude specified."),
-})  # fmt: skip
+})
 def test_drawings_that_are_refused(tmp_path, monkeypatch, given, rejected):
     """Without pydot or Graphviz the line says what to install; a file needs a suffix, its folder, and clear rules."""
     missing, name = given
@@ -214,4 +214,4 @@ def test_drawings_that_are_refused(tmp_path, monkeypatch, given, rejected):
         monkeypatch.setattr("shutil.which", lambda name: None)
     with rejected:
         draw.draw_net_to_file(of(RULES if missing == "rules" else "", caffe_pb2.NetParameter), tmp_path / name,
-                              phase=caffe.TEST)  # fmt: skip
+                              phase=caffe.TEST)

@@ -20,7 +20,7 @@ DATACLASSES = {
     **{name: getattr(messages, name) for name in ("BlobProto", "Datum", "SolverState", "ParamSpec", "LayerParameter")},
     "NetParameter": upgrade.AnyNetParameter, "SolverParameter": messages.SolverParameter,
     "V1LayerParameter": upgrade.V1LayerParameter, "V0LayerParameter": upgrade.V0LayerParameter,
-}  # fmt: skip
+}
 
 
 def layer() -> Any:

@@ -86,7 +86,7 @@ layer { name: "means" type: "InnerProduct" bottom: "x" top: "y" inner_product_pa
                        "predict takes images (H, W, K) with the same K, found [(4, 4, 3), (4, 4, 1)]"),
     "no input": (lambda make: make(net=OWN), NetlibError,
                  "net 'own' has no input for images; expected a deployment net with an Input layer"),
-})  # fmt: skip
+})
 def test_mistakes(make, given, rejected):
     """Images that are too small, missing or of mixed channels, and a net without an input, raise an error."""
     with rejected:

@@ -62,7 +62,7 @@ def test_the_window_alone(make):
         ([5, 5, 8, 8], {0: [36, 37, 38, 39, 1.5, 1.5], 4: [1.5] * 6}),
     ],
     ids=["inside", "over the top", "over the corner"],
-)  # fmt: skip
+)
 def test_a_border_of_context(make, window, rows):
     """context_pad adds pixels on each side; outside the image the mean is used."""
     detector = make(mean=np.array([3.0]), raw_scale=2.0, context_pad=1)
@@ -99,7 +99,7 @@ OUTSIDE = "the window (20, 20, 25, 25) (ymin, xmin, ymax, xmax) is outside an im
                       "context_pad 3 needs a square input of more than twice as many pixels, 'data' has 6 x 6"),
     "selective search": (lambda make: make().detect_selective_search(["a.png"]), NetlibError,
                          "detect_selective_search needs MATLAB and ..., which are not supported; pass your own ..."),
-})  # fmt: skip
+})
 def test_mistakes(make, given, rejected):
     """Windows outside the image, malformed windows, too wide a border and selective search raise an error."""
     with rejected:

@@ -45,7 +45,7 @@ def test_labels_of_layers(net):
     assert labels == [
         '"data (Data)"', '"data (Input)"', '"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1"', '"relu (ReLU)"',
         '"pool (Pooling AVE) kernel size: 2 stride: 2 pad: 0"', '"drop (Dropout)"', '"node (InnerProduct)"',
-    ]  # fmt: skip
+    ]
     assert draw.get_layer_label(net.layer[6], "LR") == r'"node\n(InnerProduct)"'
 
 

@@ -51,7 +51,7 @@ def test_the_net_runs(tmp_path):
     net = caffe.Net(str(path), caffe.TEST)
     assert [layer.type for layer in net.layers] == [
         "DummyData", "Convolution", "Pooling", "ReLU", "InnerProduct", "SoftmaxWithLoss",
-    ]  # fmt: skip
+    ]
     assert net.forward()["loss"] > 0 and net.blobs["pool"].shape == (2, 4, 3, 3)
 
 
@@ -71,7 +71,7 @@ def test_names_are_made_for_what_has_none():
     ]
     assert [list(layer.bottom) for layer in net.layer[3:]] == [
         ["Slice1"], ["TanH1", "Slice2"], ["Slice2"], ["TanH2", "DummyData2"],
-    ]  # fmt: skip
+    ]
 
 
 def test_a_top_gives_its_net():

@@ -92,7 +92,7 @@ def test_the_unnamed_top_of_a_loss_has_a_number(work: Path) -> None:
 def test_a_layer_in_place_writes_the_blob_that_it_reads(work: Path) -> None:
     """Bottom and top of a layer in place have the same number."""
     (work / "net.prototxt").write_text(NET.split("    layer { name: \"loss\"")[0] + (
-        'layer { name: "r" type: "ReLU" bottom: "a_top" top: "a_top" }'))  # fmt: skip
+        'layer { name: "r" type: "ReLU" bottom: "a_top" top: "a_top" }'))
     net = pycaffe.Net("net.prototxt", netlib.TEST)
     assert net._bottom_ids(2) == net._top_ids(2) == net._top_ids(1) == net._outputs == [1]
 
@@ -291,7 +291,7 @@ FIXED = "is read once, when the solver is made; change it in the file"
     "debug_info": (("debug_info", 1), "solver.prototxt:1:1: error: 'debug_info' expects true or false, found 1"),
     "snapshot_format": (("snapshot_format", "h5"),
         "solver.prototxt:1:1: error: 'snapshot_format' expects HDF5 or BINARYPROTO, found 'h5'"),
-})  # fmt: skip
+})
 def test_options_that_cannot_change_so(given: tuple[str, object], rejected) -> None:
     """Options that are fixed and invalid values raise a one-line error and change nothing."""
     solver = pycaffe.SGDSolver("solver.prototxt")
@@ -346,7 +346,7 @@ def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> No
         netlib.set_mode_cpu()
     assert caplog.messages == [
         "set_mode_gpu: accepted, but this runs on the CPU", "set_device(0): accepted, but this runs on the CPU"
-    ]  # fmt: skip
+    ]
 
 
 def test_one_solver_in_one_process() -> None:

@@ -82,13 +82,13 @@ def pictures(folder, write_rows, shuffle):
         cv2.imwrite(str(folder / f"{i}.png"), np.full((1, 1, 3), i, np.uint8))
     (folder / "list").write_text("".join(f"{i}.png {i}\n" for i in range(ROWS)))
     return (f'type: "ImageData" top: "x" top: "t" image_data_param '
-            f'{{ source: "{folder}/list" batch_size: %d shuffle: {shuffle} }}')  # fmt: skip
+            f'{{ source: "{folder}/list" batch_size: %d shuffle: {shuffle} }}')
 
 
 def net(text, batch, share):
     """Return a net with that layer only."""
     return Net(prototxt.parse('layer { name: "d" ' + text % batch + " }", "net"), seed=1,
-               layer_hook=RankOfLayers(share))  # fmt: skip
+               layer_hook=RankOfLayers(share))
 
 
 @pytest.mark.parametrize("shuffle", ["false", "true"])
@@ -159,7 +159,7 @@ def test_windows(tmp_path):
     windows = "".join(f"{i % 3 + 1} {overlap} {i} {i} {i + 6} {i + 6}\n" for i in range(10) for overlap in (0.9, 0.1))
     (tmp_path / "windows").write_text(f"# 0\n{tmp_path}/p.png\n3 20 20\n20\n{windows}")
     text = (f'type: "WindowData" top: "x" top: "t" window_data_param {{ source: "{tmp_path}/windows" batch_size: %d '
-            'fg_fraction: 0.5 } transform_param { crop_size: 4 }')  # fmt: skip
+            'fg_fraction: 0.5 } transform_param { crop_size: 4 }')
     nets = [net(text, 8, Shard(r, 2)) for r in range(2)]
     first, second = (n.forward()["x"].copy() for n in nets)
     assert first.shape == second.shape and not np.array_equal(first, second)

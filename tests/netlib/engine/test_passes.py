@@ -142,7 +142,7 @@ STORED = {
     "PReLU": (X + layer("PReLU"), 1),
     "SoftmaxWithLoss": (X + LABELS + layer("SoftmaxWithLoss", bottom='bottom: "x" bottom: "t"'), [-0.5, 0, 0]),
     "Swish": (X + layer("Swish"), 0),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", list(STORED))

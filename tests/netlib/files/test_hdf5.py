@@ -253,7 +253,7 @@ def test_the_end_of_a_process_whose_child_lives_on(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", PARENT, str(tmp_path / "a.h5")], env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE, timeout=120, check=True,
-    )  # fmt: skip
+    )
     os.kill(int(done.stdout), signal.SIGKILL)
 
 

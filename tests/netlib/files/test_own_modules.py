@@ -32,7 +32,7 @@ FILES = {
     "packages": {"layers/__init__.py": "from layers.stripe import Stripe", "layers/stripe.py": "class Stripe: pass",
                  "fast/__init__.py": "name = 'theirs'"},
     "folders": {"layers/stripe.py": "class Stripe: pass", "fast/name.py": ""},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ LFS = ".../pointer: cannot read the net: it is a Git LFS pointer, not the file i
     "device": (lambda at: files.make_folder(Path("/dev/null")), NetlibError,
                "/dev/null: is a device; expected a folder"),
     "a link to itself": (lambda at: files.make_folder(at / "loop"), OSError, "[Errno 17] File exists: '.../loop'"),
-})  # fmt: skip
+})
 def test_what_is_refused(tmp_path: Path, given: Callable[[Path], object], rejected: Any) -> None:
     """Every way of reading rejects the pointer of a clone without Git LFS, and files that are too large or no text."""
     (tmp_path / "pointer").write_text(POINTER)

@@ -66,7 +66,7 @@ def test_raw_values(tmp_path: Path, kind: str, written: str, read: type) -> None
     "shape { dim: -1 dim: -2 } data: [1, 2]": "<text>:1:1: a blob of shape (-1, -2) has 2 values",
     "shape { dim: 4611686018427387904 }": "<text>:1:1: a blob of shape (4611686018427387904,) has 0 values",
     "data: [1, 2]": "<text>:1:1: a blob of shape (0, 0, 0, 0) has 2 values",
-})  # fmt: skip
+})
 def test_a_shape_that_does_not_fit_its_values(given: str, rejected: Any) -> None:
     """A shape that does not match the values raises an error, and no memory is allocated for it."""
     with rejected:
@@ -79,7 +79,7 @@ def test_a_shape_that_does_not_fit_its_values(given: str, rejected: Any) -> None
     "cut": (b"\x2a\x04", "...mean.binaryproto: byte 0: truncated: field 5 has 4 bytes, but 0 are left; expected ..."),
     "one value": (b"\x2a\x04" + bytes(4),
                   "...mean.binaryproto: byte 0: a blob of shape (0, 0, 0, 0) has 1 values; expected a blob ..."),
-})  # fmt: skip
+})
 def test_files_that_are_no_blobs(tmp_path: Path, given: bytes | None, rejected: Any) -> None:
     """A missing or malformed file raises a one-line error."""
     if given is not None:

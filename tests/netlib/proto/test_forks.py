@@ -50,7 +50,7 @@ def test_no_option_is_declared_twice(message: str) -> None:
         ("SolverParameter", "larc_eta: 0.001 plateau_winsize: 10 plateau_winsize: 20 store_blobs_in_old_format: true"),
         ("TransformationParameter", "use_gpu_transform: 1 vertical_stretch_upper: 1 img_rand_resize_lower: 0"),
     ],
-)  # fmt: skip
+)
 def test_options_without_effect_are_ignored(message: str, text: str) -> None:
     """Options that select an implementation, and values without effect, give the same options as no field."""
     cls = CLASSES[message]
@@ -79,7 +79,7 @@ def test_options_without_effect_are_ignored(message: str, text: str) -> None:
         ("TransformationParameter", "resize_param { }", "'resize_param' of SSD's fork# changes the images"),
         ("LossParameter", "label_smoothing: 0.1",
          "'label_smoothing' of NVIDIA's and Intel's forks# replaces each label by a distribution; expected 0"))
-})  # fmt: skip
+})
 def test_options_with_an_effect_are_named(given: tuple[str, str], rejected: Any) -> None:
     """Any other option of a fork is an error that states the fork, the effect and what to write instead."""
     with rejected:
@@ -123,7 +123,7 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
         ("BoxAnnotatorOHEM", "a layer of Intel's fork of Caffe, which is not supported"),
         ("MultiBoxLoss", "a layer of SSD's fork of Caffe, which is not supported"),
     ],
-)  # fmt: skip
+)
 def test_advice_on_unknown_types(name: str, advice: str) -> None:
     """A misspelling leads to the type that is meant, and a layer of a fork to the fork."""
     assert advice in forks.type_advice(name, LAYER_TYPES)
@@ -133,7 +133,7 @@ def test_advice_on_unknown_types(name: str, advice: str) -> None:
     "name",
     ["RReLU", "CReLU", "ReLU1", "SELU", "Convolution3D", "DeformableConvolution", "DepthwiseDeconvolution", "Unpooling",
      "SmoothL2Loss", "Tan", "LogSoftmax", "Softmin", "SoftPlus", "ArgMin", "ROIAlign", "Upsample2", "BatchRenorm", ""],
-)  # fmt: skip
+)
 def test_no_advice_leads_to_another_layer(name: str) -> None:
     """A type that is only similar to a known one gets no advice."""
     assert forks.type_advice(name, LAYER_TYPES) == ""

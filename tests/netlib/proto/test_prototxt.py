@@ -98,7 +98,7 @@ def test_comments_in_any_encoding(tmp_path: Path) -> None:
     path.write_bytes(b"# don't: \xbe\xed\xbb\xfd\nname: '#\"' # \xe9\n" + "other: 'é'".encode())
     assert [(f.name, f.value.text, f.position.line) for f in prototxt.parse_file(path).fields] == [
         ("name", '#"', 2), ("other", "é", 3)
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize("name", ["net.caffemodel", "net.caffemodel.h5"])

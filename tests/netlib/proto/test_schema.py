@@ -132,7 +132,7 @@ LONG = "expects an integer from -9223372036854775808 to 9223372036854775807"
         ("ratio { }", "1:11: error: 'ratio' is not a message: expected 'ratio: a number'"),
         ("pool { }", "1:11: error: 'pool' is not a message: expected 'pool: MAX or AVE'"),
         ("inner {\n y: 1 }", "2:2: error: unknown field 'y'; known fields: x, names"))
-})  # fmt: skip
+})
 def test_mistakes(given: str, rejected: Any) -> None:
     """The error has the position of the field or value and the nearest known name."""
     with rejected:

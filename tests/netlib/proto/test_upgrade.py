@@ -130,7 +130,7 @@ def test_padding_layers_take_the_place_of_a_pad(
     'layers { layer { type: "padding" } }': "<text>:1:8: error: a padding layer has one bottom and one top",
     'layers { layer { type: "padding" } bottom: "x" top: "p" } layers { layer { type: "relu" } bottom: "p" }':
         "<text>:1:66: error: a layer of type 'relu' reads 'p' of a padding layer; expected a conv or pool layer ...",
-})  # fmt: skip
+})
 def test_mistakes_point_at_the_old_text(given: str, rejected: Any) -> None:
     """Errors have the line and column of the original text."""
     with rejected:

@@ -22,7 +22,7 @@ MESSAGES = [
     *(cls for cls in vars(messages).values() if getattr(cls, "__module__", "") == messages.__name__),
     upgrade.V0LayerParameter, upgrade.V1LayerParameter, upgrade.AnyNetParameter,
     *option_blocks().values(),
-]  # fmt: skip
+]
 
 
 def tree_of(data: bytes, cls: Any = LayerParameter) -> str:
@@ -134,7 +134,7 @@ def test_every_options_block_has_a_number() -> None:
         (b"\x0b\x10\x01", "3: truncated: the message ends within a number"),
         (b"\x0b" * 102, "100: groups are nested more than 100 deep"),
         (b"\x3a\x07\x2a\x05" + bytes(5), "2: malformed: 5 bytes of 'data' are no float32 array"))
-})  # fmt: skip
+})
 def test_nonsense_is_one_line_with_its_byte(given: bytes, rejected: Any) -> None:
     """The error states the byte and the fault."""
     with rejected:
@@ -240,7 +240,7 @@ def test_protobuf_writes_unknown_fields_as_we_do(name: str) -> None:
         stepvalue=st.lists(st.integers(0, 2**31 - 1), max_size=3).map(tuple), debug_info=st.booleans(),
         snapshot_format=st.sampled_from(["HDF5", "BINARYPROTO"]), weights=st.lists(st.text(max_size=3)).map(tuple),
     )
-)  # fmt: skip
+)
 def test_protobuf_and_we_agree_on_any_message(solver: SolverParameter) -> None:
     """protobuf writes the same bytes for any message, and they decode to the message."""
     data = wire.encode(schema.to_tree(solver), SolverParameter)

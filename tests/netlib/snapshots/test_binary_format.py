@@ -139,7 +139,7 @@ def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_pat
     blobs = "blobs { num: 1 channels: 1 height: 3 width: 3 data: [1, 2, 3, 4, 5, 6, 7, 8, 9] }"
     blobs += "blobs { shape { dim: 3 } data: [1, 2, 3] }"
     for text in ('layer { name: "a" type: "Own" %s }', 'layers { name: "a" type: 5 %s }',
-                 'layers { layer { name: "a" type: "own" %s } }'):  # fmt: skip
+                 'layers { layer { name: "a" type: "own" %s } }'):
         image = wire.encode(prototxt.parse(text % blobs), AnyNetParameter)
         (tmp_path / "w.caffemodel").write_bytes(image.replace(b"\x28\x05", b"\x28\x63"))
         net.params["a"][0].data[...] = 0

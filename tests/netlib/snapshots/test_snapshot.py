@@ -102,7 +102,7 @@ def test_what_is_written_is_read(net: netlib.Net, names: tuple[Path, Path]) -> N
     assert (state.iter, state.current_step, state.learned_net) == (5, 2, "dir/w_iter_5.caffemodel.h5")
     assert state.extra == {
         "smoothed": [3.0], "weights_crc": snapshot.checksum(names[0]), "checksum": state.checksum(),
-    }  # fmt: skip
+    }
     assert [h.tolist() for h in state.history] == [h.tolist() for h in state_of(net).history]
 
 
@@ -346,7 +346,7 @@ POINTER = b"version https://git-lfs.github.com/spec/v1\noid"
     "empty.h5": (b"", "...empty.h5: it has no layers; expected weights (.caffemodel); the file is empty"),
     "text.caffemodel": (b"layer {}", "...: ...; expected weights (.caffemodel); it looks like a text file"),
     "x.caffemodel": (POINTER, "...x.caffemodel: cannot read weights: it is a Git LFS pointer, not the file ..."),
-})  # fmt: skip
+})
 def test_other_files_where_weights_are_wanted(tmp_path: Path, request: Any, given: bytes | None, rejected: Any) -> None:
     """The error states the actual and the expected kind of file."""
     path = tmp_path / request.node.callspec.id.split("-")[-1]
@@ -367,7 +367,7 @@ STATE = "this is a solver state, not weights; expected its pair, dir/w_iter_5.ca
     "data": (lambda at, pair: snapshot.read_weights(at / "data.h5"),
                         "...data.h5: no group /data; expected weights in the layout of Caffe's HDF5 snapshots"),
     "data as a state": (lambda at, pair: snapshot.read_state(at / "data.h5"), "...data.h5: not a solver state"),
-})  # fmt: skip
+})
 def test_files_of_another_kind(
     tmp_path: Path, pair: tuple[Path, Path], given: Callable[..., object], rejected: Any
 ) -> None:

@@ -40,7 +40,7 @@ def test_a_size_in_words() -> None:
     sizes = [0, 999, 1000, 9_949, 9_960, 20e9, 8.64e12, 999.6e6, 5e30]
     assert [format_bytes(int(size)) for size in sizes] == [
         "0 bytes", "999 bytes", "1.0 kB", "9.9 kB", "10 kB", "20 GB", "8.6 TB", "1.0 GB", "5000000000000 EB"
-    ]  # fmt: skip
+    ]
 
 
 # ---------------------------------------------------------------------------------------------- nets
@@ -73,7 +73,7 @@ def test_parameters_of_all_layers(net_of: MakeNet, machine: Callable[[float], No
     machine(2_000_000)
     text = INPUT + "".join(INNER.replace("FC1", f"FC{i}").replace('"y"', f'"y{i}"') for i in range(4))
     with pytest.raises(OutOfMemoryError, match=r"layer 'FC2': 2\.4 MB of parameters in total, 800 kB of them here; "
-                                               "this machine has 2.0 MB: lower num_output"):  # fmt: skip
+                                               "this machine has 2.0 MB: lower num_output"):
         net_of(text)
 
 
@@ -90,7 +90,7 @@ def test_blobs_of_a_pass(net_of: MakeNet, machine: Callable[[float], None]) -> N
     machine(1000)
     net = net_of(INPUT + 'layer { name: "r" type: "ReLU" bottom: "x" top: "y" }')
     with pytest.raises(OutOfMemoryError, match=r"layer 'x': blob 'x': 4\.0 kB, of 8\.0 kB for parameters and blobs of "
-                                               r"the net in total; this machine has 1\.0 kB: lower the b"):  # fmt: skip
+                                               r"the net in total; this machine has 1\.0 kB: lower the b"):
         net.forward()
     net.blobs["x"].reshape(1, 100)
     net.reshape()
@@ -108,7 +108,7 @@ def test_blobs_of_a_pass(net_of: MakeNet, machine: Callable[[float], None]) -> N
          "1:62: error: layer 'd': blob 'd': a blob cannot have the shape (4611686018427387904, 7): "
          "no computer has so much memory: lower dim"),
     ],
-)  # fmt: skip
+)
 def test_layers_without_bottoms(net_of: MakeNet, machine: Callable[[float], None], text: str, message: str) -> None:
     """Layers without bottoms raise the error when they are built."""
     machine(10_000)
@@ -171,7 +171,7 @@ def test_a_solver(tmp_path: Path, machine: Callable[[float], None]) -> None:
     netlib.get_solver(solver)
     machine(4 * 808_000 - 1)
     with pytest.raises(OutOfMemoryError, match=r"3\.2 MB for parameters, their gradients and the history of solver "
-                                               "type Adam; this machine has"):  # fmt: skip
+                                               "type Adam; this machine has"):
         netlib.get_solver(solver)
     frozen = INNER.replace("inner_product_param", "param { lr_mult: 0 } param { lr_mult: 0 } inner_product_param")
     (tmp_path / "net.prototxt").write_text(INPUT + frozen)
@@ -216,9 +216,9 @@ MEMINFO = "MemTotal:       1000 kB\nMemFree:  7 kB\nSwapTotal:   24 kB\n"
         ({"proc/meminfo": "nothing known", "proc/self/cgroup": "odd"}, (math.inf, "")),
     ],
     ids=["unknown", "machine", "a group above", "a container", "version 1", "odd files"],
-)  # fmt: skip
+)
 def test_what_is_available(system: Callable[..., tuple[float, str]], files: dict[str, str],
-                           expected: tuple[float, str]) -> None:  # fmt: skip
+                           expected: tuple[float, str]) -> None:
     """The memory is the minimum of the machine's memory and the limits of all control groups, with swap space."""
     assert system(files) == expected
 

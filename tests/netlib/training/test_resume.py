@@ -168,7 +168,7 @@ DAMAGE: dict[str, tuple[Callable[[SolverState], dict[str, Any]], str]] = {
     "no random numbers": (of_layers(0, "drop", rng={"bit_generator": "SFC64"}), "cannot be restored"),
     "numbers of 70 bits": (of_layers(0, "drop", rng={"bit_generator": "SFC64", "state": {"state": [2**70] * 4},
                                                      "has_uint32": 0, "uinteger": 0}), "cannot be restored"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", DAMAGE)

@@ -101,7 +101,7 @@ NEW = "expected a new name for each database"
                  "the key 'xxx...xxx' is too long; the limit is 511 bytes"),
     "missing": (lambda at: read_database(at / "b"), DataError,
                 ".../b: cannot read the database: No such file or directory"),
-})  # fmt: skip
+})
 def test_what_cannot_be_written_or_read(tmp_path, given, rejected):
     """An existing database is never replaced or extended, and a key has at most 511 bytes, LMDB's limit."""
     (tmp_path / "a").mkdir()

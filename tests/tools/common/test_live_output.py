@@ -59,7 +59,7 @@ def ends() -> None:
     ("text", "address"),
     [("8000", ("127.0.0.1", 8000)), ("0.0.0.0:0", ("0.0.0.0", 0)), ("[::1]:80", ("::1", 80)),
      ("a.b:65535", ("a.b", 65535))],
-)  # fmt: skip
+)
 def test_addresses(text: str, address: tuple[str, int]) -> None:
     """A port alone is on the local machine; without a value the port is chosen automatically."""
     assert parsed("--serve", text).serve == address

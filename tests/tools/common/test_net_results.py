@@ -51,7 +51,7 @@ def test_classes(results_of: Callable[..., Results]) -> None:
     results = results_of("soft")
     assert list(results.lines(results.add(scores, 1)[0], 5, STEPS, (1, 1, 3))) == [
         "soft", "  0.7500  class 1", "  0.2500  class 0"
-    ]  # fmt: skip
+    ]
     results = results_of("conf")
     assert list(results.lines(results.add(scores, 1)[0], 5, STEPS, (1, 1, 3))) == [
         "conf (2,), values from 0.25 to 0.75, mean 0.5"

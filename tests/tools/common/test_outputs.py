@@ -38,7 +38,7 @@ def test_an_input_by_whatever_name(out: str) -> None:
     ("out", "said"),
     [("none/b.txt", "none/b.txt: folder none does not exist"), ("inner", "Is a directory"), ("", "Is a directory"),
      ("/", "Is a directory"), ("a.txt/b", "folder a.txt does not exist")],
-)  # fmt: skip
+)
 def test_places_where_no_file_can_be(out: str, said: str) -> None:
     """Impossible places raise an error, and the check leaves no file."""
     with pytest.raises((NetlibError, OSError), match=said):

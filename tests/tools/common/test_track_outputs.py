@@ -76,7 +76,7 @@ def test_nothing_is_asked() -> None:
     ("argv", "drawn"),
     [(["--json", "-"], False), (["--csv", "a.csv"], False), (["--bvh", "A.BVH"], False), (["--sheet", "a.jpg"], True),
      (["--video", "a.mp4"], True), (["--rerun"], True), (["--rerun", "a.rrd"], True)],
-)  # fmt: skip
+)
 def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
     """Only pictures and videos need the surface of the hand."""
     assert is_drawn(parsed(*argv)) == drawn
@@ -87,7 +87,7 @@ def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
     [("--json", "a.txt", ".json, .jsonl, -"), ("--csv", "a.json", ".csv"), ("--bvh", "a", ".bvh"),
      ("--video", "a.avi", ".mp4"), ("--sheet", "-", ".png, .jpg"), ("--rerun", "a.rec", ".rrd"),
      ("--csv", "-", ".csv")],
-)  # fmt: skip
+)
 def test_other_endings(option: str, name: str, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     """An unsupported suffix is a usage error."""
     with pytest.raises(SystemExit) as stopped:

@@ -44,7 +44,7 @@ Poses = Mapping[str, Mapping[str, float]]
 def content(
     skeleton: Skeleton, hands: Sequence[Mapping[str, Any]] = (), poses: Poses | None = None,
     unit_mm: float = CUBE_MM / 2,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """The data of a page for a skeleton, and, instead of it, the predicted hands."""
     source = Path(schema.position_of(skeleton.param).source).name  # without its folder, because pages are passed on
     middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM * max(1.0, 2 * unit_mm / CUBE_MM)])
@@ -53,7 +53,7 @@ def content(
         "place": _place(NYU, middle, 2 * unit_mm),
         "cameras": [vars(camera) for camera in CAMERAS.values()], "poses": dict(poses or {}), "hands": list(hands),
         "bodies": [],
-    }  # fmt: skip
+    }
 
 
 def body(name: str, skeleton: Skeleton, unit_mm: float = CUBE_MM / 2) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def body(name: str, skeleton: Skeleton, unit_mm: float = CUBE_MM / 2) -> dict[st
 def hand(
     name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
     cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, thickness: float = 1.0, side: Side = "right",
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """A hand predicted in a crop (S, S) in [-1, 1], with the depth points of the crop.
 
     inputs  of the skeleton, or of the whole body; missing ones are 0
@@ -77,7 +77,7 @@ def hand(
         "name": name, "words": words,
         "place": _place(camera, center_uvd, cube_mm), "inputs": given.tolist(), "size": size, "thickness": thickness,
         "side": side, "points": _packed(points / step), "step_mm": step, "crop": _packed(crop * FULL),
-    }  # fmt: skip
+    }
 
 
 def crop_points(crop: NDArray[np.floating], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> Array:

@@ -14,7 +14,7 @@ RATE = 30.0
 
 
 def read(monkeypatch: pytest.MonkeyPatch, *seen: dict[str, float], ids: list[int] | None = None,
-         times: list[float] | None = None) -> list[str]:  # fmt: skip
+         times: list[float] | None = None) -> list[str]:
     """The gestures read from one hand's frames with these scores, at 30 frames per second."""
     frames = iter(seen)
     monkeypatch.setattr(over_time, "scores", lambda *_: dict.fromkeys(GESTURES, 0.0) | next(frames))

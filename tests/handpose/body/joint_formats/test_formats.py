@@ -28,17 +28,17 @@ def test_orders() -> None:
     """Joints are in the order that the other systems define."""
     assert [list(FORMATS["mediapipe"].joints)[i] for i in (0, 1, 4, 5, 8, 17, 20)] == [
         "WRIST", "THUMB_CMC", "THUMB_TIP", "INDEX_FINGER_MCP", "INDEX_FINGER_TIP", "PINKY_MCP", "PINKY_TIP",
-    ]  # fmt: skip
+    ]
     assert [list(FORMATS["openxr"].joints)[i] for i in (0, 1, 2, 5, 6, 10, 21, 25)] == [
         "PALM", "WRIST", "THUMB_METACARPAL", "THUMB_TIP", "INDEX_METACARPAL", "INDEX_TIP", "LITTLE_METACARPAL",
         "LITTLE_TIP",
-    ]  # fmt: skip
+    ]
     assert [list(FORMATS["mano"].joints)[i] for i in (0, 1, 4, 7, 10, 13, 15, 16, 20)] == [
         "wrist", "index1", "middle1", "pinky1", "ring1", "thumb1", "thumb3", "thumb_tip", "pinky_tip",
-    ]  # fmt: skip
+    ]
     assert {name: len(one.joints) for name, one in FORMATS.items()} == {
         "mediapipe": 21, "openxr": 26, "mano": 21, "nyu": 14,
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize("name", FORMATS)

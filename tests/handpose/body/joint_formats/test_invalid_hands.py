@@ -65,7 +65,7 @@ POSITION = "joint 'ring_tip' at [4.4..., {}, 554...]; expected finite numbers of
                          ("None", None), ("empty", np.zeros((0, 3))))},
     **{kind: (xyz, f"joints are not numbers: they are {kind}")
        for kind, xyz in (("<U4", "hand"), ("<U1", [["x"]]), ("complex128", XYZ.astype(complex)))},
-})  # fmt: skip
+})
 def test_joints_that_are_no_positions(call: str, given: Any, rejected: Any) -> None:
     """Another shape, and numbers that are not finite, raise DataError."""
     with rejected:
@@ -81,7 +81,7 @@ def test_joints_that_are_no_positions(call: str, given: Any, rejected: Any) -> N
      np.random.default_rng(0).normal(0, 100, XYZ.shape) + [0, 0, 500]],
     ids=["point", "line", "plane", "tiny", "no bone", "no thumb bone", "no palm", "wrist", "knuckles", "behind",
          "random"],
-)  # fmt: skip
+)
 def test_degenerate_hands(call: str, xyz: Array) -> None:
     """A degenerate hand raises DataError, or gives finite values; nothing warns."""
     try:
@@ -92,7 +92,7 @@ def test_degenerate_hands(call: str, xyz: Array) -> None:
 
 @bad_inputs(DataError, dict.fromkeys(
     ("angles", "frames", "scores", "gestures", "openxr"),
-    "the wrist and the knuckles of index and little finger are on a line; expected a palm"))  # fmt: skip
+    "the wrist and the knuckles of index and little finger are on a line; expected a palm"))
 def test_one_point_has_no_directions(given: str, rejected: Any) -> None:
     """Directions, angles and gestures need a palm; positions of a format do not."""
     with rejected:
@@ -115,7 +115,7 @@ def read_at(time: float) -> Callable[[], object]:
                         f"cube_mm {cube}; expected a positive number") for cube in (0.0, np.nan, -1.0)},
     **{f"{time} s": (read_at(time), f"hand 1 at {time} s after 1 s; expected finite times that do not descend")
        for time in (0.5, np.nan, np.inf)},
-})  # fmt: skip
+})
 def test_other_arguments(given: Callable[[], object], rejected: Any) -> None:
     """An unknown side, format or cube, and times that descend, raise DataError."""
     with rejected:

@@ -38,7 +38,7 @@ def test_the_hand_has_six_pairs():
     thumb = next(flip for flip in found if names[flip.mirrored].startswith("thumb"))
     assert [names[d] for d in (*thumb.turned, thumb.mirrored, *thumb.negated)] == [
         "thumb_pip_rot_z", "thumb_pip_rot_y", "thumb_dip_rot_z", "thumb_tip_rot_z",
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize("number", range(6))

@@ -34,7 +34,7 @@ def random_problem(skeleton, joints, frames, rng):
     problem = CalibrationProblem(skeleton, goal, joints)
     shared = rng.normal(0, 0.5, len(problem.spread))
     return problem, State(problem.state(np.zeros((frames, len(skeleton.initial)))).theta + rng.normal(
-        0, 0.4, (frames, len(problem.free))), shared)  # fmt: skip
+        0, 0.4, (frames, len(problem.free))), shared)
 
 
 @pytest.mark.parametrize(("skeleton", "joints"), [(HAND, range(31)), (HAND, EVALUATION_JOINTS), (COUPLED_BODY, [2, 0])])

@@ -223,7 +223,7 @@ def test_companions_go_to_another_folder(source, tmp_path):
                        "...out: two files of the list have the same name, expected different ones"),
     "far away": (("more.h5", "far/away"), "...part.h5: is not next to the folder of the data, ...part.h5; expected "
                  "--out ...data_angles, for example"),
-})  # fmt: skip
+})
 def test_companions_replace_nothing(source, tmp_path, given, rejected):
     """Neither data nor other companions are overwritten, and the folders are next to each other."""
     with rejected:
@@ -235,7 +235,7 @@ def test_companions_replace_nothing(source, tmp_path, given, rejected):
     "14 joints": ({"joint": np.zeros((2, 42))},
                   "...bad.h5: data set 'joint' has shape (2, 42), expected (N, 93) for 31 joints"),
     "all cut off": ({"joint": np.ones((2, 93))}, "...bad.h5: frame 0 has no known joint (2 such frames)"),
-})  # fmt: skip
+})
 def test_files_with_something_wrong_in_them(tmp_path, given, rejected):
     """The error names the file on one line, and no file is written."""
     write(tmp_path / "data" / "bad.h5", **given)

@@ -62,13 +62,13 @@ CUBE = "have half of their joints within the cube (-1 to 1), expected 20 or more
     "d.h5": f"...d.h5: 0 of 30 frames {CUBE}",
     "mixed.txt": "...mixed.txt: some files have 14 joints, others 31; expected as many in all",
     "fourteen.h5": "...fourteen.h5: has 14 joints of a skeleton of 31; 31 cannot be taken of them",
-})  # fmt: skip
+})
 def test_files_that_cannot_be_used(frames, tmp_path, given, rejected):
     """Each unusable file raises an error with its reason."""
     infinite = frames.copy()
     infinite[4, 2, 1] = np.inf
     for name, joints in (("fourteen", frames[:, :14]), ("a", frames[:, 1:]), ("b", infinite), ("c", frames[:19]),
-                         ("d", frames * 150)):  # fmt: skip
+                         ("d", frames * 150)):
         write_joints(tmp_path / f"{name}.h5", joints)
     for name, text in (("none", ""), ("mixed", "c.h5\nfourteen.h5\n")):
         (tmp_path / f"{name}.txt").write_text(text)

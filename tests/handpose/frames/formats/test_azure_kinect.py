@@ -101,7 +101,7 @@ def lens(model: str) -> dict[str, Any]:
                     "...a.mkv: calibration.json: the lens is a Rational6KT with ...; expected BrownConrady"),
     "no depth": ({"track": "COLOR"}, "...a.mkv: no track DEPTH, only IR, COLOR; expected an Azure Kinect that ..."),
     "an unknown mode": ({"mode": "PASSIVE_IR"}, "...a.mkv: depth mode 'PASSIVE_IR'; expected NFOV_UNBINNED, ..."),
-})  # fmt: skip
+})
 def test_recordings_that_are_refused(tmp_path: Path, given: dict[str, Any], rejected: Any) -> None:
     """An invalid calibration, a lens that no known device has, and a recording without depth raise an error."""
     with rejected:

@@ -38,7 +38,7 @@ def test_msra(tmp_path: Path) -> None:
     "content",
     [b"", msra()[:20], msra()[:-1], msra() + b"\0", msra(size=(640, 480)), msra((100, 80, 90, 83)), msra((-1, 0, 2, 2)),
      msra((310, 0, 330, 1))],
-)  # fmt: skip
+)
 def test_what_is_no_frame_of_msra(tmp_path: Path, content: bytes) -> None:
     """An invalid file raises an error with its size."""
     path = tmp_path / "000000_depth.bin"

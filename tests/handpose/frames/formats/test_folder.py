@@ -30,7 +30,7 @@ def test_frames_by_number(folder: Path) -> None:
     assert [frame.depth[20, 30] for frame in frames] == [500.5, 501, 502]
     assert recording.remarks == (
         "frames in the order of the numbers in their names; numbers missing between 1 and 4: 1, which stay gaps in "
-        "time", "camera own, by --camera")  # fmt: skip
+        "time", "camera own, by --camera")
 
 
 def test_the_rate_is_assumed_and_said(folder: Path) -> None:
@@ -115,7 +115,7 @@ def test_a_damaged_frame_is_left_out_and_said(folder: Path) -> None:
     for _ in range(2):
         assert [(frame.number, frame.time) for frame in recording] == [(0, 0.0), (2, 0.3)]
         assert recording.remarks == (
-            *before, f"1 damaged frames are left out, the first: {path}: truncated or damaged PNG")  # fmt: skip
+            *before, f"1 damaged frames are left out, the first: {path}: truncated or damaged PNG")
 
 
 def test_all_frames_are_damaged(folder: Path) -> None:
@@ -140,7 +140,7 @@ def test_the_first_frame_is_damaged(folder: Path) -> None:
                 "...2.png: a picture of uint8 colours; expected depth, a 16-bit grey picture"),
     "16-bit colours": (np.zeros((48, 64, 3), np.uint16),
                        "...2.png: a picture of uint16 colours; expected depth, a 16-bit grey picture"),
-})  # fmt: skip
+})
 def test_another_kind_of_picture_is_no_damage(folder: Path, given: np.ndarray, rejected: Any) -> None:
     """A picture of another size or type raises an error instead of being skipped."""
     put(folder / "2.png", given)
@@ -179,7 +179,7 @@ def tiff(path: Path, count: int) -> None:
     "a TIFF of two pictures": ((("1.tif",), ""),
                                ".../1.tif: a TIFF of 2 pictures; expected one for each frame, or all in an .npy"),
     "a camera of another size": ((("1.png",), "", 640), ".../1.png: 64 x 48 pixels; camera own has 640 x 48"),
-})  # fmt: skip
+})
 def test_nothing_to_read(tmp_path: Path, given: tuple[tuple[str, ...], str] | Any, rejected: Any) -> None:
     """The error names what was found instead, before any frame is read."""
     names, source, *width = given

@@ -59,7 +59,7 @@ NANO = 10**9
         (["1750000000_933.png", "1750000000_966.png", "1750000001_000.png"], (0, 33 * 10**6, 67 * 10**6), NANO,
          "in seconds since 1970"),
     ],
-)  # fmt: skip
+)
 def test_what_names_tell(names: list[str], times: tuple[int, ...], ticks: int, interpretation: str) -> None:
     """Numbers, time stamps in any unit and dates are recognised, relative to the first frame."""
     found = in_order(names, "here")
@@ -93,7 +93,7 @@ def test_natural_order() -> None:
                     "here: holds 2 sequences: cam1_*_*.png (3), cam2_*_*.png (3); name one, as 'here/cam1_*_*.png'"),
     "two sides": ([f"{side}_{i:03}_{1750000000000 + 33 * i}.png" for side in ("left", "right") for i in range(3)],
                   "here: holds 2 sequences: left_*_*.png (3), right_*_*.png (3); name one, as 'here/left_*_*.png'"),
-})  # fmt: skip
+})
 def test_names_that_tell_nothing(given: list[str], rejected: Any) -> None:
     """Ambiguous or invalid names raise an error with the reason."""
     with rejected:

@@ -41,7 +41,7 @@ def test_a_header(version: tuple[int, int]) -> None:
     "a type": (written(np.zeros((2, 3))).replace(b"'<f8'", b"'a(((")[:200], "x: no array as NumPy writes it: ..."),
     "columns first": (written(np.asfortranarray(np.zeros((2, 3)))),
                       "x: an array in Fortran's order; write it with numpy.ascontiguousarray"),
-})  # fmt: skip
+})
 def test_a_damaged_header(given: bytes, rejected: Any) -> None:
     """A damaged header raises an error of one line."""
     with rejected:
@@ -63,5 +63,5 @@ def test_small_arrays(tmp_path: Path, monkeypatch) -> None:
     """Small arrays of numbers and texts are read; large arrays and objects are not."""
     monkeypatch.setattr(numpy_files, "SMALL", 200)
     np.savez(tmp_path / "a.npz", depth=np.zeros((2, 3, 4)), fx=60.0, camera="{}", large=np.zeros(1000),
-             objects=np.array([None]))  # fmt: skip
+             objects=np.array([None]))
     assert sorted(NpzFile(tmp_path / "a.npz").small()) == ["camera", "fx"]

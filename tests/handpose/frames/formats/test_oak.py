@@ -72,7 +72,7 @@ class StandIn:
                 **dict.fromkeys(switches, lambda is_on: self.calls.append(is_on)),
             )
         return SimpleNamespace(build=lambda socket: SimpleNamespace(requestOutput=lambda size, fps: SimpleNamespace(
-            link=lambda side: self.links.append((socket, size, fps, side)))))  # fmt: skip
+            link=lambda side: self.links.append((socket, size, fps, side)))))
 
     def queue(self, maxSize: int, blocking: bool) -> Any:
         self.calls.append((maxSize, blocking))
@@ -88,7 +88,7 @@ class StandIn:
             getFrame=lambda: np.full((48, 64), 500 + number, np.uint16), getSequenceNum=lambda: number,
             getTimestampDevice=lambda: timedelta(seconds=7 + number / 30), getWidth=lambda: 64, getHeight=lambda: 48,
             getTransformation=lambda: SimpleNamespace(getIntrinsicMatrix=lambda: self.matrix),
-        )  # fmt: skip
+        )
 
 
 def plug_in(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> StandIn:
@@ -126,7 +126,7 @@ def test_a_device_by_its_identifier(monkeypatch: pytest.MonkeyPatch) -> None:
     "another size": ((MATRIX, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
                      "OAK-D 14442C1: 64 x 48 pixels; camera own has 640 x 480"),
     "no depth": ((MATRIX, None), "OAK-D 14442C1: no frame of depth; has it two cameras?"),
-})  # fmt: skip
+})
 def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
     """If the camera cannot be used or sends no depth, the device is closed."""
     module = plug_in(monkeypatch, 1)
@@ -142,7 +142,7 @@ def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any,
     "version 2": (SimpleNamespace(__version__="2.0.0", node=SimpleNamespace(MonoCamera=None)),
                   "depthai 2.0.0 is too old: pip install 'depthai>=3'"),
     "none": (None, "depthai is missing: pip install 'depthai>=3' (...)"),
-})  # fmt: skip
+})
 def test_without_the_package(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
     """The error names the command that installs the package, also for one of version 2."""
     monkeypatch.setitem(sys.modules, "depthai", given)
@@ -161,7 +161,7 @@ def test_the_stand_in_is_like_the_real_one() -> None:
              (module.create("StereoDepth").depth, dai.Node.Output), (module.frame(0), dai.ImgFrame),
              (module.frame(0).getTransformation(), dai.ImgTransformation), (module.node, dai.node),
              (module.CameraBoardSocket, dai.CameraBoardSocket),
-             (module.Device.getAllAvailableDevices()[0], dai.DeviceInfo))  # fmt: skip
+             (module.Device.getAllAvailableDevices()[0], dai.DeviceInfo))
     for made, real in pairs:
         assert [name for name in vars(made) if not hasattr(real, name)] == [], real
     assert hasattr(dai.Device, "getAllAvailableDevices")

@@ -35,7 +35,7 @@ class StandIn:
         self.profile = SimpleNamespace(
             get_intrinsic=lambda: self.intrinsic, get_fps=lambda: 30,
             get_distortion=lambda: SimpleNamespace(model=SimpleNamespace(name=model), **numbers),
-        )  # fmt: skip
+        )
         self.numbers = itertools.count()
         self.asked = threading.Semaphore(1)  # the first frame is read when the camera is opened
         self.end: Any = None  # what follows when the camera is asked for no more frames
@@ -44,7 +44,7 @@ class StandIn:
         return SimpleNamespace(query_devices=lambda: SimpleNamespace(
             get_count=lambda: len(self.serials), get_device_serial_number_by_index=self.serials.__getitem__,
             get_device_by_serial_number=self.device,
-        ))  # fmt: skip
+        ))
 
     def device(self, serial: str) -> Any:
         if serial not in self.serials:
@@ -62,7 +62,7 @@ class StandIn:
         return SimpleNamespace(
             get_stream_profile_list=lambda sensor: profiles, start=lambda config: None, stop=self.stop,
             wait_for_frames=self.wait_for_frames, get_device=lambda: device or self.device("CP1"),
-        )  # fmt: skip
+        )
 
     def stop(self) -> None:
         self.stopped += 1
@@ -81,7 +81,7 @@ class StandIn:
             get_width=lambda: 64, get_height=lambda: 48, get_format=lambda: self.format, get_index=lambda: 70 + number,
             get_depth_scale=lambda: float(np.float32(0.1)), get_timestamp_us=lambda: 9_000_000 + 33_333 * number,
             get_data=lambda: values.reshape(-1).view(np.uint8),
-        )  # fmt: skip
+        )
 
 
 def plug_in(monkeypatch: pytest.MonkeyPatch, *arguments: Any, **more: Any) -> StandIn:
@@ -139,7 +139,7 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch, model: str, numbers: dict[str
                         "Femto CP1: camera 'Femto CP1': fx is 0.0, expected more than 0 px"),
     "another size": (("NONE", {"intrinsic": SimpleNamespace(fx=6.0, fy=6.0, cx=0, cy=0, width=99, height=48)}),
                      "Femto CP1: frames of 64 x 48 pixels; its camera has 99 x 48"),
-})  # fmt: skip
+})
 def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
     """A camera that cannot be used is stopped, and the error has its name."""
     model, change = given
@@ -156,7 +156,7 @@ def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any,
         "orbbec: camera X9 cannot be started: no such device; connected: CP1 (no other program may use it)"),
     "no camera": ((None, []), "orbbec: a camera cannot be started: No device found; connected: none (...)"),
     "no package": ((None, None), NetlibError, "pyorbbecsdk is missing: pip install pyorbbecsdk2 (...)"),
-})  # fmt: skip
+})
 def test_no_camera(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
     """Without the camera the error lists those connected, and without the package it names the command."""
     number, connected = given
@@ -177,7 +177,7 @@ def test_the_stand_in_is_like_the_real_one() -> None:
              (module.Context().query_devices(), ob.DeviceList), (module.device("CP1"), ob.Device),
              (module.device("CP1").get_device_info(), ob.DeviceInfo), (module.frame(0), ob.DepthFrame),
              (module.intrinsic, ob.OBCameraIntrinsic), (module.profile.get_distortion(), ob.OBCameraDistortion),
-             (module.OBFormat, ob.OBFormat), (module.OBSensorType, ob.OBSensorType))  # fmt: skip
+             (module.OBFormat, ob.OBFormat), (module.OBSensorType, ob.OBSensorType))
     for made, real in pairs:
         assert [name for name in vars(made) if not hasattr(real, name)] == [], real
     assert hasattr(ob.FrameSet, "get_depth_frame") and issubclass(ob.OBError, Exception)

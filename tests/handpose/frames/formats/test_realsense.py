@@ -163,7 +163,7 @@ def test_a_camera_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
                         "Fake D400 0123: camera 'Fake D400 0123': fx is 0.0, expected more than 0 px"),
     "another size": ((None, 60.5, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
                      "Fake D400 0123: 64 x 48 pixels; camera own has 640 x 480"),
-})  # fmt: skip
+})
 def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
     """An unknown number lists the cameras connected; a camera that does not fit is stopped."""
     module = plug_in(monkeypatch, every())
@@ -178,7 +178,7 @@ def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any,
                       "pyrealsense2 is missing: pip install pyrealsense2"),
     "no libusb": (ImportError("libusb-1.0.so.0: cannot open shared object file"),
         "pyrealsense2 cannot be loaded: libusb-1.0.so.0: cannot open shared object file: apt install libusb-1.0-0"),
-})  # fmt: skip
+})
 def test_without_the_package(monkeypatch: pytest.MonkeyPatch, given: ImportError, rejected: Any) -> None:
     """The error names the command that installs the package."""
 
@@ -205,7 +205,7 @@ def test_the_stand_in_is_like_the_real_one(rs: Any) -> None:
         if isinstance(parts, SimpleNamespace):
             assert [part for part in vars(parts) if not hasattr(getattr(rs, name), part)] == [], name
     for name, made in (("context", fake.context()), ("config", fake.config()), ("pipeline", fake.pipeline()),
-                       ("depth_frame", fake.depth_frame(0, 0, ""))):  # fmt: skip
+                       ("depth_frame", fake.depth_frame(0, 0, ""))):
         assert [part for part in vars(made) if part != "serial" and not hasattr(getattr(rs, name), part)] == [], name
     assert hasattr(rs.composite_frame, "get_depth_frame")
 

@@ -63,7 +63,7 @@ def plug_in(monkeypatch: pytest.MonkeyPatch, *sent: tuple[str, Any]) -> StandIn:
     module = StandIn(*sent)
     types = SimpleNamespace(Image="Image", CompressedImage="CompressedImage", CameraInfo="CameraInfo")
     for name, part in (("rclpy", module), ("rclpy.qos", module.qos), ("rclpy.signals", module.signals),
-                       ("sensor_msgs", SimpleNamespace(msg=types)), ("sensor_msgs.msg", types)):  # fmt: skip
+                       ("sensor_msgs", SimpleNamespace(msg=types)), ("sensor_msgs.msg", types)):
         monkeypatch.setitem(sys.modules, name, part)
     monkeypatch.setattr(ros2, "WAIT_S", 0.0 if not sent else ros2.WAIT_S)
     return module
@@ -79,7 +79,7 @@ def image(seconds: float, value: float, encoding: str = "16UC1") -> tuple[str, A
     return TOPIC, SimpleNamespace(
         header=header(seconds), height=48, width=64, encoding=encoding, is_bigendian=0, step=values.strides[0],
         data=array.array("B", values.tobytes()),
-    )  # fmt: skip
+    )
 
 
 def info(k: list[float] = K, binning: int = 0) -> tuple[str, Any]:
@@ -88,7 +88,7 @@ def info(k: list[float] = K, binning: int = 0) -> tuple[str, Any]:
     return INFO, SimpleNamespace(
         k=np.array(k), d=[0.0] * 5, p=np.array([k[0], 0, k[2], 0, 0, k[4], k[5], 0, 0, 0, 1, 0]), roi=roi,
         width=64 * size, height=48 * size, binning_x=binning, binning_y=binning, distortion_model="plumb_bob",
-    )  # fmt: skip
+    )
 
 
 def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +101,7 @@ def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [(f.number, round(f.time, 3), f.depth[0, 0]) for f in frames] == [(0, 0.0, 501), (1, 0.15, 502)]
     assert recording.cut == "no frame for 5 s; was the camera unplugged?"
     assert {topic: (kind, qos) for topic, (kind, _, qos) in module.subscribed.items()} == {
-        TOPIC: ("Image", (1, "best effort")), INFO: ("CameraInfo", (1, "best effort"))}  # fmt: skip
+        TOPIC: ("Image", (1, "best effort")), INFO: ("CameraInfo", (1, "best effort"))}
     assert module.calls == ["init no", "destroy handpose", "shutdown"]
 
 
@@ -144,7 +144,7 @@ def test_a_given_camera(monkeypatch: pytest.MonkeyPatch) -> None:
                        f"ros2:{TOPIC}: {INFO} has a camera that is not calibrated; give --camera"),
     "no message": ([], f"ros2:{TOPIC}: no message on {TOPIC} for 0 s"),
     "no camera_info": ([image(1.0, 500)], f"ros2:{TOPIC}: no message on {INFO} for 0 s; give --camera"),
-})  # fmt: skip
+})
 def test_without_messages(monkeypatch: pytest.MonkeyPatch, given: list[tuple[str, Any]], rejected: Any) -> None:
     """If no image or no valid camera_info comes, the error names the topic, and the node is destroyed."""
     module = plug_in(monkeypatch, *given)
@@ -157,7 +157,7 @@ def test_without_messages(monkeypatch: pytest.MonkeyPatch, given: list[tuple[str
 @bad_inputs(DataError, {
     "no topic": (None, "ros2: expected a topic, as in ros2:/camera/depth/image_rect_raw"),
     "no package": (TOPIC, NetlibError, "rclpy is missing: it is a part of ROS 2 (apt install ..."),
-})  # fmt: skip
+})
 def test_without_a_topic_or_the_package(monkeypatch: pytest.MonkeyPatch, given: str | None, rejected: Any) -> None:
     """The errors name an example, and the command that installs ROS."""
     if given:

@@ -128,7 +128,7 @@ def compressed(content: bytes, form: str, ending: str = "/compressed", topic: st
         ("16UC1; compressedDepth rvl", "/compressedDepth",
          bytes(12) + struct.pack("<II", 64, 48) + bags.rvl(DEPTH[0])),
     ],
-)  # fmt: skip
+)
 def test_compressed_images(tmp_path: Path, write: Any, form: str, ending: str, content: bytes) -> None:
     """Depth as PNG, TIFF or RVL has the stored values, in mm, and the camera of the image's topic."""
     recording, frames = read(write(tmp_path / "a.bag", DEPTH, make=compressed(content, form, ending)))
@@ -400,7 +400,7 @@ COLOUR = "/camera/color/image_raw"
          "32FC1 as 16-bit values without their scale; expected the format of compressedDepth"),
         ("16UC1; png compressed ", png(DEPTH[0].astype(np.uint8)), "a picture of uint8 (48, 64), expected 16-bit ..."),
     )},
-})  # fmt: skip
+})
 def test_bags_that_are_refused(tmp_path: Path, given: Any, rejected: Any) -> None:
     """Other lenses, topics and clocks, compression that does not preserve depth, and damage raise an error."""
     with rejected:
@@ -410,7 +410,7 @@ def test_bags_that_are_refused(tmp_path: Path, given: Any, rejected: Any) -> Non
 @bad_inputs(DataError, {
     text: f"...a: ...option/Depth_Units/value: depth units of '{text}' m; expected a number between 0 and 1"
     for text in ("e", "1e", "--", "", "2", "0", "nan")
-})  # fmt: skip
+})
 def test_depth_units_that_are_no_number(tmp_path: Path, given: str, rejected: Any) -> None:
     """The unit of the depth in a .db3 of RealSense is a number of metres."""
 

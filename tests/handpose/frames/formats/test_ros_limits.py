@@ -29,7 +29,7 @@ DEPTH = np.random.default_rng(0).integers(0, 4000, (2, 48, 64)).astype(np.uint16
 @bad_inputs(DataError, {
     name: f"...{name}: cannot read the bag: it does not begin with {start}, as .{name[2:]} does"
     for name, start in (("a.bag", b"#ROSBAG V2.0\n"), ("a.db3", b"SQLite format 3\0"), ("a.mcap", b"\x89MCAP0\r\n"))
-})  # fmt: skip
+})
 def test_what_is_no_bag(tmp_path: Path, given: str, rejected: Any) -> None:
     """The reader does not search a huge file for the end of its first line."""
     for content, size in ((b"", 0), (b"no bag", 6), (b"", 1 << 40)):
@@ -43,7 +43,7 @@ def test_what_is_no_bag(tmp_path: Path, given: str, rejected: Any) -> None:
 @bad_inputs(DataError, {
     name: f"...ros2/{name}: cannot read the bag: it is a pipe; expected a file"
     for name in ("ros2.db3", "metadata.yaml", "b.db3.zstd")
-})  # fmt: skip
+})
 def test_a_pipe_in_a_folder(tmp_path: Path, given: str, rejected: Any) -> None:
     """A pipe in the folder raises an error instead of blocking."""
     folder = bags.write_ros2(tmp_path / "ros2", DEPTH)
@@ -100,7 +100,7 @@ TOO_LARGE = "/camera/depth/image_raw: no message can be read: "
                          f"...a.bag: {TOO_LARGE}a part of the bag has ... bytes; expected at most 6000"),
     "a chunk in MCAP": (("mcap", "CHUNK", 6000),
                         f"...mcap: {TOO_LARGE}a part of the bag has ... bytes; expected at most 6000"),
-})  # fmt: skip
+})
 def test_what_is_larger_than_any_image(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, str, int], rejected: Any
 ) -> None:

@@ -36,7 +36,7 @@ IMAGE = rvl(np.arange(1, 25, dtype=np.uint16).reshape(4, 6))
     "too few pixels": (lambda: decompress(b"\xff" * 8, 2, 2), "RVL: ends after 0 of 4 pixels"),
     "a number without an end": (lambda: decompress(b"\xff" * 4 + b"\0" * 4, 2, 2),
                                 "RVL: a number of 9 digits; expected at most 7"),
-})  # fmt: skip
+})
 def test_damage(given: Callable[[], object], rejected: Any) -> None:
     """A cut image, too many pixels, empty runs and numbers without an end raise ValueError."""
     with rejected:

@@ -86,7 +86,7 @@ def test_every_word_of_a_camera_json(tmp_path: Path, suffix: str) -> None:
     said: dict[str, Any] = {
         "fx": 60, "fy": 61.0, "ppx": 31.5, "ppy": 23.5, "width": 64, "height": 48, "name": "mine", "fps": 20.0,
         "depth_units": 0.000125, "model": "brown_conrady", "coeffs": [-0.2, 0.0, 0.0, 0.0, 0.0],
-    }  # fmt: skip
+    }
     depth = np.random.default_rng(0).integers(4000, 8000, DEPTH.shape).astype(np.uint16)
     recording = open_stack(save(tmp_path / f"a{suffix}", depth, **said))
     expected = camera_file.of(said, "")
@@ -193,7 +193,7 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
     "two stacks": (lambda tmp: archive(tmp / "a.npz", a=DEPTH, b=DEPTH),
                    f"...a.npz: holds a (3, 48, 64), b (3, 48, 64); {EXPECTED}"),
     "a text": (lambda tmp: text(tmp / "a.npz"), f"...a.npz: holds nothing; {EXPECTED}"),
-})  # fmt: skip
+})
 def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejected: Any) -> None:
     """An invalid array, a damaged archive and one without a stack raise an error."""
     path = given(tmp_path)
@@ -213,7 +213,7 @@ def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejecte
         ("a camera's fx alone", {"camera": '{"fx": 1}'}, "camera: has fx, but not fy and u0 and v0"),
         ("two cameras", {"camera": ["a", "b"]}, "camera has the shape (2,), expected one text: a camera.json"),
     )
-})  # fmt: skip
+})
 def test_what_is_wrong_beside_the_frames(tmp_path: Path, given: tuple[str, dict[str, object]], rejected: Any) -> None:
     """Invalid data in addition to the frames raise an error."""
     path = save(tmp_path / given[0], **given[1])

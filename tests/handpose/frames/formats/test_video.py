@@ -136,7 +136,7 @@ def test_camera_beside_the_file(tmp_path: Path) -> None:
                                 ("ffv1", "bgr0", "of bgr0 pixels, not 16-bit grey"),
                                 ("mjpeg", "yuvj420p", "(yuvj420p), which is lossy"),
                                 ("mpeg4", "yuv420p", "(yuv420p), which is lossy"))
-})  # fmt: skip
+})
 def test_what_loses_depth_is_refused(tmp_path: Path, given: str, rejected: Any) -> None:
     """8 bits, colours and lossy compression raise an error with the reason."""
     path = write_other(tmp_path / "a.mkv", *given.split())
@@ -210,7 +210,7 @@ NO_VIDEO = "...a.mkv: no video in Matroska, AVI or MP4; expected FFV1 of 16 bits
     "a text": (b"no video", NO_VIDEO),
     "a playlist": (b"#EXTM3U\nhttp://127.0.0.1/a.ts\n", NO_VIDEO),
     "a header alone": (b"\x1a\x45\xdf\xa3" + b"\0" * 99, "...a.mkv: cannot read the video: damaged or cut: ..."),
-})  # fmt: skip
+})
 def test_what_is_no_video(tmp_path: Path, given: bytes, rejected: Any) -> None:
     """Invalid files raise an error; playlists of other files are not followed."""
     path = tmp_path / "a.mkv"
@@ -257,7 +257,7 @@ class TestWriter:
               for depth in (9000, -1, np.nan)),
             ("less than a tick", {"time": 0.0002}, "at 0.000200 s, less than 1 ms after the frame before; ..."),
         )
-    })  # fmt: skip
+    })
     def test_what_cannot_be_written(self, tmp_path: Path, given: dict[str, object], rejected: Any) -> None:
         """An invalid frame raises an error, and the frames before it are kept."""
         first = frames(1)[0]

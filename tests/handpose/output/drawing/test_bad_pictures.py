@@ -41,7 +41,7 @@ PICTURE, DEPTH = np.ones((128, 128), np.uint8), np.zeros((480, 640), np.float32)
                          "18000 s, 33.3333 a second, would be 6e+05 frames of BVH; at most 10000 are written"),
     "a track as text": (lambda: open_writer("a.txt", header_of(SKELETON)), "a.txt: cannot write a track of this kind; "
                         "expected a name in .json, .jsonl, .csv or .bvh, or - for standard output"),
-})  # fmt: skip
+})
 def test_what_cannot_be_drawn(given: Callable[[], object], rejected: Any) -> None:
     """Joints, pictures and depth images of another shape, and tracks of too many frames, raise an error."""
     with rejected:

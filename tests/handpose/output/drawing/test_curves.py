@@ -47,7 +47,7 @@ def test_the_surer_the_higher() -> None:
 def test_a_gap_where_a_hand_was_lost() -> None:
     """Frames without the hand interrupt its curve."""
     picture = strip(*(frame(n / 10, h1=0.5) for n in range(10)), *(frame(1 + n / 10) for n in range(10)),
-                    *(frame(2 + n / 10, h1=0.5) for n in range(10)))  # fmt: skip
+                    *(frame(2 + n / 10, h1=0.5) for n in range(10)))
     found = columns(picture, 1)
     gaps = np.diff(found)
     width = 1280 - 56 - 130

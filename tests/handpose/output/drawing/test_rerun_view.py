@@ -69,10 +69,10 @@ def streams(monkeypatch: pytest.MonkeyPatch) -> list[FakeStream]:
     made: list[FakeStream] = []
     fake = ModuleType("rerun")
     for name in ("Pinhole", "DepthImage", "Points3D", "LineStrips3D", "Capsules3D", "Scalars", "SeriesLines", "TextLog",
-                 "Clear"):  # fmt: skip
+                 "Clear"):
         setattr(fake, name, archetype(name))
     views = ("Spatial3DView", "Spatial2DView", "TimeSeriesView", "TextLogView", "ScalarAxis", "Horizontal", "Vertical",
-             "Blueprint")  # fmt: skip
+             "Blueprint")
     fake.blueprint = SimpleNamespace(**{name: archetype(name) for name in views})  # type: ignore[attr-defined]
     fake.ViewCoordinates = SimpleNamespace(RDF="right, down, forward")  # type: ignore[attr-defined]
     fake.RecordingStream = lambda name: made.append(FakeStream(name)) or made[-1]  # type: ignore[attr-defined]

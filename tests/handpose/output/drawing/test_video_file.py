@@ -95,7 +95,7 @@ def test_what_cannot_be_written_is_one_error_about_the_file(tmp_path: Path, monk
     """A full disk, a missing folder and a folder of that name raise an error with the file name; no file is left."""
 
     def full(video: VideoFile, frame: object) -> None:
-        raise av.error.FFmpegError(28, "No space left on device", "something.tmp")  # fmt: skip
+        raise av.error.FFmpegError(28, "No space left on device", "something.tmp")
 
     with monkeypatch.context() as patch:
         patch.setattr(VideoFile, "_mux", full)
@@ -117,7 +117,7 @@ LATER = "expected a later one, by 1/60000 s at least and 1e+08 s at most"
     **{f"at {time} s": ((96, time), f"...a.mp4: a picture at {time:.6g} s after one at 1 s; {LATER}")
        for time in (1.0, 1.000001, 1e300)},
     "another size": ((95, 2.0), "...a.mp4: a picture of 95 x 64 pixels after some of 96 x 64 pixels; expected ..."),
-})  # fmt: skip
+})
 def test_mistakes(tmp_path: Path, given: tuple[int, float], rejected: Any) -> None:
     """Times that do not ascend and another size raise errors; the video stays valid."""
     with VideoFile(tmp_path / "a.mp4") as video:
@@ -130,7 +130,7 @@ def test_mistakes(tmp_path: Path, given: tuple[int, float], rejected: Any) -> No
 @bad_inputs(NetlibError, {
     "a.avi": "...a.avi: a video is written as .mp4; expected such a name",
     "a.mp4": "PyAV is missing: pip install av",
-})  # fmt: skip
+})
 def test_what_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any) -> None:
     """Another suffix raises an error; without PyAV it names the command that installs it."""
     if given == "a.mp4":

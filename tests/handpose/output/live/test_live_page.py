@@ -72,7 +72,7 @@ def test_both_hands_of_a_frame(shown: Shown) -> None:
     assert len(points) > 1000
     assert shown.tab.locator("#hands li").all_inner_texts() == [
         "right 93%, expected error 8 mm, gesture open", "left 42%, expected error 8 mm, gesture open"
-    ]  # fmt: skip
+    ]
 
 
 def test_the_depth_image(shown: Shown) -> None:
@@ -106,7 +106,7 @@ def test_pausing_and_stepping(shown: Shown) -> None:
     for frame in frames[:3]:
         shown.show(frame)
     pause, back, step = (shown.tab.get_by_role("button", name=name, exact=True)
-                         for name in ("Pause", "Step back", "Step"))  # fmt: skip
+                         for name in ("Pause", "Step back", "Step"))
     assert back.is_disabled() and step.is_disabled() and shown.server.pace.wait(60)
     pause.click()
     shown.state("frame 2, 0.20 s; paused")

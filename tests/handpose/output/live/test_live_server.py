@@ -170,7 +170,7 @@ def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
         silent = socket.create_connection((str(place.hostname), place.port))
         silent.sendall(f"GET {place.path}?{place.query} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n"
                        "Connection: Upgrade\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
-                       "Sec-WebSocket-Version: 13\r\n\r\n".encode())  # fmt: skip
+                       "Sec-WebSocket-Version: 13\r\n\r\n".encode())
         assert silent.recv(12) == b"HTTP/1.1 101"
         server.put(VIEWS, b"a")
         server.put(LINES, "x" * (1 << 25))
@@ -215,7 +215,7 @@ def test_streams_need_the_token(clients: Clients, serve: Serve, path: str) -> No
     ("origin", "status"),
     [(None, 101), ("http://{}", 101), ("https://{}", 101), ("http://evil.example", 403),
      ("http://{}.evil.example", 403), ("http://127.0.0.1", 403), ("null", 403)],
-)  # fmt: skip
+)
 def test_pages_of_other_sites_are_refused(
     clients: Clients, server: LiveServer, origin: str | None, status: int
 ) -> None:
@@ -232,7 +232,7 @@ def test_pages_of_other_sites_are_refused(
      (socket.gethostname(), "0.0.0.0", True), (socket.gethostname(), "127.0.0.1", False),
      ("Camera.lab:80", "camera.lab", True), ("192.168.0.7", "192.168.0.7", True),
      ("192.168.0.8", "192.168.0.7", False)],
-)  # fmt: skip
+)
 def test_hosts(host: str, listening: str, named: bool) -> None:
     """A request must name this server: its own address, or any IP address if it listens on all of them."""
     assert is_named(host, listening) == named
@@ -256,7 +256,7 @@ def exchange(server: LiveServer, *pieces: bytes) -> bytes:
      (b"GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n", 403),
      (b"GET / HTTP/1.1\r\nX: " + b"x" * (1 << 16), 431),
      (b"GET /frames?token=TOKEN HTTP/1.1\r\nHost: localhost\r\nOrigin: http://[\r\n\r\n", 400)],
-)  # fmt: skip
+)
 def test_malformed_requests(server: LiveServer, received: bytes, status: int) -> None:
     """A request that is not valid is answered with its status, at once or with the end of the request."""
     received = received.replace(b"TOKEN", server.token.encode())

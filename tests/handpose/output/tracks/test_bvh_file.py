@@ -112,7 +112,7 @@ def test_what_importers_expect() -> None:
     """Names are unique ASCII words without spaces, and lines have the form that Blender's importer parses."""
     names = ["Büro der Hand", "Buro der Hand", "", "手"]
     joints = "".join(f'joint {{ name: "{name}" {f"parent: {chr(34)}{names[0]}{chr(34)}" if i else ""} }}'
-                     for i, name in enumerate(names))  # fmt: skip
+                     for i, name in enumerate(names))
     header = header_of(skeleton_of(joints))
     text = text_of(header, [any_hand(header, np.random.default_rng(0))], 25.0)
     assert re.findall(r"(?:ROOT|JOINT) (.*)", text) == ["Buro_der_Hand", "Buro_der_Hand_2", "joint", "joint_2"]

@@ -47,7 +47,7 @@ def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) ->
             assert (a.id, a.hand, a.cube_mm) == (b.id, b.hand, b.cube_mm)
             assert (a.confidence, a.error_mm) == pytest.approx((b.confidence, b.error_mm), abs=0.006, nan_ok=True)
             for name, digits in (("xyz", 0.00501), ("origin_mm", 5e-4), ("center_uvd", 5e-4), ("bones", 5e-6),
-                                 ("finger_error_mm", 0.0501)):  # fmt: skip
+                                 ("finger_error_mm", 0.0501)):
                 assert np.abs(getattr(a, name) - getattr(b, name)).max() <= digits
             again = joints_of(track.header.skeleton, header.unit_mm, a.hand, a.inputs, a.bones, a.origin_mm)
             assert np.abs(again - b.xyz).max() < 0.05
@@ -232,7 +232,7 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
          "predicted from crops without a camera, so positions are relative to crops"),
         ('"complete":true}', '"complete":true', "not whole JSON: Expecting ',' delimiter: line ..."),
         ("{", "[" * 100_000, "JSON of too many levels"))
-})  # fmt: skip
+})
 def test_what_is_no_track(tmp_path: Path, given: tuple[str, str], rejected: Any) -> None:
     """The error names the place and what was expected, on one line."""
     path = tmp_path / "a.json"

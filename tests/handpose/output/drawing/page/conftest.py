@@ -62,7 +62,7 @@ def any_body(seed: int) -> str:
         for to in [*(f"j{i}" for i in range(K)), "own"]
     ]
     surface = [dof("own"), joint("own", "j3", ["own", "d2"]), 'offset { joint: "j4" axes: "j2" x: 0.1 z: -0.2 }',
-             'offset { joint: "j4" axes: "own" y: 0.1 }', *capsules]  # fmt: skip
+             'offset { joint: "j4" axes: "own" y: 0.1 }', *capsules]
     shuffled = [joints[i] for i in rng.permutation(K)]
     return "\n".join([f'name: "any {seed}"', *(dof(f"d{d}") for d in range(D)), *shuffled, "flesh {", *surface, "}"])
 

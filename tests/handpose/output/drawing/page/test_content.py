@@ -46,7 +46,7 @@ def test_a_hand_as_values(cube: float) -> None:
     rng, uvd = np.random.default_rng(1), np.array([250.0, 200, 50.0 + cube])
     seen = rng.uniform(-1.2, 1, (SIZE, SIZE)).clip(-1, 1).astype(np.float32)
     made = hand("a.png", "a hand", np.zeros(47), camera=KINECT2, center_uvd=uvd,
-                cube_mm=cube, crop=seen)  # fmt: skip
+                cube_mm=cube, crop=seen)
     points = np.frombuffer(base64.b64decode(made["points"]), "<i2").reshape(-1, 3) * made["step_mm"]
     np.testing.assert_allclose(points, crop_points(seen, uvd, cube, KINECT2), atol=made["step_mm"])
     assert made["step_mm"] <= cube / 30000 * 2

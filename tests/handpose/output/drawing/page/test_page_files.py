@@ -118,7 +118,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
         hands.append(hand(
             f"{side}.png", f"{side} hand, 90% sure", model.whole_inputs_of(x)[0], camera=KINECT2, center_uvd=uvd,
             cube_mm=cube, crop=crop, size=float(np.exp(x[0, -2])), thickness=float(np.exp(x[0, -1])), side=side,
-        ))  # fmt: skip
+        ))
     out = tmp_path_factory.mktemp("found") / "found.html"
     out.write_text(page("Hands", content(HAND, hands)), encoding="utf-8")
     return out, model.joints(x)[0] * (-1, 1, 1) + KINECT2.unproject(uvd)
