@@ -9,13 +9,12 @@
 # make bench   compares the speed with PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make parts   the time that each part of fast/ saves, by switching it off (minutes)
 # make ranks   compares threads with MPI processes, and prints a model of many machines
-# make docs    generates what documents take from the code: code, figures, exercises
-# make book    the chapters as notebooks, in build/book
-# make site    all documents and the code as a site in site/, links checked (SERVE=1 shows it and follows changes)
+# make docs    what documents take from the code, pages for the browser, the chapters as notebooks, and the site in site/
+#              (SERVE=1 serves the site and follows changes)
 # make lint    the style and type checks of the continuous integration, spelling and wording
 #
 # ITERATIONS=N and FRAMES='--train N --test N' make train, person and arm shorter or longer; OPTIONS='...' goes to the
-# program of demo, table1, bench, parts, ranks or docs.
+# program of demo, table1, bench, parts or ranks.
 PYTHON ?= python3
 # Hundreds of processes are started by the tests; without compiled files each compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
@@ -25,7 +24,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train person arm test kernels docs book site faults lint table1 bench parts ranks clean
+.PHONY: help demo train person arm test kernels docs faults lint table1 bench parts ranks clean
 
 help:
 	@sed -n '/^#/!q; s/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -78,24 +77,19 @@ test: .venv/test
 SIMD := import numpy; print(*numpy.show_config("dicts").get("SIMD Extensions", {}).get("found", []))
 kernels: .venv/test
 	OPENBLAS_CORETYPE=Nehalem NPY_DISABLE_CPU_FEATURES="$$($(RUN) -c '$(SIMD)')" $(RUN) -m pytest -n auto \
-		--dist worksteal tests/docs/test_made.py tests/handpose/fit tests/handpose/estimate \
+		--dist worksteal tests/handpose/fit tests/handpose/estimate \
 		--ignore tests/handpose/fit/joints --ignore tests/handpose/estimate/test_processors.py
 
 faults: .venv/test
 	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")
 
-docs: .venv/tools
-	$(RUN) -m docs.making $(OPTIONS)
-
-book: .venv/tools
+# In a document, the text between <!--cog FUNCTION() cog--> and <!--end--> is what docs/making/generated.py prints.
+COG := -P -U -p 'from docs.making.generated import *' --markers='<!--cog cog--> <!--end-->'
+docs: .venv/docs
+	$(RUN) -m cogapp -r --verbosity=1 $(COG) docs/*.md docs/*/*.md
+	$(RUN) -m docs.making.pages
 	$(RUN) -m docs.making.notebooks
-
-site: .venv/docs
-ifdef SERVE
-	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs serve
-else
-	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict
-endif
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs $(if $(SERVE),serve,build --strict)
 
 # Documents and packages whose spelling and wording codespell checks (setup.cfg, docs/wording.txt). Some words are names
 # in the code.

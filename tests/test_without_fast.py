@@ -29,7 +29,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     def ignored(folder: str, names: list[str]) -> set[str]:
         top = Path(folder) == ROOT
-        kept = {"data", "site", "snapshots"} if not top else set()  # layers/data, docs/making/site, netlib/snapshots
+        kept = {"data", "snapshots"} if not top else set()  # layers/data, netlib/snapshots
         return set(shutil.ignore_patterns(*(p for p in LEFT_OUT if p not in kept))(folder, names))
 
     shutil.copytree(ROOT, copy, ignore=ignored)

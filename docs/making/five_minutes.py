@@ -2,50 +2,97 @@
 
 python -m docs.making.five_minutes                                 4,096 frames; the picture is five_minutes.svg
 python -m docs.making.five_minutes --frames 64 --out by_heart.svg  so few that the network learns them by heart
+python -m docs.making.five_minutes --book                          both; draws learned.svg and by_heart.svg of the book
 
-The errors are those of 256 held-out frames and of up to 256 training frames. The documents show the runs of 4,096 and
-64 frames, and what docs/book/nano.py prints, as --record has written them (docs/results/five_minutes.json).
+The errors are those of 256 held-out frames and of up to 256 training frames.
 """
 
 from __future__ import annotations
 
-import json
-import subprocess
+import re
 import sys
 from pathlib import Path
 
-from docs.making.figures import drawn, learned
-from docs.making.training import CHECKS, FEW, FRAMES, HELD_OUT, ITERATIONS, RECORD, Point, learn, rendered
+import numpy as np
+
+import netlib
+from docs.making.figures.drawing import write
+from docs.making.figures.whole import HALF_CUBE_MM, Point, errors_over_time, hands_over_time
+from handpose.synthetic.generator import Generator, Split
+from netlib.blob import Array
 from netlib.errors import NetlibError
-from netlib.files import atomic
 from netlib.files.paths import ROOT
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import SolverParameter
 from tools.common.arguments import parser_of
 
-
-def record() -> None:
-    """Run both again, and nano.py, for several minutes."""
-    command = [sys.executable, str(ROOT / "docs" / "book" / "nano.py")]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    pictured = (0, ITERATIONS // 10, ITERATIONS)
-    runs = {
-        frames: [
-            point if point.iteration in pictured else point._replace(shown=[]) for point in run(frames, ITERATIONS)
-        ]
-        for frames in (FRAMES, FEW)
-    }
-    kept = {"nano": [line.rstrip() for line in done.stdout.splitlines()], "runs": runs}
-    atomic.replace_text(RECORD, json.dumps(kept, separators=(",", ":")) + "\n")
+BATCH, HELD_OUT = 64, 256
+FRAMES, FEW, ITERATIONS = 4096, 64, 1000
+DRAWN = [0, 1, 4, 5]  # held-out frames in the picture
+DATA = """layer { name: "data" type: "Input" top: "depth" top: "joint"
+  input_param { shape { dim: %d dim: 1 dim: 128 dim: 128 } shape { dim: %d dim: 93 } } }"""
+RULE = 'type: "Adam" base_lr: 0.0005 momentum: 0.9 momentum2: 0.999 lr_policy: "poly" power: 1 random_seed: 1'
 
 
-def run(frames: int, iterations: int) -> list[Point]:
-    """Render, train, and print a line for each measurement."""
-    print(f"rendering {frames} + {HELD_OUT} frames", flush=True)
-    training, held_out, points = rendered("train", frames), rendered("test", HELD_OUT), []
-    for point in learn(training, held_out, iterations):
-        errors = f"training frames {point.training_mm:5.1f} mm, held-out frames {point.held_out_mm:5.1f} mm"
-        print(f"iteration {point.iteration:4}   {errors}", flush=True)
-        points.append(point)
+def rendered(split: Split, count: int) -> tuple[Array, Array, Array]:
+    """Crops (N, 1, 128, 128), joints (N, 31, 3) in half-cubes, centres (N, 3) of the first frames of a split."""
+    generator = Generator(seed=0, split=split)
+    blocks = [generator.block(number) for number in range(-(-count // 64))]  # of 64 frames
+    depth, joints, center = (np.concatenate([getattr(block, name) for block in blocks])[:count]
+                             for name in ("depth", "joint", "center_uvd"))
+    return depth, joints.reshape(-1, 31, 3), center
+
+
+def new_solver(iterations: int) -> netlib.Solver:
+    """A solver of the paper's training net, whose data are set before each iteration."""
+    net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text(encoding="utf-8")
+    net = re.sub(r'^layer {\n  name: "data".*?^}\n', "", net, flags=re.MULTILINE | re.DOTALL)
+    text = f"{RULE} max_iter: {iterations} net_param {{ {DATA % (BATCH, BATCH)} {net} }}"
+    return netlib.Solver(schema.read(prototxt.parse(text, "five_minutes"), SolverParameter, "five_minutes"))
+
+
+def predict(solver: netlib.Solver, depth: Array) -> Array:
+    """The joints (N, 31, 3) that the solver's network predicts, without dropout."""
+    net = netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST)
+    for name, blobs in net.params.items():
+        for blob, trained in zip(blobs, solver.net.params[name]):
+            blob.data[...] = trained.data
+    net.blobs["depth"].reshape(*depth.shape)
+    return net.forward(depth=depth)["pred"].reshape(-1, 31, 3)
+
+
+def error_mm(joints: Array, truth: Array) -> float:
+    """The mean distance of joints (N, 31, 3) in half-cubes."""
+    return float(HALF_CUBE_MM * np.linalg.norm(joints - truth, axis=2).mean())
+
+
+def run(count: int, iterations: int) -> list[Point]:
+    """Render and train; prints the errors at the beginning, after a hundredth of the iterations and each tenth."""
+    print(f"rendering {count} + {HELD_OUT} frames", flush=True)
+    (depth, joints, _), (held_out, truth, _) = rendered("train", count), rendered("test", HELD_OUT)
+    solver, rng, points = new_solver(iterations), np.random.default_rng(1), []
+    order: Array = np.zeros(0, dtype=int)
+    for iteration in range(iterations + 1):
+        if iteration == iterations // 100 or iteration % (iterations // 10) == 0:
+            predicted = predict(solver, held_out)
+            training_mm = error_mm(predict(solver, depth[:HELD_OUT]), joints[:HELD_OUT])
+            points.append(Point(iteration, training_mm, error_mm(predicted, truth), predicted[DRAWN]))
+            print("iteration {:4}   training frames {:5.1f} mm, held-out frames {:5.1f} mm".format(*points[-1]), flush=True)
+        while len(order) < BATCH:  # every frame once, in a new order
+            order = np.concatenate([order, rng.permutation(count)])
+        rows, order = order[:BATCH], order[BATCH:]
+        solver.net.blobs["depth"].data[...] = depth[rows]
+        solver.net.blobs["joint"].data[...] = joints[rows].reshape(BATCH, -1)
+        if iteration < iterations:
+            solver.step(1)
     return points
+
+
+def draw(points: list[Point], path: Path) -> None:
+    """Draw held-out hands over the iterations."""
+    depth, joints, center = (array[DRAWN] for array in rendered("test", max(DRAWN) + 1))
+    write(hands_over_time(points, depth[:, 0], center, joints), path)
+    print(f"wrote {path}")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -54,18 +101,18 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, default=FRAMES, help=f"training frames (default: {FRAMES})")
     parser.add_argument("--iterations", type=int, default=ITERATIONS, help=f"default: {ITERATIONS}")
     parser.add_argument("--out", type=Path, default=Path("five_minutes.svg"), help="the picture (default: %(default)s)")
-    parser.add_argument("--record", action="store_true", help="both runs of the documents, into their record")
+    parser.add_argument("--book", action="store_true", help="both runs of the book; draws its two figures")
     args = parser.parse_args(argv)
-    if args.frames < 1 or args.iterations < CHECKS:
-        parser.error(f"--frames must be at least 1 and --iterations at least {CHECKS}")
+    if args.frames < 1 or args.iterations < 10:
+        parser.error("--frames must be at least 1 and --iterations at least 10")
     try:
-        if args.record:
-            record()
-            print(f"wrote {RECORD.relative_to(ROOT)}; run make docs")
-            return 0
-        points = run(args.frames, args.iterations)
-        atomic.replace_bytes(args.out, drawn.as_svg(learned.hands_over_time(points)))
-        print(f"wrote {args.out}")
+        if args.book:
+            place = ROOT / "docs" / "images" / "book"
+            runs = {count: run(count, ITERATIONS) for count in (FRAMES, FEW)}
+            write(errors_over_time(runs), place / "by_heart.svg")
+            draw(runs[FRAMES], place / "learned.svg")
+        else:
+            draw(run(args.frames, args.iterations), args.out)
     except (OSError, NetlibError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -1,107 +1,95 @@
-"""Pictures that a command draws in seconds from what is packaged.
+"""Pictures of pages in docs/images, and the frames of docs/book/nano.py. Run by hand; the pages need a Chromium.
 
-A picture that a fit drew is compared by what it shows: its size and the numbers that the command wrote, which the
-picture's file keeps in a text chunk. Others are compared by their pixels.
+python -m docs.making.pictures hand_page     the page docs/hand.html, with a pose and a force
+python -m docs.making.pictures live_page     the page of tools/track.py --serve, with a synthetic recording
+python -m docs.making.pictures frames        docs/book/frames.npz: the first rendered training frames
+
+Others are written by a command: demo.png is demo/hands.png of ``tools/demo.py --out demo --seed 1``; synthetic.png is
+from ``tools/make_synthetic.py --out data --train 64 --test 480 --workers 1``, then ``tools/show_data.py data/test.txt
+--frames 24 --plain --out synthetic.png``.
 """
 
 from __future__ import annotations
 
-import functools
-import json
-import struct
-import subprocess
+import re
+import shutil
 import sys
-import tempfile
-import zlib
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from docs.making.made import Made
+from netlib.files import atomic
 from netlib.files.paths import ROOT
 
-CLOSE = 1.0  # grey levels, on average
-CLOSE_TO = {"confidence": 0.05, "angles_rad": np.inf, "translations_mm": np.inf, "bones_mm": 3.0, "center_uvd": 2.0}
-CLOSE_MM = 3.0  # of joints, centres and errors
-_SIGNATURE, _KEY = b"\x89PNG\r\n\x1a\n", b"Description\0"
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+SIZE: Any = {"width": 1280, "height": 800}  # playwright has a type for it, if installed
+POSE = """async () => {
+  const { body, data, stage } = hand, { dofs, joints } = body.skeleton;
+  const pose = Object.entries({ ...data.poses.point, palm_rot_y: 0.5 });
+  body.move(Object.fromEntries(pose.map(([name, value]) => [dofs.indexOf(name), value])));
+  body.push(joints.indexOf("index_tip"), [13, 4, -9]);
+  stage.viewer.turn(-20, 10);
+  await new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)));
+  stage.draw(2); // finely
+}"""
 
 
-def made() -> Iterator[Made]:
-    """All of them."""
-    for name, (commands, written, same) in PICTURES.items():
-        yield Made(ROOT / "docs" / "images" / name, functools.partial(_drawn, commands, written), same)
+def hand_page(browser: Browser) -> bytes:
+    """The page of the hand as PNG."""
+    from docs.making import pages
+
+    with browser.new_page(viewport=SIZE, color_scheme="light") as tab:
+        tab.set_content(pages.hand())
+        tab.evaluate(POSE)
+        return tab.screenshot()
 
 
-def alike(there: bytes, wanted: bytes) -> bool:
-    """Whether two pictures have the same size and nearly the same pixels."""
-    a, b = _image(there), _image(wanted)
-    return a is not None and b is not None and a.shape == b.shape and float(np.abs(a - b).mean()) <= CLOSE
+def live_page(browser: Browser, frames: int = 90) -> bytes:
+    """The live page as PNG, after some frames of two hands."""
+    from handpose import NYU, load_tracker
+    from handpose.output.live.messages import VIEWS, Messages
+    from handpose.output.live.page import page
+    from handpose.output.live.server import LiveServer
+    from handpose.sequences.recordings import SyntheticRecording
+
+    tracker = load_tracker(NYU, surface=True)
+    header = tracker.header("takes/both")
+    messages = Messages(header, gestures=True)
+    with (LiveServer("127.0.0.1", 0, messages.header, page(header)) as server,
+          browser.new_page(viewport=SIZE, color_scheme="light") as tab):
+        tab.goto(server.page_url)
+        for frame, _ in zip(SyntheticRecording("two_hands", NYU), range(frames)):
+            found = tracker.step(frame)
+            server.put(VIEWS, messages.view(messages.record(found), frame.depth, found))
+            tab.locator("#state").filter(has_text=re.compile(rf"^frame {frame.number}, ")).wait_for()
+        tab.evaluate("live.stage.viewer.turn(-40, 15), live.stage.draw(2)")
+        return tab.screenshot()
 
 
-def shows_the_same_hands(there: bytes, wanted: bytes) -> bool:
-    """Whether two pictures have the same size, and as many hands of the same sides at nearly the same places."""
-    a, b = _image(there), _image(wanted)
-    numbers = described(there)
-    if a is None or b is None or numbers is None:
-        return False
-    return a.shape == b.shape and _near(numbers, described(wanted), "")
+def write_frames() -> None:
+    """Depth (64, 1, 128, 128) in 1/127 of a half-cube, joints (64, 31, 3) in half-cubes."""
+    from handpose.synthetic.generator import Generator
+
+    block = Generator(seed=0, split="train").block(0)
+    depth, joints = np.rint(block.depth * 127).astype(np.int8), block.joint.reshape(-1, 31, 3).astype(np.float32)
+    np.savez_compressed(ROOT / "docs" / "book" / "frames.npz", depth=depth, joints=joints)
 
 
-def with_description(png: bytes, words: str) -> bytes:
-    """The PNG file with a text chunk in ASCII before its end."""
-    data = b"tEXt" + _KEY + words.encode("ascii")
-    end = png.rindex(b"IEND") - 4
-    return png[:end] + struct.pack(">I", len(data) - 4) + data + struct.pack(">I", zlib.crc32(data)) + png[end:]
+def write(name: str) -> None:
+    """Write a picture of a page."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        picture = {"hand_page": hand_page, "live_page": live_page}[name](browser)
+    atomic.replace_bytes(ROOT / "docs" / "images" / f"{name}.png", picture)
 
 
-def described(png: bytes) -> Any:
-    """The JSON value in a PNG file's description; None without one."""
-    at = len(_SIGNATURE)
-    while at + 8 <= len(png):
-        (size,) = struct.unpack_from(">I", png, at)
-        if png[at + 4 : at + 8] == b"tEXt" and png.startswith(_KEY, at + 8):
-            return json.loads(png[at + 8 + len(_KEY) : at + 8 + size])
-        at += size + 12
-    return None
-
-
-def _image(png: bytes) -> NDArray[np.float64] | None:
-    found = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED) if png else None
-    return None if found is None else np.asarray(found, np.float64)
-
-
-def _near(a: Any, b: Any, key: str) -> bool:
-    """Whether two JSON values are the same, numbers up to what the key allows."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        return a.keys() == b.keys() and all(_near(a[k], b[k], k if k in CLOSE_TO else key) for k in a)
-    if isinstance(a, list) and isinstance(b, list):
-        return len(a) == len(b) and all(_near(x, y, key) for x, y in zip(a, b))
-    if isinstance(a, int | float) and isinstance(b, int | float):
-        return abs(a - b) <= CLOSE_TO.get(key, CLOSE_MM)
-    return bool(a == b)
-
-
-def _drawn(commands: tuple[str, ...], written: str) -> bytes:
-    """The picture that the commands write; numbers that they write next to it are stored in its description."""
-    with tempfile.TemporaryDirectory() as folder:
-        for command in commands:
-            tool, *options = command.split()
-            subprocess.run([sys.executable, str(ROOT / tool), *options], cwd=folder, check=True, capture_output=True)
-        picture = Path(folder) / written
-        numbers = picture.with_suffix(".json")
-        if not numbers.is_file():
-            return picture.read_bytes()
-        return with_description(picture.read_bytes(), json.dumps(json.loads(numbers.read_text(encoding="utf-8"))))
-
-
-# Of each picture in docs/images the commands, in an empty folder, what the last of them writes, and how it is compared.
-PICTURES: dict[str, tuple[tuple[str, ...], str, Callable[[bytes, bytes], bool]]] = {
-    "demo.png": (("tools/demo.py --out demo --seed 1",), "demo/hands.png", shows_the_same_hands),
-    "synthetic.png": (
-        ("tools/make_synthetic.py --out data --train 64 --test 480 --workers 1",
-         "tools/show_data.py data/test.txt --frames 24 --plain --out synthetic.png"), "synthetic.png", alike),
-}
+if __name__ == "__main__":
+    for name in sys.argv[1:]:
+        if name == "frames":
+            write_frames()
+        else:
+            write(name)

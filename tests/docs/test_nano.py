@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from docs.making import frames
+from handpose.synthetic.generator import Generator
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 
@@ -120,5 +120,8 @@ def test_it_prints_losses() -> None:
 
 
 def test_frames_are_the_renderers() -> None:
-    """The file of frames is what the renderer generates."""
-    assert all(made.is_current() for made in frames.made())
+    """The file has the renderer's first training frames, except for a few pixels at edges, which rounding decides."""
+    block = Generator(seed=0, split="train").block(0)
+    with np.load(nano.FRAMES) as data:
+        assert (data["depth"] != np.rint(block.depth * 127)).mean() <= 1e-3
+        np.testing.assert_allclose(data["joints"], block.joint.reshape(-1, 31, 3), atol=1e-4)

@@ -213,3 +213,4 @@ NEEDS = {  # packages that commands of a document need; a Python block that impo
     "docs/onnx.md": ("onnx", "onnxruntime"),
     "docs/usage.md": ("matplotlib",),
 }
+OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "torch", "tqdm")  # of extras

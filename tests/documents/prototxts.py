@@ -1,4 +1,4 @@
-"""Read a piece of prototxt in a document, like a file, as a net, a solver, a skeleton, a prior, or another message."""
+"""Read a piece of prototxt in a document as a net, a solver, a skeleton, a prior, or another message."""
 
 from __future__ import annotations
 
@@ -8,67 +8,41 @@ from handpose.synthetic.prior_file import PosePrior
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.building import create
-from netlib.errors import PrototxtError
 from netlib.proto import messages, options, prototxt, schema
 from netlib.proto.messages import LayerParameter, NetParameter, SolverParameter
 from netlib.proto.net_parameter import load_parameter
-from netlib.proto.prototxt import Message
 
 
-def read(text: str, source: str) -> object:
-    """Return the message in the text. Raises PrototxtError, NetlibError."""
-    tree = prototxt.parse(text, source)
+def read(text: str) -> None:
+    """Read the message whose fields the text has. Raises PrototxtError, NetlibError."""
+    tree = prototxt.parse(text, "the block")
     names = {item.name for item in tree.fields}
-    if not names:
-        raise PrototxtError(tree.position, "nothing in it")
     if names & {"layer", "layers"}:
-        return _net(tree)
-    if names <= _fields(SkeletonParameter):
-        return _skeleton(tree)
-    for kind in (SolverParameter, NetParameter, PosePrior):
-        if names <= _fields(kind):
-            return schema.read(tree, kind)
-    if "type" in names or all(name.endswith("_param") for name in names):
-        return _checked(schema.read(tree, LayerParameter, "layer"))
-    errors = []
-    for kind in _other_kinds():
-        try:
-            return schema.read(tree, kind)
-        except PrototxtError as error:
-            errors.append((len(names - _fields(kind)), error))
-    raise min(errors, key=lambda pair: pair[0])[1]
+        for layer in load_parameter(tree).layer:  # the blobs that they read need not be defined
+            _check(layer)
+        return
+    others = [kind for kind in vars(messages).values() if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
+    kinds = [SkeletonParameter, SolverParameter, NetParameter, PosePrior, LayerParameter, *others,
+             *options.option_blocks().values()]
+    message = schema.read(tree, min(kinds, key=lambda kind: len(names - _fields(kind))))
+    if isinstance(message, LayerParameter):
+        _check(message)
+    if isinstance(message, SkeletonParameter) and _is_whole(message):
+        Skeleton(message)
 
 
-def _net(tree: Message) -> NetParameter:
-    """Read a net, or some of its layers; the blobs that they read need not be defined."""
-    net = load_parameter(tree)
-    for layer in net.layer:
-        _checked(layer)
-    return net
-
-
-def _checked(layer: LayerParameter) -> LayerParameter:
-    if layer.type and layer.type not in {*options.layer_types(), "Python"}:
-        raise PrototxtError(schema.position_of(layer, "type"), f"unknown layer type {layer.type!r}")
+def _check(layer: LayerParameter) -> None:
+    assert layer.type in {None, "", "Python", *options.layer_types()}, f"unknown layer type {layer.type!r}"
     create.check_options(layer)
-    return layer
 
 
-def _skeleton(tree: Message) -> SkeletonParameter:
-    """Build a skeleton; of a piece that refers to joints or DoFs outside it, only read the fields."""
-    skeleton = schema.read(tree, SkeletonParameter, "skeleton")
-    joints, dofs = {joint.name for joint in skeleton.joint}, {dof.name for dof in skeleton.dof}
-    parents = {joint.parent for joint in skeleton.joint} - {None}
+def _is_whole(skeleton: SkeletonParameter) -> bool:
+    """Whether joints refer only to joints and DoFs of the same piece."""
     moved = {motion.dof for joint in skeleton.joint for motion in (*joint.translate, *joint.rotate)}
-    if joints and parents <= joints and moved <= dofs:
-        Skeleton(skeleton)
-    return skeleton
+    joints, parents = ({getattr(joint, name) for joint in skeleton.joint} for name in ("name", "parent"))
+    return bool(joints) and parents - {None} <= joints and moved <= {dof.name for dof in skeleton.dof}
 
 
 def _fields(kind: type) -> set[str]:
-    return {schema.written_name(field.name) for field in dataclasses.fields(kind)} - {"blocks"}
-
-
-def _other_kinds() -> list[type]:
-    kinds = [kind for kind in vars(messages).values() if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
-    return [*kinds, *options.option_blocks().values()]
+    blocks = set(options.option_blocks()) if kind is LayerParameter else set()
+    return {schema.written_name(field.name) for field in dataclasses.fields(kind)} - {"blocks"} | blocks

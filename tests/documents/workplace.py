@@ -17,45 +17,28 @@ import netlib
 from netlib.files import own_modules
 
 ROOT = Path(__file__).resolve().parents[2]
-CODE = [
-    "netlib",
-    "layers",
-    "fast",
-    "handpose",
-    "exercises",
-    "experiments",
-    "export",
-    "tools",
-    "benchmarks",
-    "web",
-    "docs",
-]
-LINKED = (*CODE, "tests", "setup.cfg", "Makefile")
 COPIED = ("prototxt", "models")  # folders into which documents may write
+UNTRACKED = ("data", "snapshots", "site", "build", "demo")
+LINKED = [path.name for path in ROOT.iterdir() if path.name not in (*COPIED, *UNTRACKED) and path.name[0] != "."]
 LARGE = 100_000  # bytes; larger files are linked even there, and replaced when written, as all writers do
 
 
-def furnish(folder: Path) -> Path:
-    """Fill a new folder with the project's files, as links where nothing is written.
-
-    Returns a folder with the programs ``python``, ``handpose`` and ``netlib``, as if the package were installed.
-    """
+def furnish(folder: Path) -> None:
+    """Fill a new folder with the project's files, as links where nothing is written, and programs in .venv/bin."""
     folder.mkdir()
     for name in LINKED:
-        if (ROOT / name).exists():  # fast/ may be deleted
-            (folder / name).symlink_to(ROOT / name)
+        (folder / name).symlink_to(ROOT / name)
     for name in COPIED:
         shutil.copytree(ROOT / name, folder / name, copy_function=_small_copy,
                         ignore=shutil.ignore_patterns("__pycache__"))
-    python = folder.with_name(f"{folder.name}_python")
-    python.mkdir()
+    (folder / ".venv" / "bin").mkdir(parents=True)
     programs = {"python": "", "python3": ""}
     for name, function in (("handpose", "main"), ("netlib", "netlib")):  # as setup.cfg's console_scripts
         programs[name] = f'-c "from handpose.__main__ import {function}; {function}()"'
     for name, start in programs.items():
-        (python / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {start} "$@"\n')
-        (python / name).chmod(0o755)
-    return python
+        program = folder / ".venv" / "bin" / name
+        program.write_text(f'#!/bin/sh\nexec "{sys.executable}" {start} "$@"\n')
+        program.chmod(0o755)
 
 
 def _small_copy(source: str, target: str) -> None:
@@ -66,7 +49,7 @@ def _small_copy(source: str, target: str) -> None:
 
 
 def state() -> dict[str, tuple[int, int]]:
-    """Return the modification time and size of each file that a document can reach."""
+    """The modification time and size of each file that a document can reach."""
     found = {}
     for top in (*LINKED, *COPIED):
         for place, folders, names in os.walk(ROOT / top):
@@ -75,12 +58,6 @@ def state() -> dict[str, tuple[int, int]]:
                 about = (Path(place) / name).lstat()
                 found[f"{place}/{name}"] = (about.st_mtime_ns, about.st_size)
     return found
-
-
-def written(before: dict[str, tuple[int, int]]) -> list[str]:
-    """Return the files that were changed, added or removed."""
-    now = state()
-    return sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
 
 
 @contextlib.contextmanager

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import shutil
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,17 +12,22 @@ from typing import Any
 
 import pytest
 
-from docs.making.chromium import NoBrowserError, chromium
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update",
+         "--disable-sync")
 
 
 @contextlib.contextmanager
 def browsing() -> Iterator[Any]:
-    """A browser for tests that do not fork; skips if there is none."""
-    try:
-        with chromium() as opened:
+    """A browser without a window, for tests that do not fork; skips if there is none."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="tests of pages need: pip install -e '.[test]'")
+    path = next(filter(None, map(shutil.which, CHROMIUM)), None)
+    as_root = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
+    with sync_api.sync_playwright() as driver:
+        if path is None and not Path(driver.chromium.executable_path).is_file():
+            pytest.skip("no Chromium: install it, or run: playwright install chromium")
+        with contextlib.closing(driver.chromium.launch(executable_path=path, args=[*FLAGS, *as_root])) as opened:
             yield opened
-    except NoBrowserError as error:
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="module")

@@ -1,39 +1,31 @@
-"""One figure for each idea of the book, drawn from the numbers of its chapters."""
+"""Diagrams of chapters 1 to 5 and 7 to 9, drawn from the numbers of the chapters."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from docs.making.figures.drawn import new_figure
-from docs.making.palette import (
-    AXES,
-    DATA,
-    DIFF,
-    FIRST,
-    FOURTH,
-    INK,
-    LINE,
-    PALE_REST,
-    SECOND,
-    THIRD,
-)
+from docs.making.figures.drawing import new_figure
+from docs.making.figures.palette import AXES, DATA, DIFF, FIRST, FOURTH, INK, LINE, PALE_REST, SECOND, THIRD
 from layers.hand.kinematics import rotation
 from netlib.blob import Array
 
-PARTS = (FIRST, SECOND, THIRD, FOURTH)
 IMAGE = np.array([[1, 2, 0, 1], [0, 1, 3, 1], [2, 0, 1, 0], [1, 1, 0, 2]])  # of chapter 3
 KERNEL = np.array([[1, 2], [0, -1]])
+Place = tuple[float, float]
 
 
-def _blank(axes: Any, width: float, height: float) -> None:
-    axes.set(xlim=(0, width), ylim=(0, height), aspect="equal")
+def _canvas(inches: Place, size: Place) -> tuple[Any, Any]:
+    """A figure and its axes, which are not drawn; ``size`` is the range of x and y."""
+    figure = new_figure(*inches)
+    axes = figure.add_subplot()
+    axes.set(xlim=(0, size[0]), ylim=(0, size[1]), aspect="equal")
     axes.axis("off")
+    return figure, axes
 
 
-def _box(axes: Any, x: float, y: float, words: str, width: float = 1.5, colour: str = PALE_REST) -> None:
+def _box(axes: Any, x: float, y: float, words: str, width: float, colour: str = PALE_REST) -> None:
     from matplotlib.patches import FancyBboxPatch
 
     corner = (x - width / 2, y - 0.32)
@@ -41,35 +33,31 @@ def _box(axes: Any, x: float, y: float, words: str, width: float = 1.5, colour: 
     axes.text(x, y, words, ha="center", va="center", fontsize=9)
 
 
-def _arrow(axes: Any, start: tuple[float, float], end: tuple[float, float], colour: str = INK) -> None:
+def _arrow(axes: Any, start: Place, end: Place, colour: str = INK) -> None:
     axes.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.2})
 
 
-def _wire(
-    axes: Any, start: tuple[float, float], end: tuple[float, float], value: str, gradient: str, side: int = 0
-) -> None:
+def _wire(axes: Any, start: Place, end: Place, value: str, gradient: str, side: int = 0) -> None:
     """An arrow with its value above and its gradient below; both above (1) or below (-1) one that is not level."""
     _arrow(axes, start, end)
     x, y = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
+    steep = abs(end[1] - start[1]) > 1
     if side:
-        x, y = x - 0.15 * (abs(end[1] - start[1]) > 1), y + side * (0.55 + 0.3 * (abs(end[1] - start[1]) > 1))
-    for number, (words, colour) in enumerate(((value, DATA), (gradient, DIFF))):
-        aside = 0.22 - 0.44 * number
-        axes.text(x - (0.55 if side and abs(end[1] - start[1]) > 1 else 0), y + aside, words, color=colour, ha="center",
-                  va="center", fontsize=9)
+        x, y = (x - 0.7, y + side * 0.85) if steep else (x, y + side * 0.55)
+    for words, colour, above in ((value, DATA, 0.22), (gradient, DIFF, -0.22)):
+        axes.text(x, y + above, words, color=colour, ha="center", va="center", fontsize=9)
 
 
-def _grid(axes: Any, x: float, y: float, numbers: Array, size: float = 0.7, shade: Array | None = None) -> None:
+def _grid(axes: Any, x: float, y: float, numbers: Array, shade: Array | None = None, size: float = 0.7) -> None:
     """A matrix as squares; ``shade`` has a colour for each, or "" for none. (x, y) is the upper left corner."""
     from matplotlib.patches import Rectangle
 
     for (row, column), number in np.ndenumerate(numbers):
-        place = (x + column * size, y - (row + 1) * size)
+        left, bottom = x + column * size, y - (row + 1) * size
         colour = (shade[row, column] if shade is not None else "") or "white"
-        axes.add_patch(
-            Rectangle(place, size, size, facecolor=colour, edgecolor=LINE, alpha=0.55 if colour != "white" else 1)
-        )
-        axes.text(place[0] + size / 2, place[1] + size / 2, f"{number:g}", ha="center", va="center", fontsize=9)
+        opacity = 0.55 if colour != "white" else 1
+        axes.add_patch(Rectangle((left, bottom), size, size, facecolor=colour, edgecolor=LINE, alpha=opacity))
+        axes.text(left + size / 2, bottom + size / 2, f"{number:g}", ha="center", va="center", fontsize=9)
 
 
 def circuit() -> Any:
@@ -78,11 +66,9 @@ def circuit() -> Any:
     a, y = w * x, max(w * x, 0.0)
     loss, dy = 0.5 * (y - t) ** 2, y - t
     da = dy * (a > 0)
-    figure = new_figure(8.0, 2.4)
-    axes = figure.add_subplot()
-    _blank(axes, 11.2, 3.2)
+    figure, axes = _canvas((8.0, 2.4), (11.2, 3.2))
     for place, words in ((2.6, "weigh: a = w x"), (5.8, "cut: max(a, 0)"), (9.0, "compare: ½ (y − t)²")):
-        _box(axes, place, 1.6, words, width=2.0)
+        _box(axes, place, 1.6, words, 2.0)
     _wire(axes, (0.1, 2.4), (1.5, 1.8), f"x = {x:g}", f"dx = {da * w:g}", side=1)
     _wire(axes, (0.1, 0.8), (1.5, 1.4), f"w = {w:g}", f"dw = {da * x:g}", side=-1)
     _wire(axes, (3.7, 1.6), (4.7, 1.6), f"a = {a:g}", f"da = {da:g}")
@@ -95,61 +81,34 @@ def circuit() -> Any:
 def outer() -> Any:
     """Chapter 2's dw: for each item, its column of dy times its row of x."""
     x, dy = np.array([[1.0, 2, 0], [0, -1, 1]]), np.array([[1.0, 0], [2, -1]])
-    figure = new_figure(8.5, 2.5)
-    axes = figure.add_subplot()
-    _blank(axes, 15.2, 4.0)
-    left = 0.2
+    figure, axes = _canvas((8.5, 2.5), (15.2, 4.0))
     for n, colour in enumerate((FIRST, SECOND)):
-        _grid(axes, left, 2.4, dy[n][:, None], shade=np.full((2, 1), colour))
-        _grid(axes, left + 1.1, 3.4, x[n][None], shade=np.full((1, 3), colour))
+        left = 0.2 + 4.6 * n
+        _grid(axes, left, 2.4, dy[n][:, None], np.full((2, 1), colour))
+        _grid(axes, left + 1.1, 3.4, x[n][None], np.full((1, 3), colour))
         _grid(axes, left + 1.1, 2.4, np.outer(dy[n], x[n]) + 0)
         axes.text(left, 0.5, f"dy[{n}] as a column, x[{n}] as a row", fontsize=8.5, color=INK)
         axes.text(left + 3.6, 1.65, "+" if n == 0 else "=", fontsize=14, ha="center", va="center")
-        left += 4.6
-    _grid(axes, left, 2.4, dy.T @ x)
-    axes.text(left, 0.5, "dw = dyᵀ x", fontsize=9)
-    return figure
-
-
-def initial() -> Any:
-    """Chapter 2: standard deviations in ten layers of 512 with ReLU, by either rule."""
-    figure = new_figure(6.5, 3.0)
-    axes = figure.add_subplot()
-    for factor, name, colour in ((1, "Xavier, 1/I", FIRST), (2, "He, 2/I", SECOND)):
-        rng, deviations = np.random.default_rng(0), []
-        y = rng.normal(size=(1000, 512))
-        for _ in range(10):
-            y = np.maximum(y, 0) @ rng.normal(0, np.sqrt(factor / 512), (512, 512)).T
-            deviations.append(float(y.std()))
-        axes.semilogy(range(1, 11), deviations, "o-", color=colour, label=name)
-    axes.set(
-        xlabel="layer", ylabel="standard deviation", ylim=(0.01, 2), title="ten layers of 512 with ReLU between them"
-    )
-    axes.grid(alpha=0.3)
-    axes.legend()
+    _grid(axes, 9.4, 2.4, dy.T @ x)
+    axes.text(9.4, 0.5, "dw = dyᵀ x", fontsize=9)
     return figure
 
 
 def window() -> Any:
     """Chapter 3: a window and its number; a number of dy and its stamp."""
-    figure = new_figure(8.5, 3.3)
-    axes = figure.add_subplot()
-    _blank(axes, 14.4, 4.6)
-    shade = np.full((4, 4), "", dtype=object)
-    shade[1:3, 2:4] = FIRST
-    _grid(axes, 0.1, 3.9, IMAGE, shade=shade)
-    _grid(axes, 3.3, 3.2, KERNEL, shade=np.full((2, 2), SECOND))
+    figure, axes = _canvas((8.5, 3.3), (14.4, 4.6))
+    shade, one = np.full((4, 4), "", dtype=object), np.full((3, 3), "", dtype=object)
+    shade[1:3, 2:4] = one[1, 2] = FIRST
     y = np.array([[(IMAGE[h : h + 2, v : v + 2] * KERNEL).sum() + 1 for v in range(3)] for h in range(3)])
-    one = np.full((3, 3), "", dtype=object)
-    one[1, 2] = FIRST
-    _grid(axes, 5.2, 3.6, y, shade=one)
+    _grid(axes, 0.1, 3.9, IMAGE, shade)
+    _grid(axes, 3.3, 3.2, KERNEL, np.full((2, 2), SECOND))
+    _grid(axes, 5.2, 3.6, y, one)
     axes.text(0.1, 4.15, "forward: x, kernel, y", fontsize=9)
     axes.text(0.1, 0.4, "window × kernel, summed, + 1 = 6", fontsize=9)
-    dy = np.array([[1, 0, 0], [0, 0, 2], [0, -1, 0]])
-    stamp = np.zeros((4, 4))
+    dy, stamp = np.array([[1, 0, 0], [0, 0, 2], [0, -1, 0]]), np.zeros((4, 4))
     stamp[1:3, 2:4] = dy[1, 2] * KERNEL
-    _grid(axes, 8.4, 3.6, dy, shade=one)
-    _grid(axes, 11.3, 3.9, stamp, shade=np.where(shade == "", "", SECOND))
+    _grid(axes, 8.4, 3.6, dy, one)
+    _grid(axes, 11.3, 3.9, stamp, np.where(shade == "", "", SECOND))
     axes.text(8.4, 4.15, "backward: dy, its stamp on dx", fontsize=9)
     axes.text(8.4, 0.4, "2 × kernel, added where the window was", fontsize=9)
     return figure
@@ -157,22 +116,18 @@ def window() -> Any:
 
 def im2col() -> Any:
     """Chapter 3: the columns of a 4 × 4 image for a kernel of 2 × 2; four pixels in colour."""
-    figure = new_figure(8.5, 3.0)
-    axes = figure.add_subplot()
-    _blank(axes, 12.6, 4.4)
-    pixels = ((0, 0), (1, 1), (1, 2), (2, 3))
+    figure, axes = _canvas((8.5, 3.0), (12.6, 4.4))
     shade = np.full((4, 4), "", dtype=object)
-    for place, colour in zip(pixels, PARTS):
+    for place, colour in zip(((0, 0), (1, 1), (1, 2), (2, 3)), (FIRST, SECOND, THIRD, FOURTH)):
         shade[place] = colour
-    _grid(axes, 0.1, 3.7, IMAGE, shade=shade)
     columns, colours = np.zeros((4, 9)), np.full((4, 9), "", dtype=object)
     for row, (i, j) in enumerate(np.ndindex(2, 2)):
         columns[row], colours[row] = IMAGE[i : i + 3, j : j + 3].ravel(), shade[i : i + 3, j : j + 3].ravel()
-    _grid(axes, 5.6, 3.7, columns, shade=colours)
-    for row, (i, j) in enumerate(np.ndindex(2, 2)):
         axes.text(5.45, 3.35 - 0.7 * row, f"times w[{i}, {j}]", ha="right", va="center", fontsize=8.5)
-    axes.text(5.6, 4.0, "a column for each of the nine windows", fontsize=9)
-    axes.text(0.1, 4.0, "x", fontsize=9)
+    for left, numbers, own, title in ((0.1, IMAGE, shade, "x"),
+                                      (5.6, columns, colours, "a column for each of the nine windows")):
+        _grid(axes, left, 3.7, numbers, own)
+        axes.text(left, 4.0, title, fontsize=9)
     return figure
 
 
@@ -185,11 +140,9 @@ def winners() -> Any:
         row, column = np.unravel_index(part.argmax(), part.shape)
         place = 2 * h + int(row), 2 * v + int(column)
         shade[place], dx[place] = SECOND, number + 1
-    figure = new_figure(7.0, 3.2)
-    axes = figure.add_subplot()
-    _blank(axes, 9.6, 4.4)
+    figure, axes = _canvas((7.0, 3.2), (9.6, 4.4))
     for left, numbers, title in ((0.2, x, "x: winners in orange"), (5.2, dx, "dx: dy at the winners, 0 elsewhere")):
-        _grid(axes, left, 3.7, numbers, shade=shade)
+        _grid(axes, left, 3.7, numbers, shade)
         axes.text(left, 3.95, title, fontsize=9)
         for at in (1.4, 2.8):
             axes.plot([left + at, left + at], [0.2, 3.7], color=INK, lw=2)
@@ -199,12 +152,10 @@ def winners() -> Any:
 
 def small_pass() -> Any:
     """Chapter 5: the small net with x = 2 and t = 1; each wire with its value and its gradient."""
-    figure = new_figure(9.5, 3.8)
-    axes = figure.add_subplot()
-    _blank(axes, 17.0, 6.0)
+    figure, axes = _canvas((9.5, 3.8), (17.0, 6.0))
     for x, y, words in ((2.6, 3, "first"), (5.4, 3, "second"), (8.4, 3, "relu"), (11.2, 3, "Split"),
                         (14.0, 5.2, "out"), (14.0, 3, "mean"), (14.0, 0.8, "size"), (16.2, 5.2, "loss")):
-        _box(axes, x, y, words, width=1.1, colour=PALE_REST if words not in ("first", "mean") else "white")
+        _box(axes, x, y, words, 1.1, PALE_REST if words not in ("first", "mean") else "white")
     _wire(axes, (0.2, 3), (1.9, 3), "x = 2", "–")
     _wire(axes, (3.3, 3), (4.7, 3), "a = 3", "–")
     _wire(axes, (6.1, 3), (7.7, 3), "h = [3 −2]", "[1.75 0]")
@@ -220,100 +171,50 @@ def small_pass() -> Any:
     return figure
 
 
-def overfitting() -> Any:
-    """Chapter 7's thirty rows of noise: the loss on them and on a thousand others, without and with decay."""
-    rng = np.random.default_rng(0)
-
-    def rows(count: int) -> tuple[Array, Array]:
-        x = rng.normal(size=(count, 20))
-        return x, x[:, 0] - x[:, 1] + rng.normal(size=count)
-
-    (x, t), (others, targets) = rows(30), rows(1000)
-    figure = new_figure(8.0, 3.0)
-    for axes, decay in zip(figure.subplots(1, 2, sharey=True), (0.0, 1.0)):
-        w, b, seen, unseen = np.zeros(20), 0.0, [], []
-        for _ in range(501):
-            error = x @ w + b - t
-            seen.append(float(0.5 * (error**2).mean()))
-            unseen.append(float(0.5 * ((others @ w + b - targets) ** 2).mean()))
-            w, b = w - 0.1 * (x.T @ error / 30 + decay * w), b - 0.1 * (error.mean() + decay * b)
-        axes.plot(range(1, 502), seen, color=FIRST, label="30 training rows")
-        axes.plot(range(1, 502), unseen, color=SECOND, label="1,000 other rows")
-        axes.set(xscale="log", xlabel="iteration", title=f"weight_decay: {decay:g}", ylim=(0, 2))
-        axes.grid(alpha=0.3)
-    figure.axes[0].set_ylabel("loss")
-    figure.axes[0].legend(fontsize=8)
-    return figure
-
-
 def dropout() -> Any:
     """Chapter 7: a mask with p = ½ on four values, and on the gradients that come back."""
     x, keep, dy = np.array([[3, 5, 7, 9]]), np.array([[1, 0, 0, 1]]), np.array([[1, 2, 3, 4]])
-    shade = np.where(keep > 0, DATA, "").astype(object)
-    figure = new_figure(7.5, 2.2)
-    axes = figure.add_subplot()
-    _blank(axes, 13.0, 3.2)
-    for left, numbers, words, colours in ((0.2, x, "x", None), (3.4, 2 * keep, "keep / (1 − p)", shade),
-                                          (6.6, 2 * keep * x, "y", shade)):
-        _grid(axes, left, 2.6, numbers, shade=colours)
-        axes.text(left, 2.75, words, fontsize=9, color=DATA)
-    back = np.where(keep > 0, DIFF, "").astype(object)
-    for left, numbers, words, colours in ((6.6, dy, "dy", None), (3.4, 2 * keep, "the same factors", back),
-                                          (0.2, 2 * keep * dy, "dx", back)):
-        _grid(axes, left, 1.2, numbers, shade=colours)
-        axes.text(left, 0.1, words, fontsize=9, color=DIFF)
+    figure, axes = _canvas((7.5, 2.2), (13.0, 3.2))
+    forward = ((0.2, x, "x"), (3.4, 2 * keep, "keep / (1 − p)"), (6.6, 2 * keep * x, "y"))
+    backward = ((6.6, dy, "dy"), (3.4, 2 * keep, "the same factors"), (0.2, 2 * keep * dy, "dx"))
+    for row, y, label_y, colour in ((forward, 2.6, 2.75, DATA), (backward, 1.2, 0.1, DIFF)):
+        for n, (left, numbers, words) in enumerate(row):
+            _grid(axes, left, y, numbers, np.where(keep > 0, colour, "") if n else None)
+            axes.text(left, label_y, words, fontsize=9, color=colour)
     axes.text(9.8, 2.25, "forward →", fontsize=9, color=DATA, va="center")
     axes.text(9.8, 0.85, "← backward", fontsize=9, color=DIFF, va="center")
     return figure
 
 
 def rotations() -> Any:
-    """Chapter 8: a finger along y, rotated by quarter turns in two orders."""
-    quarter, finger = np.pi / 2, np.array([0.0, 1, 0])
-    X, Z = 0, 2
-    shown: Sequence[tuple[str, Array]] = (
-        ("not rotated", np.eye(3)),
-        ("R_z R_x: points away", rotation(Z, quarter) @ rotation(X, quarter)),
-        ("R_x R_z: points left", rotation(X, quarter) @ rotation(Z, quarter)),
-    )
+    """Chapter 8: a palm with fingers along y, rotated by quarter turns about x and z in two orders."""
+    x, z = rotation(0, np.pi / 2), rotation(2, np.pi / 2)
+    away = np.array([0.45, 0.35])  # how z, away from the viewer, is drawn
     figure = new_figure(8.5, 3.0)
-    away = np.array([0.45, 0.35])  # how z, away from us, is drawn
-    for n, (words, R) in enumerate(shown):
-        axes = figure.add_subplot(1, 3, n + 1)
-        axes.set(xlim=(-1.3, 1.3), ylim=(-0.9, 1.3), aspect="equal", title=words)
+    for n, (title, turn) in enumerate((("not rotated", np.eye(3)), ("R_z R_x: points away", z @ x),
+                                       ("R_x R_z: points left", x @ z)), 1):
+        axes = figure.add_subplot(1, 3, n)
+        axes.set(xlim=(-1.3, 1.3), ylim=(-0.9, 1.3), aspect="equal", title=title)
         axes.axis("off")
-        for axis, (name, colour) in enumerate(zip("xyz", AXES)):
-            tip = 0.8 * (np.eye(3)[axis, :2] + np.eye(3)[axis, 2] * away)
+        for axis, name, colour in zip(np.eye(3), "xyz", AXES):
+            tip = 0.8 * (axis[:2] + axis[2] * away)
             axes.plot([0, tip[0]], [0, tip[1]], ":", color=colour, lw=1)
             axes.text(*(1.15 * tip), name, color=colour, fontsize=9, ha="center", va="center")
-        for offset in (-0.24, -0.08, 0.08, 0.24):  # a palm of four fingers
-            base, end = (
-                R @ np.array([offset, 0, 0]),
-                R @ (np.array([offset, 0, 0]) + finger * (0.75 if offset < 0.2 else 0.6)),
-            )
-            drawn = np.array([point[:2] + point[2] * away for point in (base, end)])
-            axes.plot(*drawn.T, color=INK, lw=4, solid_capstyle="round", alpha=0.75)
+        for offset in (-0.24, -0.08, 0.08, 0.24):
+            finger = np.array([[offset, 0, 0], [offset, 0.75 if offset < 0.2 else 0.6, 0]]) @ turn.T
+            axes.plot(*(finger[:, :2] + finger[:, 2:] * away).T, color=INK, lw=4, solid_capstyle="round", alpha=0.75)
     return figure
 
 
 def torque_box() -> Any:
     """Chapter 9: the edges a, r and f of a box, whose volume is the gradient of the angle."""
-    figure = new_figure(5.0, 3.4)
-    axes = figure.add_subplot()
-    _blank(axes, 6.0, 4.2)
-    a, r, f = np.array([0.0, 2.2]), np.array([2.8, 0.35]), np.array([1.0, 0.95])
+    figure, axes = _canvas((5.0, 3.4), (6.0, 4.2))
     origin = np.array([0.8, 0.5])
-    for start in (np.zeros(2), a, r, f, a + r, a + f, r + f):
-        for edge in (a, r, f):
-            if not any(np.allclose(start, one) for one in (edge, edge + a, edge + r, edge + f)):
-                end = start + edge
-                if all(abs(np.linalg.solve(np.array([r, a]).T, end - k * f)).max() < 2.1 for k in (0, 1)):
-                    axes.plot(*np.array([origin + start, origin + end]).T, color=LINE, lw=0.8)
-    for edge, words, colour in (
-        (a, "a: the axis", AXES[2]),
-        (r, "r: the lever X − P", INK),
-        (f, "f = dL/dX", DIFF),
-    ):
+    a, r, f = np.array([0.0, 2.2]), np.array([2.8, 0.35]), np.array([1.0, 0.95])
+    for edge, one, other in ((a, r, f), (r, a, f), (f, a, r)):
+        for start in (one, other, one + other):
+            axes.plot(*np.array([origin + start, origin + start + edge]).T, color=LINE, lw=0.8)
+    for edge, words, colour in ((a, "a: the axis", AXES[2]), (r, "r: the lever X − P", INK), (f, "f = dL/dX", DIFF)):
         _arrow(axes, tuple(origin), tuple(origin + edge), colour)
         axes.text(*(origin + 1.04 * edge + (0.05, 0.05)), words, color=colour, fontsize=9)
     axes.set_title("f · (a × r) = a · (r × f): the volume of the box", fontsize=10)

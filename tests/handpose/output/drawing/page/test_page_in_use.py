@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from docs.making import hand_page
+from docs.making import pages
 from layers.hand.kinematics import Kinematics
 from tests.handpose.output.drawing.page.page_reading import HAND, colours, inputs_in, joints_in, joints_of, slider, tip
 
@@ -21,9 +21,8 @@ Visit = Callable[..., Any]
 @pytest.fixture(scope="module")
 def packaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of the documents, with three bodies."""
-    (made,) = hand_page.made()
     path = tmp_path_factory.mktemp("packaged") / "hand.html"
-    path.write_bytes(made.make())
+    path.write_text(pages.hand(), encoding="utf-8")
     return path
 
 

@@ -1,0 +1,96 @@
+"""What documents take from the code. ``make docs`` has cog call these functions, which print Markdown.
+
+In a document, the result stands between two comments:
+
+    <!--cog code("layers/hand/kinematics.py", "rotation") cog-->
+    <!--end-->
+"""
+
+from __future__ import annotations
+
+import ast
+import textwrap
+
+from exercises.checking import steps
+from exercises.relu import OneAtZero
+from exercises.runner import LocalRunner
+from exercises.table import EXERCISES
+from handpose.body.joint_formats.formats import FORMATS, FormatName, JointFormat
+from handpose.body.joint_formats.points import POINTS, Point
+from netlib.files.paths import ROOT
+
+LANGUAGES = {".py": "python", ".prototxt": "prototxt"}
+FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "openxr": "OpenXR", "mano": "MANO"}
+
+
+def code(name: str, *names: str) -> None:
+    """A file as a block of code, or some functions, classes, methods and constants of it, without indentation.
+
+    The name ``docstring`` is the module's. Raises ValueError for a name that the file does not define.
+    """
+    path = ROOT / name
+    text = path.read_text(encoding="utf-8")
+    pieces = [_source(text, one, name) for one in names] or [text.rstrip("\n")]
+    print(f"```{LANGUAGES[path.suffix]}", "\n\n".join(pieces), "```", sep="\n")
+
+
+def _source(text: str, wanted: str, name: str) -> str:
+    tree = ast.parse(text)
+    if wanted == "docstring":
+        return f'"""{ast.get_docstring(tree, clean=False)}"""'
+    statements, found = tree.body, None
+    for part in wanted.split("."):
+        found = next((statement for statement in statements if part in _defined(statement)), None)
+        if found is None:
+            raise ValueError(f"{name} does not define {wanted}")
+        statements = found.body if isinstance(found, ast.ClassDef) else []
+    assert found is not None
+    first = min([found.lineno, *(decorator.lineno for decorator in getattr(found, "decorator_list", ()))])
+    return textwrap.dedent("\n".join(text.splitlines()[first - 1 : found.end_lineno]))
+
+
+def _defined(statement: ast.stmt) -> list[str]:
+    """The names that a statement defines."""
+    if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+        return [statement.name]
+    targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+    return [target.id for target in targets if isinstance(target, ast.Name)]
+
+
+def exercises() -> None:
+    """A table of the exercises, in the order of the book."""
+    print("| | exercise | to implement | chapter |\n|---|---|---|---|")
+    for number, exercise in enumerate(EXERCISES.values(), 1):
+        names = ", ".join(f"`{name.rpartition('.')[2]}`" for name in exercise.to_do)
+        (chapter,) = (ROOT / "docs" / "book").glob(f"{exercise.chapter}_*.md")
+        title = chapter.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
+        print(f"| {number} | {exercise.name} | {exercise.title} ({names}) | [{title}](../book/{chapter.name}) |")
+
+
+def failed_exercise() -> None:
+    """The report on a ReLU whose gradient at 0 is 1."""
+    exercise = EXERCISES["relu"]
+    print("```text")
+    for step in steps(exercise, LocalRunner(exercise, OneAtZero)):
+        print(f"{'✓' if step.passed else '✗'} {step.title}")
+        for line in step.lines:
+            print(textwrap.indent(textwrap.fill(line, 110), "    "))
+    print("```")
+
+
+def joint_formats() -> None:
+    """A table of the points of a hand: how each is computed, and the joints that other formats have there."""
+    rows = [["computed as", *FORMAT_TITLES.values(), "against the anatomical point"]]
+    rows.append(["---"] * len(rows[0]))
+    for point in POINTS.values():
+        joints = [_joints_at(point, FORMATS[name]) for name in FORMAT_TITLES]
+        if any(joints):
+            terms = [f"`{j}`" if weight == 1 else f"{weight:.3g} `{j}`" for j, weight in point.weights.items()]
+            rows.append([" + ".join(terms).replace("+ -", "− "), *joints, point.bias])
+    for row in rows:
+        print(f"| {' | '.join(row)} |")
+
+
+def _joints_at(point: Point, joint_format: JointFormat) -> str:
+    """The numbers and names of a format's joints at a point."""
+    return ", ".join(f"`{n} {name}`" for n, (name, at) in enumerate(joint_format.joints.items()) if at is point)

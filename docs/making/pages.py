@@ -1,0 +1,203 @@
+"""Pages for the browser, one self-contained file each. ``make docs`` writes them: docs/hand.html and those of the book.
+
+The numbers that a page shows are computed here, by the code that the book is about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import netlib
+from docs.making.figures import palette
+from docs.making.figures.training import START, STEEP, STEPS
+from handpose.output.drawing.page.assembly import assembled, page, script_of, source
+from handpose.output.drawing.page.content import body, content
+from handpose.sequences.gestures import poses
+from handpose.synthetic.pose_prior import BodySampler
+from layers.hand import skeleton as skeletons
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib.blob import Array
+from netlib.files import atomic
+from netlib.files.paths import ROOT
+from netlib.proto import prototxt, schema
+
+BROWSER = ROOT / "web" / "book"  # the sources of the book's pages
+COLOURS = ("DATA", "DIFF", "PALE_DATA", "PALE_DIFF", "REST", "PALE_REST", "POSITIVE", "NEGATIVE")  # of palette.py
+
+
+def pages() -> dict[str, str]:
+    """Each page as HTML, by the name of its file."""
+    return {"hand": hand(), **{name: book_page(name) for name in BOOK}}
+
+
+def book_page(name: str) -> str:
+    """A page of the book, from its sources and its data."""
+    title, data = BOOK[name]
+    colours = "".join(f"--{key.lower().replace('_', '-')}: {getattr(palette, key)}; " for key in COLOURS)
+    style = f":root {{ {colours}}}\n" + source("common.css", BROWSER)
+    main = "<h1>$title</h1>\n" + source(f"{name}.html", BROWSER)
+    return assembled(title, data(), main, style, script_of(name, BROWSER))
+
+
+# ---------------------------------------------------------------------------------------------- the hand
+
+PERSON_UNIT_MM = 1200.0
+# The arm of chapters 8 and 9: two bones in a plane, in numbers for pencil and paper.
+ARM = """name: "arm"
+dof { name: "shoulder" }
+dof { name: "elbow" lower: 0 upper: 2.6 }
+joint { name: "elbow" rotate { axis: Z dof: "shoulder" } bone { axis: X length: 5 } }
+joint { name: "wrist" parent: "elbow" rotate { axis: Z dof: "elbow" } bone { axis: X length: 2 } }
+"""
+
+
+def hand() -> str:
+    """The packaged hand with its gestures; also the book's arm, and the person."""
+    sampler = BodySampler()
+    data = content(sampler.skeleton, poses=poses(sampler))
+    arm = Skeleton(schema.read(prototxt.parse(ARM, "arm.prototxt"), SkeletonParameter))
+    person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
+    data["bodies"] = [body("hand", sampler.skeleton), body("arm", arm), body("person", person, PERSON_UNIT_MM)]
+    return page("The hand", data)
+
+
+# ---------------------------------------------------------------------------------------------- momentum
+
+
+def momentum() -> dict[str, Any]:
+    """The valley and the start of chapter 6, and the number of steps; the browser computes the paths."""
+    return {"start": START, "kappa": float(STEEP[1] / STEEP[0]), "steps": STEPS}
+
+
+# ---------------------------------------------------------------------------------------------- windows
+
+PICTURE = np.array([
+    [0, 0, 1, 0, 0, 0],
+    [0, 2, 6, 3, 0, 1],
+    [1, 6, 9, 8, 2, 0],
+    [0, 7, 9, 9, 5, 0],
+    [2, 5, 8, 7, 6, 1],
+    [0, 1, 4, 5, 2, 0],
+])
+SEED = 10
+KERNEL = np.array([[1, 0, -1], [2, 0, -2], [1, 0, -1]])  # finds vertical edges
+LAYERS: dict[str, tuple[str, str]] = {  # title: type and options
+    "convolution 3 × 3": ("Convolution", "kernel_size: 3"),
+    "convolution 3 × 3, pad 1": ("Convolution", "kernel_size: 3 pad: 1"),
+    "convolution 3 × 3, pad 1, stride 2": ("Convolution", "kernel_size: 3 pad: 1 stride: 2"),
+    "convolution 3 × 3, dilation 2": ("Convolution", "kernel_size: 3 dilation: 2"),
+    "max pooling 2 × 2, stride 2": ("Pooling", "pool: MAX kernel_size: 2 stride: 2"),
+    "max pooling 3 × 3, stride 2 (windows overlap)": ("Pooling", "pool: MAX kernel_size: 3 stride: 2"),
+    "mean pooling 2 × 2, stride 2": ("Pooling", "pool: AVE kernel_size: 2 stride: 2"),
+}
+
+
+def windows() -> dict[str, Any]:
+    """An entry for each of LAYERS."""
+    return {"layers": [_entry(title, kind, options) for title, (kind, options) in LAYERS.items()]}
+
+
+def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
+    """The padded picture, kernel and bias of a layer, dy, and ``windows``: per output [input, element, share].
+
+    All arrays are lists, row by row. Inputs are counted in the padded picture; ``element`` is that of the kernel, -1 in
+    pooling; ``share`` is that of an input in a mean, else 0. They are the gradients of one output: with a kernel of
+    different numbers, the gradient identifies the element.
+    """
+    pad = int(options.partition("pad: ")[2][:1] or 0)
+    padded = np.pad(PICTURE, pad)
+    layer = SmallLayer(kind, options, PICTURE)
+    if kind == "Convolution":
+        unpadded = SmallLayer(kind, options.replace(f" pad: {pad}", ""), padded, np.arange(1, 10).reshape(3, 3))
+        windows = [[(j, int(n) - 1, 0.0) for j, n in enumerate(row) if n] for row in unpadded.shares()]
+    else:
+        means = SmallLayer(kind, options.replace("MAX", "AVE"), PICTURE).shares()
+        windows = [[(j, -1, 0.0 if "MAX" in options else float(n)) for j, n in enumerate(row) if n] for row in means]
+    return {
+        "title": title, "maximum": "MAX" in options, "pad": pad, "windows": windows, "x": padded.ravel().tolist(),
+        "w": KERNEL.ravel().tolist() if kind == "Convolution" else None, "b": [0] if kind == "Convolution" else None,
+        "dy": np.random.default_rng(SEED).integers(-2, 3, layer.y.size).tolist(),
+        "columns": {"x": padded.shape[1], "w": 3, "b": 1, "y": layer.y.shape[1]},
+    }
+
+
+class SmallLayer:
+    """A net of one layer, with one picture in and one out."""
+
+    def __init__(self, kind: str, options: str, picture: Array, kernel: Array = KERNEL, bias: float = 0) -> None:
+        outputs = " num_output: 1" if kind == "Convolution" else ""
+        self.net = netlib.Net(prototxt.parse(f"""
+            force_backward: true
+            layer {{ name: "data" type: "Input" top: "x"
+                     input_param {{ shape {{ dim: 1 dim: 1 dim: {picture.shape[0]} dim: {picture.shape[1]} }} }} }}
+            layer {{ name: "y" type: "{kind}" bottom: "x" top: "y" {kind.lower()}_param {{ {options}{outputs} }} }}
+            """), netlib.TRAIN, dtype=np.float64, engine="plain")
+        if kind == "Convolution":
+            w, b = self.net.params["y"]
+            w.data[0, 0], b.data[0] = kernel, bias
+        self.net.blobs["x"].data[0, 0] = picture
+        self.net.run_forward()
+        self.y: Array = self.net.blobs["y"].data[0, 0].copy()
+
+    def backward(self, dy: Array) -> Array:
+        """dx. The diffs of the parameters are those of this pass."""
+        self.net.clear_param_diffs()
+        self.net.blobs["y"].diff[0, 0] = dy
+        self.net.run_backward()
+        return self.net.blobs["x"].diff[0, 0].copy()
+
+    def shares(self) -> list[Array]:
+        """For each output, in rows, the derivatives by all inputs, in rows."""
+        return [self.backward(one).ravel() for one in np.eye(self.y.size).reshape(-1, *self.y.shape)]
+
+
+# ---------------------------------------------------------------------------------------------- the small net
+
+INPUTS = {"x": [2.0], "t": [1.0]}
+PARAMS: dict[str, list[Any]] = {"first": [[[1.5]]], "second": [[[1], [-1]], [0, 1]], "out": [[[0.5, 1]]]}
+
+
+def new_small_net() -> netlib.Net:
+    """The net of docs/book/small.prototxt, with the numbers of chapter 5."""
+    net = netlib.Net(ROOT / "docs" / "book" / "small.prototxt", netlib.TRAIN, dtype=np.float64, engine="plain")
+    for name, values in INPUTS.items():
+        net.blobs[name].data[...] = values
+    for name, params in PARAMS.items():
+        for blob, value in zip(net.params[name], params):
+            blob.data[...] = value
+    return net
+
+
+def small_net() -> dict[str, Any]:
+    """Layers in order, each with the blobs that it reads and writes, whether it runs backwards, and its parameters."""
+    net = new_small_net()
+    name_of = {id(blob): name for name, blob in net.blobs.items()}
+    return {
+        "inputs": {name: list(values) for name, values in INPUTS.items()},
+        "losses": {name: weight for _, weight, name in net.losses},
+        "layers": [
+            {
+                "name": at.layer.name, "type": at.layer.type,
+                "bottom": [name_of[id(blob)] for blob in at.bottom], "top": [name_of[id(blob)] for blob in at.top],
+                "backward": at.needs_backward, "down": list(at.propagate_down),
+                "params": [np.asarray(blob.data).tolist() for blob in at.layer.blobs],
+                "operation": at.layer.param.operation if at.layer.type == "Reduction" else "",
+            }
+            for at in net.connections
+        ],
+    }
+
+
+BOOK: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {  # name of the file: (title, a function of its data)
+    "momentum": ("Momentum", momentum),
+    "windows": ("Convolution and pooling", windows),
+    "small_net": ("A small net, step by step", small_net),
+}
+
+if __name__ == "__main__":
+    for name, text in pages().items():
+        atomic.replace_text(ROOT / "docs" / f"{name}.html", text)

@@ -1,0 +1,92 @@
+"""Documents: links lead to files, headings and names that exist, and the reference pages are complete."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+import handpose
+from layers import LAYER_TYPES
+from netlib import caffe, engine
+from netlib.caffe import pycaffe
+from netlib.files.paths import ROOT
+
+PLACES = ("*.md", "docs/**/*.md", "models/**/*.md", "tests/**/*.md")
+DOCUMENTS = sorted(path for place in PLACES for path in ROOT.glob(place))
+CODE = re.compile(r"^ *(`{3,}).*?^ *\1|(?<!`)(`+)(?!`).+?(?<!`)\2(?!`)", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r'\]\(<?(?![a-z]+:)([^)\s>#]*)#?([^)\s>]*)>?(?:\s+"([^"]*)")?\)')
+
+
+def faults(text: str, document: Path) -> list[str]:
+    """The links of a document to a file, a heading or a name that does not exist."""
+    found = []
+    for target, anchor, title in LINK.findall(CODE.sub("`code`", text)):
+        file = (document.parent / unquote(target)).resolve() if target else document
+        if ROOT / "fast" in file.parents and not engine.has_fast():
+            continue
+        if not file.exists():
+            found.append(f"{target}: there is no such file")
+        elif anchor and anchor not in anchors(file.read_text(encoding="utf-8")):
+            found.append(f"{target}#{anchor}: there is no such heading")
+        elif re.fullmatch(r"[\w.]+", title) and not re.search(
+                rf"\b{title.rpartition('.')[2]}\b", file.read_text(encoding="utf-8")):
+            found.append(f"{target}: there is no {title}, which the title of a link names")
+    return found
+
+
+def anchors(text: str) -> list[str]:
+    """The anchors of the headings."""
+    outside = re.sub(r"^ *(`{3,}).*?^ *\1", "", text, flags=re.MULTILINE | re.DOTALL)
+    return [anchor_of(heading) for heading in re.findall(r"^#+ +(.*?) *$", outside, re.MULTILINE)]
+
+
+def anchor_of(heading: str) -> str:
+    """The anchor that GitHub gives a heading."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert faults(text, path) == []
+    named = re.findall(r"(?<!tests/)\b((?:tools|benchmarks)/\w+\.py)\b", text)
+    assert path.name == "CHANGELOG.md" or [tool for tool in named if not (ROOT / tool).is_file()] == []
+
+
+def test_links_that_lead_nowhere_are_found() -> None:
+    good = '`[a](gone.py)` [b](code.md#layout) [c](..) [d](../netlib/blob.py "Blob")'
+    bad = '[e](gone.py) [f](code.md#gone) [g](#gone) [h](net.md "Gone")'
+    found = [fault.partition(":")[0] for fault in faults(good + bad, ROOT / "docs" / "net.md")]
+    assert found == ["gone.py", "code.md#gone", "#gone", "net.md"]
+
+
+def test_every_layer_type_is_described() -> None:
+    """Every layer type is in the document on Caffe and, except the old DeepHandModel names, in that on layers."""
+    layers, of_caffe = ((ROOT / f"docs/{name}.md").read_text(encoding="utf-8") for name in ("layers", "caffe"))
+    for name in LAYER_TYPES:
+        assert re.search(rf"\b{name}\b", of_caffe), name
+        assert name.startswith("DeepHandModel") or re.search(rf"\b{name}\b", layers), name
+
+
+def test_all_of_pycaffe_is_described() -> None:
+    """Every name of the module and every public name of its Net and solvers is in the document on Caffe."""
+    text = (ROOT / "docs/caffe.md").read_text(encoding="utf-8")
+    names = {*caffe.__all__, *(n for cls in (pycaffe.Net, pycaffe.Solver) for n in vars(cls) if not n.startswith("_"))}
+    ours = {"Solver", "TRAIN", "TEST", "net_class", "update_rule", "solver_count", "solver_rank", "set_multiprocess"}
+    assert {name for name in names - ours if not re.search(rf"\b{name}\b", text)} == set()
+
+
+def test_the_changelog_has_the_version() -> None:
+    """The changelog's first release is the version in handpose/__init__.py, which setup.cfg reads."""
+    headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    releases = [heading for heading in headings if heading != "Unreleased"]
+    assert re.fullmatch(rf"{re.escape(handpose.__version__)} \(\d{{4}}-\d\d-\d\d\)", releases[0])
+
+
+def test_every_figure_of_the_book_is_shown() -> None:
+    text = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    shown = set(re.findall(r"images/book/(\w+)\.svg", text))
+    assert shown == {path.stem for path in (ROOT / "docs" / "images" / "book").glob("*.svg")}
