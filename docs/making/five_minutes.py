@@ -9,6 +9,7 @@ The errors are those of 256 held-out frames and of up to 256 training frames.
 
 from __future__ import annotations
 
+import argparse
 import re
 import sys
 from pathlib import Path
@@ -16,22 +17,20 @@ from pathlib import Path
 import numpy as np
 
 import netlib
-from docs.making.figures.drawing import write
+from docs.making.figures.drawing import PLACE, write
 from docs.making.figures.whole import HALF_CUBE_MM, Point, errors_over_time, hands_over_time
 from handpose.synthetic.generator import Generator, Split
 from netlib.blob import Array
-from netlib.errors import NetlibError
 from netlib.files.paths import ROOT
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import SolverParameter
 from tools.common.arguments import parser_of
+from tools.common.console import guarded
 
 BATCH, HELD_OUT = 64, 256
 FRAMES, FEW, ITERATIONS = 4096, 64, 1000
 DRAWN = [0, 1, 4, 5]  # held-out frames in the picture
-DATA = """layer { name: "data" type: "Input" top: "depth" top: "joint"
-  input_param { shape { dim: %d dim: 1 dim: 128 dim: 128 } shape { dim: %d dim: 93 } } }"""
-RULE = 'type: "Adam" base_lr: 0.0005 momentum: 0.9 momentum2: 0.999 lr_policy: "poly" power: 1 random_seed: 1'
+SOLVER = 'type: "Adam" base_lr: 0.0005 momentum: 0.9 momentum2: 0.999 lr_policy: "poly" power: 1 random_seed: 1'
 
 
 def rendered(split: Split, count: int) -> tuple[Array, Array, Array]:
@@ -43,12 +42,12 @@ def rendered(split: Split, count: int) -> tuple[Array, Array, Array]:
     return depth, joints.reshape(-1, 31, 3), center
 
 
-def new_solver(iterations: int) -> netlib.Solver:
-    """A solver of the paper's training net, whose data are set before each iteration."""
-    net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text(encoding="utf-8")
-    net = re.sub(r'^layer {\n  name: "data".*?^}\n', "", net, flags=re.MULTILINE | re.DOTALL)
-    text = f"{RULE} max_iter: {iterations} net_param {{ {DATA % (BATCH, BATCH)} {net} }}"
-    return netlib.Solver(schema.read(prototxt.parse(text, "five_minutes"), SolverParameter, "five_minutes"))
+def paper_net(batch: int) -> str:
+    """The prototxt of the paper's training net, with an Input of the same shapes in place of its data layers."""
+    text = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text(encoding="utf-8")
+    text = re.sub(r'^layer {\n  name: "data".*?^}\n', "", text, flags=re.MULTILINE | re.DOTALL)
+    shapes = f"shape {{ dim: {batch} dim: 1 dim: 128 dim: 128 }} shape {{ dim: {batch} dim: 93 }}"
+    return f'layer {{ name: "data" type: "Input" top: "depth" top: "joint" input_param {{ {shapes} }} }} {text}'
 
 
 def predict(solver: netlib.Solver, depth: Array) -> Array:
@@ -66,18 +65,20 @@ def error_mm(joints: Array, truth: Array) -> float:
     return float(HALF_CUBE_MM * np.linalg.norm(joints - truth, axis=2).mean())
 
 
-def run(count: int, iterations: int) -> list[Point]:
+def train(count: int, iterations: int) -> list[Point]:
     """Render and train; prints the errors at the beginning, after a hundredth of the iterations and each tenth."""
-    print(f"rendering {count} + {HELD_OUT} frames", flush=True)
+    print(f"rendering {count} + {HELD_OUT} frames")
     (depth, joints, _), (held_out, truth, _) = rendered("train", count), rendered("test", HELD_OUT)
-    solver, rng, points = new_solver(iterations), np.random.default_rng(1), []
+    tree = prototxt.parse(f"{SOLVER} max_iter: {iterations} net_param {{ {paper_net(BATCH)} }}", "five_minutes")
+    solver = netlib.Solver(schema.read(tree, SolverParameter, "five_minutes"))
+    rng, points = np.random.default_rng(1), []
     order: Array = np.zeros(0, dtype=int)
     for iteration in range(iterations + 1):
         if iteration == iterations // 100 or iteration % (iterations // 10) == 0:
             predicted = predict(solver, held_out)
             training_mm = error_mm(predict(solver, depth[:HELD_OUT]), joints[:HELD_OUT])
             points.append(Point(iteration, training_mm, error_mm(predicted, truth), predicted[DRAWN]))
-            print("iteration {:4}   training frames {:5.1f} mm, held-out frames {:5.1f} mm".format(*points[-1]), flush=True)
+            print("iteration {:4}   training frames {:5.1f} mm, held-out frames {:5.1f} mm".format(*points[-1]))
         while len(order) < BATCH:  # every frame once, in a new order
             order = np.concatenate([order, rng.permutation(count)])
         rows, order = order[:BATCH], order[BATCH:]
@@ -95,8 +96,19 @@ def draw(points: list[Point], path: Path) -> None:
     print(f"wrote {path}")
 
 
-def main(argv: list[str] | None = None) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
+    if args.book:
+        runs = {count: train(count, ITERATIONS) for count in (FRAMES, FEW)}
+        write(errors_over_time(runs), PLACE / "by_heart.svg")
+        draw(runs[FRAMES], PLACE / "learned.svg")
+    else:
+        draw(train(args.frames, args.iterations), args.out)
+    return 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse and run; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("--frames", type=int, default=FRAMES, help=f"training frames (default: {FRAMES})")
     parser.add_argument("--iterations", type=int, default=ITERATIONS, help=f"default: {ITERATIONS}")
@@ -105,18 +117,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.frames < 1 or args.iterations < 10:
         parser.error("--frames must be at least 1 and --iterations at least 10")
-    try:
-        if args.book:
-            place = ROOT / "docs" / "images" / "book"
-            runs = {count: run(count, ITERATIONS) for count in (FRAMES, FEW)}
-            write(errors_over_time(runs), place / "by_heart.svg")
-            draw(runs[FRAMES], place / "learned.svg")
-        else:
-            draw(run(args.frames, args.iterations), args.out)
-    except (OSError, NetlibError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return guarded(run, args)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import netlib
-from docs.making.figures import palette
+from docs.making.figures import drawing
 from docs.making.figures.training import START, STEEP, STEPS
 from handpose.output.drawing.page.assembly import assembled, page, script_of, source
 from handpose.output.drawing.page.content import body, content
@@ -26,7 +26,7 @@ from netlib.files.paths import ROOT
 from netlib.proto import prototxt, schema
 
 BROWSER = ROOT / "web" / "book"  # the sources of the book's pages
-COLOURS = ("DATA", "DIFF", "PALE_DATA", "PALE_DIFF", "REST", "PALE_REST", "POSITIVE", "NEGATIVE")  # of palette.py
+COLOURS = ("DATA", "DIFF", "PALE_DATA", "PALE_DIFF", "REST", "PALE_REST", "POSITIVE", "NEGATIVE")  # of drawing.py
 
 
 def pages() -> dict[str, str]:
@@ -37,13 +37,11 @@ def pages() -> dict[str, str]:
 def book_page(name: str) -> str:
     """A page of the book, from its sources and its data."""
     title, data = BOOK[name]
-    colours = "".join(f"--{key.lower().replace('_', '-')}: {getattr(palette, key)}; " for key in COLOURS)
+    colours = "".join(f"--{key.lower().replace('_', '-')}: {getattr(drawing, key)}; " for key in COLOURS)
     style = f":root {{ {colours}}}\n" + source("common.css", BROWSER)
     main = "<h1>$title</h1>\n" + source(f"{name}.html", BROWSER)
     return assembled(title, data(), main, style, script_of(name, BROWSER))
 
-
-# ---------------------------------------------------------------------------------------------- the hand
 
 PERSON_UNIT_MM = 1200.0
 # The arm of chapters 8 and 9: two bones in a plane, in numbers for pencil and paper.
@@ -65,15 +63,10 @@ def hand() -> str:
     return page("The hand", data)
 
 
-# ---------------------------------------------------------------------------------------------- momentum
-
-
 def momentum() -> dict[str, Any]:
     """The valley and the start of chapter 6, and the number of steps; the browser computes the paths."""
     return {"start": START, "kappa": float(STEEP[1] / STEEP[0]), "steps": STEPS}
 
-
-# ---------------------------------------------------------------------------------------------- windows
 
 PICTURE = np.array([
     [0, 0, 1, 0, 0, 0],
@@ -83,7 +76,6 @@ PICTURE = np.array([
     [2, 5, 8, 7, 6, 1],
     [0, 1, 4, 5, 2, 0],
 ])
-SEED = 10
 KERNEL = np.array([[1, 0, -1], [2, 0, -2], [1, 0, -1]])  # finds vertical edges
 LAYERS: dict[str, tuple[str, str]] = {  # title: type and options
     "convolution 3 × 3": ("Convolution", "kernel_size: 3"),
@@ -109,8 +101,7 @@ def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
     different numbers, the gradient identifies the element.
     """
     pad = int(options.partition("pad: ")[2][:1] or 0)
-    padded = np.pad(PICTURE, pad)
-    layer = SmallLayer(kind, options, PICTURE)
+    padded, layer = np.pad(PICTURE, pad), SmallLayer(kind, options, PICTURE)
     if kind == "Convolution":
         unpadded = SmallLayer(kind, options.replace(f" pad: {pad}", ""), padded, np.arange(1, 10).reshape(3, 3))
         windows = [[(j, int(n) - 1, 0.0) for j, n in enumerate(row) if n] for row in unpadded.shares()]
@@ -120,7 +111,7 @@ def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
     return {
         "title": title, "maximum": "MAX" in options, "pad": pad, "windows": windows, "x": padded.ravel().tolist(),
         "w": KERNEL.ravel().tolist() if kind == "Convolution" else None, "b": [0] if kind == "Convolution" else None,
-        "dy": np.random.default_rng(SEED).integers(-2, 3, layer.y.size).tolist(),
+        "dy": np.random.default_rng(10).integers(-2, 3, layer.y.size).tolist(),
         "columns": {"x": padded.shape[1], "w": 3, "b": 1, "y": layer.y.shape[1]},
     }
 
@@ -154,8 +145,6 @@ class SmallLayer:
         """For each output, in rows, the derivatives by all inputs, in rows."""
         return [self.backward(one).ravel() for one in np.eye(self.y.size).reshape(-1, *self.y.shape)]
 
-
-# ---------------------------------------------------------------------------------------------- the small net
 
 INPUTS = {"x": [2.0], "t": [1.0]}
 PARAMS: dict[str, list[Any]] = {"first": [[[1.5]]], "second": [[[1], [-1]], [0, 1]], "out": [[[0.5, 1]]]}

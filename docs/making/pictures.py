@@ -77,19 +77,14 @@ def write_frames() -> None:
     np.savez_compressed(ROOT / "docs" / "book" / "frames.npz", depth=depth, joints=joints)
 
 
-def write(name: str) -> None:
-    """Write a picture of a page."""
+if __name__ == "__main__":
     from playwright.sync_api import sync_playwright
 
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        picture = {"hand_page": hand_page, "live_page": live_page}[name](browser)
-    atomic.replace_bytes(ROOT / "docs" / "images" / f"{name}.png", picture)
-
-
-if __name__ == "__main__":
     for name in sys.argv[1:]:
         if name == "frames":
             write_frames()
-        else:
-            write(name)
+            continue
+        with sync_playwright() as driver:
+            opened = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+            picture = {"hand_page": hand_page, "live_page": live_page}[name](opened)
+        atomic.replace_bytes(ROOT / "docs" / "images" / f"{name}.png", picture)

@@ -53,28 +53,11 @@ def test_the_hand_is_that_of_the_layer(hand) -> None:
     np.testing.assert_allclose(backward(dX), layer.backward(pose, dX), atol=1e-12)
 
 
-def test_max_pool_rounds_up_and_gives_the_gradient_to_the_first_winner() -> None:
-    """Of 5 columns in windows of 2, the third window has one; equal maxima give the gradient to the first."""
-    x = np.array([[[[1.0, 3, 2, 2, 5], [0, 3, 1, 2, 4]]]])
-    y, backward = nano.max_pool(x, 2)
-    np.testing.assert_array_equal(y, [[[[3, 2, 5]]]])
-    np.testing.assert_array_equal(backward(np.array([[[[1.0, 2, 3]]]]))[0], [[[[0, 1, 2, 0, 3], [0, 0, 0, 0, 0]]]])
-
-
 def test_dropout_passes_the_gradient_where_it_passed_the_value() -> None:
     """Values and gradients are multiplied by the same mask of 0 and 1 / (1 - p)."""
     y, backward = nano.dropout(np.ones((100, 10)), 0.25, np.random.default_rng(0))
     assert set(np.unique(y)) == {0, 1 / 0.75}
     np.testing.assert_array_equal(backward(np.ones((100, 10)))[0], y)
-
-
-def test_training_lowers_the_loss(hand) -> None:
-    """Five updates with dropout on the first 8 frames lower the loss."""
-    with np.load(nano.FRAMES) as data:
-        depth, joints = data["depth"][:8] / 127, data["joints"][:8]
-    network = nano.new_network(np.random.default_rng(1), p=0.3)
-    losses = list(nano.train(network, hand, depth, joints, updates=5, batch=8))
-    assert losses[-1] < losses[0]
 
 
 def test_losses_are_those_of_netlib(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -78,19 +78,13 @@ def test_windows_are_those_of_the_layer(visit: Visit, page_of: PageOf, number: i
 
 
 def test_windows_in_use(visit: Visit, page_of: PageOf) -> None:
-    """An output highlights its window, an input its consumers; an edited number changes what depends on it."""
+    """An output highlights its window; an edited number changes what depends on it."""
     tab = visit(page_of("windows"))
     tab.locator("#y button").nth(5).hover()
-    assert tab.locator("#x .marked").count() == 9 and tab.locator("#w .marked").count() == 9
-    assert tab.locator("#formula b").inner_text().endswith("= −7")
-    tab.locator("#dx button").first.focus()
-    tab.keyboard.press("ArrowRight")
-    assert tab.locator("#y .marked").count() == 2 and tab.locator("#formula").inner_text().startswith("dx[0, 1] = ")
+    assert tab.locator("#x .marked").count() == 9 and tab.locator("#formula b").inner_text().endswith("= −7")
     tab.locator("#b button").click()
     tab.locator("#value").fill("10")
     assert tab.locator("#y button").first.inner_text() == "−11"  # -21 without the bias
-    tab.get_by_role("button", name="Reset").click()
-    assert tab.locator("#y button").first.inner_text() == "−21"
     tab.evaluate("page.step(16)")  # the first dy, which is 1: the kernel is stamped once
     assert [tab.locator("#dx button").nth(i).inner_text() for i in (0, 1, 2, 6)] == ["1", "0", "−1", "2"]
 
@@ -119,15 +113,9 @@ def test_the_small_net_is_that_of_the_chapter(visit: Visit, page_of: PageOf) -> 
 
 
 def test_the_small_net_in_use(visit: Visit, page_of: PageOf) -> None:
-    """Steps show the numbers of chapter 5, an edited weight repeats the pass, and an update lowers the loss."""
+    """Steps show the numbers of chapter 5, and an update lowers the loss."""
     tab = visit(page_of("small_net"))
-    for _ in range(3):
-        tab.get_by_role("button", name="Step").click()
-    assert tab.locator("#told").inner_text() == "Forward, second: h = a wᵀ + b: 1 · 3 + 0 = 3; (−1) · 3 + 1 = −2"
     tab.locator("#step").fill("14")
     assert "dh0 + dh1 + dh2 = [0.25, 0.5] + [0, 0] + [1.5, 0] = [1.75, 0.5]" in tab.locator("#told").inner_text()
-    tab.locator('[data-name="out w[0, 0]"]').fill("1")
-    assert tab.locator("#loss").inner_text() == "L = 1 · 2 + 0.25 · 9 = 4.25"
-    tab.get_by_role("button", name="Reset").click()
     tab.get_by_role("button", name="Update").click()
     assert float(tab.locator("#loss").inner_text().split("= ")[-1]) < 2.375

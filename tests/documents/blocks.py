@@ -1,15 +1,15 @@
-"""Run the blocks of a document with sybil: each is run, parsed or compared by its tag, or has a reason not to.
+"""Run the blocks of a document with sybil, by their tag.
 
-```pycon      >>> and its output, which is compared
-```python     run in the same namespace
-```bash       run in the same folder
-```prototxt   read as a net, a solver, a skeleton or another message
-```json       parsed
-```text       not code; directly after a python or bash block that is run, its output
+pycon      >>> and its output, which is compared
+python     run in the same namespace
+bash       run in the same folder
+prototxt   read as a net, a solver, a skeleton or another message
+json       parsed
+text       not code; directly after a python or bash block that is run, its output
 
 A comment directly above a block gives a condition: ``<!-- not run: REASON -->``, of commands the arguments are checked
 all the same; ``<!-- file: NAME -->``, a file of the reader's, which later blocks use. Blocks that cog generates come
-from files that other tests run. ``<!-- invisible-code-block: python`` has code that the reader need not see.
+from files that other tests run.
 """
 
 from __future__ import annotations
@@ -26,13 +26,12 @@ from sybil import Document, Example, Region
 from sybil.evaluators.doctest import DocTestEvaluator
 from sybil.evaluators.python import PythonEvaluator, pad
 from sybil.parsers.abstract.doctest import DocTestStringParser
-from sybil.parsers.markdown.lexers import DirectiveInHTMLCommentLexer, RawFencedCodeBlockLexer
+from sybil.parsers.markdown.lexers import RawFencedCodeBlockLexer
 
 from tests.documents import commands, output, prototxts
 
 FOLDER, PRINTED = "(folder)", "(printed)"  # in a document's namespace: its folder; the output of blocks, by their end
 FENCES = RawFencedCodeBlockLexer(re.compile(r"(?P<tag>[^\n]*)\n"))
-INVISIBLE = DirectiveInHTMLCommentLexer("invisible-code-block", arguments="python")
 GENERATED = re.compile(r"^<!--cog .*?^<!--end-->", re.DOTALL | re.MULTILINE)
 MARK = re.compile(r"^[ \t]*<!-- (not run|file): ((?:(?!-->).)+) -->\n\Z", re.DOTALL | re.MULTILINE)
 
@@ -56,9 +55,6 @@ def parse(document: Document) -> Iterator[Region]:
         for example in SESSIONS(region.parsed, document.path):
             example.adjust(region, region.parsed)
             yield example
-    for region in INVISIBLE(document):
-        region.parsed, region.evaluator = region.lexemes["source"], PythonEvaluator()
-        yield region
 
 
 def failures(path: Path, folder: Path, names: dict[str, object]) -> Iterator[str]:

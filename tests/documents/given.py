@@ -1,4 +1,4 @@
-"""Files that documents assume a reader to have: camera frames, a crop, trained weights, joints, a data set, a log."""
+"""Files that documents assume a reader to have: camera frames, a crop, trained weights, joints, a data set, nets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ import netlib
 from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.frames import crops
 from handpose.frames.cameras import KINECT2, NYU
-from handpose.frames.recording import DepthFrame
 from handpose.frames.writing import RecordingWriter
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.synthetic import prior_file
@@ -29,62 +28,44 @@ from netlib.proto import prototxt
 from tools import make_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
-Names = dict[str, object]
-CameraInfo = Callable[[Path], Names]
-SECONDS = 0.1  # of the hand in front of the camera
+Names = dict[str, object] | None
 
 
 @functools.cache
-def _recording() -> tuple[SyntheticRecording, tuple[DepthFrame, ...]]:
-    recording = SyntheticRecording("moving", KINECT2, seconds=SECONDS, seed=1)
-    return recording, tuple(recording)
+def recording() -> SyntheticRecording:
+    """A Kinect v2's recording of a moving hand, of a tenth of a second."""
+    return SyntheticRecording("moving", KINECT2, seconds=0.1, seed=1)
 
 
-def frames(folder: Path) -> Names:
-    """frames/: a Kinect v2's frames of a moving hand, with camera.json."""
-    recording, seen = _recording()
-    with RecordingWriter(folder / "frames", recording.camera, recording.unit_mm, recording.rate) as writer:
-        for frame in seen:
+def frames(folder: Path) -> None:
+    """frames/: the recording, with camera.json."""
+    with RecordingWriter(folder / "frames", KINECT2, recording().unit_mm, recording().rate) as writer:
+        for frame in recording():
             writer.write(frame)
-    return {}
 
 
 def frame(folder: Path) -> Names:
-    """frame.png, the first of the frames; ``depth``, its depth in mm."""
-    depth = np.rint(_recording()[1][0].depth).astype(np.uint16)
-    cv2.imwrite(str(folder / "frame.png"), depth)
-    return {"depth": depth}
-
-
-def crop(folder: Path) -> Names:
-    """crop.png, the hand in that frame, and ``crop``, the same as a net's input."""
-    recording, seen = _recording()
-    (hand,) = recording.truth(0).hands
-    cut = crops.crop(seen[0].depth, hand.center_uvd, CUBE_MM, KINECT2)
+    """frame.png and ``depth``, its depth in mm; crop.png, the hand in it, and ``crop``, the same as a net's input."""
+    depth = next(iter(recording())).depth
+    cut = crops.crop(depth, recording().truth(0).hands[0].center_uvd, CUBE_MM, KINECT2)
+    cv2.imwrite(str(folder / "frame.png"), np.rint(depth).astype(np.uint16))
     cv2.imwrite(str(folder / "crop.png"), np.rint((cut + 1) * 127.5).astype(np.uint8))
-    return {"crop": cut}
+    return {"depth": np.rint(depth).astype(np.uint16), "crop": cut}
 
 
-def weights(folder: Path) -> Names:
-    """snapshots/nyu_iter_1000.caffemodel.h5: the packaged weights, for the same network."""
-    (folder / "snapshots").mkdir(exist_ok=True)
+def training(folder: Path) -> None:
+    """snapshots/nyu_iter_1000.caffemodel.h5, the packaged weights; train.log, of the same network, by real Caffe."""
+    (folder / "snapshots").mkdir()
     packaged = ROOT / "models" / "paper_hand" / "paper_hand.caffemodel.h5"
     shutil.copyfile(packaged, folder / "snapshots" / "nyu_iter_1000.caffemodel.h5")
-    return {}
-
-
-def log(folder: Path) -> Names:
-    """train.log: a log of this network's training by real Caffe."""
     shutil.copyfile(ROOT / "tests" / "caffe" / "logs" / "deepmodel_train.log", folder / "train.log")
-    return {}
 
 
-def data(folder: Path) -> Names:
+def data(folder: Path) -> None:
     """data/nyu: a few synthetic frames, and the nets of prototxt/ with small batches."""
     out = folder / "data" / "nyu"
     assert make_synthetic.main(["--out", str(out), "--train", "16", "--test", "16", "--workers", "1"]) == 0
     small_batches(folder)
-    return {}
 
 
 def small_batches(folder: Path) -> None:
@@ -95,89 +76,80 @@ def small_batches(folder: Path) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def _joints_mm(count: int) -> NDArray[np.float64]:
-    """Return (count, 31, 3): hands of the packaged size around the crop's centre."""
-    hands = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), count)
-    return kinematics_of(skeletons.load()).joints(hands.inputs) * CUBE_MM / 2
+def people(folder: Path) -> None:
+    """joints.txt: NYU's 14 joints of a few hands, as u v d. data/me: annotated frames of one person."""
 
+    def joints_mm(count: int) -> NDArray[np.float64]:  # of hands of the packaged size around the crop's centre
+        hands = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), count)
+        return kinematics_of(skeletons.load()).joints(hands.inputs) * CUBE_MM / 2
 
-def joints(folder: Path) -> Names:
-    """joints.txt: NYU's 14 joints of a few hands, as u v d."""
-    uvd = NYU.project(_joints_mm(3)[:, EVALUATION_JOINTS] + (20, -30, 800))
+    uvd = NYU.project(joints_mm(3)[:, EVALUATION_JOINTS] + (20, -30, 800))
     np.savetxt(folder / "joints.txt", uvd.reshape(len(uvd), -1), fmt="%.3f")
-    return {}
-
-
-def person(folder: Path) -> Names:
-    """data/me: annotated frames of one person."""
-    rows = _joints_mm(60).reshape(60, -1) / (CUBE_MM / 2)
+    rows = joints_mm(60).reshape(60, -1) / (CUBE_MM / 2)
     (folder / "data" / "me").mkdir(parents=True)
     with h5py.File(folder / "data" / "me" / "train.h5", "w") as file:
         file["joint"] = rows.clip(-1, 1).astype(np.float32)
     (folder / "data" / "me" / "train.txt").write_text("data/me/train.h5\n", encoding="utf-8")
-    return {}
 
 
-NET = """
-layer { name: "in" type: "DummyData" top: "data" top: "label" dummy_data_param { shape { dim: 3 dim: 2 } } }
-layer { name: "fc" type: "InnerProduct" bottom: "data" top: "fc" inner_product_param { num_output: 2 } }
-layer { name: "loss" type: "EuclideanLoss" bottom: "fc" bottom: "label" top: "loss" }
-"""
-DEPLOY = """
-layer { name: "in" type: "Input" top: "data" input_param { shape { dim: 1 dim: 2 } } }
-layer { name: "fc" type: "InnerProduct" bottom: "data" top: "fc" inner_product_param { num_output: 2 } }
-"""
-OF_PICTURES = """
-layer {
+def solver(net: str) -> str:
+    """The text of a solver."""
+    return f'net: "{net}" base_lr: 0.001 lr_policy: "fixed" max_iter: 3 snapshot_prefix: "net"'
+
+
+def fully_connected(name: str, bottom: str, outputs: int = 2) -> str:
+    """The text of an InnerProduct layer."""
+    return (f'layer {{ name: "{name}" type: "InnerProduct" bottom: "{bottom}" top: "{name}"'
+            f" inner_product_param {{ num_output: {outputs} }} }}\n")
+
+
+def nets(folder: Path) -> None:
+    """net.prototxt, solver.prototxt, deploy.prototxt and the weights net.caffemodel of a net with one layer."""
+    inputs = 'layer { name: "in" type: "Input" top: "data" input_param { shape { dim: 1 dim: 2 } } }\n'
+    dummy = 'layer { name: "in" type: "DummyData" top: "data" top: "label" dummy_data_param { shape { dim: 3 dim: 2 } } }\n'
+    loss = 'layer { name: "loss" type: "EuclideanLoss" bottom: "fc" bottom: "label" top: "loss" }\n'
+    fc = fully_connected("fc", "data")
+    (folder / "net.prototxt").write_text(dummy + fc + loss, encoding="utf-8")
+    (folder / "deploy.prototxt").write_text(inputs + fc, encoding="utf-8")
+    (folder / "solver.prototxt").write_text(solver("net.prototxt"), encoding="utf-8")
+    netlib.Net(folder / "deploy.prototxt", netlib.TEST).save(folder / "net.caffemodel")
+
+
+PICTURES = """layer {
   name: "data" type: "Data" top: "data" top: "label"
   data_param { source: "train_lmdb" batch_size: 2 backend: LMDB } transform_param { mean_file: "mean.binaryproto" }
 }
-layer { name: "fc6" type: "InnerProduct" bottom: "data" top: "fc6" inner_product_param { num_output: 2 } }
-layer { name: "fc7" type: "InnerProduct" bottom: "fc6" top: "fc7" inner_product_param { num_output: 2 } }
-layer { name: "loss" type: "SoftmaxWithLoss" bottom: "fc7" bottom: "label" top: "loss" }
 """
-SOLVER = 'net: "{}" base_lr: 0.001 lr_policy: "fixed" max_iter: 3 snapshot_prefix: "net"'
+LOSS = 'layer { name: "loss" type: "SoftmaxWithLoss" bottom: "fc7" bottom: "label" top: "loss" }\n'
 
 
-def nets(folder: Path) -> Names:
-    """net.prototxt, solver.prototxt, deploy.prototxt and the weights net.caffemodel of a net with one layer."""
-    (folder / "net.prototxt").write_text(NET, encoding="utf-8")
-    (folder / "deploy.prototxt").write_text(DEPLOY, encoding="utf-8")
-    (folder / "solver.prototxt").write_text(SOLVER.format("net.prototxt"), encoding="utf-8")
-    netlib.Net(folder / "deploy.prototxt", netlib.TEST).save(folder / "net.caffemodel")
-    return {}
-
-
-def pictures(folder: Path) -> Names:
+def pictures(folder: Path) -> None:
     """pictures/, list.txt, train_test.prototxt and solver.prototxt for them, and weights net_iter_1000.caffemodel."""
     rng = np.random.default_rng(0)
     (folder / "pictures").mkdir()
     for n in range(4):
         cv2.imwrite(str(folder / "pictures" / f"{n}.png"), rng.integers(0, 256, (8, 8, 3), dtype=np.uint8))
     (folder / "list.txt").write_text("".join(f"{n}.png {n % 2}\n" for n in range(4)), encoding="utf-8")
-    (folder / "train_test.prototxt").write_text(OF_PICTURES, encoding="utf-8")
-    (folder / "solver.prototxt").write_text(SOLVER.format("train_test.prototxt"), encoding="utf-8")
+    text = PICTURES + fully_connected("fc6", "data") + fully_connected("fc7", "fc6") + LOSS
+    (folder / "train_test.prototxt").write_text(text, encoding="utf-8")
+    (folder / "solver.prototxt").write_text(solver("train_test.prototxt"), encoding="utf-8")
     inputs = "input_param { shape { dim: 1 dim: 3 dim: 256 dim: 256 } shape { dim: 1 } } }"
-    untrained = re.sub("data_param.*\n}", inputs, OF_PICTURES.replace('"Data"', '"Input"'))
+    untrained = re.sub("data_param.*\n}", inputs, text.replace('"Data"', '"Input"'))
     netlib.Net(prototxt.parse(untrained, "net"), netlib.TEST).save(folder / "net_iter_1000.caffemodel")
-    return {}
 
 
 CLASSES = ("bird", "cat", "dog")
-DEPLOY_OF_PICTURES = """
-layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 1 dim: 3 dim: 32 dim: 32 } } }
+CLASSIFIER = """layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 1 dim: 3 dim: 32 dim: 32 } } }
 layer {
   name: "conv" type: "Convolution" bottom: "data" top: "conv"
   convolution_param { num_output: 4 kernel_size: 5 stride: 2 weight_filler { type: "xavier" } }
 }
 layer { name: "relu" type: "ReLU" bottom: "conv" top: "conv" }
 layer { name: "pool" type: "Pooling" bottom: "conv" top: "pool" pooling_param { pool: MAX kernel_size: 3 stride: 2 } }
-layer { name: "fc" type: "InnerProduct" bottom: "pool" top: "fc" inner_product_param { num_output: 3 } }
-layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }
 """
 
 
-def classifier(folder: Path) -> Names:
+def classifier(folder: Path) -> None:
     """cat.png, dog.png, labels.txt; deploy.prototxt and net.caffemodel, which know them; list.txt for training."""
     rng, images = np.random.default_rng(0), []
     for name in CLASSES:
@@ -185,32 +157,30 @@ def classifier(folder: Path) -> Names:
         cv2.imwrite(str(folder / f"{name}.png"), images[-1])
     (folder / "labels.txt").write_text("".join(f"{name}\n" for name in CLASSES), encoding="utf-8")
     (folder / "list.txt").write_text("".join(f"{name}.png {n}\n" for n, name in enumerate(CLASSES)), encoding="utf-8")
-    (folder / "deploy.prototxt").write_text(DEPLOY_OF_PICTURES, encoding="utf-8")
+    softmax = 'layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }\n'
+    (folder / "deploy.prototxt").write_text(CLASSIFIER + fully_connected("fc", "pool", 3) + softmax, encoding="utf-8")
     net = netlib.Net(folder / "deploy.prototxt", netlib.TEST, seed=1)
     pool = net.forward(["pool"], data=blob_from_images(images, 1.0, (32, 32), (104, 117, 123)))["pool"]
     net.params["fc"][0].data[...] = 2 * np.linalg.pinv(pool.reshape(len(CLASSES), -1)).T
     net.save(folder / "net.caffemodel")
-    return {}
 
 
-BY_DOCUMENT: dict[str, tuple[CameraInfo, ...]] = {
-    "README.md": (frames, frame, weights, data),
+BY_DOCUMENT: dict[str, tuple[Callable[[Path], Names], ...]] = {
+    "README.md": (frames, frame, training, data),
     "docs/caffe.md": (nets,),
     "docs/caffe_nets.md": (classifier,),
     "docs/caffe_tools.md": (pictures,),
     "docs/camera.md": (frames,),
     "docs/data.md": (frame,),
     "docs/fit.md": (frames, frame),
-    "docs/onnx.md": (crop,),
+    "docs/onnx.md": (frame,),
     "docs/reliability.md": (nets,),
-    "docs/usage.md": (frames, frame, crop, weights, log, data, joints, person),
+    "docs/usage.md": (frames, frame, training, data, people),
     "models/synthetic_hand/readme.md": (frame,),
 }
-NEEDS = {  # packages that commands of a document need; a Python block that imports a package is not listed
-    "docs/caffe_nets.md": ("onnx", "onnxruntime"),
-    "docs/caffe_tools.md": ("lmdb",),
-    "docs/camera.md": ("av", "matplotlib"),
-    "docs/onnx.md": ("onnx", "onnxruntime"),
-    "docs/usage.md": ("matplotlib",),
+# Packages that commands of a document need, and packages of extras that its Python blocks import.
+NEEDS = {
+    "docs/caffe_nets.md": ("onnx", "onnxruntime"), "docs/caffe_tools.md": ("lmdb",),
+    "docs/camera.md": ("av", "matplotlib"), "docs/onnx.md": ("onnx", "onnxruntime"), "docs/usage.md": ("matplotlib",),
 }
-OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "torch", "tqdm")  # of extras
+OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "torch", "tqdm")

@@ -48,34 +48,21 @@ def _small_copy(source: str, target: str) -> None:
         shutil.copyfile(source, target)
 
 
-def state() -> dict[str, tuple[int, int]]:
-    """The modification time and size of each file that a document can reach."""
-    found = {}
-    for top in (*LINKED, *COPIED):
-        for place, folders, names in os.walk(ROOT / top):
-            folders[:] = [name for name in folders if name != "__pycache__"]
-            for name in names:
-                about = (Path(place) / name).lstat()
-                found[f"{place}/{name}"] = (about.st_mtime_ns, about.st_size)
-    return found
-
-
 @contextlib.contextmanager
 def at_work_in(folder: Path) -> Iterator[None]:
     """Use ``folder`` as the working folder; afterwards restore the imports, settings and random numbers."""
-    before, modules = Path.cwd(), set(sys.modules)
-    path, finders, argv, threads = list(sys.path), list(sys.meta_path), list(sys.argv), netlib.threads()
+    before, modules, threads = Path.cwd(), set(sys.modules), netlib.threads()
     drawn, numpys = random.getstate(), np.random.get_state()
     os.chdir(folder)
-    sys.path.append(str(folder))  # last: the project's packages are still those of the tests
     try:
-        with mock.patch.dict(os.environ, {"MPLBACKEND": "Agg"}), np.printoptions(), np.errstate():
+        with (mock.patch.dict(os.environ, {"MPLBACKEND": "Agg"}), np.printoptions(), np.errstate(),
+              mock.patch.object(sys, "path", [*sys.path, str(folder)]),  # last: the project's packages stay the tests'
+              mock.patch.object(sys, "meta_path", [*sys.meta_path]), mock.patch.object(sys, "argv", [*sys.argv])):
             yield
     finally:
         if "matplotlib.pyplot" in sys.modules:
             sys.modules["matplotlib.pyplot"].close("all")
         os.chdir(before)
-        sys.path[:], sys.meta_path[:], sys.argv[:] = path, finders, argv
         sys.modules.update(own_modules._aside)  # install_as_caffe takes them out, and its finder is gone now
         own_modules._aside.clear()
         for name in set(sys.modules) - modules:

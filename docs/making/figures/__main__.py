@@ -3,7 +3,8 @@
 python -m docs.making.figures            all, in about a minute
 python -m docs.making.figures arm crop   some, by name
 
-learned.svg and by_heart.svg need minutes of training: python -m docs.making.five_minutes --book
+learned.svg and by_heart.svg need minutes of training: python -m docs.making.five_minutes --book. whole_net.svg and
+joint_angles.svg show what does not change, and have no program.
 """
 
 from __future__ import annotations
@@ -12,19 +13,17 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from docs.making.figures import drawing, hand, ideas, nets, training, whole
-from netlib.files.paths import ROOT
+from docs.making.figures import hand, ideas, nets, training, whole
+from docs.making.figures.drawing import PLACE, write
 from tools.common.arguments import parser_of
 
-PLACE = ROOT / "docs" / "images" / "book"
 FIGURES: dict[str, Callable[[], Any]] = {
     "differences": training.differences, "valley": training.valley, "rates": training.rates,
     "overfitting": training.overfitting, "hinge": training.hinge, "initial": training.initial,
     "circuit": ideas.circuit, "outer": ideas.outer, "window": ideas.window, "im2col": ideas.im2col,
     "winners": ideas.winners, "pass": ideas.small_pass, "dropout": ideas.dropout, "rotations": ideas.rotations,
-    "box": ideas.torque_box, "stack": nets.stack, "kernels": nets.kernels, "whole_net": nets.whole_net,
-    "arm": hand.arm, "hand_joints": hand.joints, "lever": hand.lever, "reach": hand.reach,
-    "joint_angles": hand.joint_angles, "crop": whole.crop, "six_hands": whole.six_hands,
+    "box": ideas.torque_box, "arm": hand.arm, "hand_joints": hand.joints, "lever": hand.lever, "reach": hand.reach,
+    "stack": nets.stack, "kernels": nets.kernels, "crop": whole.crop, "six_hands": whole.six_hands,
     "joint_errors": whole.joint_errors,
 }
 
@@ -37,7 +36,7 @@ def main(argv: list[str] | None = None) -> int:
     if unknown := [name for name in args.names if name not in FIGURES]:
         parser.error(f"unknown figure {unknown[0]!r}; expected one of {', '.join(FIGURES)}")
     for name in args.names or FIGURES:
-        drawing.write(FIGURES[name](), PLACE / f"{name}.svg")
+        write(FIGURES[name](), PLACE / f"{name}.svg")
     return 0
 
 

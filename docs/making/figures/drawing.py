@@ -1,4 +1,4 @@
-"""An empty figure, and how a figure becomes a file."""
+"""The colours of the book's figures and pages, an empty figure, and how a figure becomes a file."""
 
 from __future__ import annotations
 
@@ -6,8 +6,31 @@ import io
 from pathlib import Path
 from typing import Any
 
-from docs.making.figures.palette import DARK, DARK_AREAS
 from netlib.files import atomic
+from netlib.files.paths import ROOT
+
+PLACE = ROOT / "docs" / "images" / "book"
+DATA, DIFF = "#08519c", "#d95f02"  # values and the forward pass; gradients and the backward pass
+PALE_DATA, PALE_DIFF = "#dbe9f6", "#fde3cf"
+REST, PALE_REST = "#636363", "#eeeeee"  # everything else
+FORCE = DIFF  # a force is a gradient
+POSITIVE, NEGATIVE = "#b2182b", "#2166ac"  # the ends of SIGNS
+SIGNS = "RdBu_r"  # the colour map of signed numbers
+DEPTH = "gray_r"  # the colour map of depth: near is bright
+FIRST, SECOND, THIRD, FOURTH = DATA, DIFF, "#117733", "#882299"  # curves and parts, in this order
+LINE, INK = "#999999", "#222222"
+AXES = ("#cc3311", "#117733", "#2166ac")  # x, y, z of a frame
+FINGERS = {"thumb": "#cc3311", "index": "#dd7700", "middle": "#117733", "ring": "#2166ac", "little": "#882299"}
+PALM = "#555555"
+# The same colours on a dark page (web/book/common.css has those of the pages): of lines and letters, and of areas.
+DARK = {
+    "#000000": "#e7eaf0", INK: "#e7eaf0", DATA: "#7fb2f0", DIFF: "#f0954d", NEGATIVE: "#7fb2f0", THIRD: "#4fb06d",
+    FOURTH: "#c583d8", REST: "#98a2b3", PALM: "#b4bac4", FINGERS["thumb"]: "#f0705a",
+}
+DARK_AREAS = {
+    **DARK, "#ffffff": "#1c2027", PALE_DATA: "#20344d", PALE_DIFF: "#4a2f1c", PALE_REST: "#2a2f38",
+    "#ededed": "#2a2f38",
+}
 
 
 def new_figure(width: float = 8.0, height: float = 4.0) -> Any:
@@ -18,7 +41,7 @@ def new_figure(width: float = 8.0, height: float = 4.0) -> Any:
 
 
 def write(figure: Any, path: Path) -> None:
-    """Write the figure as SVG. For readers who prefer dark pages, a style replaces the colours of palette.py."""
+    """Write the figure as SVG. For readers who prefer dark pages, a style replaces the colours above."""
     import matplotlib
 
     rules = [f"svg {{fill: {DARK['#000000']}}}"]  # text of matplotlib's default colour has no style attribute

@@ -1,4 +1,4 @@
-"""Figures of chapters 8 and 9 (the planar arm, the joints of the hand, a force and its torques), and joint angles."""
+"""Figures of chapters 8 and 9: the planar arm, the joints of the hand, a force and its torques."""
 
 from __future__ import annotations
 
@@ -6,10 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from docs.making.figures.drawing import new_figure
-from docs.making.figures.palette import AXES, FINGERS, FORCE, INK, LINE, PALM
-from handpose.body.joint_formats.frames import frames_of
-from handpose.body.joint_formats.points import POINTS, weights_of
+from docs.making.figures.drawing import AXES, FINGERS, FORCE, INK, LINE, PALM, new_figure
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 from netlib.blob import Array
@@ -140,55 +137,3 @@ def _plane(width: float, height: float) -> tuple[Any, Any]:
 def _bones(axes: Any, joints: Array) -> None:
     axes.plot(*joints.T, color=LINE, lw=5, solid_capstyle="round", zorder=0)
     axes.plot(*joints.T, "o", color=INK, ms=6)
-
-
-def joint_angles() -> Any:
-    """What flexion and abduction mean: a finger from its side, and the back of the hand."""
-    figure = new_figure(9.6, 4.6)
-    side, back = figure.subplots(1, 2)
-    _flexion(side)
-    _abduction(back)
-    for axes in (side, back):
-        axes.set_aspect("equal")
-        axes.axis("off")
-    return figure
-
-
-def _flexion(axes: Any) -> None:
-    """A finger with the palm below: each bone, and how far it is bent against the one before."""
-    bends = {"mcp_flexion": 35.0, "pip_flexion": 40.0, "dip_flexion": 25.0}
-    turns = -np.radians(np.cumsum([0.0, *bends.values()]))
-    steps = [length * _direction(turn) for length, turn in zip((60.0, 42.0, 28.0, 22.0), turns)]
-    places = np.cumsum([np.zeros(2), *steps], axis=0)
-    _bones(axes, places)
-    for at, turn, (name, bend) in zip(places[1:], turns, bends.items()):
-        axes.plot(*np.array([at, at + 20 * _direction(turn)]).T, "--", color=LINE, lw=1)
-        arc = _arc(axes, at, 16, turn, turn - np.radians(bend), FORCE)
-        _arrow(axes, arc[-4], arc[-1], FORCE)
-        axes.text(*(at + 25 * _direction(turn) + (0, 2)), f"{name} +{bend:g}°", fontsize=9, color=FORCE)
-    axes.text(2, 4, "metacarpal", fontsize=9)
-    axes.text(2, -42, "palm below,\nback of the hand above", fontsize=8, color=PALM)
-    axes.set(xlim=(-5, 175), ylim=(-95, 25), title="flexion, from the side")
-
-
-def _abduction(axes: Any) -> None:
-    """A right hand seen from its back, in the plane of the palm: the thumb is at the left."""
-    skeleton = load()
-    joints = Kinematics(skeleton).joints(np.zeros((1, len(skeleton.initial))))[0] * HALF_CUBE_MM
-    frames = frames_of(skeleton, joints)
-    points = dict(zip(POINTS, weights_of(list(POINTS.values()), skeleton) @ joints))
-    plane = np.stack([-frames.radial, frames.palm["middle"]], axis=1)
-    for finger, colour in FINGERS.items():
-        parts = ("cmc", "mcp", "ip", "tip") if finger == "thumb" else ("cmc", "mcp", "pip", "dip", "tip")
-        places = np.array([points[f"{finger}_{part}"] - points["wrist"] for part in parts]) @ plane
-        axes.plot(*places.T, "o-", color=colour, lw=2, ms=4)
-        if finger == "thumb":
-            _arrow(axes, places[2], places[2] + (-30, -6), FORCE)
-            axes.text(*(places[2] + (-78, -22)), "radial_abduction +", fontsize=8, color=FORCE)
-            continue
-        on = (places[1] - places[0]) / np.linalg.norm(places[1] - places[0])
-        end, side = places[1] + 95 * on, np.array([on[1], -on[0]]) * (1 if finger in ("ring", "little") else -1)
-        axes.plot(*np.array([places[1], end]).T, "--", color=LINE, lw=1)
-        _arrow(axes, end, end + 16 * side, FORCE)
-        axes.text(*(end + 8 * on), finger, ha="center", fontsize=9, color=colour)
-    axes.set(xlim=(-150, 115), ylim=(-10, 220), title="mcp_abduction, from the back of a right hand")

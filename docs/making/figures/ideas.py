@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from docs.making.figures.drawing import new_figure
-from docs.making.figures.palette import AXES, DATA, DIFF, FIRST, FOURTH, INK, LINE, PALE_REST, SECOND, THIRD
+from docs.making.figures.drawing import AXES, DATA, DIFF, FIRST, FOURTH, INK, LINE, PALE_REST, SECOND, THIRD, new_figure
 from layers.hand.kinematics import rotation
 from netlib.blob import Array
 

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from docs.making.figures.drawing import new_figure
-from docs.making.figures.palette import FIRST, FOURTH, SECOND, THIRD
+from docs.making.figures.drawing import FIRST, FOURTH, SECOND, THIRD, new_figure
 from netlib.blob import Array
 from netlib.proto import schema
 from netlib.proto.messages import SolverParameter

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from docs.making.figures.drawing import new_figure
-from docs.making.figures.palette import DEPTH, FIRST, SECOND, THIRD
+from docs.making.figures.drawing import DEPTH, FIRST, SECOND, THIRD, new_figure
 from handpose import NYU
 from handpose.body.nyu import CUBE_MM
 from handpose.estimate.nets import skeleton_to_fit, trained
