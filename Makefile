@@ -3,7 +3,7 @@
 # make train   set up, render the training data, train the paper's network for a few minutes, show the result
 # make person  the same for a person instead of a hand, in ten minutes; make arm: for a planar arm, in one
 # make test    set up and run the tests (ORDER=random: in random order, with a seed to repeat it)
-# make kernels the tests of predictions, depth fits and figures again, with the slowest BLAS kernels and NumPy's SIMD off
+# make kernels the tests of predictions and depth fits again, with the slowest BLAS kernels and NumPy's SIMD off
 # make faults  fault injection: tens of thousands of cases with kills, damaged files, full disks (half an hour; CASES=100: short)
 # make table1  the paper's Table 1: runs the missing training runs (days; HOURS=8 limits the time), writes docs/results
 # make bench   compares the speed with PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
@@ -72,7 +72,7 @@ test: .venv/test
 
 # As on a processor without AVX. NumPy refuses names of features that it does not have, so it is asked for those.
 # These are the tests whose results rounding can change by more than rounding: a depth fit decides which capsule is
-# nearest, and a prediction or a figure is compared with that of another machine. Layers and fits to joints are smooth.
+# nearest, and a prediction is compared with that of another machine. Layers and fits to joints are smooth.
 # test_processors.py chooses kernels by itself.
 SIMD := import numpy; print(*numpy.show_config("dicts").get("SIMD Extensions", {}).get("found", []))
 kernels: .venv/test

@@ -15,8 +15,8 @@ from exercises.checking import steps
 from exercises.relu import OneAtZero
 from exercises.runner import LocalRunner
 from exercises.table import EXERCISES
-from handpose.body.joint_formats.formats import FORMATS, FormatName, JointFormat
-from handpose.body.joint_formats.points import POINTS, Point
+from handpose.body.joint_formats.formats import FORMATS, FormatName
+from handpose.body.joint_formats.points import POINTS
 from netlib.files.paths import ROOT
 
 LANGUAGES = {".py": "python", ".prototxt": "prototxt"}
@@ -83,14 +83,10 @@ def joint_formats() -> None:
     rows = [["computed as", *FORMAT_TITLES.values(), "against the anatomical point"]]
     rows.append(["---"] * len(rows[0]))
     for point in POINTS.values():
-        joints = [_joints_at(point, FORMATS[name]) for name in FORMAT_TITLES]
+        joints = [", ".join(f"`{number} {name}`" for number, (name, at) in enumerate(FORMATS[key].joints.items())
+                            if at is point) for key in FORMAT_TITLES]
         if any(joints):
             terms = [f"`{j}`" if weight == 1 else f"{weight:.3g} `{j}`" for j, weight in point.weights.items()]
             rows.append([" + ".join(terms).replace("+ -", "− "), *joints, point.bias])
     for row in rows:
         print(f"| {' | '.join(row)} |")
-
-
-def _joints_at(point: Point, joint_format: JointFormat) -> str:
-    """The numbers and names of a format's joints at a point."""
-    return ", ".join(f"`{n} {name}`" for n, (name, at) in enumerate(joint_format.joints.items()) if at is point)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import os
+import re
 import runpy
 import subprocess
 import sys
@@ -35,11 +35,8 @@ def test_it_is_short_and_needs_numpy_alone() -> None:
     text = (BOOK / "nano.py").read_text(encoding="utf-8")
     count = len(text.splitlines())
     assert count <= 240 and f"It is {count} lines" in (BOOK / "0_all_of_it.md").read_text(encoding="utf-8")
-    imported = {
-        alias.name for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import) for alias in node.names
-    }
+    imported = set(re.findall(r"^ *(?:import|from) (\w+)", text, re.MULTILINE))
     assert imported - {"check_nano", "numpy"} <= sys.stdlib_module_names
-    assert not any(isinstance(node, ast.ImportFrom) and node.module != "pathlib" for node in ast.walk(ast.parse(text)))
 
 
 def test_the_hand_is_that_of_the_layer(hand) -> None:
@@ -78,17 +75,6 @@ def test_errors_and_drawings_are_of_the_joints(hand) -> None:
     same, moved = nano.drawing(true[0], true[0], hand), nano.drawing(true[0] + [5, 0, 0], true[0], hand)
     assert {len(line) for line in same} == {52} and set("".join(same)) == {" ", "o"}
     assert "." in "".join(moved) and all(line[51] == "o" for line in moved if "o" in line)
-
-
-def test_a_prediction_drops_nothing(hand) -> None:
-    """Predictions are the same every time, and those of training without dropout."""
-    with np.load(nano.FRAMES) as data:
-        depth = data["depth"][:2] / 127
-    network, without = (nano.new_network(np.random.default_rng(1), p) for p in (0.9, 0))
-    X = nano.predict(network, hand, depth)
-    np.testing.assert_array_equal(X, nano.predict(network, hand, depth))
-    loss, _ = nano.loss_and_gradients(without, hand, depth, X)
-    assert loss == pytest.approx(0, abs=1e-12)
 
 
 def test_it_prints_losses() -> None:

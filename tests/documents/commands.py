@@ -19,6 +19,7 @@ from unittest import mock
 from handpose import __main__ as subcommands
 
 ROOT = Path(__file__).resolve().parents[2]
+SETUP = (ROOT / "setup.cfg").read_text(encoding="utf-8")
 SECONDS = 300  # for the commands of one block; reached by a hang only
 
 
@@ -76,6 +77,9 @@ def _mistake(words: list[str]) -> str:
     name, *rest = words or [""]
     if name == "make":
         return "".join(f"no target {word}" for word in rest if "=" not in word and word not in targets())
+    if "install" in rest:
+        extras = re.findall(r"[\w-]+", " ".join(re.findall(r"\.\[([\w,-]+)\]", rest[-1])))
+        return "".join(f"no extra {extra}" for extra in extras if not re.search(rf"^{extra} =$", SETUP, re.MULTILINE))
     if name in ("handpose", "netlib"):
         tools = {word: path.stem for word, path in subcommands.commands().items()}
         tools |= subcommands.NET_TOOLS if name == "netlib" else {}
@@ -83,9 +87,9 @@ def _mistake(words: list[str]) -> str:
     if not re.fullmatch(r"(.*/)?python3?", name):
         return ""
     rest = rest[2:] if rest[:2] == ["-m", "mpi4py"] else rest
-    module = rest[1] if rest[:1] == ["-m"] else rest[0].removesuffix(".py").replace("/", ".")
-    argv = rest[2:] if rest[:1] == ["-m"] else rest[1:]
-    return _refused(module, argv) if (ROOT / module.split(".")[0]).is_dir() else ""
+    first, *argv = rest[1:] if rest[:1] == ["-m"] else rest or [""]
+    module = first.removesuffix(".py").replace("/", ".")
+    return _refused(module, argv) if module and (ROOT / module.split(".")[0]).is_dir() else ""
 
 
 def _refused(module: str, argv: list[str]) -> str:

@@ -106,7 +106,8 @@ def fully_connected(name: str, bottom: str, outputs: int = 2) -> str:
 def nets(folder: Path) -> None:
     """net.prototxt, solver.prototxt, deploy.prototxt and the weights net.caffemodel of a net with one layer."""
     inputs = 'layer { name: "in" type: "Input" top: "data" input_param { shape { dim: 1 dim: 2 } } }\n'
-    dummy = 'layer { name: "in" type: "DummyData" top: "data" top: "label" dummy_data_param { shape { dim: 3 dim: 2 } } }\n'
+    dummy = 'layer { name: "in" type: "DummyData" top: "data" top: "label"'
+    dummy += " dummy_data_param { shape { dim: 3 dim: 2 } } }\n"
     loss = 'layer { name: "loss" type: "EuclideanLoss" bottom: "fc" bottom: "label" top: "loss" }\n'
     fc = fully_connected("fc", "data")
     (folder / "net.prototxt").write_text(dummy + fc + loss, encoding="utf-8")

@@ -42,6 +42,8 @@ WRONG = """
 x = 3
 ```
 ```pycon
+>>> x / 7, 0.43
+(0.43, 0.43)
 >>> x / 7, 0.5
 (0.43, 0.7)
 ```
@@ -68,8 +70,8 @@ def test_a_block_that_is_wrong_fails(tmp_path: Path) -> None:
     """Another number, output or status, an unknown option and an unknown field are reported, each with its line."""
     (tmp_path / "page.md").write_text(WRONG, encoding="utf-8")
     found = dict(failure.split(": ", 1) for failure in failures(tmp_path / "page.md", tmp_path, {}))
-    assert list(found) == [f"line {number}" for number in (6, 12, 15, 19, 22)]
+    assert list(found) == [f"line {number}" for number in (8, 14, 17, 21, 24)]
     for reason, expected in zip(found.values(), (
-            "0.7 is shown, 0.5 was printed", "shown and printed differ", "exit status 1",
+            "(0.43, 0.7)", "shown and printed differ", "exit status 1",
             "unrecognized arguments: --gone 3", "did you mean 'bottom'")):
         assert expected in reason

@@ -82,9 +82,10 @@ def six_hands() -> Any:
 def draw_hands(axes: Any, depth: Array, center_uvd: Array, truth: Array, predicted: Array, skeleton: Skeleton) -> None:
     """Draw a crop (128, 128), its true joints (31, 3) in white and the predicted ones in colours, in half-cubes."""
     axes.imshow(0.8 * (1 - depth) / 2, cmap="gray", vmin=0, vmax=1)
-    own = joint_colours(skeleton)
+    own, center = joint_colours(skeleton), np.asarray(center_uvd, dtype=np.float64)[None]
     for joints, true in ((truth, True), (predicted, False)):
-        pixels = pixels_of(joints, center_uvd)
+        xyz = restore_joints(joints[None], NYU.unproject(center), HALF_CUBE_MM)
+        pixels = crop_pixels(NYU.project(xyz), center, CUBE_MM)[0]
         for parent, joint in bones(skeleton):
             axes.plot(*pixels[[parent, joint]].T, color="white" if true else own[joint], lw=1 if true else 2)
 
@@ -92,13 +93,6 @@ def draw_hands(axes: Any, depth: Array, center_uvd: Array, truth: Array, predict
 def joint_colours(skeleton: Skeleton) -> list[tuple[float, ...]]:
     """Each joint's colour in matplotlib's form: red, green, blue, up to 1."""
     return [tuple(channel / 255 for channel in reversed(colour)) for colour in colours(skeleton)]
-
-
-def pixels_of(joints: Array, center_uvd: Array) -> Array:
-    """Columns and rows (31, 2) in the crop of joints (31, 3) in half-cubes."""
-    center = np.asarray(center_uvd, dtype=np.float64)[None]
-    xyz = restore_joints(joints[None], NYU.unproject(center), HALF_CUBE_MM)
-    return np.asarray(crop_pixels(NYU.project(xyz), center, CUBE_MM)[0])
 
 
 def joint_errors() -> Any:
