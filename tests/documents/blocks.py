@@ -48,6 +48,8 @@ def parse(document: Document) -> Iterator[Region]:
         evaluators = NOT_RUN if mark and mark[1] == "not run" else RUN
         if tag not in RUN:
             raise ValueError(f"{document.path}: a block of {tag!r}; expected one of {', '.join(RUN)}")
+        if tag == "pycon" and not region.parsed.lstrip().startswith(">>>"):
+            raise ValueError(f"{document.path}: a pycon block begins with >>>")
         if tag != "pycon" or evaluators is NOT_RUN:
             region.evaluator = _write if region.lexemes["file"] else evaluators[tag]
             yield region
