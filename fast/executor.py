@@ -30,7 +30,7 @@ from fast.shared_memory import share
 from fast.slices import SlicedStep
 from fast.tiles import FastBlob
 from netlib.blob import Blob
-from netlib.engine.checks import guarded
+from netlib.engine.checks import guarded, run_backward
 from netlib.engine.plain import BackwardHook, Connection, Executor, Step
 from netlib.errors import NetlibError
 from netlib.layer import Layer
@@ -318,7 +318,7 @@ class WholeStep(Step):
     def backward(self, on_done: BackwardHook | None = None) -> None:
         """Compute the diffs, if needed."""
         if self.at.needs_backward:
-            guarded(self._plain or self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
+            run_backward(self.at, self._plain)
 
     def _now(self) -> list[tuple[int, ...]]:
         """The current shapes of all bottoms and tops, which a caller may have changed."""

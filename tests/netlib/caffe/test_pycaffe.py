@@ -256,12 +256,33 @@ def test_what_is_accepted_and_ignored_is_said_once(caplog: pytest.LogCaptureFixt
 
 
 def test_an_update_by_hand() -> None:
-    """apply_update computes w <- w - lr dw."""
+    """apply_update computes w <- w - lr dw and counts the iteration, so that a policy and Adam advance."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     w = solver.net.params["a"][0]
     w.data[...], w.diff[...] = 0, 1
     solver.apply_update()
     assert np.allclose(w.data, -0.5)
+    assert (solver.iter, solver.lr) == (1, 0.5)
+    solver.apply_update()
+    assert (solver.iter, solver.lr) == (2, pytest.approx(0.05))
+    assert Path(solver.snapshot()).name == "s_iter_2.solverstate"
+
+
+@pytest.mark.parametrize("kind", ["SGD", "Nesterov", "AdaGrad", "RMSProp", "AdaDelta", "Adam"])
+def test_a_loop_by_hand_is_the_solvers_loop(kind: str) -> None:
+    """forward, backward and apply_update give the bits of step."""
+    momentum = "momentum: 0.9" if kind in ("SGD", "Nesterov", "Adam") else ""
+    Path("kind.prototxt").write_text(f'{SOLVER} type: "{kind}" {momentum} random_seed: 3')
+    solvers = [pycaffe.get_solver("kind.prototxt") for _ in range(2)]
+    solvers[0].step(5)
+    for _ in range(5):
+        solvers[1].net.clear_param_diffs()
+        solvers[1].net.forward()
+        solvers[1].net.backward()
+        solvers[1].apply_update()
+    stepped, by_hand = ([param.blob.data for param in solver.net.learnable] for solver in solvers)
+    assert [solver.iter for solver in solvers] == [5, 5]
+    assert all(map(np.array_equal, stepped, by_hand))
 
 
 def test_options_may_change_while_it_trains() -> None:
