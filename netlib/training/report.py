@@ -48,7 +48,7 @@ def lack_of_loss(net: Net) -> Iterator[str]:
     if net.losses:
         for layer, name in named:
             if layer.type == "Python":  # as in Caffe, its weight is 0 if none is given; another type may be a metric
-                yield f"top {name!r} of layer {layer.name!r} looks like a loss, but has no loss_weight, so it is ignored"
+                yield f"top {name!r} of layer {layer.name!r} looks like a loss, but has no loss_weight; it is ignored"
         return
     found = named or [(layer, name) for layer, name, blob in outputs if blob.count == 1 and layer.type != "Accuracy"]
     if found:

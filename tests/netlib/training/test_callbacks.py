@@ -155,7 +155,7 @@ def test_a_net_without_a_loss_is_reported_once(
 
 @pytest.mark.parametrize(("given", "messages"), [
     ("loss_weight: 1", []), ("loss_weight: 0", []),
-    ("", ["top 'penalty' of layer 'penalty_loss' looks like a loss, but has no loss_weight, so it is ignored"]),
+    ("", ["top 'penalty' of layer 'penalty_loss' looks like a loss, but has no loss_weight; it is ignored"]),
 ])
 def test_a_python_loss_beside_another_needs_a_weight(
     solver_of: MakeSolver, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, given: str,
