@@ -4,8 +4,7 @@ A case damages one of the good files of a reader and reads it. The reader must f
 file or the fault, or read the file. If a checksum protects the content (``exact``), the result must then be the content
 that was written.
 
-``READERS`` is the table. tests/faults/test_campaign_is_complete.py compares it with the sources and fails for a module
-that opens a file but is in no row.
+``READERS`` is the table. Each module that opens a file has a row.
 """
 
 from __future__ import annotations
