@@ -102,7 +102,7 @@ def differences(
             outputs[name] |= compared(found[name], rounded[name], expected[name])
         for name, of_layer in _of_layers(exact, inputs, _run(in_parts, inputs), rng):
             layers[name] = layers.get(name, Difference()) | of_layer
-    return outputs | {name: layers[name] for name in selected}, layers
+    return outputs | {name: layers[name] for name in selected if name in outputs}, layers
 
 
 def _of_layers(
@@ -130,7 +130,7 @@ def _of_layers(
 @contextmanager
 def _rounding_errors(at: Connection, rng: np.random.Generator) -> Iterator[None]:
     """Temporarily change the bottoms and parameters of a layer by half a unit in the last place of float32."""
-    arrays = [blob.data for blob in {*at.bottom, *at.layer.blobs}]
+    arrays = [blob.data for blob in dict.fromkeys([*at.bottom, *at.layer.blobs])]
     before = [array.copy() for array in arrays]
     if at.layer.type not in SELECTING:
         for array in arrays:
