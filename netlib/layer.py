@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import DTypeLike
 
-from netlib.blob import Blob, Blobs, ParameterBlobs
+from netlib.blob import Blob, Blobs, BlobVec
 from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
 from netlib.proto import schema
@@ -70,7 +70,7 @@ class Layer:
         self.spec, self.source = spec, schema.position_of(spec).source
         self.name, self.type, self.phase = spec.name, spec.type, PHASES[phase]
         self.rng, self.dtype = rng, np.dtype(dtype)
-        self.blobs: Blobs = ParameterBlobs(dtype=self.dtype)
+        self.blobs: Blobs = BlobVec(dtype=self.dtype)
         options = PythonParameter if spec.type == "Python" else self.param_type
         self.param: Any = self.read_block(block_name(type(self), spec.type), options)
         self.param_str: str = self.param.param_str if spec.type == "Python" else ""
