@@ -99,7 +99,7 @@ endif
 
 # Documents and packages whose spelling and wording codespell checks (setup.cfg, docs/wording.txt). Some words are names
 # in the code.
-WORDED := README.md CHANGELOG.md CONTRIBUTING.md web/README.md docs/*.md docs/book docs/results docs/exercises/README.md models prototxt \
+WORDED := README.md CHANGELOG.md CONTRIBUTING.md docs/*.md docs/book docs/results docs/exercises/README.md models prototxt \
 	tests/caffe/README.md
 WORDED_CODE := netlib layers fast handpose exercises experiments export tools benchmarks docs/making
 NAMES := ledger,mot,nd,trainings

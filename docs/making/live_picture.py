@@ -38,7 +38,7 @@ def taken(browser: Browser, frames: int = FRAMES) -> bytes:
             found = tracker.step(frame)
             server.put(VIEWS, messages.view(messages.record(found), frame.depth, found))
             tab.locator("#state").filter(has_text=re.compile(rf"^frame {frame.number}, ")).wait_for()
-        tab.evaluate("live.stage.viewer.turn(-40, 15), live.stage.draw(2)")
+        tab.evaluate("live.view.camera.rotate(-40, 15), live.view.draw(2)")
         try:
             return tab.screenshot()
         finally:

@@ -21,7 +21,7 @@ NO_READERS = {
     "experiments/confidence.py": "reads labels with np.load, and looks at their shape",
     "experiments/table1/results.py": "asks netlib/files/hdf5.py for rows, and looks at their shape",
     "handpose/__main__.py": "reads the commands that come with the project",
-    "handpose/output/drawing/page/assembly.py": "reads the page that comes with the project",
+    "handpose/output/hand_page/assembly.py": "reads the page that comes with the project",
     "handpose/frames/formats/video_writer.py": "looks whether a frame of what it has written itself reached the disk",
     "netlib/system/memory.py": "reads what Linux says of the memory that there is",
     "netlib/files/reading.py": "opens for all others what a user names",
