@@ -24,6 +24,7 @@ from handpose.output.hand_page.content import body, content, hand
 from handpose.output.tracks import angles, csv_file, joint_values
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.sequences.gestures import poses
+from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.blob import Array
@@ -148,9 +149,9 @@ def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
 def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predictor) -> None:
     """Write one page for all images, with a list to select from. Raises OSError, NetlibError."""
     hands = [_on_page(image, prediction, predictor) for image, prediction in found]
-    sampler = BodySampler()
-    own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
     name = predictor.skeleton.name
+    sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR if name == "people" else prior_file.NYU_PRIOR))
+    own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
     shown = body(name, predictor.skeleton, poses(sampler) if own else None, predictor.cube_mm / 2)
     title = "Predicted hands" if len(hands) > 1 else "Predicted hand"
     atomic.replace_text(path, page(title if predictor.is_hand else f"{name}, predicted", content([shown], hands)))
