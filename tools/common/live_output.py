@@ -34,7 +34,7 @@ _CHECK_S = 0.1  # interval between checks for a request to stop
 class LiveOutput:
     """Sends the frames of a track to the clients of a server and as datagrams. Raises NetlibError."""
 
-    def __init__(self, args: argparse.Namespace, header: TrackHeader, live: bool) -> None:
+    def __init__(self, args: argparse.Namespace, header: TrackHeader, live: bool = False) -> None:
         self._messages = Messages(header, args.joints, args.gestures)
         self._server = self._server_at(args.serve, header, live) if args.serve else None
         self._sender = DatagramSender(args.udp) if args.udp else None

@@ -14,7 +14,7 @@ const brief = (name) => name.replace("h_relu_0_split_", "h"); // the copies of h
 
 /* ------------------------------------------------------------------------------------------------ the graph */
 
-const WIDTH = 372, ROW = 88, BOX = [100, 32]; // of the graph, a row of it, and a layer
+const WIDTH = 372, ROW = 88, BOX = [100, 32]; // width of the graph, height of a row, size of a layer's box
 const depth = {}, writer = {}, places = [];
 data.layers.forEach((layer, n) => {
   depth[n] = Math.max(-1, ...layer.bottom.map((name) => depth[writer[name]])) + 1;

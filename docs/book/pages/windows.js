@@ -87,7 +87,8 @@ function select(name, i) {
   else if (name.endsWith("x")) showInput(i);
   else if (name.endsWith("w")) showWeight(i);
   else showBias();
-  const target = EDITABLE.includes(name) ? name : name === "y" ? "dy" : name.slice(1); // the editor changes its source
+  // For y the editor changes dy; for dx, dw and db it changes x, w and b.
+  const target = EDITABLE.includes(name) ? name : name === "y" ? "dy" : name.slice(1);
   byId("edited").textContent = `${nameOf(target, i)} =`;
   byId("value").value = layer[target][i];
   byId("value").dataset.grid = target;

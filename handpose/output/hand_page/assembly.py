@@ -63,7 +63,8 @@ def _add(name: str, parts: dict[str, str], importers: tuple[str, ...], folders: 
             _add(other, parts, (*importers, name), folders)
     names = ", ".join(sorted(exported for _, exported in _EXPORT.findall(text)))
     body = _EXPORT.sub(r"\1", _IMPORT.sub(r"const {\1} = modules.\2;", text))
-    assert not re.search(r"^\s*(import|export)\b|</script|<!--", body, re.MULTILINE), f"{name}.js: what is left of it?"
+    unsupported = re.search(r"^\s*(import|export)\b|</script|<!--", body, re.MULTILINE)
+    assert not unsupported, f"{name}.js: unsupported import, export or tag"
     parts[name] = f"modules.{name} = (() => {{\n{body}return {{ {names} }};\n}})();\n"
 
 

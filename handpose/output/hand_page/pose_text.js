@@ -1,6 +1,6 @@
 /* A pose as text: the inputs of HandModel, in order, as a list in JSON, Python and np.array. */
 
-export const MAX_INPUT = 1e6; // larger inputs are refused
+export const MAX_INPUT = 1e6; // larger inputs are rejected
 const DIGITS = 9; // significant digits, which keep the joints to 1e-8
 
 /* The inputs of the skeleton; those of fixed DoFs are 0. */

@@ -5,7 +5,7 @@
 
 import { add, dot, minus, times } from "./vectors.js";
 
-const CLEAR = 40; // mm: parts of capsules that are nearer to the plane of the camera are cut off
+const CLEAR = 40; // mm: parts of capsules nearer to the plane of the camera than this are cut off
 const OUTSIDE = 8; // slope of the rays of pixels outside the image, which is too large to meet a capsule
 
 /* Render capsules along rays of ascending slopes `x` and `y`: {depth, owner, along}, row by row.
@@ -40,10 +40,10 @@ function inFront({ a, b, ra, rb }) {
 function visible({ a, b, ra, rb, first, last }) {
   [a, b] = [a, b].map(([x, y, z]) => [x, -y, z]);
   const B = minus(b, a), w = ra - rb, e = dot(B, B) - w * w, g = dot(a, B) + ra * w;
-  let end = w < 0 ? 1 : 0; // the larger sphere, for the case that it contains the other one
+  let end = w < 0 ? 1 : 0; // the larger sphere, which is all there is if it contains the other one
   let one = e <= 0;
-  if (!one) {
-    const s = -g / e; // for a camera inside the cone: the nearer end hides the rest
+  if (!one) { // if the camera is inside the infinite cone, the nearer end hides the rest
+    const s = -g / e;
     one = e * (dot(a, a) - ra * ra) - g * g <= 0 && ra - s * w > 0;
     end = Math.round(Math.min(Math.max(s, 0), 1));
   }
