@@ -1118,7 +1118,7 @@ READERS: tuple[Reader, ...] = (
            make_old_state, read_pair),
     Reader("errors of a network", ("handpose/fit/network_errors.py",), make_fit, read_fit),
     Reader("packaged model", ("handpose/estimate/packaged.py",), make_card, read_packaged, exact=True),
-    Reader("data hdf5", ("netlib/files/hdf5.py", "netlib/files/hdf5_check.py", "layers/data/hdf5_data.py"),
+    Reader("data hdf5", ("netlib/files/hdf5.py", "layers/data/hdf5_data.py"),
            make_hdf5, read_batches),
     Reader("data pictures", ("layers/data/image_data.py", "layers/data/images.py", "netlib/proto/binaryproto.py"),
            make_pictures, read_batches),

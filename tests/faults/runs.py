@@ -33,7 +33,7 @@ import numpy as np
 from handpose.output.drawing import strokes
 from handpose.synthetic import prior_file
 from netlib.errors import NetlibError
-from netlib.files import atomic, hdf5_check, hdf5_helper
+from netlib.files import atomic
 from tests.faults import readers
 from tests.faults.isolation import BrokenPromise, outcome_of_error
 from tests.faults.readers import digest
@@ -460,10 +460,8 @@ def forked(
 def _answered(function: Callable[[], Any]) -> tuple[int, str | list[str] | None]:
     """Run the function in the child; returns the exit status and the answer.
 
-    The child checks HDF5 files in its own process, because starting a helper process for each of hundreds of children
-    would take most of the time; the campaign of readers tests the helper. An alarm ends the child if its parent ended.
+    An alarm ends the child if its parent ended.
     """
-    hdf5_helper.fault_of = lambda path, content: hdf5_check.fault_of(path)  # type: ignore[assignment]
     signal.alarm(LONGEST_S)
     try:
         answer = function()
