@@ -12,10 +12,10 @@ import numpy as np
 
 import netlib
 from docs.making.figures import drawing
-from docs.making.figures.training import START, STEEP, STEPS
-from handpose.output.drawing.page.assembly import assembled, page, script_of, source
-from handpose.output.drawing.page.content import body, content
+from handpose.output.hand_page.assembly import assembled, page, script_of, source
+from handpose.output.hand_page.content import body, content
 from handpose.sequences.gestures import poses
+from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
@@ -25,7 +25,7 @@ from netlib.files import atomic
 from netlib.files.paths import ROOT
 from netlib.proto import prototxt, schema
 
-BROWSER = ROOT / "web" / "book"  # the sources of the book's pages
+BROWSER = ROOT / "docs" / "book" / "pages"  # the sources of the book's pages
 COLOURS = ("DATA", "DIFF", "PALE_DATA", "PALE_DIFF", "REST", "PALE_REST", "POSITIVE", "NEGATIVE")  # of drawing.py
 
 
@@ -54,18 +54,14 @@ joint { name: "wrist" parent: "elbow" rotate { axis: Z dof: "elbow" } bone { axi
 
 
 def hand() -> str:
-    """The packaged hand with its gestures; also the book's arm, and the person."""
-    sampler = BodySampler()
-    data = content(sampler.skeleton, poses=poses(sampler))
+    """The packaged hand and NYU's, with their named poses; also the book's arm, and the person."""
+    packaged, nyu = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR)), BodySampler()
     arm = Skeleton(schema.read(prototxt.parse(ARM, "arm.prototxt"), SkeletonParameter))
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
-    data["bodies"] = [body("hand", sampler.skeleton), body("arm", arm), body("person", person, PERSON_UNIT_MM)]
-    return page("The hand", data)
-
-
-def momentum() -> dict[str, Any]:
-    """The valley and the start of chapter 6, and the number of steps; the browser computes the paths."""
-    return {"start": START, "kappa": float(STEEP[1] / STEEP[0]), "steps": STEPS}
+    return page("The hand", content([
+        body("hand", packaged.skeleton, poses(packaged)), body("nyu", nyu.skeleton, poses(nyu)), body("arm", arm),
+        body("person", person, unit_mm=PERSON_UNIT_MM),
+    ]))
 
 
 PICTURE = np.array([
@@ -182,7 +178,6 @@ def small_net() -> dict[str, Any]:
 
 
 BOOK: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {  # name of the file: (title, a function of its data)
-    "momentum": ("Momentum", momentum),
     "windows": ("Convolution and pooling", windows),
     "small_net": ("A small net, step by step", small_net),
 }

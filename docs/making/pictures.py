@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 SIZE: Any = {"width": 1280, "height": 800}  # playwright has a type for it, if installed
 POSE = """async () => {
-  const { body, data, stage } = hand, { dofs, joints } = body.skeleton;
-  const pose = Object.entries({ ...data.poses.point, palm_rot_y: 0.5 });
-  body.move(Object.fromEntries(pose.map(([name, value]) => [dofs.indexOf(name), value])));
-  body.push(joints.indexOf("index_tip"), [13, 4, -9]);
-  stage.viewer.turn(-20, 10);
+  const { body, data, view } = hand, { dofs, joints } = body.skeleton;
+  const pose = Object.entries({ ...data.bodies[0].poses.point, palm_rot_y: 0.5 });
+  body.setInputs(Object.fromEntries(pose.map(([name, value]) => [dofs.indexOf(name), value])));
+  body.applyForce(joints.indexOf("index_tip"), [13, 4, -9]);
+  view.camera.rotate(-20, 10);
   await new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)));
-  stage.draw(2); // finely
+  view.draw(2); // in high resolution
 }"""
 
 
@@ -57,14 +57,15 @@ def live_page(browser: Browser, frames: int = 90) -> bytes:
     tracker = load_tracker(NYU, surface=True)
     header = tracker.header("takes/both")
     messages = Messages(header, gestures=True)
+    recording = zip(SyntheticRecording("two_hands", NYU), range(frames))
+    tracked = [(frame.depth, tracker.step(frame)) for frame, _ in recording]
     with (LiveServer("127.0.0.1", 0, messages.header, page(header)) as server,
           browser.new_page(viewport=SIZE, color_scheme="light") as tab):
         tab.goto(server.page_url)
-        for frame, _ in zip(SyntheticRecording("two_hands", NYU), range(frames)):
-            found = tracker.step(frame)
-            server.put(VIEWS, messages.view(messages.record(found), frame.depth, found))
-            tab.locator("#state").filter(has_text=re.compile(rf"^frame {frame.number}, ")).wait_for()
-        tab.evaluate("live.stage.viewer.turn(-40, 15), live.stage.draw(2)")
+        for depth, found in tracked:
+            server.put(VIEWS, messages.view(messages.record(found), depth, found))
+            tab.locator("#state").filter(has_text=re.compile(rf"^frame {found.number}, ")).wait_for()
+        tab.evaluate("live.view.camera.rotate(-40, 15), live.view.draw(2)")
         return tab.screenshot()
 
 

@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 
 from docs.making import pages
-from netlib.proto import schema
-from netlib.proto.messages import SolverParameter
-from netlib.updates import RULES
 from tests.support.chromium_tabs import browser, visit
 
 __all__ = ["browser", "visit"]  # fixtures
@@ -39,22 +36,6 @@ def test_a_page_fits_a_phone_and_names_its_controls(visit: Visit, page_of: PageO
     assert tab.evaluate("document.documentElement.scrollWidth") <= 360
     unnamed = "(all) => all.filter((one) => !one.labels?.length && !one.ariaLabel && !one.textContent).length"
     assert tab.locator("input, select, button:not(:disabled)").evaluate_all(unnamed) == 0
-
-
-def test_momentum(visit: Visit, page_of: PageOf) -> None:
-    """For random curvatures, rates and momenta the page computes netlib's steps, and the roots of the polynomial."""
-    tab, rng = visit(page_of("momentum")), np.random.default_rng(0)
-    rule, count = RULES["SGD"]
-    for curvature, rate, momentum in rng.uniform((0.5, 0.01, 0), (20, 0.1, 0.99), (8, 3)):
-        param = schema.changed(SolverParameter(), momentum=momentum)
-        w, histories, steps = np.array([3.0]), [np.zeros(1) for _ in range(count)], [3.0]
-        for t in range(20):
-            rule(param, w, curvature * w, rate, histories, t + 1)
-            steps.append(float(w[0]))
-        call = [curvature, rate, momentum]
-        np.testing.assert_allclose(tab.evaluate("(all) => page.errors(...all)", [*call, 3, 20]), steps, rtol=1e-9)
-        found = np.array(tab.evaluate("(all) => page.roots(...all)", call)) @ [1, 1j]
-        np.testing.assert_allclose(np.sort(found), np.sort(np.roots([1, rate * curvature - 1 - momentum, momentum])))
 
 
 @pytest.mark.parametrize("number", range(len(pages.LAYERS)), ids=list(pages.LAYERS))
@@ -116,6 +97,6 @@ def test_the_small_net_in_use(visit: Visit, page_of: PageOf) -> None:
     """Steps show the numbers of chapter 5, and an update lowers the loss."""
     tab = visit(page_of("small_net"))
     tab.locator("#step").fill("14")
-    assert "dh0 + dh1 + dh2 = [0.25, 0.5] + [0, 0] + [1.5, 0] = [1.75, 0.5]" in tab.locator("#told").inner_text()
+    assert "dh0 + dh1 + dh2 = [0.25, 0.5] + [0, 0] + [1.5, 0] = [1.75, 0.5]" in tab.locator("#step-text").inner_text()
     tab.get_by_role("button", name="Update").click()
     assert float(tab.locator("#loss").inner_text().split("= ")[-1]) < 2.375

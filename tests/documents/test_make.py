@@ -15,10 +15,7 @@ RUN = {  # target: variables that make it small, and a part of its output
     "help": ("", "make lint    the style and type checks"),
     "demo": ("OPTIONS='--frames 1'", "For your own camera: "),
     "train": (SMALL, "tools/train.py prototxt/nyu_solver.prototxt --snapshot snapshots/nyu_iter_1.solverstate.h5"),
-    "person": (SMALL, "Pictures: data/person/frames.png"),
-    "arm": (SMALL, "Pictures: data/arm/frames.png"),
     "table1": ("OPTIONS=--list", "one_hand"),
-    "faults": ("CASES=1 SEED=1 ONLY=camera.json", "camera.json: 1 "),
 }
 NOT_RUN = {  # only the arguments of their programs are checked
     "bench": "by tests/benchmarks", "parts": "by tests/benchmarks", "ranks": "by tests/benchmarks",

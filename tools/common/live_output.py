@@ -34,9 +34,9 @@ _CHECK_S = 0.1  # interval between checks for a request to stop
 class LiveOutput:
     """Sends the frames of a track to the clients of a server and as datagrams. Raises NetlibError."""
 
-    def __init__(self, args: argparse.Namespace, header: TrackHeader) -> None:
+    def __init__(self, args: argparse.Namespace, header: TrackHeader, live: bool = False) -> None:
         self._messages = Messages(header, args.joints, args.gestures)
-        self._server = self._server_at(args.serve, header) if args.serve else None
+        self._server = self._server_at(args.serve, header, live) if args.serve else None
         self._sender = DatagramSender(args.udp) if args.udp else None
         self._addresses = Path(args.addresses) if args.addresses else None
         self._stack = contextlib.ExitStack()
@@ -94,7 +94,7 @@ class LiveOutput:
             say(f"warning: --udp: {self._sender.dropped} datagrams were not sent: {self._sender.reason}",
                 file=sys.stderr)
 
-    def _server_at(self, address: tuple[str, int], header: TrackHeader) -> LiveServer:
+    def _server_at(self, address: tuple[str, int], header: TrackHeader, live: bool) -> LiveServer:
         from handpose.output.live.page import page
         from handpose.output.live.server import (  # imports asyncio, which other runs do not need
             LiveServer,
@@ -103,7 +103,7 @@ class LiveOutput:
 
         host, port = address
         token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None
-        return LiveServer(host, port, self._messages.header, page(header), token)
+        return LiveServer(host, port, self._messages.header, page(header, live), token)
 
     def _hold(self) -> None:
         if self._begun is None or self._server is None:

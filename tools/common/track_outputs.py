@@ -126,7 +126,9 @@ def is_drawn(args: argparse.Namespace) -> bool:
 class Outputs:
     """All outputs that the options select. However the block ends, what was written remains as complete files."""
 
-    def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
+    def __init__(
+        self, args: argparse.Namespace, header: TrackHeader, rate: float | None, live: bool = False
+    ) -> None:
         self._args = args
         self._painter: Painter | None = None
         self._sheet: ContactSheet | None = None
@@ -138,7 +140,7 @@ class Outputs:
         if any(getattr(args, name) is not None for name in LIVE):
             from tools.common.live_output import LiveOutput
 
-            self._live = LiveOutput(args, header)
+            self._live = LiveOutput(args, header, live)
         paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
         self._writers: list[TrackWriter] = [
             open_writer(path, header, rate, args.joints, args.gestures) for path in paths
