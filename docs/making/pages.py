@@ -43,7 +43,6 @@ def book_page(name: str) -> str:
     return assembled(title, data(), main, style, script_of(name, BROWSER))
 
 
-PERSON_UNIT_MM = 1200.0
 # The arm of chapters 8 and 9: two bones in a plane, in numbers for pencil and paper.
 ARM = """name: "arm"
 dof { name: "shoulder" }
@@ -59,7 +58,7 @@ def hand() -> str:
     data = content(sampler.skeleton, poses=poses(sampler))
     arm = Skeleton(schema.read(prototxt.parse(ARM, "arm.prototxt"), SkeletonParameter))
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
-    data["bodies"] = [body("hand", sampler.skeleton), body("arm", arm), body("person", person, PERSON_UNIT_MM)]
+    data["bodies"] = [body("hand", sampler.skeleton), body("arm", arm), body("person", person, 1200.0)]
     return page("The hand", data)
 
 
