@@ -91,7 +91,7 @@ def train(count: int, iterations: int) -> list[Point]:
 
 def draw(points: list[Point], path: Path) -> None:
     """Draw held-out hands over the iterations."""
-    depth, joints, center = (array[DRAWN] for array in rendered("test", max(DRAWN) + 1))
+    depth, joints, center = (array[DRAWN] for array in rendered("test", HELD_OUT))
     write(hands_over_time(points, depth[:, 0], center, joints), path)
     print(f"wrote {path}")
 

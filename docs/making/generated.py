@@ -19,7 +19,6 @@ from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.body.joint_formats.points import POINTS
 from netlib.files.paths import ROOT
 
-LANGUAGES = {".py": "python", ".prototxt": "prototxt"}
 FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "openxr": "OpenXR", "mano": "MANO"}
 
 
@@ -31,7 +30,7 @@ def code(name: str, *names: str) -> None:
     path = ROOT / name
     text = path.read_text(encoding="utf-8")
     pieces = [_source(text, one, name) for one in names] or [text.rstrip("\n")]
-    print(f"```{LANGUAGES[path.suffix]}", "\n\n".join(pieces), "```", sep="\n")
+    print("```python" if path.suffix == ".py" else f"```{path.suffix[1:]}", "\n\n".join(pieces), "```", sep="\n")
 
 
 def _source(text: str, wanted: str, name: str) -> str:

@@ -43,7 +43,6 @@ def book_page(name: str) -> str:
     return assembled(title, data(), main, style, script_of(name, BROWSER))
 
 
-PERSON_UNIT_MM = 1200.0
 # The arm of chapters 8 and 9: two bones in a plane, in numbers for pencil and paper.
 ARM = """name: "arm"
 dof { name: "shoulder" }
@@ -60,7 +59,7 @@ def hand() -> str:
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
     return page("The hand", content([
         body("hand", packaged.skeleton, poses(packaged)), body("nyu", nyu.skeleton, poses(nyu)), body("arm", arm),
-        body("person", person, unit_mm=PERSON_UNIT_MM),
+        body("person", person, unit_mm=1200.0),
     ]))
 
 

@@ -84,9 +84,3 @@ def test_the_changelog_has_the_version() -> None:
     headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     releases = [heading for heading in headings if heading != "Unreleased"]
     assert re.fullmatch(rf"{re.escape(handpose.__version__)} \(\d{{4}}-\d\d-\d\d\)", releases[0])
-
-
-def test_every_figure_of_the_book_is_shown() -> None:
-    text = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
-    shown = set(re.findall(r"images/book/(\w+)\.svg", text))
-    assert shown == {path.stem for path in (ROOT / "docs" / "images" / "book").glob("*.svg")}

@@ -88,7 +88,6 @@ def test_a_figure_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("docs.making.figures.__main__.PLACE", tmp_path)
     run_tool("docs.making.figures.__main__", "arm")
     assert "prefers-color-scheme: dark" in (tmp_path / "arm.svg").read_text(encoding="utf-8")
-    assert [path.name for path in tmp_path.iterdir()] == ["arm.svg"]
 
 
 def test_five_minutes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,7 +97,5 @@ def test_five_minutes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("docs.making.five_minutes.HELD_OUT", 6)
     out = tmp_path / "hands.svg"
     done = run_tool("docs.making.five_minutes", "--frames", 2, "--iterations", 10, "--out", out)
-    lines = done.out.splitlines()
-    errors = [float(re.search(r"training frames +([\d.]+) mm", line)[1]) for line in lines[1:-1]]
-    assert lines[0] == "rendering 2 + 6 frames" and lines[-1] == f"wrote {out}" and out.is_file()
-    assert len(errors) == 11 and errors[-1] < errors[0]
+    errors = [float(error) for error in re.findall(r"training frames +([\d.]+) mm", done.out)]
+    assert len(errors) == 11 and errors[-1] < errors[0] and out.is_file()

@@ -17,14 +17,13 @@ Visit = Callable[..., Any]
 PageOf = Callable[[str], Path]
 
 
-@pytest.fixture(scope="module")
-def page_of(tmp_path_factory: pytest.TempPathFactory) -> PageOf:
+@pytest.fixture
+def page_of(tmp_path: Path) -> PageOf:
     """``page_of("windows")``: the path of a page."""
-    folder = tmp_path_factory.mktemp("pages")
 
     def path(name: str) -> Path:
-        (folder / f"{name}.html").write_text(pages.book_page(name), encoding="utf-8")
-        return folder / f"{name}.html"
+        (tmp_path / f"{name}.html").write_text(pages.book_page(name), encoding="utf-8")
+        return tmp_path / f"{name}.html"
 
     return path
 

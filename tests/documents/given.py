@@ -92,9 +92,7 @@ def people(folder: Path) -> None:
     (folder / "data" / "me" / "train.txt").write_text("data/me/train.h5\n", encoding="utf-8")
 
 
-def solver(net: str) -> str:
-    """The text of a solver."""
-    return f'net: "{net}" base_lr: 0.001 lr_policy: "fixed" max_iter: 3 snapshot_prefix: "net"'
+SOLVER = 'net: "{}" base_lr: 0.001 lr_policy: "fixed" max_iter: 3 snapshot_prefix: "net"'
 
 
 def fully_connected(name: str, bottom: str, outputs: int = 2) -> str:
@@ -112,7 +110,7 @@ def nets(folder: Path) -> None:
     fc = fully_connected("fc", "data")
     (folder / "net.prototxt").write_text(dummy + fc + loss, encoding="utf-8")
     (folder / "deploy.prototxt").write_text(inputs + fc, encoding="utf-8")
-    (folder / "solver.prototxt").write_text(solver("net.prototxt"), encoding="utf-8")
+    (folder / "solver.prototxt").write_text(SOLVER.format("net.prototxt"), encoding="utf-8")
     netlib.Net(folder / "deploy.prototxt", netlib.TEST).save(folder / "net.caffemodel")
 
 
@@ -133,7 +131,7 @@ def pictures(folder: Path) -> None:
     (folder / "list.txt").write_text("".join(f"{n}.png {n % 2}\n" for n in range(4)), encoding="utf-8")
     text = PICTURES + fully_connected("fc6", "data") + fully_connected("fc7", "fc6") + LOSS
     (folder / "train_test.prototxt").write_text(text, encoding="utf-8")
-    (folder / "solver.prototxt").write_text(solver("train_test.prototxt"), encoding="utf-8")
+    (folder / "solver.prototxt").write_text(SOLVER.format("train_test.prototxt"), encoding="utf-8")
     inputs = "input_param { shape { dim: 1 dim: 3 dim: 256 dim: 256 } shape { dim: 1 } } }"
     untrained = re.sub("data_param.*\n}", inputs, text.replace('"Data"', '"Input"'))
     netlib.Net(prototxt.parse(untrained, "net"), netlib.TEST).save(folder / "net_iter_1000.caffemodel")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import random
 import shutil
 import sys
 from collections.abc import Iterator
@@ -51,8 +50,7 @@ def _small_copy(source: str, target: str) -> None:
 @contextlib.contextmanager
 def at_work_in(folder: Path) -> Iterator[None]:
     """Use ``folder`` as the working folder; afterwards restore the imports, settings and random numbers."""
-    before, modules, threads = Path.cwd(), set(sys.modules), netlib.threads()
-    drawn, numpys = random.getstate(), np.random.get_state()
+    before, modules, threads, drawn = Path.cwd(), set(sys.modules), netlib.threads(), np.random.get_state()
     os.chdir(folder)
     try:
         with (mock.patch.dict(os.environ, {"MPLBACKEND": "Agg"}), np.printoptions(), np.errstate(),
@@ -69,6 +67,5 @@ def at_work_in(folder: Path) -> Iterator[None]:
             file = getattr(sys.modules[name], "__file__", None) or ""
             if name.split(".")[0] == "caffe" or file.startswith(f"{folder}{os.sep}"):
                 del sys.modules[name]
-        random.setstate(drawn)
-        np.random.set_state(numpys)
+        np.random.set_state(drawn)
         netlib.set_threads(threads)

@@ -13,7 +13,6 @@ from netlib.blob import Array
 
 SHOULDER, ELBOW = np.arctan2(4, 3), np.pi / 2 - np.arctan2(4, 3)  # they lead the arm to (3, 4) and (3, 6)
 BONES = (5.0, 2.0)
-HALF_CUBE_MM = 150.0
 
 
 def arm_joints(theta: Array) -> Array:
@@ -87,7 +86,7 @@ def reach() -> Any:
 def joints() -> Any:
     """The 31 joints of the hand in its initial pose, from the front and from the side, with their names."""
     hand = load()
-    xyz = HALF_CUBE_MM * Kinematics(hand).joints(np.zeros((1, 47)))[0]
+    xyz = 150 * Kinematics(hand).joints(np.zeros((1, 47)))[0]
     figure = new_figure(10, 6.2)
     front, side, names = figure.subplots(1, 3, gridspec_kw={"width_ratios": (4.4, 2.6, 2.2)})
     views = (front, 0, "x, mm", "from the camera"), (side, 2, "z, mm (away)", "from the side")
