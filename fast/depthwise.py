@@ -57,6 +57,7 @@ class Bands(Algorithm):
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
+        check_finite(w)  # the bands omit padding, and 0 times infinity is NaN
         w, after = after.fold(w)
         _multiply_by_bands(g, x, _by_input(x.shape[1], w, 0), after, y)
 

@@ -23,6 +23,7 @@ CASES: list[tuple[str, str, tuple[int, ...], list[str]]] = [
     ("Convolution", "num_output: 16 kernel_size: 3 pad: 1", (8, 16, 13, 14), ["Rows"] * 3),
     ("Convolution", "num_output: 2 kernel_size: 3 pad: 1", (8, 4, 13, 14), ["Columns"] * 3),
     ("Convolution", "num_output: 8 group: 4 kernel_size: 3 pad: 1", (3, 4, 12, 11), ["Bands", *["Depthwise"] * 2]),
+    ("Convolution", "num_output: 4 group: 4 kernel_size: 5 pad: 2", (3, 4, 12, 1), ["Bands", *["Depthwise"] * 2]),
     ("Convolution", "num_output: 8 group: 4 kernel_size: 3 pad: 1", (3, 4, 20, 21), ["Depthwise"] * 3),
     ("Convolution", "num_output: 4 group: 4 kernel_size: 3 pad: 1", (3, 4, 40, 41), ["Filter", "Filter", "Depthwise"]),
     ("Convolution", "num_output: 4 group: 4 kernel_size: 9 pad: 4", (3, 4, 40, 41), ["Depthwise"] * 3),
