@@ -89,7 +89,7 @@ PARTS: dict[str, Off] = {
         fast.executor, "plan", lambda connections, stored: [whole(at) for at in connections]
     ),
     "second thread": one_thread,
-    "windows without background": patched(WindowTiles, "fits", staticmethod(lambda x, T, w: False)),
+    "windows without background": patched(WindowTiles, "fits", staticmethod(lambda g, bottom, top, w: False)),
     "ReLU after the pooling": patched(fast.plan, "_pool_first", lambda row, hidden: list(row)),
     "tiles between layers": patched(fast.plan, "_agree_on_tiles", lambda order, hidden: {}),
     "products without packing": patched(fast.row_tiles, "unpacked_parts", lambda rows, inner, columns: 1),

@@ -9,7 +9,8 @@
     convolution, pooling, lrn, eltwise, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
     columns, rows, row_winograd, winograd, depthwise
-                  algorithms for convolutions, of which convolution.py chooses; geometry has what they share
+                  algorithms for convolutions, of which convolution.py chooses; geometry has what they share, and
+                  adapters extend them to several groups, to dx, and to values that are not finite
     map_pooling   pooling over any windows
     last_axis     maps with their number as last axis, for depthwise convolutions and max poolings
     row_tiles, window_tiles, max_tiles

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import Geometry, at, image_blocks, run_blocks, run_parts
+from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, at, image_blocks, run_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
 
@@ -29,8 +29,20 @@ MIN_ROW = 16  # outputs; copying shorter rows takes as long if their values are 
 COPY = 16  # multiplications that take as long as copying a value
 
 
-class Columns:
+class Columns(Algorithm):
     """The algorithm for all shapes: any number of spatial axes, stride, padding, dilation and groups."""
+
+    def fits(self, s: Sizes, sum_: Sum) -> bool:
+        """All sizes, except where flipping the kernel takes less time than adding instead of copying columns."""
+        if sum_ != "transpose" or s.turned is None or s.turned.excess > MAX_EXCESS or max(s.geometry.kernel) == 1:
+            return True
+        windows = s.images * math.prod(s.windows)
+        return s.inputs < s.outputs or windows < MIN_WINDOWS * s.outputs * s.geometry.group
+
+    @staticmethod
+    def fits_both(g: Geometry) -> bool:
+        """Whether one set of columns for y and dw takes less time than two fast algorithms."""
+        return max(g.stride) > 1
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
@@ -43,10 +55,6 @@ class Columns:
 
     def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx."""
-        O, windows = dy.shape[1], len(dy) * math.prod(dy.shape[2:])
-        if dx.shape[1] >= O and windows >= MIN_WINDOWS * O and g.is_turnable(dx.shape, dy.shape) and max(g.kernel) > 1:
-            self.correlate(g.turned, dy, g.flipped(w), after, dx)
-            return
         for images, rows in _blocks(g, dx, dy.shape):
             gradient = _by_channel(dy[images, :, rows])
             if _in_place(g, images):

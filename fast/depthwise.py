@@ -23,19 +23,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import Geometry
+from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, check_finite
 from fast.last_axis import Maps, map_first, map_last, shape_of
 from fast.parallel import scratch
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
 FILTERED = 1200  # values of a map, per window, from which calls of filter2D take less time
+FOURIER = 50  # elements of a kernel, from which filter2D uses a Fourier transform of float64
 BANDED = 16  # values of a row, up to which products with bands take as long, with fewer calls
 ACTIVATED = 1 << 15  # values of the outputs to which an activation is applied at a time
 MAX_VALUES = 1 << 18  # of the maps of a block
@@ -43,22 +43,58 @@ MIN_CHANNELS = 32  # of a block
 BAND_VALUES = 1 << 15  # of the rows of outputs in one call
 
 
-class Depthwise:
-    """The algorithm for images with one channel per group, and any number of outputs of it."""
+def is_depthwise(s: Sizes) -> bool:
+    """One channel per group of an image. It takes a third to two thirds of the time of Columns."""
+    return len(s.sizes) == 2 and s.geometry.group > s.inputs == 1 and s.excess <= MAX_EXCESS
+
+
+class Bands(Algorithm):
+    """Products of rows with bands of weights, for narrow maps."""
+
+    def fits(self, s: Sizes, sum_: Sum) -> bool:
+        """Narrow maps and adjacent windows: as fast, with fewer calls."""
+        return sum_ == "correlate" and is_depthwise(s) and s.geometry.is_dense and s.sizes[1] <= BANDED
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
-        C = x.shape[1]
-        if after.gain is not None:
-            w = w * after.gain[:, None, None, None]
-        kernels, target = _by_input(C, w, 0), _by_input(C, y, 1)
-        biases = (np.zeros(len(w), w.dtype) if after.bias is None else after.bias).reshape(C, -1)
-        if x.shape[3] <= BANDED and {*g.dilation, *g.stride} == {1}:
-            _multiply_by_bands(g, x, kernels, replace(after, gain=None), y)
-            return
-        if is_filtered(g, x.shape[2:], y.shape[2:]):
-            _filter(g, x, kernels, biases, after, target)
-            return
+        check_finite(w)  # the bands omit padding, and 0 times infinity is NaN
+        w, after = after.fold(w)
+        _multiply_by_bands(g, x, _by_input(x.shape[1], w, 0), after, y)
+
+
+class Filter(Algorithm):
+    """OpenCV's filter2D on each map, for large ones."""
+
+    def fits(self, s: Sizes, sum_: Sum) -> bool:
+        """Maps of which filter2D computes all windows, with the padding as its border, in less time, and not by a
+        Fourier transform, which mixes all values of a map."""
+        g = s.geometry
+        if sum_ != "correlate" or not is_depthwise(s) or not s.is_undilated or math.prod(g.kernel) >= FOURIER:
+            return False
+        inside = all(
+            (o - 1) * step < n and p < k for o, n, step, k, p in zip(s.windows, s.sizes, g.stride, g.kernel, g.pad)
+        )
+        return inside and math.prod(s.sizes) >= FILTERED * math.prod(g.stride)
+
+    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
+        """Write y."""
+        C, (w, after) = x.shape[1], after.fold(w)
+        if not w.all():
+            check_finite(x)  # filter2D omits weights of 0, so that 0 times infinity would be 0
+        _filter(g, x, _by_input(C, w, 0), _biases(w, after).reshape(C, -1), after, _by_input(C, y, 1))
+
+
+class Depthwise(Algorithm):
+    """The algorithm for images with one channel per group, and any number of outputs of it."""
+
+    def fits(self, s: Sizes, sum_: Sum) -> bool:
+        """One channel per group."""
+        return is_depthwise(s)
+
+    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
+        """Write y."""
+        C, (w, after) = x.shape[1], after.fold(w)
+        kernels, biases, target = _by_input(C, w, 0), _biases(w, after).reshape(C, -1), _by_input(C, y, 1)
         for c, maps, sums in _blocks(g, x, y):
             for m in range(kernels.shape[1]):
                 weights = sums.repeated(kernels[c, m])
@@ -70,11 +106,6 @@ class Depthwise:
         """Write dx."""
         C = dx.shape[1]
         kernels, gradient = _by_input(C, w, 0), _by_input(C, dy, 1)
-        turned = len(w) == C and g.is_turnable(dx.shape, dy.shape)
-        if turned and is_filtered(g.turned, dy.shape[2:], dx.shape[2:]):
-            self.correlate(g.turned, dy, w[:, :, ::-1, ::-1], after, dx)
-            return
-
         for c, maps, sums in _blocks(g, dx, dy):
             weights = [sums.repeated(kernels[c, m], f"kernels {m}") for m in range(kernels.shape[1])]
             for image, out in zip(gradient[:, c], dx[:, c]):
@@ -98,10 +129,9 @@ class Depthwise:
                 total[c, m] += found.reshape(*found.shape[:2], -1, len(total[c])).sum(axis=2).transpose(2, 0, 1)
 
 
-def is_filtered(g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]) -> bool:
-    """Whether filter2D computes all windows of a map, with the padding as its border, and takes less time."""
-    inside = all((o - 1) * s < n and p < k for o, n, s, k, p in zip(outputs, sizes, g.stride, g.kernel, g.pad))
-    return inside and set(g.dilation) == {1} and math.prod(sizes) >= FILTERED * math.prod(g.stride)
+def _biases(w: Array, after: After) -> Array:
+    """The bias (O,) of each output, or zeros."""
+    return np.zeros(len(w), w.dtype) if after.bias is None else after.bias
 
 
 def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, y: Array) -> None:
@@ -148,6 +178,7 @@ def _multiply_by_bands(g: Geometry, x: Array, kernels: Array, after: After, y: A
         outputs = slice(own.start * count, own.stop * count)
         target = y[:, outputs].reshape(N, each, count, Ho, Wo)
         np.matmul(rows, bands.reshape(each, count, kh * W, Wo), out=target)
+        check_finite(target)
         flat = target.reshape(N, each * count, Ho * Wo)
         after.write(flat, flat, outputs, axis=1)
 

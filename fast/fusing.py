@@ -10,7 +10,7 @@ nothing, or a Scale directly behind a BatchNorm by the statistics of the batch (
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,6 +70,12 @@ class After:
             if bias is not None:
                 own = np.add(own, bias[part], out=out)
             self.activate(own, out)
+
+    def fold(self, w: Array) -> tuple[Array, After]:
+        """Weights (O, ...) with the gain in them, and the rest."""
+        if self.gain is None:
+            return w, self
+        return w * self.gain.reshape(-1, *(1,) * (w.ndim - 1)), replace(self, gain=None)
 
     def part(self, o: slice) -> After:
         """The same for some of the outputs."""

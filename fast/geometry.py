@@ -1,19 +1,21 @@
 """What the algorithms for convolutions share: sizes of windows, division of a batch into blocks, parts of a product.
 
-An algorithm computes three sums on arrays x (N, C, ...) and y (N, O, ...), with w (O, C / group, ...):
+There are three sums on arrays x (N, C, ...) and y (N, O, ...), with w (O, C / group, ...):
 
     correlate   y  = sum of w x, for a convolution's forward         (backward of a deconvolution)
     transpose   dx = every dy w, added at the position of its x      (forward of a deconvolution)
     gradient    dw = sum over images and windows of dy x, added to dw
+
+The method ``fits`` of an algorithm is the only place that states which of them it computes for which sizes.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -59,11 +61,6 @@ class Geometry:
         by_channel = by_group.reshape(-1, *by_group.shape[2:]) if self.group > 1 else by_group[0]
         return by_channel[(slice(None), slice(None)) + (slice(None, None, -1),) * len(self.kernel)]
 
-    def is_turnable(self, x_shape: Sequence[int], y_shape: Sequence[int], more: float = 1.3) -> bool:
-        """Whether dx of x (N, C, ...) is a convolution of dy with at most ``more`` times the multiplications of y."""
-        small = math.prod(x_shape[2:]) <= more * math.prod(y_shape[2:])
-        return set(self.stride) == {1} and min(self.turned.pad) >= 0 and small
-
     def padded(self, sizes: Sequence[int]) -> tuple[int, ...]:
         """The spatial axes with their padding."""
         return tuple(n + 2 * p for n, p in zip(sizes, self.pad))
@@ -88,49 +85,81 @@ class Geometry:
             yield element, tuple(slice(f, f + (n - 1) * s + 1, s) for f, n, s in zip(firsts, counts, self.stride))
 
 
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of a sum over windows: x (images, inputs, \\*sizes) and y (images, outputs, \\*windows), for one group.
+
+    excess  multiplications relative to those of y, for dx as a convolution with the flipped kernel; else 1
+    """
+
+    geometry: Geometry
+    images: int
+    inputs: int
+    sizes: tuple[int, ...]
+    outputs: int
+    windows: tuple[int, ...]
+    excess: float = 1.0
+
+    @property
+    def is_undilated(self) -> bool:
+        """Whether this is a sum over images without dilation."""
+        return len(self.sizes) == 2 and set(self.geometry.dilation) == {1}
+
+    @property
+    def one_group(self) -> Sizes:
+        """The sizes of one of the groups."""
+        return replace(self, geometry=self.geometry.one_group)
+
+    @property
+    def turned(self) -> Sizes | None:
+        """The sizes of the convolution with the flipped kernel that computes dx; None if there is none."""
+        g = self.geometry.turned
+        if set(g.stride) != {1} or min(g.pad) < 0:
+            return None
+        excess = math.prod(self.sizes) / max(math.prod(self.windows), 1)
+        return Sizes(g, self.images, self.outputs, self.windows, self.inputs, self.sizes, excess)
+
+
 def at(channels: slice, part: tuple[slice, ...]) -> tuple[slice, ...]:
     """The index of these channels and a part of the spatial axes in an array (C, n, ...)."""
     return channels, slice(None), *part
 
 
-class Algorithm(Protocol):
-    """Computes the three sums of a convolution."""
+Sum = Literal["correlate", "transpose", "gradient"]
+MAX_EXCESS = 1.3  # from which a convolution with the flipped kernel takes longer than adding columns
+
+
+class Algorithm:
+    """Base class: an algorithm overrides ``fits`` and the sums that ``fits`` accepts."""
+
+    def fits(self, s: Sizes, sum_: Sum) -> bool:
+        """Whether the algorithm computes this sum for these sizes, and faster than those behind it in the table."""
+        raise NotImplementedError
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
+        raise NotImplementedError
 
     def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx; ``after`` is for C outputs."""
+        raise NotImplementedError
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
+        raise NotImplementedError
 
 
-class ByGroup:
-    """Runs an algorithm for one group on each of several groups."""
-
-    def __init__(self, algorithm: Algorithm) -> None:
-        self.algorithm = algorithm
-
-    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
-        """Write y."""
-        for i, o in _channels(g, x, y):
-            self.algorithm.correlate(g.one_group, x[:, i], w[o], after.part(o), y[:, o])
-
-    def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
-        """Write dx."""
-        for i, o in _channels(g, dx, dy):
-            self.algorithm.transpose(g.one_group, dy[:, o], w[o], after.part(i), dx[:, i])
-
-    def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
-        """Add to dw."""
-        for i, o in _channels(g, x, dy):
-            self.algorithm.gradient(g.one_group, x[:, i], dy[:, o], dw[o])
+class NotFiniteError(Exception):
+    """An algorithm that mixes the values of several windows has found one that is not finite."""
 
 
-def _channels(g: Geometry, x: Array, y: Array) -> Iterator[tuple[slice, slice]]:
-    """The channels of x and of y of each group."""
-    return zip(blocks(x.shape[1], x.shape[1] // g.group), blocks(y.shape[1], y.shape[1] // g.group))
+def check_finite(values: Array) -> None:
+    """Raise NotFiniteError if a value is infinite or NaN, or if the sum of the squares overflows.
+
+    The product reads the values once, and in an array that was just written they are in the cache.
+    """
+    if not math.isfinite(np.vdot(values, values)):
+        raise NotFiniteError
 
 
 def channel_parts(channels: int, group: int, cost: float) -> list[slice]:

@@ -61,6 +61,16 @@ class Windows:
         """Whether a value can be in several windows."""
         return any(k > s for k, s in zip(self.kernel, self.stride))
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether the only window is the map."""
+        return self.kernel == self.sizes and self.outputs == (1, 1) and self.pad == (0, 0)
+
+    @property
+    def runs_everywhere(self) -> bool:
+        """Whether maxima at every place of the padded maps take less time than those of the windows."""
+        return self.overlap and max(self.kernel) <= MAX_EVERYWHERE
+
     def rows(self) -> Iterator[tuple[int, slice, slice]]:
         """For each row of the kernel, the windows in which it is inside the map, and the rows of the map there."""
         (H, _), (Ho, _), (kh, _), (s, _), (p, _) = self.sizes, self.outputs, self.kernel, self.stride, self.pad
@@ -176,7 +186,7 @@ class MaxOfMaps:
 
         def job(maps: slice) -> None:
             if winners is None:
-                if w.overlap and max(w.kernel) <= MAX_EVERYWHERE:
+                if w.runs_everywhere:
                     found = _everywhere(w, np.maximum, x[maps], -np.inf)
                 else:
                     found = _over_rows(w, np.maximum, _over_columns(w, np.maximum, x[maps], -np.inf))
@@ -205,6 +215,9 @@ class MaxOfMaps:
                 np.multiply(above.view(np.uint8), kind(k), out=mark)
                 np.maximum(winner, mark, out=winner)
                 np.maximum(best, vector, out=best)
+        if np.isnan(best).any():  # no value is greater than NaN
+            for k, (_, vector) in reversed(list(enumerate(maps.vectors()))):
+                winner[np.isnan(vector)] = k
         return winner
 
     def backward(self, w: Windows, dy: Array, winners: Array, dx: Array) -> None:

@@ -14,8 +14,11 @@ import functools
 import numpy as np
 
 from fast.fast_layer import FastLayer
-from fast.tiles import FastBlob, SparseTiles, pitch_of, sparse_of, tile_into, tile_of, tiles_of, untile
+from fast.tiles import FastBlob, SparseTiles, pitch_of, sparse_of, store_plain, tile_of, tiles_of, untile
+from layers.vision.pooling import NOTHING, Pooling
 from netlib.blob import Array, Blob
+
+MAX_TILE = 15  # the index of a winner must fit in a byte
 
 
 class MaxTiles:
@@ -23,6 +26,14 @@ class MaxTiles:
 
     winners   (R, L) for R rows of L = C N P windows, or (C A,) for A stored windows: row-major index in the window
     """
+
+    @staticmethod
+    def tile(layer: Pooling, tops: int) -> int | None:
+        """T if the windows are adjacent T x T squares that reach beyond the map's end, without a mask; else None."""
+        T = layer.kernel[0]
+        if not layer.is_max or tops > 1 or layer.kernel != (T, T) or layer.stride != (T, T) or any(layer.pad):
+            return None
+        return T if layer.param.round_mode == "CEIL" and 1 < T <= MAX_TILE else None
 
     def __init__(self, layer: FastLayer, T: int, bottom: Blob, top: Blob) -> None:
         self.layer, self.T = layer, T
@@ -46,9 +57,12 @@ class MaxTiles:
         self._fill_overhang(x, H, W, -np.inf)  # never the maximum
         slabs = x.reshape(self.R, T * T, self.L)
         y = self._rows(top, top.data)
-        np.max(slabs, axis=1, out=y.reshape(self.R, self.L))
+        if self.winners.shape != (self.R, self.L):  # of the stored windows of another pass
+            self.winners = np.empty((self.R, self.L), np.uint8)
+        maximum = np.max(slabs, axis=1, out=y.reshape(self.R, self.L))
         if self.layer.needs_backward:
-            self._find_winners(slabs, y.reshape(self.R, 1, self.L), self.winners)
+            self._find_winners(slabs, maximum[:, None], self.winners)
+        np.maximum(maximum, NOTHING, out=maximum)
         self._fill_overhang(x, H, W, 0)  # finite, because the backward of a layer in place multiplies by it
         y[..., -(-W // T) :] = 0  # windows that are only padding
         if not self._is_rows(top):
@@ -85,7 +99,8 @@ class MaxTiles:
         np.equal(slabs, maximum, out=first.view(bool))
         first *= self.rank
         np.subtract(np.uint8(len(self.rank)), first.max(axis=-2), out=winners)
-        np.minimum(winners, np.uint8(len(self.rank) - 1), out=winners)  # no value equals a NaN maximum
+        if len(self.rank) in winners:  # no value equals a NaN maximum
+            np.copyto(winners, np.isnan(slabs).argmax(axis=-2), casting="unsafe", where=winners == len(self.rank))
 
     # The top as rows of windows, (R, C, N, P): its own array if it has this layout, else a buffer.
 
@@ -97,12 +112,7 @@ class MaxTiles:
         return array.reshape(shape) if self._is_rows(top) else self.layer.buffer("rows", shape)
 
     def _from_rows(self, rows: Array, top: Blob, out: Array) -> None:
-        plain = untile(rows[:, None], *top.shape[2:])
-        own = tile_of(top)
-        if own is None:
-            out[...] = plain
-        else:
-            tile_into(plain, own, out)
+        store_plain(top, untile(rows[:, None], *top.shape[2:]), out)
 
     # ------------------------------------------------------------------------------------------ sparse
 
@@ -117,6 +127,7 @@ class MaxTiles:
         y = self._tiles(top, top.data)
         y[...] = x.rest[:, None, None]
         y.reshape(-1)[self._index(y, x, top)] = maximum
+        np.maximum(y, NOTHING, out=y)
         if tile_of(top) is None:
             top.data[...] = untile(y, *top.shape[2:])
 

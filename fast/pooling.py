@@ -16,19 +16,16 @@ from layers.vision.pooling import NOTHING, Pooling
 from netlib.blob import Array, Blob, Blobs
 
 Layout = tuple[tuple[int, ...], int | None, int]  # shape, tile and pitch of a blob
-MAX_TILE = 15  # the index of a winner must fit in a byte
 
 
 class FastPooling(FastLayer, Pooling):
     """Pooling over any windows."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Read the options; tiles fit adjacent square windows without a mask."""
+        """Read the options."""
         super().setup(bottom, top)
-        k = self.kernel[0]
-        side_by_side = self.kernel == self.stride == (k, k) and self.pad == (0, 0) and self.param.round_mode == "CEIL"
         self.layout: list[Layout] = []
-        self.tile = k if self.is_max and len(top) == 1 and side_by_side and 1 < k <= MAX_TILE else None
+        self.tile = MaxTiles.tile(self, len(top))
         self.tiles: MaxTiles | None = None
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
@@ -54,7 +51,6 @@ class FastPooling(FastLayer, Pooling):
         (_, _, H, W), (_, _, Ho, Wo) = x.shape, y.shape
         (kh, kw), (sh, sw), (ph, pw) = self.kernel, self.stride, self.pad
         self.over = Windows((H, W), (Ho, Wo), (kh, kw), (sh, sw), (ph, pw))
-        self.is_whole = self.kernel == (H, W) and (Ho, Wo) == (1, 1) and self.pad == (0, 0)
         if self.is_max:
             self.winners = np.empty(0 if on_tiles else y.shape, MaxOfMaps.winner_type(self.over))
         else:
@@ -68,7 +64,7 @@ class FastPooling(FastLayer, Pooling):
             return
         x, y = bottom[0].data, top[0].data
         if not self.is_max:
-            if self.is_whole:
+            if self.over.is_whole:
                 np.matmul(_flat(x), np.ones(self.kernel[0] * self.kernel[1], x.dtype), out=y.reshape(-1))
                 y /= self.areas
             else:
@@ -76,7 +72,7 @@ class FastPooling(FastLayer, Pooling):
             return
         masks = len(top) > 1
         wanted = self.needs_backward or masks
-        if self.is_whole:
+        if self.over.is_whole:
             if wanted:
                 self.winners = _flat(x).argmax(axis=1).reshape(y.shape)
             np.maximum(_flat(x).max(axis=1), y.dtype.type(NOTHING), out=y.reshape(-1))
@@ -93,7 +89,7 @@ class FastPooling(FastLayer, Pooling):
             self.tiles.backward(top[0], bottom[0])
             return
         dy, dx = top[0].diff, bottom[0].diff
-        if not self.is_max and self.is_whole:
+        if not self.is_max and self.over.is_whole:
             dx[...] = dy / self.areas
         elif not self.is_max:
             MeanOfMaps().backward(self.over, _maps(dy), _maps(dx), self.areas)

@@ -20,9 +20,9 @@ from __future__ import annotations
 import numpy as np
 
 from fast.fast_layer import FastLayer
-from fast.geometry import Geometry
-from fast.tiles import pitch_of, tile_into, tile_of, tiles_of, untile
-from netlib.blob import Array, Blob
+from fast.geometry import Geometry, check_finite
+from fast.tiles import pitch_of, store_plain, tile_of, tiles_of, untile
+from netlib.blob import Array, Blob, Blobs
 
 MAX_ROW = 40  # C kw; with more, the products of Rows are as large without tiles
 
@@ -34,10 +34,11 @@ class RowTiles:
         self._matrices: tuple[Array, int, Array, Array] | None = None
 
     @staticmethod
-    def fits(g: Geometry, w: tuple[int, ...]) -> bool:
+    def fits(g: Geometry, bottom: Blobs, top: Blobs, w: Blob) -> bool:
         """Whether the convolution has these options, and so few numbers in a row of the kernel that tiles help."""
-        options = len(g.kernel) == 2 and g.is_dense and not any(g.pad) and g.group == 1
-        return options and max(g.kernel) > 1 and w[1] * w[3] <= MAX_ROW
+        if len(g.kernel) != 2 or len(bottom[0].shape) != 4 or not g.is_dense or any(g.pad) or g.group > 1:
+            return False
+        return max(g.kernel) > 1 and w.shape[1] * w.shape[3] <= MAX_ROW
 
     def tile(self, top_tile: int | None, w: tuple[int, ...]) -> int:
         """Return T: the tile of the top if it is tiled, else a heuristic for w (O, C, kh, kw).
@@ -63,7 +64,8 @@ class RowTiles:
         return found[2], found[3]
 
     def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
-        """Compute y from x."""
+        """Compute y from x. Raises NotFiniteError, because the zeros of M would make NaN of infinity."""
+        check_finite(x.data)
         T = self.tile(tile_of(y), w.shape)
         N, O, Ho, Wo = y.shape
         pitch = self.pitch(x, y, T)
@@ -91,7 +93,7 @@ class RowTiles:
         return rows.reshape(H, J * C, N * P)
 
     def backward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
-        """Add to dw and db, and write dx if ``down``."""
+        """Add to dw and db, and write dx if ``down``. Raises NotFiniteError before."""
         T = self.tile(tile_of(y), w.shape)
         (N, O, Ho, _), kh = y.shape, w.shape[2]
         pitch = self.pitch(x, y, T)
@@ -103,7 +105,10 @@ class RowTiles:
         parts = unpacked_parts(inner, dy.shape[1], dy.shape[2])
         product = layer.buffer("G", (Ho, parts, inner, T * O))
         np.matmul(stacked_rows(X, kh, parts), stacked_rows(dy, 1, parts).swapaxes(2, 3), out=product)
-        dw += fold(product.sum(axis=(0, 1)).T, w.shape, T)
+        found = fold(product.sum(axis=(0, 1)).T, w.shape, T)
+        check_finite(found)
+        check_finite(w)
+        dw += found
         if db is not None:
             db += dy.reshape(Ho, T, O, -1).sum(axis=(0, 1, 3))
         if down:
@@ -124,11 +129,7 @@ class RowTiles:
         if direct:
             x.diff[H:] = 0  # padding, which may have values of a higher image
             return
-        plain, own = untile(dx, H, W), tile_of(x)
-        if own is None:
-            x.diff[...] = plain
-        else:
-            tile_into(plain, own, x.diff)
+        store_plain(x, untile(dx, H, W), x.diff)
 
 
 def toeplitz(w: Array, T: int) -> Array:

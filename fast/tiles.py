@@ -84,8 +84,21 @@ def tiles_of(blob: Blob, array: Array, tile: int, pitch: int, out: Array) -> Arr
     """
     if tile_of(blob) == tile and pitch_of(blob) == pitch:
         return array
-    plain = array if tile_of(blob) is None else untile(array, *blob.shape[2:])
-    return tile_into(plain, tile, out)
+    return tile_into(plain_of(blob, array), tile, out)
+
+
+def plain_of(blob: Blob, array: Array) -> Array:
+    """Return ``array``, the data or diff of ``blob``, as (N, C, H, W)."""
+    return array if tile_of(blob) is None else untile(array, *blob.shape[2:])
+
+
+def store_plain(blob: Blob, plain: Array, out: Array) -> None:
+    """Write ``plain`` (N, C, H, W) to ``out``, the data or diff of ``blob``, as tiles if it is tiled."""
+    tile = tile_of(blob)
+    if tile is None:
+        out[...] = plain
+    else:
+        tile_into(plain, tile, out)
 
 
 def tile_into(plain: Array, tile: int, out: Array) -> Array:

@@ -26,8 +26,9 @@ import numpy as np
 import scipy
 
 from fast.fast_layer import FastLayer
+from fast.geometry import Geometry, NotFiniteError, check_finite
 from fast.tiles import FastBlob, SparseTiles, tile_of
-from netlib.blob import Array, Blob
+from netlib.blob import Array, Blob, Blobs
 
 FLAGS = {2: np.uint16, 4: np.uint32, 8: np.uint64}  # T -> integer type with T bytes, one per flag
 
@@ -39,12 +40,15 @@ class WindowTiles:
         self._matrix: tuple[Array, int, Array] | None = None
 
     @staticmethod
-    def fits(x: Blob, T: int | None, w: Blob) -> bool:
-        """Whether each T x T window of the top, with a kernel of T + 1, reads exactly 2 x 2 blocks of T x T inputs."""
-        _, C, kh, kw = w.shape
-        if T not in FLAGS or tile_of(x) is not None or C != 1 or not kh == kw == T + 1:
+    def fits(g: Geometry, bottom: Blobs, top: Blobs, w: Blob) -> bool:
+        """Whether each T x T window of a sparse top, with a kernel of T + 1, reads exactly 2 x 2 blocks of T x T inputs
+        of one channel."""
+        x, y = bottom[0], top[0]
+        if len(top) > 1 or not isinstance(y, FastBlob) or not y.may_be_sparse or y.tile not in FLAGS:
             return False
-        return x.shape[2] % T == x.shape[3] % T == 0 and T * x.dtype.itemsize % 8 == 0
+        if not g.is_dense or any(g.pad) or x.shape[1] != 1 or tile_of(x) is not None or g.kernel != (y.tile + 1,) * 2:
+            return False
+        return x.shape[2] % y.tile == x.shape[3] % y.tile == 0 and y.tile * x.dtype.itemsize % 8 == 0
 
     def matrix(self, w: Array, T: int) -> Array:
         """M of one half; computed again only if the weights have changed."""
@@ -64,7 +68,8 @@ class WindowTiles:
         return np.ndarray((2, len(X), 3 * T // 2 * S), X.dtype, X, 0, (T // 2 * S * item, S * S * item, item))
 
     def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
-        """Compute y from x."""
+        """Compute y from x. Raises NotFiniteError, because the zeros of M would make NaN of infinity."""
+        check_finite(x.data)
         assert isinstance(y, FastBlob) and y.tile is not None
         T = y.tile
         b = self.background(x)
@@ -80,11 +85,8 @@ class WindowTiles:
 
     @staticmethod
     def background(x: Blob) -> Array:
-        """Return b, the far plane of a depth crop. Any finite number gives the same result, but is slower; with NaN or
-        infinity one invalid pixel would affect every image.
-        """
-        b = x.data.max()
-        return b if np.isfinite(b) else np.zeros_like(b)
+        """Return b, the far plane of a depth crop. Any number gives the same result, but is slower."""
+        return x.data.max()
 
     def windows(self, x: Array, b: Array, T: int) -> Array:
         """Return the indices (A,) of all windows that read a value other than b, as in SparseTiles."""
@@ -112,10 +114,12 @@ class WindowTiles:
         return out.view(x.dtype).reshape(A, S * S)
 
     def backward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
-        """Add to dw and db."""
+        """Add to dw and db. Raises NotFiniteError if forward did."""
         assert isinstance(y, FastBlob) and y.tile is not None and not down
         found = y.sparse
-        assert found is not None and found.diff is not None and found.winner is not None
+        if found is None:
+            raise NotFiniteError
+        assert found.diff is not None and found.winner is not None
         T, S, k = y.tile, 2 * y.tile, w.shape[2]
         O, A = found.diff.shape
         X = self.patches(layer, x.data, found.window, T)

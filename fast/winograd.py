@@ -26,7 +26,7 @@ import numpy as np
 
 from fast import parallel
 from fast.fusing import After
-from fast.geometry import Geometry, image_blocks
+from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, check_finite, image_blocks
 from fast.parallel import scratch
 from fast.row_winograd import TILE, from_points, items, kernel_matrix, spread, to_points
 from netlib.blob import Array
@@ -45,8 +45,25 @@ SIDE = TILE + KERNEL - 1  # of the inputs of a tile
 Part = tuple[slice, slice]  # images, rows of tiles
 
 
-class Winograd:
+class Winograd(Algorithm):
     """The algorithm for 3 x 3 kernels, stride 1, without dilation and groups, and many channels."""
+
+    def fits(self, s: Sizes, sum_: Sum) -> bool:
+        """3 x 3, with enough channels to make the time of the transforms small, more if the last tiles extend far
+        beyond the map, and enough tiles to make that of the weights small. Up to twice as fast.
+
+        For dw with fewer channels, and with more tiles, because each block adds four times as many values as the
+        weights have.
+        """
+        if sum_ == "transpose" or s.geometry.kernel != (KERNEL, KERNEL) or not s.geometry.is_dense:
+            return False
+        if s.geometry.group > 1 or s.excess > MAX_EXCESS:
+            return False
+        tiles, channels = [-(-n // TILE) for n in s.windows], s.inputs * s.outputs / (s.inputs + s.outputs)
+        if sum_ == "gradient":
+            return s.images * math.prod(tiles) >= 96 and channels >= 12
+        waste = math.prod(count * TILE / n for count, n in zip(tiles, s.windows))
+        return s.images * math.prod(tiles) >= 24 and channels >= 20 * waste**3
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
@@ -61,10 +78,6 @@ class Winograd:
             _correlate(weights, V, after, y[images, :, TILE * rows.start : TILE * rows.stop])
 
         parallel.run([partial(job, part) for part in _blocks(x, y)])
-
-    def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
-        """Write dx."""
-        self.correlate(g.turned, dy, g.flipped(w), after, dx)
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
@@ -88,7 +101,9 @@ class Winograd:
         for total in totals[1:]:
             totals[0] += total
         if lanes:
-            dw += (_gg().T.astype(dw.dtype) @ totals[0].reshape(SIDE * SIDE, -1)).T.reshape(dw.shape)
+            found = _gg().T.astype(dw.dtype) @ totals[0].reshape(SIDE * SIDE, -1)
+            check_finite(found)
+            dw += found.T.reshape(dw.shape)
 
 
 @lru_cache
@@ -182,6 +197,7 @@ def _correlate(weights: Array, V: Array, after: After, y: Array) -> None:
     from_points(KERNEL, products.reshape(SIDE, 1, -1), halves.reshape(TILE, 1, -1))
     merged = scratch("split", (TILE, O * n * R * T, TILE), y.dtype)
     np.matmul(halves.swapaxes(1, 2), _matrix(from_points, SIDE, TILE).T.astype(y.dtype), out=merged)
+    check_finite(merged)
     by_channel = y.swapaxes(0, 1)
     for row, values in enumerate(merged.reshape(TILE, O, n, R, -1)):
         target = by_channel[:, :, row::TILE]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 
 import netlib
+from fast.adapters import ByGroup, Contained, Turned
 from fast.columns import Columns
 from fast.convolution import FastConvolution, FastDeconvolution, choose
-from fast.depthwise import Depthwise
+from fast.depthwise import Bands, Depthwise, Filter
 from fast.fusing import After
 from fast.geometry import Algorithm, Geometry
 from fast.row_winograd import RowWinograd
@@ -18,10 +20,11 @@ from fast.rows import Rows
 from fast.winograd import Winograd
 from netlib import gradcheck
 from netlib.blob import Array, Blob, Blobs
+from netlib.proto import prototxt
 
-CASES = range(60)
-SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50, "depthwise.FILTERED": 200,
-                "depthwise.BANDED": 7, "depthwise.MIN_CHANNELS": 2, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8,
+CASES = range(100)
+SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50,
+                "depthwise.MIN_CHANNELS": 2, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8,
                 "rows.MIN_ROWS": 2, "rows.UNPACKED": 200, "rows.MIN_COLUMNS": 2, "winograd.BLOCK_BYTES": 3000,
                 "winograd.MIN_TILES": 6, "winograd.MIN_PART": 4, "winograd.FEW_TILES": 20, "winograd.WEIGHT_BYTES": 900,
                 "winograd.MIN_OUTPUTS": 1, "winograd.MIN_COST": 0, "geometry.MIN_BLOCK_COST": 0,
@@ -40,27 +43,29 @@ USUAL = [
 
 def options(rng: np.random.Generator) -> tuple[str, tuple[int, ...]]:
     """Random options and a shape of the bottom; each kind of algorithm has its share."""
-    axes = int(rng.choice([1, 2, 2, 2, 2, 3]))
-    group = int(rng.choice([1, 1, 2, 3, 8]))
-    each = int(rng.integers(1, 4)) * int(rng.choice([1, 1, 8 // min(group, 8)]))
-    outputs = group * (int(rng.integers(1, 4)) if rng.random() < 0.7 else each)
-    kernel = (
-        [int(rng.integers(1, 6 - axes)) for _ in range(axes)]
-        if rng.random() < 0.7
-        else [int(rng.choice([1, 3]))] * axes
-    )
-    plain = rng.random() < 0.4
-    stride = [1 if plain else int(rng.integers(1, 4)) for _ in range(axes)]
-    dilation = [1 if plain else int(rng.integers(1, 3)) for _ in range(axes)]
-    pad = [int(rng.integers(0, 4)) for _ in range(axes)]
+
+    def pick(*values: int) -> int:
+        return int(rng.choice(values))
+
+    axes, group = pick(1, 2, 2, 2, 3), pick(1, 1, 2, 3, 8)
+    inputs, outputs = pick(1, 1, 2, 3, 8), pick(1, 1, 2, 3, 8)
+    if group == 1 and rng.random() < 0.3:
+        inputs, outputs = pick(16, 32, 48), pick(16, 32, 48)
+    most = 6 if axes < 3 else 4
+    is_square, is_dense = rng.random() < 0.5, rng.random() < 0.5
+    kernel = [pick(1, 3, min(5, most))] * axes if is_square else [int(rng.integers(1, most)) for _ in range(axes)]
+    stride = [1 if is_dense else pick(1, 2, 3) for _ in range(axes)]
+    dilation = [1 if is_dense else pick(1, 2) for _ in range(axes)]
+    pad = [int(rng.integers(0, k + 1)) for k in kernel]
     sizes = [
-        max(d * (k - 1) + 1 - 2 * p, 1) + int(rng.integers(0, 12 // axes)) for k, d, p in zip(kernel, dilation, pad)
+        max(d * (k - 1) + 1 - 2 * p, 1) + int(rng.integers(0, (40, 16, 5)[axes - 1]))
+        for k, d, p in zip(kernel, dilation, pad)
     ]
-    text = f"num_output: {outputs} group: {group} bias_term: {str(rng.random() < 0.8).lower()} "
+    text = f"num_output: {group * outputs} group: {group} bias_term: {str(rng.random() < 0.8).lower()} "
     for name, values in (("kernel_size", kernel), ("stride", stride), ("dilation", dilation), ("pad", pad)):
         text += "".join(f"{name}: {value} " for value in values)
-    return text + 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }', (
-        int(rng.choice([1, 2, 3, 7])), group * each, *sizes)
+    shape = pick(0, 1, 2, 3, 9), group * inputs, *sizes
+    return text + 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }', shape
 
 
 def run(kind: str, text: str, x: Array, engine: str, dtype: type, dy: Array | None = None) -> list[Array]:
@@ -90,7 +95,7 @@ def compare(kind: str, text: str, shape: tuple[int, ...], rng: np.random.Generat
     got = run(kind, text, x, "fast", dtype) + run(kind, text, x, "fast", dtype, dy)
     for number, (one, other) in enumerate(zip(got, want)):
         tolerance = 1e-12 if dtype is np.float64 else 1e-4 if number else 1e-5
-        np.testing.assert_allclose(one, other, rtol=0, atol=tolerance * max(np.abs(other).max(), 1e-3))
+        np.testing.assert_allclose(one, other, rtol=0, atol=tolerance * np.abs(other).max(initial=1e-3))
 
 
 @pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])
@@ -105,6 +110,38 @@ def test_random_options(kind: str, case: int) -> None:
         assert "leaves no output" in str(error)
 
 
+@pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])
+@pytest.mark.parametrize(
+    "options", ["kernel_size: 1", "kernel_size: 3 pad: 1", "kernel_h: 2 kernel_w: 3", "kernel_size: 3 stride: 2"]
+)
+def test_groups_of_any_size(kind: str, options: str) -> None:
+    """Groups with one or several inputs, and one or several outputs."""
+    for group, inputs, outputs, size in itertools.product((1, 3), (1, 2, 3), (1, 2, 3), (5, 40)):
+        text = f'num_output: {group * outputs} group: {group} {options} weight_filler {{ type: "gaussian" }}'
+        compare(kind, text, (2, group * inputs, size, size), np.random.default_rng(0), np.float64)
+
+
+@pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])
+@pytest.mark.parametrize("sizes", [(106, 104), (104, 106), (7, 50)])
+@pytest.mark.parametrize("options", ["kernel_size: 3 pad: 2 stride: 3", "kernel_size: 3 pad: 1"])
+def test_bottoms_of_several_sizes(kind: str, sizes: tuple[int, int], options: str) -> None:
+    """Each bottom has the algorithms for its own size."""
+    text = "force_backward: true " + "".join(
+        f'input: "x{i}" input_shape {{ dim: 2 dim: 3 dim: {n} dim: {n} }}' for i, n in enumerate(sizes)
+    )
+    text += (f'layer {{ name: "c" type: "{kind}" bottom: "x0" bottom: "x1" top: "y0" top: "y1" convolution_param {{'
+             f' num_output: 3 group: 3 {options} weight_filler {{ type: "gaussian" }} }} }}')
+    found = []
+    for engine in ("plain", "fast"):
+        rng = np.random.default_rng(0)
+        net = netlib.Net(prototxt.parse(text), netlib.TRAIN, engine=engine, seed=1, dtype=np.float64)
+        tops = net.forward(**{name: rng.normal(size=net.blobs[name].shape) for name in ("x0", "x1")})
+        diffs = net.backward(**{name: rng.normal(size=top.shape) for name, top in tops.items()})
+        found.append([*tops.values(), *(diffs[f"x{i}"] for i in range(2)), *(p.diff for p in net.params["c"])])
+    for got, want in zip(*found):
+        np.testing.assert_allclose(got, want, rtol=0, atol=1e-12 * np.abs(want).max())
+
+
 def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) -> Geometry:
     """A random geometry that the algorithm supports."""
 
@@ -113,6 +150,11 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
 
     if isinstance(algorithm, Depthwise):
         return Geometry(two(1, 5), two(1, 4), two(0, 4), two(1, 3), channels)
+    if isinstance(algorithm, Bands):
+        return Geometry(two(1, 5), (1, 1), two(0, 4), (1, 1), channels)
+    if isinstance(algorithm, Filter):
+        kernel = two(1, 6)
+        return Geometry(kernel, two(1, 4), tuple(k // 2 if k % 2 else 0 for k in kernel), (1, 1), channels)
     kernel = two(1, 6)
     if isinstance(algorithm, (RowWinograd, Winograd)):
         kernel = (5, 5) if isinstance(algorithm, RowWinograd) and rng.random() < 0.5 else (3, 3)
@@ -120,7 +162,11 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
     return Geometry(kernel, stride, tuple(int(rng.integers(0, k)) for k in kernel), (1, 1), 1)
 
 
-@pytest.mark.parametrize("algorithm", [Depthwise(), Rows(), RowWinograd(), Winograd()], ids=lambda a: type(a).__name__)
+@pytest.mark.parametrize(
+    "algorithm",
+    [Bands(), Filter(), Depthwise(), Rows(), RowWinograd(), Winograd()],
+    ids=lambda algorithm: type(algorithm).__name__,
+)
 @pytest.mark.parametrize("case", range(25))
 def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every algorithm gives the same as Columns, for sizes for which it is not chosen, too, and in small blocks."""
@@ -147,10 +193,16 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
     for one in (algorithm, Columns()):
         y, dx, dw = np.full(dy.shape, np.nan), np.full(x.shape, np.nan), np.ones(w.shape)
         one.correlate(g, x, w, after, y)
-        turns = set(g.stride) == {1} or isinstance(algorithm, Depthwise)
-        (one if turns else Columns()).transpose(g, dy, w, after_x, dx)
-        one.gradient(g, x, dy, dw)
+        has = type(one).__dict__
+        (one if "transpose" in has else Columns()).transpose(g, dy, w, after_x, dx)
+        (one if "gradient" in has else Columns()).gradient(g, x, dy, dw)
         found.append((y, dx, dw))
+        if set(g.stride) == {1} and O == C and min(g.turned.pad) >= 0 and (
+            not isinstance(algorithm, Filter) or windows == sizes
+        ):
+            turned = np.full(x.shape, np.nan)
+            Turned(one).transpose(g, dy, w, after_x, turned)
+            np.testing.assert_allclose(turned, dx, rtol=0, atol=1e-11)
     for got, want in zip(*found):
         np.testing.assert_allclose(got, want, rtol=0, atol=1e-11)
 
@@ -162,11 +214,15 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         ((8, 32, 16, 16), (32, 32, 3, 3), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
         ((8, 16, 16, 16), (16, 16, 5, 5), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
         ((8, 16, 16, 16), (16, 16, 3, 3), 1, ["Rows", "Rows", "Rows"]),
-        ((8, 32, 16, 16), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
+        ((8, 32, 20, 20), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
         ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
         ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
         ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "RowWinograd"]),
-        ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["ByGroup", "ByGroup", "ByGroup"]),
+        ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+        ((8, 32, 12, 12), (32, 1, 3, 3), 32, ["Bands", "Depthwise", "Depthwise"]),
+        ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
+        ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
+        ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
     ],
 )
 def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]) -> None:
@@ -174,8 +230,14 @@ def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: i
     pad = tuple(k // 2 for k in w_shape[2:])
     g = Geometry(w_shape[2:], (1, 1), pad, (1, 1), group)
     chosen = choose(g, x_shape, (x_shape[0], w_shape[0], *x_shape[2:]))
-    assert chosen
-    assert [type(a).__name__ for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
+    assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
+
+
+def name_of(algorithm: Algorithm) -> str:
+    """The name of an algorithm, without its adapters."""
+    while isinstance(algorithm, (ByGroup, Contained, Turned)):
+        algorithm = algorithm.algorithm
+    return type(algorithm).__name__
 
 
 @pytest.mark.parametrize("text", USUAL)
@@ -198,5 +260,6 @@ def test_the_types_of_forks_have_the_depthwise_algorithm(kind):
             f'type: "{type_}" convolution_param {{ {options} }}', [x], dtype=np.float32, engine="fast"
         )
         layer.reshape([Blob(x.shape)], [Blob(())])
-        found.append([type(getattr(layer.algorithm, part)) for part in ("correlate", "transpose", "gradient")])
+        [chosen] = layer.algorithms
+        found.append([type(getattr(chosen, part)) for part in ("correlate", "transpose", "gradient")])
     assert found[0] == found[1] == [Depthwise] * 3

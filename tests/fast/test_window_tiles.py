@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from fast.geometry import Geometry
 from fast.window_tiles import WindowTiles
 from netlib import gradcheck
-from netlib.blob import Blob
+from netlib.blob import Blob, Blobs
 from tests.support.plain_loops import convolve
 from tests.support.tiled import tiled
 
@@ -25,6 +26,13 @@ def blobs(x, O, k, T):
     top = tiled((len(x), O, x.shape[2] - k + 1, x.shape[3] - k + 1), T, dtype=x.dtype)
     bottom.data[...], top.pitch = x, x.shape[3]
     return bottom, top
+
+
+def fits(bottom, top, w_shape, pad=0):
+    """Whether WindowTiles computes a convolution from the bottom to a top that may be sparse."""
+    top.may_be_sparse = True
+    g = Geometry(w_shape[2:], (1, 1), (pad, pad), (1, 1), 1)
+    return WindowTiles.fits(g, Blobs([bottom]), Blobs([top]), Blob(w_shape))
 
 
 def corners(sparse, shape, T):
@@ -50,8 +58,7 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     x = images(rng, 3, size, size if seen == "all" else seen).astype(dtype)
     w, b = rng.normal(size=(2, 1, k, k)).astype(dtype), rng.normal(size=2).astype(dtype)
     bottom, top = blobs(x, 2, k, T)
-    if not WindowTiles.fits(bottom, T, Blob(w.shape, dtype)):
-        pytest.fail("these sizes should fit")
+    assert fits(bottom, top, w.shape)
     layer = gradcheck.make_layer('type: "Convolution" convolution_param { num_output: 2 kernel_size: 1 }', [x])
     layer.dtype = np.dtype(dtype)
     way, exact = WindowTiles(), 1e-4 if dtype == np.float32 else 1e-12
@@ -84,8 +91,8 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
 )
 def test_what_does_not_fit(T, k, size, channels):
     """Other shapes are rejected: a window must read exactly 2 x 2 blocks of one channel, with T of 2, 4 or 8."""
-    bottom, kernel = Blob((1, channels, size, size)), Blob((2, channels, k, k))
-    assert not WindowTiles.fits(bottom, T, kernel)
+    bottom, top = Blob((1, channels, size, size)), tiled((1, 2, size - k + 1, size - k + 1), T)
+    assert not fits(bottom, top, (2, channels, k, k))
 
 
 def test_only_windows_that_see_something_are_stored():

@@ -1,0 +1,164 @@
+"""An infinite value or NaN reaches the same results with the fast engine as with the plain one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib import gradcheck
+from netlib.blob import Array, Blob, Blobs
+from netlib.proto import prototxt
+from tests.fast.test_convolution_fast import name_of
+
+VALUES = [np.inf, -np.inf, np.nan, 3e38]  # the last is finite, but its transforms are not
+# Type, options, the shape of the bottom, and the algorithms of y, dx and dw of the convolution
+CASES: list[tuple[str, str, tuple[int, ...], list[str]]] = [
+    ("Convolution", "num_output: 48 kernel_size: 3 pad: 1", (7, 48, 16, 16), ["Winograd"] * 3),
+    ("Convolution", "num_output: 48 kernel_size: 3 pad: 1", (5, 48, 32, 32), ["Winograd"] * 3),
+    ("Convolution", "num_output: 64 kernel_size: 3 pad: 1 group: 2", (8, 64, 9, 10), ["RowWinograd"] * 3),
+    ("Convolution", "num_output: 16 kernel_size: 5 pad: 2", (8, 16, 13, 14), ["RowWinograd"] * 3),
+    ("Convolution", "num_output: 16 kernel_size: 3 pad: 1", (8, 16, 13, 14), ["Rows"] * 3),
+    ("Convolution", "num_output: 2 kernel_size: 3 pad: 1", (8, 4, 13, 14), ["Columns"] * 3),
+    ("Convolution", "num_output: 8 group: 4 kernel_size: 3 pad: 1", (3, 4, 12, 11), ["Bands", *["Depthwise"] * 2]),
+    ("Convolution", "num_output: 4 group: 4 kernel_size: 5 pad: 2", (3, 4, 12, 1), ["Bands", *["Depthwise"] * 2]),
+    ("Convolution", "num_output: 8 group: 4 kernel_size: 3 pad: 1", (3, 4, 20, 21), ["Depthwise"] * 3),
+    ("Convolution", "num_output: 4 group: 4 kernel_size: 3 pad: 1", (3, 4, 40, 41), ["Filter", "Filter", "Depthwise"]),
+    ("Convolution", "num_output: 4 group: 4 kernel_size: 9 pad: 4", (3, 4, 40, 41), ["Depthwise"] * 3),
+    ("Convolution", "num_output: 4 group: 4 kernel_size: 3 pad: 1", (3, 8, 9, 9), ["Columns", "Depthwise", "Columns"]),
+    ("Deconvolution", "num_output: 48 kernel_size: 3 pad: 1", (7, 48, 16, 16), ["Winograd"] * 3),
+    ("Deconvolution", "num_output: 4 kernel_size: 4 pad: 1 stride: 2", (3, 5, 9, 9), ["Columns"] * 3),
+]
+
+
+def passes(engine: str, kind: str, options: str, arrays: list[Array]) -> tuple[list[Array], Any]:
+    """Return y, dx and the gradients of the parameters for x, w and dy, and the layer."""
+    x, w, dy = arrays
+    layer: Any = gradcheck.make_layer(
+        f'type: "{kind}" convolution_param {{ {options} }}', [x], engine=engine, dtype=np.float32
+    )
+    bottom, top = Blobs([Blob(x.shape, np.float32)]), Blobs([Blob((), np.float32)])
+    layer.reshape(bottom, top)
+    bottom[0].data[...], layer.weight.data[...], top[0].diff[...] = x, w, dy
+    with np.errstate(all="ignore"):
+        layer.forward(bottom, top)
+        layer.backward(top, [True], bottom)
+    return [top[0].data, bottom[0].diff, *(param.diff for param in layer.blobs)], layer
+
+
+def check_equal(got: list[Array], want: list[Array]) -> None:
+    """The same values are finite, and those are equal."""
+    for one, other in zip(got, want):
+        finite = np.isfinite(other)
+        np.testing.assert_array_equal(np.isfinite(one), finite)
+        largest = np.abs(other[finite]).max(initial=1e-3)
+        np.testing.assert_allclose(one[finite], other[finite], rtol=0, atol=1e-4 * float(largest))
+
+
+@pytest.mark.parametrize(("kind", "options", "shape", "names"), CASES)
+def test_convolutions(kind: str, options: str, shape: tuple[int, ...], names: list[str]) -> None:
+    """One such value in x, in w or in dy, anywhere in a tile of any algorithm."""
+    rng = np.random.default_rng(0)
+    sizes = gradcheck.make_layer(f'type: "{kind}" convolution_param {{ {options} }}', [np.zeros(shape)])
+    bottom, top = Blobs([Blob(shape)]), Blobs([Blob(())])
+    sizes.reshape(bottom, top)
+    plain = [0.05 * rng.normal(size=s).astype(np.float32) for s in (shape, sizes.blobs[0].shape, top[0].shape)]
+    for value in VALUES:
+        for i in range(3):
+            arrays = [array.copy() for array in plain]
+            arrays[i].reshape(-1)[rng.integers(arrays[i].size)] = value
+            want, _ = passes("plain", kind, options, arrays)
+            got, layer = passes("fast", kind, options, arrays)
+            check_equal(got, want)
+    [chosen] = layer.algorithms
+    assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
+
+
+def test_a_weight_of_zero_times_infinity() -> None:
+    """It is NaN, also where OpenCV would omit the weight."""
+    rng = np.random.default_rng(0)
+    arrays = [rng.normal(size=size).astype(np.float32) for size in ((1, 2, 40, 40), (2, 1, 3, 3), (1, 2, 40, 40))]
+    arrays[0][0, 0, 20, 20], arrays[1][0, 0, 0, 1] = np.inf, 0
+    options = "num_output: 2 group: 2 kernel_size: 3 pad: 1"
+    check_equal(*(passes(engine, "Convolution", options, arrays)[0] for engine in ("fast", "plain")))
+
+
+NET = """
+force_backward: %s
+layer { name: "x" type: "Input" top: "x" input_param { shape { dim: %d dim: 1 dim: 32 dim: 32 } } }
+layer { name: "c1" type: "Convolution" bottom: "x" top: "y1"
+        convolution_param { num_output: 4 kernel_size: 5 weight_filler { type: "gaussian" std: 0.1 } } }
+layer { name: "p1" type: "Pooling" bottom: "y1" top: "z1" pooling_param { kernel_size: 4 stride: 4 } }
+layer { name: "c2" type: "Convolution" bottom: "z1" top: "y2"
+        convolution_param { num_output: 3 kernel_size: 3 weight_filler { type: "gaussian" std: 0.1 } } }
+layer { name: "p2" type: "Pooling" bottom: "y2" top: "z2" pooling_param { kernel_size: 2 stride: 2 } }
+"""
+
+
+@pytest.mark.parametrize("force", ["true", "false"])  # tiles, or only the windows without background
+@pytest.mark.parametrize("place", ["x", "c1", "c2"])
+def test_convolutions_on_tiles(force: str, place: str) -> None:
+    """The same of convolutions and poolings on tiles, and of the next pass without such a value."""
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1, 1, (3, 1, 32, 32))
+    if force == "false":  # else rounding would decide which of the equal values of the background is the largest
+        x[:, :, :6] = x[:, :, 20:] = 1
+    nets = [netlib.Net(prototxt.parse(NET % (force, 3)), netlib.TRAIN, engine=e, seed=1) for e in ("plain", "fast")]
+    tops = rng.normal(size=nets[0].forward(x=x)["z2"].shape)
+    for value in [0, np.inf, -np.inf, np.nan, 0]:
+        index, results = int(rng.integers(9)), []
+        for net in nets:
+            image, weight = x.copy(), net.params[place][0].data if place != "x" else np.zeros(9)
+            (image[1, 0, 8, 9:20] if place == "x" else weight.reshape(-1))[index] = value
+            z = net.forward(x=image)["z2"].copy()
+            net.clear_param_diffs()
+            net.backward(z2=tops)
+            dx = [net.blobs["x"].diff.copy()] if force == "true" else []
+            results.append([z, *dx, *(p.diff.copy() for params in net.params.values() for p in params)])
+            weight.reshape(-1)[index] = 0.1
+        check_equal(results[1], results[0])
+
+
+LAYERS = [
+    *(
+        f'type: "Pooling" pooling_param {{ pool: {pool} {windows} }}'
+        for pool in ("MAX", "AVE")
+        for windows in (
+            "kernel_size: 3 stride: 2",
+            "kernel_size: 3 stride: 1 pad: 1",
+            "kernel_size: 6 stride: 2 pad: 2",
+            "kernel_size: 2 stride: 2",
+            "global_pooling: true",
+        )
+    ),
+    'type: "LRN" lrn_param { local_size: 3 }',
+    'type: "LRN" lrn_param { local_size: 3 norm_region: WITHIN_CHANNEL }',
+]
+
+
+@pytest.mark.parametrize("phase", [netlib.TRAIN, netlib.TEST])
+@pytest.mark.parametrize("layer", LAYERS)
+def test_other_windows(layer: str, phase: int) -> None:
+    """One such value in x or in dy of a pooling, with winners and without, or of a normalization."""
+    rng = np.random.default_rng(0)
+    text = (
+        'force_backward: true layer { name: "x" type: "Input" top: "x" '
+        "input_param { shape { dim: 2 dim: 4 dim: 11 dim: 12 } } }\n"
+        f'layer {{ name: "p" bottom: "x" top: "y" {layer} }}'
+    )
+    nets = [netlib.Net(prototxt.parse(text), phase, engine=engine) for engine in ("plain", "fast")]
+    for value in [*VALUES[:3], *VALUES[:3]]:
+        x = rng.normal(size=(2, 4, 11, 12))
+        dy = rng.normal(size=nets[0].forward(x=x)["y"].shape)
+        for array in (x, dy):
+            kept, index = array.copy(), int(rng.integers(array.size))
+            array.reshape(-1)[index] = value
+            results = []
+            for net in nets:
+                y = net.forward(x=x)["y"].copy()
+                net.backward(y=dy)
+                results.append([y, net.blobs["x"].diff.copy()])
+            check_equal(results[1], results[0])
+            array[...] = kept
