@@ -154,11 +154,11 @@ BAD = {
         "no extra gone",
     ),
     "a module that is gone": (
-        "<!-- not run: slow -->\n" + block("bash", "python -m tests.faults.gone"),
-        "there is no tests.faults.gone",
+        "<!-- not run: slow -->\n" + block("bash", "python -m tests.support.gone"),
+        "there is no tests.support.gone",
     ),
     "an option of a module": (
-        "<!-- not run: slow -->\n" + block("bash", "python -m tests.faults.campaign --gone"),
+        "<!-- not run: slow -->\n" + block("bash", "python -m tests.support.random_programs --gone"),
         "--gone",
     ),
     "a script that is gone": (block("bash", "python mine.py"), "there is no mine.py"),

@@ -77,7 +77,6 @@ RUN = {
         for body in ("person", "arm")
     },
     "table1": Run("OPTIONS=--list", "one_hand"),
-    "faults": Run("CASES=1 SEED=1 ONLY=camera.json", "camera.json: 1 "),
     "docs": Run("OPTIONS='--check documents'"),  # the other parts are compared by tests/docs/test_made.py
 }
 # Only the commands of these targets are parsed.
@@ -138,7 +137,7 @@ def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
     assert not workplace.written(before)
 
 
-@pytest.mark.parametrize("command", [*RUN, *NOT_RUN, "table1 HOURS=8", "faults SEED=7 ONLY=resume", "site SERVE=1"])
+@pytest.mark.parametrize("command", [*RUN, *NOT_RUN, "table1 HOURS=8", "site SERVE=1"])
 def test_the_lines_of_a_target_parse(command: str, project: tuple[Path, Path]) -> None:
     """The lines of a target parse, also with variables that the Makefile names: programs, options and extras exist."""
     folder, python = project
@@ -206,7 +205,7 @@ def test_commands_in_running_text_parse() -> None:
 
 def test_commands_in_help_texts_and_messages_parse() -> None:
     """The commands in the strings of every source file but the tests are correct."""
-    tops = (*CODE, "tests/faults", "tests/support")
+    tops = (*CODE, "tests/support")
     found = {path: in_source(path) for top in tops for path in (ROOT / top).rglob("*.py")}
     bench = found[ROOT / "benchmarks" / "bench.py"]
     assert {"make bench", "python benchmarks/bench.py --json speed.json"} <= set(bench)
@@ -224,7 +223,7 @@ def test_commands_in_help_texts_and_messages_parse() -> None:
         ("netlib gone", "no command gone"),
         ("netlib test train_val.prototxt net.caffemodel --iterations 3", ""),
         ("handpose predict frame.png --gone", "unrecognized arguments: --gone"),
-        ("python -m tests.faults.campaign --cases many", "--cases"),
+        ("python -m tests.support.random_programs --count many", "--count"),
         ("tools/test.py --model NET --joints", ""),
         ("mpiexec -n 4 -ppn 1 python -m mpi4py ...", ""),
         ("tools/caffe.py train ... is what it was", ""),
@@ -254,7 +253,6 @@ RUN_BY = {
     "netlib.caffe": "tests/netlib/test_install.py",
     "tests.caffe.reduce": "tests/caffe/test_caffe_whole.py",
     "tests.exercises.reduce_recordings": "tests/exercises/test_exercise_stubs.py",
-    "tests.faults.campaign": "tests/documents/test_commands.py",  # make faults
     "tests.handpose.estimate.moved_frames": "tests/handpose/estimate/test_processors.py",
     "tests.support.random_programs": "tests/fast/test_random_programs.py",
     "tests.support.rank_programs": "tests/netlib/distributed/test_mpi.py",
@@ -270,7 +268,6 @@ BY_COMMAND = {
     "handpose": '"-m", "handpose"',
     "netlib.caffe": '"-m", "netlib.caffe"',
     "tests.caffe.reduce": "reduce.main(",
-    "tests.faults.campaign": '"faults": Run(',
     "tests.support.rank_programs": "run(4, PROGRAMS, ",
 }
 
@@ -309,7 +306,7 @@ def named_programs() -> set[str]:
 def test_every_named_program_is_run_by_a_test() -> None:
     """The test of each named program imports and runs it, or starts it as BY_COMMAND requires."""
     named = named_programs()
-    assert {"tools.train", "netlib.caffe", "tests.faults.campaign", "docs.making", "benchmarks.ranks"} <= named
+    assert {"tools.train", "netlib.caffe", "tests.support.random_programs", "docs.making", "benchmarks.ranks"} <= named
     for name in sorted(named):
         path = ROOT / RUN_BY.get(name, f"tests/tools/test_{name.rpartition('.')[2]}.py")
         assert name in RUN_BY or (name.startswith("tools.") and path.is_file()), f"no test runs {name}"
