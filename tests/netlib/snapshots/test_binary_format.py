@@ -135,11 +135,10 @@ def test_damaged_files_are_read_or_refused_in_one_line(net: netlib.Net) -> None:
 
 
 def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_path: Path) -> None:
-    """Weights of an unknown layer type are copied by name, in each of the three formats."""
+    """Weights of an unknown layer type are copied by name, in the format of Caffe and in that of 2014."""
     blobs = "blobs { num: 1 channels: 1 height: 3 width: 3 data: [1, 2, 3, 4, 5, 6, 7, 8, 9] }"
     blobs += "blobs { shape { dim: 3 } data: [1, 2, 3] }"
-    for text in ('layer { name: "a" type: "Own" %s }', 'layers { name: "a" type: 5 %s }',
-                 'layers { layer { name: "a" type: "own" %s } }'):
+    for text in ('layer { name: "a" type: "Own" %s }', 'layers { name: "a" type: 5 %s }'):
         image = wire.encode(prototxt.parse(text % blobs), AnyNetParameter)
         (tmp_path / "w.caffemodel").write_bytes(image.replace(b"\x28\x05", b"\x28\x63"))
         net.params["a"][0].data[...] = 0
