@@ -27,11 +27,10 @@ def zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     return _placed(np.zeros(_bytes(shape, dtype), np.uint8), shape, dtype)
 
 
-def zeros_for_blob(shape: tuple[int, ...], dtype: DTypeLike, blob: object) -> NDArray[Any]:
+def zeros_for_blob(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """An array of zeros for a blob. Raises OutOfMemoryError."""
-    size = _bytes(shape, dtype)
-    memory.check(size, f"for an array {shape}", blob)
-    return _placed(memory.zeros((size,), np.uint8, blob), shape, dtype)
+    memory.check(_bytes(shape, dtype), f"for an array {shape}")
+    return zeros(shape, dtype)
 
 
 def _bytes(shape: tuple[int, ...], dtype: DTypeLike) -> int:

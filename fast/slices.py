@@ -35,7 +35,7 @@ from fast.plan import Run, Use, uses_of
 from fast.slice_blobs import Hidden, ParamOfLane, Window
 from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine.checks import error_of, guarded
+from netlib.engine.checks import guarded, lacking
 from netlib.engine.plain import BackwardHook, Connection, Step
 from netlib.layer import Layer
 
@@ -124,8 +124,7 @@ class SlicedStep(Step):
         try:
             getattr(blob, half)
         except MemoryError as error:
-            at = self._user[blob]
-            raise error_of(at.layer, half, at.bottom, at.top, error) from error
+            raise lacking(self._user[blob].layer, half, error) from error
 
     def _copy_weights(self, copies: list[tuple[Blob, Array]]) -> None:
         """Copy the current parameters to ``copies``, whose memory is used again."""

@@ -17,7 +17,7 @@ from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError
 
 Array = NDArray[Any]
-Zeros = Callable[[tuple[int, ...], DTypeLike, object], Array]  # allocates the array of a blob
+Zeros = Callable[[tuple[int, ...], DTypeLike], Array]  # allocates the array of a blob
 MAX_AXES = 32  # same limit as Caffe
 
 
@@ -76,7 +76,7 @@ class Blob:
         if self._owner is not None:
             return self._owner.data.reshape(self._shape)
         if self._data is None:
-            self._data = self._zeros(self._shape, self.dtype, self)
+            self._data = self._zeros(self._shape, self.dtype)
         return self._data.view()
 
     @property
@@ -87,7 +87,7 @@ class Blob:
         if self._diff_owner is not None:
             return self._diff_owner.diff.reshape(self._shape)
         if self._diff is None:
-            self._diff = self._zeros(self._shape, self.dtype, self)
+            self._diff = self._zeros(self._shape, self.dtype)
         return self._diff.view()
 
     def reshape(self, *shape: Any) -> None:
@@ -109,7 +109,7 @@ class Blob:
         if min(shape, default=0) < 0 or len(shape) > MAX_AXES:
             raise ValueError(f"a blob cannot have the shape {shape}")
         if max(math.prod(n for n in shape if n), max(shape, default=0)) * self.dtype.itemsize >= 2**63:
-            raise OutOfMemoryError(f"a blob cannot have the shape {shape}: no computer has so much memory", self)
+            raise OutOfMemoryError(f"a blob cannot have the shape {shape}: no computer has so much memory")
         return shape
 
     def share(self, owner: Blob) -> None:
@@ -169,9 +169,7 @@ class Blobs(list[Blob]):
     def add_blob(self, *shape: int) -> Blob:
         """Append a blob of zeros and return it. Raises OutOfMemoryError if it does not fit in memory."""
         blob = Blob(shape, self.dtype)
-        own = blob.bytes + sum(other.bytes for other in self)
-        memory.check(own, "of parameters")
-        memory.check(own + self.bytes_before, f"of parameters in total, {memory.format_bytes(own)} of them here")
+        memory.check(blob.bytes + sum(other.bytes for other in self) + self.bytes_before, "of parameters")
         self.append(blob)
         return blob
 

@@ -4,20 +4,14 @@ Modules are searched for in the working directory and on PYTHONPATH. Many public
 ``tools``, which are packages of this project too. For such names the user's own files are searched first: a module is
 loaded under another name, and the folder of a package is added to ours. In these modules ``import caffe`` returns
 netlib.caffe unless Caffe is installed.
-
-A module is executed only if its source may define the class.
 """
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import importlib
 import sys
-import warnings
 from collections.abc import Callable, Iterable, Iterator
-from importlib.machinery import ModuleSpec
-from importlib.util import decode_source
 from pathlib import Path
 from types import ModuleType
 
@@ -29,8 +23,6 @@ from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, PythonParameter
 
 OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2 names in old layers
-# A module that uses one of these may define names that do not appear in its source.
-DYNAMIC = {"__dict__", "__getattr__", "__import__", "eval", "exec", "globals", "locals", "modules", "setattr", "vars"}
 
 _are_allowed = True
 
@@ -79,17 +71,15 @@ def find_class(spec: LayerParameter) -> type[Layer]:
     except (Exception, SystemExit) as error:
         raise PrototxtError(
             schema.position_of(param, "module"),
-            f"layer {spec.name!r}: cannot import {param.module!r} ({type(error).__name__}: {error}); "
-            "it must lie in the working directory or on PYTHONPATH",
+            f"layer {spec.name!r}: cannot import {param.module!r} ({type(error).__name__}: {error})"
+            f"{_advice(error, param.module)}",
         ) from error
-    cls = None
-    if module is not None:
-        for name, value in OLD_NAMES.items():
-            vars(module).setdefault(name, value)
-        cls = getattr(module, param.layer, None)
+    for name, value in OLD_NAMES.items():
+        vars(module).setdefault(name, value)
+    cls = getattr(module, param.layer, None)
     if not (isinstance(cls, type) and issubclass(cls, Layer)):
         found = "is not a subclass of netlib.Layer"
-        if cls is None and module is not None and own_modules.is_ours(module):
+        if cls is None and own_modules.is_ours(module):
             found = (f"was looked for in this project's own package ({where}); expected a module {param.module!r} with "
                      "it in the working directory or on PYTHONPATH")
         elif cls is None:
@@ -100,11 +90,20 @@ def find_class(spec: LayerParameter) -> type[Layer]:
     return cls
 
 
-def _import(name: str, wanted: str) -> tuple[ModuleType | None, str]:
+def _advice(error: BaseException, module: str) -> str:
+    """What to do about an error of an import."""
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        if f"{module}.".startswith(f"{error.name}."):
+            return "; it must lie in the working directory or on PYTHONPATH"
+        return f"; install the package that has {error.name.partition('.')[0]!r}, or put it on PYTHONPATH"
+    if isinstance(error, SyntaxError):
+        return "; if it was written for Python 2, convert it to Python 3"
+    return ""
+
+
+def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
     """Import the module ``name`` and return it with its file. If a package here has the same name, the user's own
     module is preferred if it defines ``wanted``.
-
-    Returns None instead of a module, without executing it, if the file cannot define ``wanted``.
     """
     before_import()
     top = name.partition(".")[0]
@@ -116,20 +115,17 @@ def _import(name: str, wanted: str) -> tuple[ModuleType | None, str]:
         return _import_any(name, wanted)
 
 
-def _import_any(name: str, wanted: str) -> tuple[ModuleType | None, str]:
+def _import_any(name: str, wanted: str) -> tuple[ModuleType, str]:
     """Like ``_import``, with this project's packages in sys.modules."""
     top, _, inner = name.partition(".")
     if _is_ours(top):
         if inner:
             _add_folders(importlib.import_module(top))
         theirs = _own_file(name)
-        if theirs is not None and _may_have(theirs, wanted):
+        if theirs is not None:
             module = load_module(f"{name} of {theirs}", theirs)
             if hasattr(module, wanted):
                 return module, str(theirs)
-    file = _file_of(name)
-    if file is not None and not _may_have(file, wanted):
-        return None, str(file)
     module = importlib.import_module(name)
     return module, getattr(module, "__file__", None) or name
 
@@ -159,62 +155,3 @@ def _own_file(name: str) -> Path | None:
             if path.is_file():
                 return path.resolve()
     return None
-
-
-# ---------------------------------------------------------------------------------------------- before execution
-
-
-def _file_of(name: str) -> Path | None:
-    """Source file that an import would execute; None if unknown. Raises ModuleNotFoundError."""
-    file: Path | None = None
-    places: list[str] | None = None  # search path: the package's folders, at first sys.path
-    parts = name.split(".")
-    for known in (".".join(parts[: i + 1]) for i in range(len(parts) if all(parts) else 0)):
-        if known in sys.modules:
-            file, places = None, list(getattr(sys.modules[known], "__path__", []))
-            continue
-        try:
-            spec = _spec_of(known, places)
-        except KeyError:  # raised by importlib for a namespace package whose parent is not imported
-            return None
-        if spec is None:
-            if file is not None and {"path", "__path__", *DYNAMIC} & _names(file)[1]:
-                return None  # the package may set its search path when it runs
-            raise ModuleNotFoundError(f"No module named {known!r}", name=known)
-        file = Path(spec.origin) if spec.origin is not None and spec.origin.endswith(".py") else None
-        places = list(spec.submodule_search_locations or [])
-    return file
-
-
-def _spec_of(name: str, places: list[str] | None) -> ModuleSpec | None:
-    """Find the spec of a module without importing it."""
-    for finder in sys.meta_path:
-        spec: ModuleSpec | None = finder.find_spec(name, places) if hasattr(finder, "find_spec") else None
-        if spec is not None:
-            return spec
-    return None
-
-
-def _may_have(file: Path, name: str) -> bool:
-    """Whether the module may define the name: a statement binds it, or the module defines names dynamically."""
-    bound, used = _names(file)
-    return bool({name, "*"} & bound or DYNAMIC & used)
-
-
-def _names(file: Path) -> tuple[set[str], set[str]]:
-    """Names that the statements of a module bind, and all names that it uses. ``import *`` binds "*"."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they are shown when the module runs
-        tree = ast.parse(decode_source(file.read_bytes()), str(file))
-    bound, used = set(), set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.alias):
-            bound.add(node.asname or node.name.partition(".")[0])
-            used.add(node.name)
-        elif isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
-            bound.add(node.name)
-        elif isinstance(node, ast.Name):
-            (bound if isinstance(node.ctx, ast.Store) else used).add(node.id)
-        elif isinstance(node, ast.Attribute):
-            used.add(node.attr)
-    return bound, used | bound

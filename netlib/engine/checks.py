@@ -1,9 +1,8 @@
-"""Checks around the methods of layers: errors that name the layer, and, if memory is lacking, the option to lower."""
+"""Checks around the methods of layers: errors name the layer."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,11 +11,10 @@ import numpy as np
 from netlib.blob import Blob, Blobs
 from netlib.errors import NetlibError
 from netlib.layer import Layer, warn
-from netlib.proto.options import block_name
-from netlib.proto.prototxt import Field, Message, Scalar
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError
 
+ADVICE = "; use a smaller batch or layer"
 UNWRITTEN = 1.2345678e-38  # a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
 
 
@@ -62,11 +60,11 @@ def guarded(layer: Layer, method: str, *args: Any) -> None:
     try:
         getattr(layer, method)(*args)
     except Exception as error:
-        bottom, top = reversed(args[::2]) if method == "backward" else args
-        if memory.is_lacking(error) and not (isinstance(error, OutOfMemoryError) and error.in_layer):
-            raise error_of(layer, method, bottom, top, error) from error
-        if isinstance(error, NetlibError):
+        if isinstance(error, NetlibError) and not isinstance(error, OutOfMemoryError):
             raise
+        if memory.is_lacking(error):
+            raise lacking(layer, method, error) from error
+        bottom = args[2 if method == "backward" else 0]
         for name, blob in zip(layer.spec.bottom, bottom):
             if not blob.count and layer.type != "Python":  # the author of a Python layer needs its own error
                 raise layer.fail(f"bottom {name!r} {blob.shape} is empty; {layer.type} expects values") from error
@@ -81,52 +79,24 @@ def _place(error: BaseException) -> str:
     return f" ({Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno})" if trace else ""
 
 
+def lacking(layer: Layer, what: str, error: Exception) -> OutOfMemoryError:
+    """The error for a layer that lacks memory, with its name unless ``error`` has it."""
+    if str(error).endswith(ADVICE):
+        return OutOfMemoryError(str(error))
+    needs = str(error) if isinstance(error, OutOfMemoryError) else f"needs more memory than there is: {error}"
+    return OutOfMemoryError(str(layer.fail(f"{what}: {needs.removesuffix(': ')}{ADVICE}")))
+
+
 def check_memory(connections: Sequence[Connected], hidden: Iterable[Blob]) -> None:
     """Raise OutOfMemoryError if the parameters and the tops of all layers together do not fit in memory.
 
     ``hidden`` are blobs that the engine does not store.
     """
-    writers = {top: at for at in connections for top in at.top}
+    writers = {top: at.layer for at in connections for top in at.top}
     for blob in hidden:
         writers.pop(blob, None)
     params = {blob for at in connections for blob in at.layer.blobs}
     try:
-        total = sum(blob.bytes for blob in [*params, *writers] if blob.owns_memory)
-        memory.check(total, "for parameters and blobs of the net in total")
+        memory.check(sum(blob.bytes for blob in [*params, *writers] if blob.owns_memory), "for all blobs of the net")
     except OutOfMemoryError as error:
-        if not writers:
-            raise
-        top = max(writers, key=lambda top: (largest_option(writers[top].layer) is not None, top.bytes))
-        at, what = writers[top], f"{memory.format_bytes(top.bytes)}, of {error}"
-        raise error_of(at.layer, "forward", at.bottom, at.top, OutOfMemoryError(what, top)) from error
-
-
-def error_of(
-    layer: Layer, method: str, bottom: Iterable[object], top: Iterable[object], error: Exception
-) -> OutOfMemoryError:
-    """The error for a layer whose ``method`` ran out of memory, with its place and the option to lower."""
-    if isinstance(error, OutOfMemoryError):
-        what = str(error)
-        names = [*zip(layer.spec.top, top), *zip(layer.spec.bottom, bottom)]
-        what = next((f"blob {name!r}: {what}" for name, blob in names if blob is error.blob), what)
-    else:
-        what = f"{method} needs more memory than there is{f': {error}' if str(error) else ''}"
-    option = largest_option(layer)
-    advice, place = (f"lower {option.name}", option.position) if option else ("lower the batch size", None)
-    return OutOfMemoryError(str(layer.fail(f"{what}: {advice}", at=place)), in_layer=True)
-
-
-def largest_option(layer: Layer) -> Field | None:
-    """The option with the largest whole number in the layer's block; None if all are below 1000."""
-    block = layer.spec.blocks.get(block_name(type(layer), layer.spec.type))
-    numbers = [(n, i, field) for i, (n, field) in enumerate(_numbers(block))] if block else []
-    return max(numbers)[2] if numbers else None
-
-
-def _numbers(block: Message) -> Iterator[tuple[int, Field]]:
-    """Whole numbers of at least 1000 in an options block."""
-    for field in block.fields:
-        if isinstance(field.value, Message):
-            yield from _numbers(field.value)
-        elif isinstance(field.value, Scalar) and re.fullmatch(r"[1-9]\d{3,19}", field.value.text):
-            yield int(field.value.text), field
+        raise lacking(writers[max(writers, key=lambda top: top.bytes)], "forward", error) from error

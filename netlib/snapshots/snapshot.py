@@ -75,7 +75,7 @@ def checksum(path: str | Path) -> int:
 
 
 def _max_bytes(path: str | Path) -> float:
-    return memory.available()[0] if begins_as_hdf5(path, "weights") else files.MAX_BYTES
+    return memory.physical() if begins_as_hdf5(path, "weights") else files.MAX_BYTES
 
 
 @contextlib.contextmanager

@@ -90,8 +90,8 @@ def after(shape: str, layer: str) -> str:
          f"layer 'l': top blob 'y' {WRITTEN.format('l', 1)}"),
         ("a huge window", after("dim: 1 dim: 1 dim: 8 dim: 8", 'type: "Pooling" top: "y" pooling_param '
                                 "{ pool: AVE kernel_size: 4294967295 pad: 4294967294 }"), OutOfMemoryError,
-         "layer 'l': blob 'y': a blob cannot have the shape (1, 1, 4294967302, 4294967302): no computer has so much "
-         "memory: lower kernel_size"),
+         "layer 'l': reshape: a blob cannot have the shape (1, 1, 4294967302, 4294967302): no computer has so much "
+         "memory; use a smaller batch or layer"),
         ("a stride beyond 32 bits", after("dim: 1 dim: 1 dim: 8 dim: 8",
                                           'type: "Pooling" top: "y" pooling_param { stride: 9223372036854775808 }'),
          PrototxtError, "'stride' expects an integer from 0 to 4294967295, found 9223372036854775808"),

@@ -29,8 +29,7 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
         with tools.interruptible(), python_layer.allowed(not getattr(args, "no_python_layers", False)):
             return run(args)
     except NetlibError as error:
-        names_no_place = isinstance(error, memory.OutOfMemoryError) and not error.in_layer
-        print(f"not enough memory: {error}" if names_no_place else error, file=sys.stderr)
+        print(error, file=sys.stderr)
     except UnicodeEncodeError as error:
         print(f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
               "set PYTHONUTF8=1", file=sys.stderr)
