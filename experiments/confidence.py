@@ -68,7 +68,7 @@ def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
     observe = pose_confidence.evidence_of
     reported: list[Evidence] = []
     errors = []
-    tracker = load_tracker(_mirrored(recording.camera) if mirrored else recording.camera)
+    tracker = load_tracker(_mirrored(recording.camera) if mirrored else recording.camera, min_confidence=0)
     fingers = Fingers(Surface(tracker.predictor.skeleton))
     with recording, mock.patch.object(pose_confidence, "evidence_of", recorded):
         for frame, truth in zip_longest(recording, labels):
