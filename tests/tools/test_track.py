@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from handpose.estimate.predictor import Predictor
 from handpose.frames.cameras import ICVL
 from handpose.frames.opening import open_recording
 from handpose.frames.recording import DepthFrame
@@ -190,6 +191,21 @@ def test_a_first_look() -> None:
     done = run_tool("track", "takes/take.npz", "--look", "look.png")
     assert files() == ["look.png"] and cv2.imread("look.png") is not None
     assert "frame 0: right hand, " in done.out
+
+
+def test_a_first_look_at_hands_that_are_not_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first hand that is sure enough is drawn, otherwise the first one, without joints."""
+    predict, seen = Predictor.in_frame, itertools.count()
+
+    def doubtful(self: Predictor, *args: Any) -> Any:
+        self.min_confidence = 1.0 if next(seen) < 2 else 0.0
+        return predict(self, *args)
+
+    done = run_tool("track", "takes/take.npz", "--look", "look.png", "--min-confidence", "1")
+    assert "frame 0: right hand, " in done.out and "no joints below 100%" in done.out
+    assert cv2.imread("look.png").shape[1] < 2 * 512
+    monkeypatch.setattr(Predictor, "in_frame", doubtful)
+    assert "frame 2: right hand, " in run_tool("track", "takes/take.npz", "--look", "look.png").out
 
 
 # ------------------------------------------------------------------------------------------------ errors

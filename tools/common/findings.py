@@ -184,15 +184,21 @@ def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
 
 
 def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
-    """Draw the first hand in the first frames; returns the exit status.
+    """Draw the first hand with joints in the first frames, otherwise the first hand; returns the exit status.
 
     If there is none, the first frame is drawn, which may show why, and DataError is raised.
     """
+    shown = None
     for frame in seen.frames:
         try:
             found = predictor.in_frame(frame.depth)
         except DataError:
             continue
+        shown = (frame, found) if shown is None or found.has_joints else shown
+        if found.has_joints:
+            break
+    if shown is not None:
+        frame, found = shown
         draw(Path(picture), found, predictor)
         say(f"frame {frame.number}: {in_words(found, predictor)}; figure {picture}")
         return DONE
