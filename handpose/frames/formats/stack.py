@@ -1,7 +1,7 @@
 """Stacks of depth frames in one array: .npy, .npz, .h5.
 
 An .npy file is an array (frames, height, width) of integers of 16 bits or more, or of floating-point numbers. In an
-.npz or .h5 file it is called depth; ``beside`` reads what else the file has, in an .h5 as data sets or attributes.
+.npz or .h5 file it is called depth; ``other_arrays`` reads what else there is, in an .h5 data sets or attributes.
 Frames are read one by one, so a stack may exceed the memory.
 """
 
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.formats.beside import beside
 from handpose.frames.formats.numpy_files import HEADER, PARAMETERS, SMALL, Header, NpzFile, header_of
+from handpose.frames.formats.other_arrays import recognise
 from handpose.frames.raw import calibration_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError
@@ -35,7 +35,7 @@ class StackRecording(Recording):
 
     def __init__(self, path: Path, frames: _Frames, given: CameraInfo) -> None:
         camera_json = camera_file.next_to(path)
-        found = beside(frames.beside, frames.names, frames.shape[0], str(path), given, camera_json)
+        found = recognise(frames.others, frames.names, frames.shape[0], str(path), given, camera_json)
         calibration = calibration_of(given, found.own, camera_json, frames.shape[1:], frames.dtype, str(path))
         self.name, self.camera, self.unit_mm = str(path), calibration.camera, calibration.unit_mm
         self.count, self.rate, self._times = frames.shape[0], calibration.rate, found.times
@@ -60,14 +60,14 @@ class _Frames:
 
     shape   (frames, height, width)
     dtype   of a stored value
-    beside  the other arrays of the file, by name, without the large ones
+    others  the other arrays of the file, by name, without the large ones
     names   of all other arrays
     cut     after the last frame: the reason why there are fewer than in ``shape``, else empty
     """
 
     shape: tuple[int, int, int]
     dtype: np.dtype[Any]
-    beside: Mapping[str, NDArray[Any]] = {}
+    others: Mapping[str, NDArray[Any]] = {}
     names: Sequence[str] = ()
     cut: str = ""
 
@@ -104,7 +104,7 @@ class _Npz(_Frames):
         self._file = NpzFile(path)
         self._name, header = self._file.stack()
         self.shape, self.dtype, self._header = header.stack(str(path)), header.dtype, header
-        self.beside, self.names = self._file.small(), self._file.others()
+        self.others, self.names = self._file.small(), self._file.others()
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
         yield from self._file.frames(self._name, self._header)
@@ -119,7 +119,7 @@ class _Hdf5(_Frames):
             groups = [name for name, one in others.items() if isinstance(one, h5py.Group) and "depth" in one]
             if "depth" not in file and groups:
                 raise DataError(f"{path}: depth is in the group {groups[0]!r}; expected a data set 'depth' in no group")
-        self.beside, self.names = found, list({**found, **others})
+        self.others, self.names = found, list({**found, **others})
         (self._rows,) = hdf5.File(path, ("depth",)).datasets
         self.shape, self.dtype = Header(self._rows.shape, self._rows.dtype, 0).stack(str(path)), self._rows.dtype
 

@@ -1,4 +1,4 @@
-"""What stands beside the frames in an array file, under its usual names: times, camera, unit, rate.
+"""The other arrays of a file with frames, under their usual names: times, camera, unit, rate.
 
 times    time, times, t, ts, timestamp, timestamps, stamp, stamps, also after ``depth_`` or ``frame_``; a name may end
          with its unit, as in ``timestamps_us``
@@ -41,7 +41,7 @@ FIELDS = {"camera": "camera", "lens": "distortion", "unit_mm": "unit", "rate": "
 MAX_NAMES = 8  # number of unused arrays that are named
 
 
-class Beside(NamedTuple):
+class Recognised(NamedTuple):
     """What was recognised.
 
     times     (frames,) s, or None
@@ -56,10 +56,10 @@ class Beside(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def beside(
+def recognise(
     found: Mapping[str, NDArray[Any]], names: Iterable[str], count: int, where: str, given: CameraInfo,
     camera_json: CameraInfo,
-) -> Beside:
+) -> Recognised:
     """What is recognised in the arrays of a file with ``count`` frames.
 
     found        arrays that are small enough to be parameters
@@ -80,7 +80,7 @@ def beside(
         times = numbers / (rate if unit == FRAMES else TICKS[unit])
         words.append(f"times from {name!r}, {how}")
     unused = [one for one in names if one not in fields and one != name]
-    return Beside(times, own, ("; ".join(words),) if words else (), (_not_used(unused),) if unused else ())
+    return Recognised(times, own, ("; ".join(words),) if words else (), (_not_used(unused),) if unused else ())
 
 
 def _in_words(fields: Mapping[str, str], given: CameraInfo) -> list[str]:

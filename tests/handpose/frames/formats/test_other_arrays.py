@@ -1,4 +1,4 @@
-"""handpose/frames/formats/beside.py: times and cameras under the names that people give them."""
+"""handpose/frames/formats/other_arrays.py: times and cameras under the names that people give them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
-from handpose.frames.formats.beside import MATRICES, OF_UNIT
+from handpose.frames.formats.other_arrays import MATRICES, OF_UNIT
 from handpose.frames.formats.stack import open_stack
 from handpose.frames.inspection import inspect
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
@@ -184,8 +184,8 @@ def test_precedence(tmp_path: Path) -> None:
     found = opened(tmp_path, UNKNOWN, **mine)
     assert (found.camera, found.unit_mm, found.rate) == (replace(CAMERA), 2, 20)
     assert found.remarks == ("camera from 'K'; unit from 'depth_scale'; rate from 'fps'",)
-    beside = opened(tmp_path, UNKNOWN)
-    assert (beside.camera, beside.unit_mm, beside.rate) == (other, 4, 40)
+    without = opened(tmp_path, UNKNOWN)
+    assert (without.camera, without.unit_mm, without.rate) == (other, 4, 40)
     found = opened(tmp_path, GIVEN, **mine)
     assert (found.camera, found.unit_mm, found.rate) == (CAMERA, 0.5, 10)
     assert not any("from 'K'" in line or "from 'fps'" in line for line in found.remarks)
