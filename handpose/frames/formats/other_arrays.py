@@ -109,13 +109,16 @@ def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo
     """The parameters in the arrays, and the field of CameraInfo for each array that is used. Raises DataError."""
     said: dict[str, Any] = {}
     fields: dict[str, str] = {}
-    # What the user gives is not read here, so it replaces a matrix of another form and an unknown word, too.
-    for name in [name for name in MATRICES if name in found and "fx" not in found][:1]:
-        fields[name] = "camera"
-        said |= {} if given.camera else _of_matrix(found[name], f"{where}: {name}")
-    for name in [name for name in UNITS if name in found and not {*found} & {*OF_UNIT}][:1]:
-        fields[name] = "unit_mm"
-        said |= {} if given.unit_mm else {"unit_mm": _mm(found[name], f"{where}: {name}")}
+    readers = (("camera", _of_matrix, MATRICES if "fx" not in found else ()),
+               ("unit_mm", _of_unit, UNITS if not {*found} & {*OF_UNIT} else ()))
+    for field, read, known in readers:
+        for name in [name for name in known if name in found][:1]:
+            fields[name] = field
+            try:
+                said |= read(found[name], f"{where}: {name}")
+            except DataError:
+                if getattr(given, field) is None:  # what the user gives replaces it, whatever it is
+                    raise
     for name, value in found.items():
         key = ALIASES.get(name, name)
         if key not in camera_file.KEYS or (name in OF_ANYTHING and "fx" not in {*said, *found}):
@@ -148,14 +151,14 @@ def _of_matrix(value: NDArray[Any], where: str) -> dict[str, float]:
     raise DataError(f"{where} is {shown}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy")
 
 
-def _mm(value: NDArray[Any], where: str) -> Any:
-    """The unit in mm that a word means; a number is one of mm. Raises DataError."""
+def _of_unit(value: NDArray[Any], where: str) -> dict[str, Any]:
+    """unit_mm of a word, or of a number of mm. Raises DataError."""
     plain = _plain(value, where)
     if not isinstance(plain, str):
-        return plain
+        return {"unit_mm": plain}
     if plain.lower() not in MM:
         raise DataError(f"{where} is {plain!r}; expected mm, cm, m, um or a number of mm")
-    return MM[plain.lower()]
+    return {"unit_mm": MM[plain.lower()]}
 
 
 def _plain(value: NDArray[Any], where: str) -> float | bool | list[float] | str:

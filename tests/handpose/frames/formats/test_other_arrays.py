@@ -186,8 +186,8 @@ def test_precedence(tmp_path: Path) -> None:
     assert found.remarks == ("camera from 'K'; unit from 'depth_scale'; rate from 'fps'",)
     without = opened(tmp_path, UNKNOWN)
     assert (without.camera, without.unit_mm, without.rate) == (other, 4, 40)
-    found = opened(tmp_path, GIVEN, **mine)
-    assert (found.camera, found.unit_mm, found.rate) == (CAMERA, 0.5, 10)
+    found = opened(tmp_path, GIVEN, **mine, width=64, height=48, min_range_mm=100)
+    assert (found.camera, found.unit_mm, found.rate, found.warnings) == (CAMERA, 0.5, 10, ())
     assert not any("from 'K'" in line or "from 'fps'" in line for line in found.remarks)
     assert opened(tmp_path, GIVEN, K=np.zeros((4, 3, 3))).camera == CAMERA  # of each frame: replaced, not refused
 
