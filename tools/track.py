@@ -38,19 +38,13 @@ import tools
 
 tools.begin(__name__)
 
-import numpy as np
-from numpy.typing import NDArray
-
 from handpose import Recording, Tracker, load_predictor
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.frames.inspection import Inspection, inspect
 from handpose.tracking import sizing
-from handpose.tracking.lookahead import Lookahead
+from handpose.tracking.reporting import Ready, Reporting
 from handpose.tracking.summary import Summary
-from handpose.tracking.sure_hands import SureHands
-from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
-from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from netlib.errors import DataError
 from tools.common import hand_arguments
 from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
@@ -93,37 +87,34 @@ def run(args: argparse.Namespace) -> int:
             from tools.common import findings
 
             return findings.draw_first(seen, predictor, args.look)
-        sure_hands = SureHands(args.min_confidence)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args),
-                          min_confidence=0)  # sure_hands comes after the smoothing, which changes the confidence
+                          min_confidence=0)
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
+        reporting = Reporting(tracker.estimator.model, args.min_confidence, outputs.is_live or recording.live)
         try:
             with Stopper() as stopper:
-                _track(recording, seen, tracker, sure_hands, outputs, summary, stopper, args.frames)
+                _track(recording, seen, tracker, reporting, outputs, summary, stopper, args.frames)
         except StoppedError:
             say(f"stopped after {summary.frames} frames" if summary.frames else "stopped", file=sys.stderr)
             status = 128 + stopper.signum
         print_new_remarks(recording, seen)
         if summary.frames:
             seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
-            _say_summary(summary, seconds, sure_hands, outputs, talk, seen.doubt)
+            _say_summary(summary, seconds, reporting.sure_hands.note, outputs, talk, seen.doubt)
         elif status == DONE:
             raise DataError(f"{recording.name}: no frames were tracked")
     return status
 
 
 def _track(
-    recording: Recording, seen: Inspection, tracker: Tracker, sure_hands: SureHands, outputs: Outputs,
-    summary: Summary, stopper: Stopper, frames: int | None,
+    recording: Recording, seen: Inspection, tracker: Tracker, reporting: Reporting, outputs: Outputs, summary: Summary,
+    stopper: Stopper, frames: int | None,
 ) -> None:
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
-    held = Lookahead[NDArray[np.float32]]()
-    smoothing = TwoWaySmoothing[NDArray[np.float32]](tracker.estimator.model)
 
-    def write(ready: list[tuple[NDArray[np.float32], TrackedFrame]]) -> None:
-        for depth, followed in ready:
-            found = sure_hands(followed)
+    def write(ready: Ready) -> None:
+        for depth, found in ready:
             outputs.write(depth, found)
             summary.add(found)
 
@@ -134,29 +125,21 @@ def _track(
                 stopper.check()
                 with errors_of(f"{recording.name}: frame {frame.number}"):
                     found = tracker.step(frame)
-                at_once = outputs.is_live or recording.live
-                write([(frame.depth, found)] if at_once else smoothing.add(held.add(frame.depth, found)))
+                write(reporting.add(frame.depth, found))
                 progress(1)
         finally:
-            write(smoothing.add(held.finish()) + smoothing.finish())
+            write(reporting.finish())
 
 
-def _say_summary(
-    summary: Summary, seconds: float, sure_hands: SureHands, outputs: Outputs, talk: TextIO, doubt: str
-) -> None:
+def _say_summary(summary: Summary, seconds: float, note: str, outputs: Outputs, talk: TextIO, doubt: str) -> None:
     """Print a summary, one line per hand, and the names of the outputs; ``doubt`` may explain why no hand was found."""
     say(f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s", file=talk)
     if not summary.hands:
         say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=talk)
     else:
-        rows = [["hand", "frames", "confidence", "size", "lost", "longest"]]
-        for id, hand in sorted(summary.hands.items()):
-            rows.append([f"{id} {hand.hand}", str(hand.frames), hand.sure, f"{hand.size:.3f}", str(hand.losses),
-                         f"{hand.longest:.1f} s"])
-        print(aligned(rows), file=talk)
-    if count := sure_hands.frames:
-        say(f"{count} frames have a hand with a confidence below {sure_hands.min_confidence:.0%}, which is not "
-            "reported (--min-confidence)", file=talk)
+        print(aligned(summary.rows), file=talk)
+    if note:
+        say(note, file=talk)
     for name in outputs.written:
         say(f"wrote {name}", file=talk)
 

@@ -20,6 +20,12 @@ class SureHands:
         self.min_confidence, self.frames = min_confidence, 0
         self._reported: dict[int, tuple[float, Side | None]] = {}  # time in s, when a hand was reported last, and side
 
+    @property
+    def note(self) -> str:
+        """How often a hand was taken out, as text; empty if never."""
+        below = f"{self.frames} frames have a hand with a confidence below {self.min_confidence:.0%}"
+        return f"{below}, which is not reported (--min-confidence)" if self.frames else ""
+
     def __call__(self, frame: TrackedFrame) -> TrackedFrame:
         """The frame with the hands that are sure enough."""
         if not self.min_confidence:
