@@ -4,11 +4,12 @@
 
 JOINTS.npy has mm in the camera's axes, x right, y down, z away: (frames, 5 fingers from the thumb on, 4 joints from the
 hand to the tip, 3), of the only hand; frames without a label are NaN. Each recording is tracked with the defaults of
-``tools/track.py``, as it is and mirrored. The weights of ``handpose.fit.pose_confidence`` are then fitted to the errors
-of the first recordings, each recording with the same total weight, and drawn towards those in use. Whatever else is
-tracked, such as an object, is as wrong as a lost hand, and counts OTHERS. The report gives, for the weights in use and
-for the new ones, the correlation of expected and true error, and how many poses with a confidence of 90% or more are
-over 30 mm off: in each of these recordings when it is left out, and in those ``--apart``, which no weight is fitted to.
+``tools/track.py`` and ``--min-confidence 0``, as it is and mirrored. The weights of ``handpose.fit.pose_confidence``
+are then fitted to the errors of the first recordings, each recording with the same total weight, and drawn towards
+those in use. Whatever else is tracked, such as an object, is as wrong as a lost hand, and counts OTHERS. The report
+gives, for the weights in use and for the new ones, the correlation of expected and true error, and how many poses with
+a confidence of 90% or more are over 30 mm off: in each of these recordings when it is left out, and in those
+``--apart``, which no weight is fitted to.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ def tracked(recording: Recording, labels: Array, mirrored: bool) -> Poses:
     observe = pose_confidence.evidence_of
     reported: list[Evidence] = []
     errors = []
-    tracker = load_tracker(_mirrored(recording.camera) if mirrored else recording.camera)
+    tracker = load_tracker(_mirrored(recording.camera) if mirrored else recording.camera, min_confidence=0)
     fingers = Fingers(Surface(tracker.predictor.skeleton))
     with recording, mock.patch.object(pose_confidence, "evidence_of", recorded):
         for frame, truth in zip_longest(recording, labels):

@@ -1,6 +1,6 @@
 """Evaluation of the tracker on synthetic recordings, compared with their truth and with single frames.
 
-tracked = follow(SyntheticRecording("minute", NYU, seed=1), Tracker(load_predictor(NYU, fit="fast")))
+tracked = follow(SyntheticRecording("minute", NYU, seed=1), Tracker(load_predictor(NYU, fit="fast"), min_confidence=0))
 summary(tracked.hands)["mean"]
 
 A single frame has no history, but its predictor gets the true centre of the crop and the true side (``Alone``). If the

@@ -6,8 +6,8 @@
 writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm; scenes with an arm nearer than its
 minimum range are left out), runs the same prediction on them as tools/predict.py, and draws demo/hands.png: the crop of
 each frame with the skeleton, the fitted surface, and the hand in space; above them the confidence of the fit, its
-expected error and its true error. demo/hands.json has the numbers in the format of a track, and for each hand its true
-error in mm (``true_error_mm``).
+expected error and its true error. Of a hand that is less than 30% sure there are no joints, and only the crop is drawn.
+demo/hands.json has the numbers in the format of a track, and for each hand its true error in mm (``true_error_mm``).
 """
 
 from __future__ import annotations
@@ -30,8 +30,11 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose import NYU, load_predictor
+from handpose.estimate.hand import Hand
+from handpose.estimate.predictor import Predictor
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.labels import percent
+from handpose.output.drawing.strokes import Image
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
@@ -66,17 +69,15 @@ def run(args: argparse.Namespace) -> int:
             frame = np.rint(depth).astype(np.uint16)
             outputs.write_image(args.out / f"frame_{n}.png", frame)
             found = predictor.in_frame(frame)
-            uvd, cube, guesses = found.center_uvd, found.cube_mm, hands.guessed(found.finger_error_mm)
-            images += [
-                hands.overlay(found.crop, found.joints, predictor.skeleton, None, uvd, cube, NYU, 2, guesses),
-                surface.over_crop(found.crop, found.capsules(), uvd, cube, NYU, zoom=2),
-                hands.view_3d(found.joints, predictor.skeleton, size=256, guesses=guesses),
-            ]
-            off = float(mean_errors_14(found.xyz[None], truth[None])[0])
-            titles += [f"{found.hand}, {percent(found.confidence)} sure", f"expected {found.error_mm:.0f} mm",
-                       f"true error {off:.0f} mm"]
+            images += pictures(found, predictor)
+            titles += [f"{found.hand}, {percent(found.confidence)} sure", f"expected {found.error_mm:.0f} mm"]
             frames.append({"image": f"frame_{n}.png", **frame_values(n, found, predictor.skeleton)})
-            frames[-1]["hands"][0]["true_error_mm"] = round(off, 1)
+            if found.has_joints:
+                off = float(mean_errors_14(found.xyz[None], truth[None])[0])
+                frames[-1]["hands"][0]["true_error_mm"] = round(off, 1)
+                titles.append(f"true error {off:.0f} mm")
+            else:
+                titles.append(f"below {predictor.min_confidence:.0%}: no joints")
             predictions.append(found)
             progress(1)
     seconds = time.perf_counter() - begun
@@ -88,6 +89,19 @@ def run(args: argparse.Namespace) -> int:
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
     say(f"For your own camera: {shlex.join([*program, *options])}")
     return DONE
+
+
+def pictures(found: Hand, predictor: Predictor) -> list[Image]:
+    """The skeleton on the crop, the fitted surface, the hand in space; without joints the crop and empty pictures."""
+    if not found.has_joints:
+        crop = hands.picture(found.crop, zoom=2)
+        return [crop, np.full_like(crop, 255), np.full_like(crop, 255)]
+    uvd, cube, guesses = found.center_uvd, found.cube_mm, hands.guessed(found.finger_error_mm)
+    return [
+        hands.overlay(found.crop, found.joints, predictor.skeleton, None, uvd, cube, NYU, 2, guesses),
+        surface.over_crop(found.crop, found.capsules(), uvd, cube, NYU, zoom=2),
+        hands.view_3d(found.joints, predictor.skeleton, size=256, guesses=guesses),
+    ]
 
 
 def measurable_scenes(seed_number: int) -> Iterator[tuple[Array, Array]]:

@@ -52,7 +52,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Measure detection. Raises NetlibError."""
-    predictor = load_predictor(NYU, fit=args.fit, engine=args.engine)
+    predictor = load_predictor(NYU, fit=args.fit, engine=args.engine, min_confidence=0)
     assert predictor.locator is not None
     palm = predictor.skeleton.joint_names.index("palm")
     rng, kinds, figures = np.random.default_rng(args.seed), [], []

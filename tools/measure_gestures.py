@@ -58,7 +58,8 @@ def run(args: argparse.Namespace) -> int:
     def tracked(recording: SyntheticRecording) -> tuple[TrackHeader, Iterable[TrackedFrame]]:
         if args.truth:
             return recording.header, recording.truths()
-        tracker = Tracker(load_predictor(recording.camera, fit="fast", hand="either", engine=args.engine), hands=1)
+        tracker = Tracker(load_predictor(recording.camera, fit="fast", hand="either", engine=args.engine), hands=1,
+                          min_confidence=0)
         return tracker.header(recording.name), map(tracker.step, recording)
 
     found = measure(recordings, tracked)

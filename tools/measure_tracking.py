@@ -84,7 +84,8 @@ def run(args: argparse.Namespace) -> int:
     invented, frames, seconds = 0, 0, 0.0
     with ProgressBar(sum(recording.count for *_, recording in recordings), what="tracking") as progress:
         for script, camera, seed, recording in recordings:
-            tracker = Tracker(load_predictor(recording.camera, fit=args.fit, engine=args.engine), smooth=not args.raw)
+            tracker = Tracker(load_predictor(recording.camera, fit=args.fit, engine=args.engine), smooth=not args.raw,
+                              min_confidence=0)
             alone = _alone(recording.camera, args) if args.frame_by_frame else None
             tracked = follow(recording, tracker, alone, args.frame_by_frame or 1, progress)
             rows += _rows({"script": script, "camera": camera, "seed": str(seed)}, tracked)
@@ -104,7 +105,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _alone(camera: Camera, args: argparse.Namespace) -> Alone:
     """The independent fits of a camera's frames, with the tracker's plan."""
-    right, left = (load_predictor(camera, hand=side, refine=0, fit=args.fit, engine=args.engine) for side in SIDES)
+    right, left = (load_predictor(camera, hand=side, refine=0, fit=args.fit, engine=args.engine, min_confidence=0)
+                   for side in SIDES)
     return Alone(right, left)
 
 

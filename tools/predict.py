@@ -21,7 +21,8 @@ and selects the one that matches the depth better; use --hand left or right if i
 (docs/bodies.md) needs --weights and --model of its net, --cube, and for full frames --center.
 
 Joints are in mm, x right, y up, z away, from the camera, and without --camera from the crop's centre. The percentage is
-the probability that their mean error is below 30 mm. --json has the format of a track, with one frame per image.
+the probability that their mean error is below 30 mm; below --min-confidence no joints are given. --json has the format
+of a track, with one frame per image.
 --html also writes a page for the browser that shows the hands with the depth points; they can be rotated and bent.
 """
 
@@ -76,6 +77,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="px, px, mm: centre of the hand, once for all frames or once per frame")
     parser.add_argument("--refine", type=arguments.whole(0, MAX_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")
+    hand_arguments.add_min_confidence(parser)
     arguments.add_engine(parser)
     hand_arguments.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
     parser.add_argument("--csv", metavar="FILE.csv", type=arguments.name_in(".csv"), help="write one row per image")
@@ -121,18 +123,19 @@ def run(args: argparse.Namespace) -> int:
             words, lines = findings.table(found, predictor, args.joints)
             for line in (f"{image}: {words}; picture {place}", *lines):
                 say(line)
-    if args.html:
-        findings.write_page(Path(args.html), hands, predictor)
     if args.csv:
         findings.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:
         findings.write_json(args.json, hands, places, predictor, args.joints)
+    if args.html:
+        findings.write_page(Path(args.html), hands, predictor)
     return DONE
 
 
 def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
     """Create the predictor that the arguments select."""
-    options = {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
+    options = {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine,
+               "min_confidence": args.min_confidence}
     if not args.weights:
         options["hand"] = args.hand or ("right" if args.fit == "no" else "either")
         return load_predictor(camera, fit=args.fit or "accurate", **options)

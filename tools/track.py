@@ -16,8 +16,8 @@ mistakes. --look stops after it, with a figure of the first hand.
 Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more. Handedness
 is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm poses are
 smoothed, so bones keep their length; those of recordings also with the frames after them, up to two seconds later.
---raw turns this off. --fit accurate takes about a third longer than fast. --serve shows the track in a browser as it is
-computed (docs/live.md).
+--raw turns this off. A hand below --min-confidence is lost in that frame: no output has its joints. --fit accurate
+takes about a third longer than fast. --serve shows the track in a browser as it is computed (docs/live.md).
 
 Without an output option, FILE.json and a contact sheet FILE.png are written to the working folder, named after the
 source, unless they exist. Ctrl-C or a truncated recording leaves complete files of the frames so far.
@@ -38,19 +38,15 @@ import tools
 
 tools.begin(__name__)
 
-import numpy as np
-from numpy.typing import NDArray
-
 from handpose import Recording, Tracker, load_predictor
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.frames.inspection import Inspection, inspect
 from handpose.tracking import sizing
-from handpose.tracking.lookahead import Lookahead
+from handpose.tracking.reporting import Ready, Reporting
 from handpose.tracking.summary import Summary
-from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
-from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from netlib.errors import DataError
+from tools.common import hand_arguments
 from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
 from tools.common.console import DONE, aligned, errors_of, guarded, say
 from tools.common.progress import ProgressBar
@@ -69,6 +65,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="hands in the recording, if known (default: either, decided from the depth)")
     parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
     parser.add_argument("--size", type=_size, metavar="S", help="relative to the skeleton (default: estimated)")
+    hand_arguments.add_min_confidence(parser)
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
     add_engine(parser)
@@ -84,37 +81,39 @@ def run(args: argparse.Namespace) -> int:
         refuse_inputs(args, recording)
         seen = inspect(recording)
         print_inspection(seen, talk)
-        predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine)
+        predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine,
+                                   min_confidence=args.min_confidence)
         if args.look is not None:
             from tools.common import findings
 
             return findings.draw_first(seen, predictor, args.look)
-        tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args))
+        tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args),
+                          min_confidence=0)
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
-        outputs, status = Outputs(args, tracker.header(recording.name), recording.rate, recording.live), DONE
+        outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
+        reporting = Reporting(tracker.estimator.model, args.min_confidence, outputs.is_live or recording.live)
         try:
             with Stopper() as stopper:
-                _track(recording, seen, tracker, outputs, summary, stopper, args.frames)
+                _track(recording, seen, tracker, reporting, outputs, summary, stopper, args.frames)
         except StoppedError:
             say(f"stopped after {summary.frames} frames" if summary.frames else "stopped", file=sys.stderr)
             status = 128 + stopper.signum
         print_new_remarks(recording, seen)
         if summary.frames:
-            _say_summary(summary, time.perf_counter() - begun or 1e-3, outputs, talk, seen.doubt)  # 0: a coarse clock
+            seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
+            _say_summary(summary, seconds, reporting.sure_hands.note, outputs, talk, seen.doubt)
         elif status == DONE:
             raise DataError(f"{recording.name}: no frames were tracked")
     return status
 
 
 def _track(
-    recording: Recording, seen: Inspection, tracker: Tracker, outputs: Outputs, summary: Summary, stopper: Stopper,
-    frames: int | None,
+    recording: Recording, seen: Inspection, tracker: Tracker, reporting: Reporting, outputs: Outputs, summary: Summary,
+    stopper: Stopper, frames: int | None,
 ) -> None:
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
-    held = Lookahead[NDArray[np.float32]]()
-    smoothing = TwoWaySmoothing[NDArray[np.float32]](tracker.estimator.model)
 
-    def write(ready: list[tuple[NDArray[np.float32], TrackedFrame]]) -> None:
+    def write(ready: Ready) -> None:
         for depth, found in ready:
             outputs.write(depth, found)
             summary.add(found)
@@ -126,24 +125,21 @@ def _track(
                 stopper.check()
                 with errors_of(f"{recording.name}: frame {frame.number}"):
                     found = tracker.step(frame)
-                at_once = outputs.is_live or recording.live
-                write([(frame.depth, found)] if at_once else smoothing.add(held.add(frame.depth, found)))
+                write(reporting.add(frame.depth, found))
                 progress(1)
         finally:
-            write(smoothing.add(held.finish()) + smoothing.finish())
+            write(reporting.finish())
 
 
-def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextIO, doubt: str) -> None:
+def _say_summary(summary: Summary, seconds: float, note: str, outputs: Outputs, talk: TextIO, doubt: str) -> None:
     """Print a summary, one line per hand, and the names of the outputs; ``doubt`` may explain why no hand was found."""
     say(f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s", file=talk)
     if not summary.hands:
         say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=talk)
     else:
-        rows = [["hand", "frames", "confidence", "size", "lost", "longest"]]
-        for id, hand in sorted(summary.hands.items()):
-            rows.append([f"{id} {hand.hand}", str(hand.frames), hand.sure, f"{hand.size:.3f}", str(hand.losses),
-                         f"{hand.longest:.1f} s"])
-        print(aligned(rows), file=talk)
+        print(aligned(summary.rows), file=talk)
+    if note:
+        say(note, file=talk)
     for name in outputs.written:
         say(f"wrote {name}", file=talk)
 

@@ -21,6 +21,7 @@ from netlib.blob import Array
 # Mean error in mm by each joint in empty space. A finger has 5 of a hand's 31 joints, and misses its place by about
 # 100 mm. With it, fewer hands have such joints in the recording of a Kinect; other values were not measured.
 EMPTY_SPACE_MM = 3.0
+MIN_CONFIDENCE = 0.3  # of a hand whose joints are given, unless the user asks for others
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ class Hand:
     in_empty_space  number of joints before something far behind them in the whole frame; 0 if it was not compared
     in_frame    False for a crop without its frame: then camera and centre are assumed
 
-    The values of the fit are NaN, and its surface and pose are errors, without a fit.
+    The values of the fit are NaN, and its surface and pose are errors, without a fit, and of a hand whose joints are
+    withheld (``given``).
     """
 
     hand: Side
@@ -163,6 +165,21 @@ class Hand:
         """How unlike a hand the place is, in mm (``handpose.fit.rejection``)."""
         crops = HandCrops.of_sides(self.crop[None], self.center_uvd, self.camera, self.cube_mm, self.hand)
         return float(rejection_score(self._the_model, self._the_fit, crops, known_size=self.known_size)[0])
+
+    @property
+    def has_joints(self) -> bool:
+        """False if the joints are withheld."""
+        return bool(np.isfinite(self.network_mm).all())
+
+    def given(self, min_confidence: float) -> Hand:
+        """This hand; below the minimum confidence without its joints, which are NaN, and without its fit.
+
+        The place of its crop, its confidence and its expected error remain. A confidence that is unknown is not below.
+        """
+        if not self.confidence < min_confidence:
+            return self
+        unknown = np.full_like(self.network_mm, np.nan)
+        return replace(self, network_mm=unknown, fit=None, other=None, quality=(self.error_mm, self.confidence))
 
     # ------------------------------------------------------------------------------------- what was fitted
 

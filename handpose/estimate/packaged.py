@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import SoughtSide
+from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.estimate.locator import Locator
 from handpose.estimate.nets import Unfilled, best_fit, cube_of, hand_layer, trained
 from handpose.estimate.predictor import Predictor, check_options
@@ -104,24 +105,27 @@ def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> L
 def load_predictor(
     camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "either", refine: int = 3,
     fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
+    min_confidence: float = MIN_CONFIDENCE,
 ) -> Predictor:
     """A predictor with a packaged model; for the options see ``Predictor``. Raises NetlibError."""
-    check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
+    check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence)
     card = read_card(folder)
     return predictor_of(checked_net(card), checked_content(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
-                        fit=fit, engine=engine)
+                        fit=fit, engine=engine, min_confidence=min_confidence)
 
 
 def predictor_of(
     model: str | Path, weights: str | Path | Content, camera: Camera, *, cube_mm: float | None = None,
     hand: SoughtSide | None = None, refine: int = 3, fit: Fit | None = None, engine: str | None = None,
+    min_confidence: float = MIN_CONFIDENCE,
 ) -> Predictor:
     """A predictor with any net and its weights. Raises NetlibError.
 
     fit   default: the one that suits the net (``nets.best_fit``)
     hand  default: "either" with a fit, otherwise "right"
     """
-    check_options(cube_mm=cube_mm, hand=hand or "right", refine=refine, fit=fit or "no")  # before reading the weights
+    check_options(cube_mm=cube_mm, hand=hand or "right", refine=refine, fit=fit or "no",
+                  min_confidence=min_confidence)  # before reading the weights
     net = Net(model, TEST, engine=engine, layer_hook=Unfilled())
     content = weights if isinstance(weights, Content) else snapshot.read_content(find(str(weights), None))
     net.copy_from(content, strict=True)
@@ -131,7 +135,7 @@ def predictor_of(
     if fit != "no" and layer is not None:
         fitter = DepthFitter.of_file(layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2)
     return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, fitter=fitter,
-                     locator=functools.partial(load_locator, engine=engine))
+                     locator=functools.partial(load_locator, engine=engine), min_confidence=min_confidence)
 
 
 def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:

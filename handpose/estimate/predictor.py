@@ -2,8 +2,8 @@
 
 predictor = load_predictor(KINECT2)   # the packaged weights, and the fit to the depth
 found = predictor.in_frame(depth)     # depth (424, 512) in mm, 0 where there is no reading
-found.xyz                             # (K, 3) mm in camera axes
-found.confidence                      # probability that their mean error is below 30 mm
+found.confidence                      # probability that the mean error of the joints is below 30 mm
+found.xyz                             # (K, 3) mm in camera axes; NaN if the confidence is below 0.3
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import MIN_CONFIDENCE, Hand
 from handpose.estimate.locator import Locator, depth_around, find_hand
 from handpose.estimate.nets import cube_of, hand_layer, is_hand
 from handpose.estimate.pipeline import HandPipeline
@@ -49,6 +49,7 @@ class Predictor:
     fitter   of the net's body; by default one for a network with unknown errors
     locator  finds hands in frames, or a function that loads one when it is first used; without it, the nearest surface
              is taken for the hand
+    min_confidence  below it a hand has no joints (``Hand.given``); 0 for all joints
 
     Nets know the hand of their training data, which is a right hand in NYU and in the synthetic frames. A body other
     than a hand has no side and is not searched for: ``in_frame`` needs its centre, and the crop does not move.
@@ -60,9 +61,9 @@ class Predictor:
     def __init__(
         self, net: Net, camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "right",
         refine: int = 3, fit: Fit = "no", fitter: DepthFitter | None = None,
-        locator: Locator | Callable[[], Locator] | None = None,
+        locator: Locator | Callable[[], Locator] | None = None, min_confidence: float = MIN_CONFIDENCE,
     ) -> None:
-        check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
+        check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence)
         for name in ("depth", "pred"):
             if name not in net.blobs:
                 raise NetlibError(
@@ -83,6 +84,7 @@ class Predictor:
         if self.plan is not None:
             self.fitter = fitter or DepthFitter(CapsuleModel(self.skeleton, self.cube_mm / 2))
         self.pipeline = HandPipeline(net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan)
+        self.min_confidence = min_confidence
         self._locator = locator
 
     @property
@@ -110,7 +112,8 @@ class Predictor:
         if not camera.width:
             camera = dataclasses.replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
         center = np.array([camera.u0, camera.v0, CROP_DEPTH_MM * max(1.0, self.cube_mm / CUBE_MM)])
-        return dataclasses.replace(self.pipeline.in_crop(crop, camera, center), in_frame=False)
+        found = dataclasses.replace(self.pipeline.in_crop(crop, camera, center), in_frame=False)
+        return found.given(self.min_confidence)
 
     def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Hand:
         """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
@@ -127,12 +130,14 @@ class Predictor:
         camera = self._camera_of(depth)
         if center is None and not self.is_hand:
             raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
-        if center is None and self.locator is not None:
-            located = self.locator.hands(depth, camera)
-            starts = list(camera.project(located.center))
-            return self.pipeline.in_frame(depth, camera, starts, list(located.odds), search=True)[0].judged(depth)
-        start = self._start(depth, center)
-        return self.pipeline.in_frame(depth, camera, [start], [0.0], search=False)[0].judged(depth)
+        locator = self.locator if center is None else None
+        if locator is not None:
+            located = locator.hands(depth, camera)
+            starts, odds = list(camera.project(located.center)), list(located.odds)
+        else:
+            starts, odds = [self._start(depth, center)], [0.0]
+        found = self.pipeline.in_frame(depth, camera, starts, odds, search=locator is not None)[0]
+        return found.judged(depth).given(self.min_confidence)
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.
@@ -165,7 +170,9 @@ class Predictor:
         return dataclasses.replace(self.camera, width=depth.shape[1], height=depth.shape[0])
 
 
-def check_options(*, cube_mm: float | None, hand: str, refine: int, fit: str) -> None:
+def check_options(
+    *, cube_mm: float | None, hand: str, refine: int, fit: str, min_confidence: float = MIN_CONFIDENCE
+) -> None:
     """Raise NetlibError for invalid options of a ``Predictor``."""
     for name, word, known in (("hand", hand, SOUGHT_SIDES), ("fit", fit, get_args(Fit))):
         if word not in known:
@@ -174,6 +181,13 @@ def check_options(*, cube_mm: float | None, hand: str, refine: int, fit: str) ->
     if cube_mm is not None and not (isinstance(cube_mm, Real) and low <= cube_mm <= high):
         raise NetlibError(f"cube_mm={cube_mm!r}; expected {low:g} to {high:g} mm")
     check_whole("refine", refine, 0, MAX_REFINE)
+    check_confidence(min_confidence)
+
+
+def check_confidence(min_confidence: float) -> None:
+    """Raise NetlibError unless the argument ``min_confidence`` is a number from 0 to 1."""
+    if not (isinstance(min_confidence, Real) and 0 <= min_confidence <= 1):
+        raise NetlibError(f"min_confidence={min_confidence!r}; expected a number from 0 to 1")
 
 
 def check_whole(name: str, value: object, low: int, high: int) -> None:

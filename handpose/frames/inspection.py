@@ -88,6 +88,7 @@ def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
     near = next((found for frame in seen if (found := nearest_thing(frame.depth, camera)) is not None), None)
     exchanged = any(_bytes_are_exchanged(frame.depth, recording.unit_mm) for frame in seen)
     warnings = [
+        *recording.warnings,
         *_of_camera(camera),
         *_of_values(seen, bool(len(values))),
         *_of_times(seen, recording.rate),

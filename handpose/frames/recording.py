@@ -48,6 +48,7 @@ class Recording(ABC):
     live     True for a camera: frames that are not read in time are lost
     cut      after the last frame: the reason why there are fewer than expected, else empty
     remarks  assumptions about the source, and after the last frame what was left out, one line each
+    warnings  what was found in the source and is not used, one line each
     """
 
     name: str
@@ -58,6 +59,7 @@ class Recording(ABC):
     live: bool = False
     cut: str = ""
     remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @abstractmethod
     def __iter__(self) -> Iterator[DepthFrame]:

@@ -19,7 +19,7 @@ from handpose.fit.search import ACCURATE, FAST, Plan
 from handpose.tracking.detector import Detector
 from handpose.tracking.hand_track import ENOUGH
 from handpose.tracking.pose_estimator import LIKELY, PoseEstimator
-from handpose.tracking.reasons import NO_HAND
+from handpose.tracking.reasons import NO_HAND, uncertain
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -96,7 +96,7 @@ class Acceptance:
         if score > REJECT_FIRST_MM:
             return Offer([], _unlike(score, REJECT_FIRST_MM))
         if (confidence := _confidence(first, depth)) < ENOUGH_FIRST:
-            return Offer([], _uncertain(confidence))
+            return Offer([], uncertain(confidence))
         try:
             found = self.predictor.pipeline.in_frame(depth, self.predictor.camera, [start], [0.0], search=True)[0]
         except DataError:
@@ -105,7 +105,7 @@ class Acceptance:
             return Offer([], _unlike(found.rejection_score, REJECT_MM))
         seen = self._sides_at(depth, found.center_uvd, ACCURATE)
         if (confidence := _confidence(seen, depth)) < ENOUGH:
-            return Offer([], _uncertain(confidence))
+            return Offer([], uncertain(confidence))
         best = min(seen, key=lambda estimate: estimate.uncertainty)
         reason = self.doubt(depth, best, REJECT_NEW_MM, needs_both=True)
         return Offer([] if reason else seen, reason)
@@ -142,10 +142,6 @@ class Acceptance:
 def _confidence(hands: list[Hand], depth: NDArray[np.float32]) -> float:
     """The highest confidence of hands, judged in their frame."""
     return max((hand.judged(depth).chance for hand in hands), default=0.0)
-
-
-def _uncertain(confidence: float) -> str:
-    return f"the pose is uncertain (confidence {confidence:.0%})"
 
 
 def _unlike(score: float, limit_mm: float) -> str:

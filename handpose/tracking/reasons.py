@@ -16,6 +16,13 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 NO_HAND = "the object there does not look like a hand"
+
+
+def uncertain(confidence: float) -> str:
+    """The reason for which a pose is not given."""
+    return f"the pose is uncertain (confidence {confidence:.0%})"
+
+
 MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
 COVERED = 0.3  # share of a crop that is nearer than the cube: the hand is hidden
 MAX_HIDDEN = 0.25  # share of the hand's own surface behind nearer objects: it is hidden

@@ -74,6 +74,13 @@ class Summary:
         self.refused.update(place.reason.partition(" (")[0] for place in frame.refused)
 
     @property
+    def rows(self) -> list[list[str]]:
+        """A table of the hands by their ids, as text, with a heading."""
+        return [["hand", "frames", "confidence", "size", "lost", "longest"], *(
+            [f"{id} {own.hand}", str(own.frames), own.sure, f"{own.size:.3f}", str(own.losses), f"{own.longest:.1f} s"]
+            for id, own in sorted(self.hands.items()))]
+
+    @property
     def nothing_found(self) -> str:
         """Why no hand was found, as text."""
         count = self.refused.total()

@@ -115,10 +115,10 @@ class TrackedHand:
 
 
 class LostHand(NamedTuple):
-    """A tracked hand that is not found in this frame.
+    """A hand that was reported before, and is not found in this frame, or not with enough confidence.
 
     hand    None if its side was never decided
-    since   s, when it was tracked last
+    since   s, when it was reported last
     reason  one line
     """
 
@@ -134,7 +134,7 @@ class LostHand(NamedTuple):
 
 
 class RefusedPlace(NamedTuple):
-    """A place (3,) in mm, camera axes, where a hand was supposed and refused, and the reason, one line."""
+    """A place (3,) in mm, camera axes, where a hand was supposed, and why it is not reported, one line."""
 
     xyz: tuple[float, float, float]
     reason: str
@@ -146,8 +146,8 @@ class TrackedFrame(NamedTuple):
     number  0-based, of the frame in its recording
     time    s; NaN if unknown, of single images
     hands   the tracked hands, by id
-    lost    hands tracked before that are missing now, by id
-    refused  places where a new hand was supposed and refused
+    lost    hands reported before that are missing now, by id
+    refused  places where a new hand was supposed and refused, or is not sure enough
     """
 
     number: int

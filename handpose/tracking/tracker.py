@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import Side
 from handpose.estimate.estimator import SearchRegion
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import MIN_CONFIDENCE, Hand
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
-from handpose.estimate.predictor import Predictor, check_whole
+from handpose.estimate.predictor import Predictor, check_confidence, check_whole
 from handpose.fit.search import ACCURATE, Fit, Plan
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import NEAR_FACE, check_size
@@ -35,6 +35,7 @@ from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import UNREAD, PoseEstimator
 from handpose.tracking.reasons import Expected, reason
 from handpose.tracking.sizing import checked
+from handpose.tracking.sure_hands import SureHands
 from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
@@ -70,17 +71,19 @@ class Tracker:
     smooth     smooth poses over time
     size       of all hands, relative to the skeleton; by default each is estimated from its first seconds
     surface    output each hand's surface, too
+    min_confidence  below it a hand is not reported (``SureHands``); 0 for all hands that are followed
 
     Raises NetlibError for an unsuitable predictor or number of hands, DataError for a size that cannot be fitted.
     """
 
     def __init__(
         self, predictor: Predictor, *, hands: int = 2, smooth: bool = True, size: float | None = None,
-        surface: bool = False,
+        surface: bool = False, min_confidence: float = MIN_CONFIDENCE,
     ) -> None:
         if predictor.fitter is None or predictor.locator is None:
             raise NetlibError("a tracker needs a predictor with a fit and a locator")
         check_whole("hands", hands, 1, MAX_HANDS)
+        check_confidence(min_confidence)
         refuse_other_bodies(predictor.skeleton, "only hands are followed")
         self.predictor, self.camera = predictor, predictor.camera
         self.limit, self.smooth, self.surface = hands, smooth, surface
@@ -89,6 +92,7 @@ class Tracker:
         self.detector = Detector(predictor.locator, self.camera)
         self.acceptance = Acceptance(predictor, self.estimator, self.detector)
         self.known: dict[int, HandTrack] = {}  # all hands of the recording by their ids
+        self._sure = SureHands(min_confidence)
         self._time = -np.inf
         self._read = False  # True once a frame had a reading
 
@@ -118,7 +122,7 @@ class Tracker:
         self._drop_doubles()
         self._drop_other_objects(depth, readings, time)
         refused = self._search(depth, time, after_gap=pause > COAST)
-        return self._report(frame.number, readings, time, refused)
+        return self._sure(self._report(frame.number, readings, time, refused))
 
     def _accept(self, frame: DepthFrame) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
         """Check a frame; returns its readings (H, W) in mm, those that the camera can measure, and its time."""
@@ -148,7 +152,7 @@ class Tracker:
     def _report(
         self, number: int, readings: NDArray[np.float32], time: float, refused: list[RefusedPlace]
     ) -> TrackedFrame:
-        """The hands that were seen in this frame, and those that are lost."""
+        """The hands that were seen in this frame, however sure, and those that are lost."""
         hands, lost = [], []
         for id, track in sorted(self.known.items()):
             if not (track.is_tracked and track.time == time):

@@ -1,5 +1,6 @@
 """tools/demo.py: depth frames, and a picture of the hands found in them."""
 
+import functools
 import json
 import shlex
 from pathlib import Path
@@ -12,6 +13,7 @@ from handpose.frames.images import read_frame
 from handpose.frames.recording import CameraInfo
 from tests.support import json_schema
 from tests.support.running import run_tool
+from tools import demo
 
 
 def test_demo(tmp_path, monkeypatch):
@@ -30,6 +32,19 @@ def test_demo(tmp_path, monkeypatch):
     assert not json_schema.faults(document)
     assert [frame["image"] for frame in document["frames"]] == ["frame_0.png", "frame_1.png"]
     assert all(hand["true_error_mm"] < 20 for frame in document["frames"] for hand in frame["hands"])
+
+
+def test_a_hand_that_is_not_sure_enough(tmp_path, monkeypatch):
+    """Its row has the crop and no joints, in the picture and in the JSON file."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(demo, "load_predictor", functools.partial(demo.load_predictor, min_confidence=1))
+    run_tool("demo", "--frames", "1")
+    document = json.loads(Path("demo/hands.json").read_text())
+    assert not json_schema.faults(document)
+    (frame,) = document["frames"]
+    assert frame["hands"] == [] and frame["refused"][0]["reason"].startswith("the pose is uncertain (confidence ")
+    crop, *others = np.array_split(cv2.imread("demo/hands.png")[40:], 3, axis=1)
+    assert crop.min() == 0 and all(other[:, 16:].min() == 255 for other in others)
 
 
 def test_nowhere_to_write(tmp_path):

@@ -14,12 +14,14 @@ import pytest
 
 import netlib
 from handpose import read_track
+from handpose.body.fingers import FINGERS
 from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.estimate import locator, packaged, pipeline
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.crops import crop
 from handpose.frames.images import pack_depth, read_crop, read_frame
 from handpose.frames.recording import CameraInfo
+from handpose.output.drawing.labels import percent
 from handpose.output.hand_page.content import skeleton_values
 from handpose.output.tracks import joint_values
 from handpose.synthetic import prior_file
@@ -598,6 +600,34 @@ def test_a_page_that_cannot_be_written(snapshot, place, message):
 
 
 # ------------------------------------------------------------------------------------- the packaged weights
+
+
+def test_a_hand_below_the_minimum_confidence(frame):
+    """The line, the table, JSON and CSV have its confidence and place, and no joints; there is nothing for a page."""
+    options = ["frame.png", *CENTER, "--camera", "kinect2", "--fit", "fast", "--hand", "right", "--out", "p"]
+    (hand,) = hands_of(run_tool("predict", *options, "--min-confidence", "0", "--json").out)
+    assert hand["confidence"] < 1
+    options += ["--min-confidence", "1"]
+    for joints in ([], ["--joints", "mano"]):
+        (line,) = run_tool("predict", *options, *joints).out.splitlines()
+        assert f"{percent(hand['confidence'])} sure" in line and "no joints below 100% (--min-confidence), cube" in line
+        for name in ("x.json", "x.csv", "x.html"):
+            Path(name).unlink(missing_ok=True)
+        outputs = ["--json", "x.json", "--csv", "x.csv", "--html", "x.html"]
+        done = run_tool("predict", *options, *joints, *outputs, status=1)
+        assert "x.html: not written: nothing has joints, which need a confidence of at least 100%" in done.err
+        document = json.loads(Path("x.json").read_text())
+        assert not json_schema.faults(document)
+        [found] = document["frames"]
+        assert found["hands"] == [] and [place["position_mm"] for place in found["refused"]] == [
+            pytest.approx(hand["origin_mm"], abs=0.06)]
+        assert found["refused"][0]["reason"] == f"the pose is uncertain (confidence {hand['confidence']:.0%})"
+        (row,) = table("x.csv")
+        assert float(row["confidence"]) == pytest.approx(hand["confidence"], abs=1e-4) and row["hand"] == "right"
+        about = ("image", "hand", "confidence", "error_mm", *(f"{finger}_error_mm" for finger in FINGERS))
+        assert len(row) > 60 and not any(value for key, value in row.items() if key not in about)
+    assert cv2.imread(found["picture"]).shape[1] < 2 * 512  # the crop alone
+    assert read_track("x.json").frames[0].refused[0].reason == found["refused"][0]["reason"]
 
 
 def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):

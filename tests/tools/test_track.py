@@ -7,6 +7,7 @@ import itertools
 import json
 import shutil
 import signal
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,14 @@ import cv2
 import numpy as np
 import pytest
 
+from handpose.estimate.predictor import Predictor
 from handpose.frames.cameras import ICVL
 from handpose.frames.opening import open_recording
 from handpose.frames.recording import DepthFrame
 from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track
 from handpose.sequences.recordings import SyntheticRecording
+from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import Tracker, load_tracker
 from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from tests.support import json_schema
@@ -128,6 +131,38 @@ def test_options() -> None:
     np.testing.assert_allclose(bones, 1.1 * found.header.skeleton.bones, rtol=0.01, atol=1e-5)
 
 
+@pytest.mark.parametrize(("options", "expected"), [
+    ([], [0, 2, 4]), (["--min-confidence", "0.4"], [0, 4]), (["--min-confidence", "0"], [0, 1, 2, 3, 4, 5]),
+])
+def test_the_minimum_confidence(options: list[str], expected: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """It holds for what is written, after the smoothing; elsewhere the hand is lost, in every file."""
+    release = TwoWaySmoothing._release
+
+    def doubtful(self: TwoWaySmoothing[Any], count: int) -> list[tuple[Any, TrackedFrame]]:
+        after = (0.5, 0.1, 0.3, 0.29, 0.9, 0.0)
+        return [(item, frame._replace(hands=tuple(replace(one, confidence=after[frame.number]) for one in frame.hands)))
+                for item, frame in release(self, count)]
+
+    monkeypatch.setattr(TwoWaySmoothing, "_release", doubtful)
+    done = run_tool("track", "takes/take.npz", "--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh", *options)
+    frames = read_track("a.json").frames
+    assert [frame.number for frame in frames if frame.hands] == expected
+    assert [frame.number for frame in frames if frame.lost] == [n for n in range(COUNT) if n not in expected]
+    rows = [line.split(",") for line in Path("a.csv").read_text().splitlines()[1:]]
+    assert [int(row[0]) for row in rows if not row[4] and row[-1]] == expected
+    assert len(rows) == COUNT and Path("a_right_0.bvh").exists()
+    summary = f"{COUNT - len(expected)} frames have a hand with a confidence below"
+    assert (summary in done.out) == (len(expected) < COUNT)
+
+
+def test_no_hand_is_sure_enough() -> None:
+    """The summary says that there is none, and why."""
+    done = run_tool("track", "takes/take.npz", "--json", "a.json", "--min-confidence", "1")
+    assert f"no hand was found: seen at {COUNT} places, all refused: the pose is uncertain ({COUNT})" in done.out
+    assert f"{COUNT} frames have a hand with a confidence below 100%" in done.out
+    assert not any(frame.hands for frame in read_track("a.json").frames)
+
+
 @pytest.mark.parametrize("hand", ["left", "right"])
 def test_which_hand_is_known(hand: str) -> None:
     """With --hand only that hand is searched, even if it is not visible."""
@@ -158,6 +193,21 @@ def test_a_first_look() -> None:
     assert "frame 0: right hand, " in done.out
 
 
+def test_a_first_look_at_hands_that_are_not_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first hand that is sure enough is drawn, otherwise the first one, without joints."""
+    predict, seen = Predictor.in_frame, itertools.count()
+
+    def doubtful(self: Predictor, *args: Any) -> Any:
+        self.min_confidence = 1.0 if next(seen) < 2 else 0.0
+        return predict(self, *args)
+
+    done = run_tool("track", "takes/take.npz", "--look", "look.png", "--min-confidence", "1")
+    assert "frame 0: right hand, " in done.out and "no joints below 100%" in done.out
+    assert cv2.imread("look.png").shape[1] < 2 * 512
+    monkeypatch.setattr(Predictor, "in_frame", doubtful)
+    assert "frame 2: right hand, " in run_tool("track", "takes/take.npz", "--look", "look.png").out
+
+
 # ------------------------------------------------------------------------------------------------ errors
 
 
@@ -166,7 +216,8 @@ def test_a_first_look() -> None:
     [["--json", "a.txt"], ["--csv", "a.json"], ["--bvh", "a.fbx"], ["--video", "a.avi"], ["--sheet", "a.pdf"],
      ["--rerun", "a.json"], ["--look", "a.txt"], ["--hand", "both"],
      ["--hands", "0"], ["--joints", "smpl"], ["--joints", "mano", "--bvh", "a.bvh"], ["--gestures", "--bvh", "a.bvh"],
-     ["--frames", "0"], ["--size", "0"], ["--fit", "no"], ["--serve", "x"], ["--serve", ":80"], ["--serve", "a:65536"],
+     ["--frames", "0"], ["--size", "0"], ["--min-confidence", "1.1"], ["--min-confidence", "-1"], ["--fit", "no"],
+     ["--serve", "x"], ["--serve", ":80"], ["--serve", "a:65536"],
      ["--serve", "a:-1"], ["--udp", "a"], ["--udp", "a:0"], ["--look", "a.png", "--serve"]],
     ids=lambda argv: " ".join(argv),
 )

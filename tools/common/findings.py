@@ -33,10 +33,14 @@ from netlib.files import atomic
 from tools.common import outputs
 from tools.common.console import DONE, say
 
+ZOOM = 4  # of a crop in a picture
+
 
 def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple[str, list[str]]:
     """A summary of a prediction, and lines of its joints, or of those in another format. Raises DataError."""
     words = f"{in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
+    if not found.has_joints:
+        return words, []
     if joints:
         return words, _format_lines(found, joints, _in_format(found, predictor, joints))
     own = zip(predictor.skeleton.joint_names, _positions(found))
@@ -80,10 +84,12 @@ def _row(found: Hand, predictor: Predictor, joints: FormatName | None) -> list[s
     """The values of a prediction, one for each column; empty if unknown. Raises DataError."""
     skeleton, fitted = predictor.skeleton, found.fit is not None
     about: list[str] = [found.hand if predictor.is_hand else ""]
-    about += csv_file.quality(found.confidence, found.error_mm) if fitted else ["", ""]
+    about += csv_file.quality(found.confidence, found.error_mm)
     about += csv_file.finger_numbers(skeleton, found.finger_error_mm)
     xyz, whole = _positions(found), found.in_frame
     camera, cube = found.camera if whole else None, None if whole else found.cube_mm
+    if not found.has_joints:
+        return [*about, *[""] * (len(_columns(predictor, joints)) - len(about))]
     if joints:
         frames = hand_frames(skeleton, found.hand, xyz)
         return about + joint_values.numbers(joints, skeleton, found.hand, xyz, camera, frames, cube)
@@ -106,9 +112,11 @@ def in_words(found: Hand, predictor: Predictor) -> str:
     words = f"{found.hand} hand" if predictor.is_hand else predictor.skeleton.name
     if not math.isnan(found.error_mm):
         words += f", {percent(found.confidence)} sure, {found.error_mm:.0f} mm of error expected"
-    if not found.in_frame:
-        return f"{words}; joints in mm from the crop's centre"
-    return words + "; at {:.0f}, {:.0f}, {:.0f} mm, joints in mm from the camera".format(*found.center_mm)
+    if found.in_frame:
+        words += "; at {:.0f}, {:.0f}, {:.0f} mm".format(*found.center_mm)
+    if not found.has_joints:
+        return f"{words}; no joints below {predictor.min_confidence:.0%} (--min-confidence)"
+    return words + (", joints in mm from the camera" if found.in_frame else "; joints in mm from the crop's centre")
 
 
 def _in_format(found: Hand, predictor: Predictor, name: FormatName) -> dict[str, Any]:
@@ -134,8 +142,12 @@ def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list
 def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
     """Draw the skeleton on the crop and in space, and between them the surface, if there was a fit.
 
-    Fingers that are guesses are hollow.
+    Fingers that are guesses are hollow. Of a hand without joints only the crop is drawn.
     """
+    if not found.has_joints:
+        words = f"{percent(found.confidence)} sure: no joints"
+        outputs.write_image(picture, strokes.sheet([hands.picture(found.crop, ZOOM)], 1, [words]))
+        return
     place: dict[str, Any] = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
     guesses = hands.guessed(found.finger_error_mm)
     seen_at = place if found.in_frame else {}
@@ -147,8 +159,14 @@ def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
 
 
 def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predictor) -> None:
-    """Write one page for all images, with a list to select from. Raises OSError, NetlibError."""
-    hands = [_on_page(image, prediction, predictor) for image, prediction in found]
+    """Write one page for all images, with a list to select from of those whose joints are known.
+
+    Raises OSError, NetlibError, and DataError if there is none.
+    """
+    hands = [_on_page(image, prediction, predictor) for image, prediction in found if prediction.has_joints]
+    if not hands:
+        raise DataError(f"{path}: not written: nothing has joints, which need a confidence of at least "
+                        f"{predictor.min_confidence:.0%} (--min-confidence)")
     name = predictor.skeleton.name
     sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR if name == "people" else prior_file.NYU_PRIOR))
     own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
@@ -168,15 +186,21 @@ def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
 
 
 def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
-    """Draw the first hand in the first frames; returns the exit status.
+    """Draw the first hand with joints in the first frames, otherwise the first hand; returns the exit status.
 
     If there is none, the first frame is drawn, which may show why, and DataError is raised.
     """
+    shown = None
     for frame in seen.frames:
         try:
             found = predictor.in_frame(frame.depth)
         except DataError:
             continue
+        shown = (frame, found) if shown is None or found.has_joints else shown
+        if found.has_joints:
+            break
+    if shown is not None:
+        frame, found = shown
         draw(Path(picture), found, predictor)
         say(f"frame {frame.number}: {in_words(found, predictor)}; figure {picture}")
         return DONE

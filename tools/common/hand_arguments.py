@@ -6,8 +6,9 @@ import argparse
 
 from handpose import CAMERAS, Camera
 from handpose.body.joint_formats.formats import FORMAT_NAMES
+from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.frames.crops import CUBES_MM
-from tools.common.arguments import finite, finite_values
+from tools.common.arguments import finite, finite_values, real
 
 MAX_PX = 1e6  # of focal lengths and principal points, as in a camera.json
 
@@ -16,6 +17,12 @@ def add_joints_option(parser: argparse.ArgumentParser, where: str) -> None:
     """Add the option --joints, for tools that write hands; ``where`` says to which output it applies."""
     parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, "
                         f"{where} (docs/joint_formats.md)")
+
+
+def add_min_confidence(parser: argparse.ArgumentParser) -> None:
+    """Add the option --min-confidence, for tools that write hands."""
+    parser.add_argument("--min-confidence", type=real(0, 1), default=MIN_CONFIDENCE, metavar="P",
+                        help="give no joints of a hand with a lower confidence, from 0 to 1 (default: %(default)s)")
 
 
 def camera(text: str) -> Camera:

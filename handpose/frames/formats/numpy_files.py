@@ -26,6 +26,7 @@ HEADER = 1 << 14  # maximum bytes of a header
 READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 SMALL = 1 << 24  # bytes; maximum size of the other arrays
+PARAMETERS = "biufSUM"  # their kinds: numbers, texts and dates
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class Header:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     start: int
+    by_columns: bool = False
 
     @property
     def frame_bytes(self) -> int:
@@ -45,6 +47,8 @@ class Header:
         """Number of frames, height and width; one image is a stack, too. Raises DataError for other shapes."""
         if len(self.shape) not in (2, 3) or 0 in self.shape or math.prod(self.shape[-2:]) > MAX_PIXELS:
             raise DataError(f"{where}: an array of shape {self.shape}; expected (frames, height, width)")
+        if self.by_columns:
+            raise DataError(f"{where}: an array in Fortran's order; write it with numpy.ascontiguousarray")
         check_values(self.dtype, where)
         frames, height, width = (1,) * (3 - len(self.shape)) + self.shape
         return frames, height, width
@@ -68,11 +72,9 @@ def header_of(start: bytes, where: str) -> Header:
         raise DataError(f"{where}: no memory to read its header") from error
     except Exception as error:  # Python's parser may raise anything for a damaged header
         raise DataError(f"{where}: no array as NumPy writes it: {reason_of(error)[:200]}") from None
-    if by_columns and len([size for size in shape if size > 1]) > 1:
-        raise DataError(f"{where}: an array in Fortran's order; write it with numpy.ascontiguousarray")
     if min(shape, default=0) < 0:
         raise DataError(f"{where}: an array of shape {shape}")
-    return Header(tuple(shape), dtype, stream.tell())
+    return Header(tuple(shape), dtype, stream.tell(), by_columns and len([size for size in shape if size > 1]) > 1)
 
 
 class NpzFile:
@@ -98,14 +100,19 @@ class NpzFile:
             )
         return name, self._headers[name]
 
-    def small(self) -> dict[str, NDArray[Any]]:
-        """All other small arrays of numbers and texts."""
-        found = {}
+    def others(self) -> list[str]:
+        """The names of all other arrays."""
         main, _ = self.stack()
+        return [name for name in self._headers if name != main]
+
+    def small(self) -> dict[str, NDArray[Any]]:
+        """All other small arrays of numbers, texts and dates."""
+        found = {}
         with self._opened() as archive:
-            for name, header in self._headers.items():
+            for name in self.others():
+                header = self._headers[name]
                 size = max(archive.getinfo(f"{name}.npy").file_size, math.prod(header.shape) * header.dtype.itemsize)
-                if name != main and size <= SMALL and header.dtype.kind in "iufSU":
+                if size <= SMALL and header.dtype.kind in PARAMETERS:
                     content = archive.read(f"{name}.npy")
                     found[name] = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
         return found

@@ -10,9 +10,6 @@ import itertools
 from collections.abc import Sequence
 from statistics import median
 
-import numpy as np
-from numpy.typing import NDArray
-
 TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second
 NANO = TICKS["ns"]
 FRAMES = "frames"  # the unit of numbers that count frames
@@ -25,7 +22,7 @@ REGULAR_SHARE = 0.75  # minimum share of regular steps
 STEPS_MS = (11, 17, 22, 33, 34, 41, 42, 66, 67, 111, 166, 167)
 
 
-def since_1970(numbers: Sequence[int]) -> str | None:
+def since_1970(numbers: Sequence[float]) -> str | None:
     """The unit in which all numbers are times from 2000 to 2100; None without one."""
     for unit, ticks in TICKS.items():
         if all(EPOCH[0] * ticks <= number < EPOCH[1] * ticks for number in numbers):
@@ -64,17 +61,13 @@ def counts_ms(numbers: Sequence[int]) -> bool:
     return len(steps) > 3 and regular >= REGULAR_SHARE * len(steps)
 
 
-def in_seconds(times: NDArray[np.float64], given: str | None, rate: float) -> tuple[NDArray[np.float64], str]:
-    """Times in s, and how their unit was found; empty if they are seconds.
+def unit_of(times: Sequence[float]) -> str | None:
+    """The unit of ascending times by their size or steps; None if they do not show it.
 
-    given  the unit, if it is known; "frames" for numbers of frames, of which there are ``rate`` per second
+    Irregular steps of at most 1/4 s are seconds: in a smaller unit there would be thousands of frames per second.
     """
-    if given is not None:
-        ticks = rate if given == FRAMES else TICKS[given]
-        return times / ticks, "" if given == "s" else f"times in {given}, as given"
-    numbers = times.tolist()
-    unit = since_1970(numbers) or by_steps(numbers) or "s"
-    return times / TICKS[unit], "" if unit == "s" else f"times in {unit}, by their size or steps; --time-unit if wrong"
+    steps = _steps(times)
+    return since_1970(times) or by_steps(times) or (_unit_of(median(steps), ("s",)) if steps else "s")
 
 
 def _steps(times: Sequence[float]) -> list[float]:

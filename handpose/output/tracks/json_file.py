@@ -44,8 +44,8 @@ A frame:
         gesture          with gestures only: its name, null for none; number of straight fingers, null of pinch and
                          thumb_up; confidence, 0 to 1 (``handpose.body.gestures``)
         mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
-    lost             hands tracked before: id, hand (or null), since_s (tracked last), reason (a line)
-    refused          only in frames with one: places where a new hand was supposed, position_mm and reason (a line)
+    lost             hands tracked before: id, hand (or null), since_s (reported last), reason (a line)
+    refused          only in frames with one: supposed hands that are not reported, position_mm and reason (a line)
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Predictions for single images in the format of tracks: each image is a frame with one hand and without a time."""
+"""Predictions for single images in the format of tracks: each image is a frame with one hand and without a time.
+
+A hand without joints, because it is not sure enough, is a refused place, as in a track.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,8 @@ from handpose.body.joint_formats.formats import FormatName
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import is_hand
 from handpose.output.tracks.json_values import FrameValues, header_values
-from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.reasons import uncertain
+from handpose.tracking.track import RefusedPlace, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 
 
@@ -43,6 +47,10 @@ def tracked(found: Hand, skeleton: Skeleton) -> TrackedHand:
 def frame_values(number: int, found: Hand, skeleton: Skeleton, joints: FormatName | None = None) -> dict[str, Any]:
     """The frame of one prediction, with ``joints`` also in another format. Raises DataError."""
     values = FrameValues(_header("", found, skeleton), joints, in_frames=found.in_frame)
+    if not found.has_joints:
+        x, y, z = (found.center_mm if found.in_frame else np.zeros(3)).tolist()
+        refused = RefusedPlace((x, y, z), uncertain(found.confidence))
+        return values.values(TrackedFrame(number, math.nan, (), refused=(refused,)))
     frame = values.values(TrackedFrame(number, math.nan, (tracked(found, skeleton),)))
     if not is_hand(skeleton):
         frame["hands"][0]["hand"] = None

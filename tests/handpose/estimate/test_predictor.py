@@ -123,6 +123,31 @@ def test_a_masked_crop(seeing: netlib.Net) -> None:
 # ------------------------------------------------------------------------------------------------ frames
 
 
+def test_a_hand_below_the_minimum_confidence(frame: np.ndarray) -> None:
+    """It has its place, side, confidence and expected error, but nothing of a pose, in a frame and in a crop."""
+    predictor = load_predictor(KINECT2, fit="fast", hand="right", min_confidence=0)
+    crop = predictor.in_frame(frame).crop
+    for predict, image in ((predictor.in_frame, frame), (predictor.in_crop, crop)):
+        predictor.min_confidence = 0
+        whole = predict(image)
+        predictor.min_confidence = whole.confidence
+        assert whole.has_joints and predict(image).has_joints
+        predictor.min_confidence = np.nextafter(whole.confidence, 1)
+        found = predict(image)
+        assert not found.has_joints and (found.hand, found.confidence, found.error_mm, found.in_frame) == (
+            whole.hand, whole.confidence, whole.error_mm, whole.in_frame)
+        np.testing.assert_array_equal(found.center_uvd, whole.center_uvd)
+        assert all(np.isnan(values).all() for values in (found.xyz, found.joints, found.joints_mm, found.size))
+        with pytest.raises(AssertionError, match="a hand without a fit"):
+            found.inputs  # noqa: B018
+
+
+def test_a_confidence_that_was_not_measured_is_not_below(seeing: netlib.Net) -> None:
+    """The network alone has none."""
+    found = Predictor(seeing, min_confidence=1).in_crop(some_crop())
+    assert np.isnan(found.confidence) and found.has_joints
+
+
 def test_a_masked_frame(seeing: netlib.Net, frame: np.ndarray) -> None:
     """Masked pixels of a frame have no reading."""
     holes = np.where(frame > 1000, 0, frame)
@@ -241,7 +266,9 @@ WHOLE = "expected a whole number from 0 to 100"
         ({"refine": 10**9}, f"refine=1000000000; {WHOLE}"),
         ({"cube_mm": 0.3}, "cube_mm=0.3; expected 50 to 10000 mm"),
         ({"cube_mm": np.nan}, "cube_mm=nan; expected 50 to 10000 mm"),
-        ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"))
+        ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"),
+        ({"min_confidence": 30}, "min_confidence=30; expected a number from 0 to 1"),
+        ({"min_confidence": np.nan}, "min_confidence=nan; expected a number from 0 to 1"))
 })
 def test_options_that_are_none(seeing: netlib.Net, given: dict[str, Any], rejected: Any) -> None:
     """An invalid option raises an error at construction, also with the packaged weights."""

@@ -46,8 +46,9 @@ def played(script: Script, seed: int) -> Take:
 
 
 def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
-    """The same take, tracked. Sizes are determined from fewer frames than usual, because recordings are short."""
-    tracker = Tracker(predictor, **options)  # type: ignore[arg-type]
+    """The same take, with all hands that are followed. Sizes are determined from fewer frames than usual, because
+    recordings are short."""
+    tracker = Tracker(predictor, min_confidence=0, **options)  # type: ignore[arg-type]
     done = replace(take, tracker=tracker, reported=[], sizes=[])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sizing, "FRAMES", 12)

@@ -39,8 +39,6 @@ def test_a_header(version: tuple[int, int]) -> None:
     "version 3": (written(np.zeros((2, 3)), (3, 0)), "x: no array as NumPy writes it: its version is 3.0"),
     "a negative size": (written(np.zeros((2, 3))).replace(b"(2, 3)", b"(2,-3)"), "x: an array of shape (2, -3)"),
     "a type": (written(np.zeros((2, 3))).replace(b"'<f8'", b"'a(((")[:200], "x: no array as NumPy writes it: ..."),
-    "columns first": (written(np.asfortranarray(np.zeros((2, 3)))),
-                      "x: an array in Fortran's order; write it with numpy.ascontiguousarray"),
 })
 def test_a_damaged_header(given: bytes, rejected: Any) -> None:
     """A damaged header raises an error of one line."""
@@ -60,8 +58,10 @@ def test_frame_by_frame(tmp_path: Path) -> None:
 
 
 def test_small_arrays(tmp_path: Path, monkeypatch) -> None:
-    """Small arrays of numbers and texts are read; large arrays and objects are not."""
+    """Small arrays of numbers, texts and dates are read, in any order; large arrays and objects are only named."""
     monkeypatch.setattr(numpy_files, "SMALL", 200)
     np.savez(tmp_path / "a.npz", depth=np.zeros((2, 3, 4)), fx=60.0, camera="{}", large=np.zeros(1000),
-             objects=np.array([None]))
-    assert sorted(NpzFile(tmp_path / "a.npz").small()) == ["camera", "fx"]
+             objects=np.array([None]), K=np.eye(3).T, start=np.datetime64("2026-11-28"))
+    file = NpzFile(tmp_path / "a.npz")
+    assert sorted(file.small()) == ["K", "camera", "fx", "start"]
+    assert sorted(file.others()) == ["K", "camera", "fx", "large", "objects", "start"]

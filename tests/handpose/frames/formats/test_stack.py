@@ -57,7 +57,8 @@ def test_what_stands_beside_the_frames(tmp_path: Path, suffix: str) -> None:
     """Times may start anywhere; the camera is stored as numbers or as the text of a camera.json."""
     recording = open_stack(save(tmp_path / f"a{suffix}", time=TIMES, **BESIDE))
     assert [frame.time for frame in recording] == [0, 0.25, 1.5]
-    assert (recording.camera, recording.unit_mm, recording.rate, recording.remarks) == (CAMERA, 0.5, None, ())
+    assert (recording.camera, recording.unit_mm, recording.rate, recording.remarks) == (CAMERA, 0.5, None, (
+        "camera from 'fx', 'fy', 'u0', 'v0'; unit from 'unit_mm'; times from 'time', in s",))
     text = camera_file.to_text(CameraInfo(CAMERA, unit_mm=0.25, rate=20.0))
     recording = open_stack(save(tmp_path / f"b{suffix}", camera=text))
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.25, 20)
@@ -94,7 +95,8 @@ def test_every_word_of_a_camera_json(tmp_path: Path, suffix: str) -> None:
     straight = {key: value for key, value in said.items() if key not in ("model", "coeffs")}
     plain = open_stack(save(tmp_path / f"b{suffix}", depth, **straight))
     assert not np.array_equal(next(iter(recording)).depth, next(iter(plain)).depth)
-    open_stack(save(tmp_path / f"c{suffix}", name="a take", model="D435", width=3.0), GIVEN)  # another meaning
+    found = open_stack(save(tmp_path / f"c{suffix}", name="a take", model="D435", width=3.0), GIVEN)  # another meaning
+    assert all(name in found.warnings[0].partition(" are not used")[0] for name in ("'name'", "'model'", "'width'"))
 
 
 def test_camera_json_beside(tmp_path: Path) -> None:
@@ -152,6 +154,12 @@ def archive(path: Path, **arrays: np.ndarray) -> Path:
     return path
 
 
+def grouped(path: Path) -> Path:
+    with h5py.File(path, "w") as file:
+        file["frames/depth"] = DEPTH
+    return path
+
+
 def text(path: Path) -> Path:
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("readme.txt", "nothing")
@@ -188,6 +196,10 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
                          "...take.npz: a damaged .npz file: Bad CRC-32..."),
     "a cut archive": (lambda tmp: cut(archive(tmp / "take.npz", depth=DEPTH), 9000),
                       "...take.npz: a damaged .npz file: File is not a zip file"),
+    "columns first": (lambda tmp: archive(tmp / "a.npz", depth=np.asfortranarray(DEPTH)),
+                      "...a.npz: an array in Fortran's order; write it with numpy.ascontiguousarray"),
+    "a group": (lambda tmp: grouped(tmp / "a.h5"),
+                "...a.h5: depth is in the group 'frames'; expected a data set 'depth' in no group"),
     "joints": (lambda tmp: archive(tmp / "a.npz", joints=np.zeros((3, 2))),
                f"...a.npz: holds joints (3, 2); {EXPECTED}"),
     "two stacks": (lambda tmp: archive(tmp / "a.npz", a=DEPTH, b=DEPTH),
@@ -204,9 +216,9 @@ def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejecte
 @bad_inputs(DataError, {
     f"{name} in {suffix}": ((f"take{suffix}", others), f"...take{suffix}: {line}")
     for suffix in (".npz", ".h5") for name, others, line in (
-        ("a time before", {"time": [0.0, 2.0, 1.0]}, "time[2] is 1; expected finite seconds, each after ..."),
-        ("no time", {"time": [0.0, 1.0, np.nan]}, "time[2] is nan; expected finite seconds, each after the one before"),
-        ("two times", {"time": [0.0, 1.0]}, "time is float64 (2,), expected (3,): seconds, one for each frame"),
+        ("a time before", {"time": [0.0, 2.0, 1.0]}, "time[2] is 1; expected finite times, each after ..."),
+        ("no time", {"time": [0.0, 1.0, np.nan]}, "time[2] is nan; expected finite times, each after the one before"),
+        ("two times", {"time": [0.0, 1.0]}, "time is float64 (2,), expected (3,): a time for each frame"),
         ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
         ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 0 and ..."),
         ("a text as rate", {"rate": "fast"}, 'rate is "fast"; expected a number more than 0 and at most 10000'),

@@ -5,44 +5,36 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.frames.formats.time_units import by_steps, counts_ms, in_seconds, since_1970
+from handpose.frames.formats.time_units import by_steps, counts_ms, since_1970, unit_of
 
 CLOCK = np.arange(12) / 30 + 51.234  # s
 
 
 @pytest.mark.parametrize(("unit", "ticks"), [("s", 1), ("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
 def test_units(unit: str, ticks: int) -> None:
-    """Times since 1970 and steps of 1/30 s show their unit; in_seconds converts them and reports it."""
+    """Times since 1970 and steps of 1/30 s show their unit."""
     assert since_1970([1_700_000_000 * ticks, 1_700_000_001 * ticks]) == unit
     assert by_steps((CLOCK * ticks).tolist()) == unit
     for start in (0, 1_700_000_000):
-        seconds, how = in_seconds(ticks * (CLOCK + start), None, 30.0)
-        np.testing.assert_allclose(seconds, CLOCK + start, rtol=1e-12)
-        assert how == ("" if unit == "s" else f"times in {unit}, by their size or steps; --time-unit if wrong")
-    seconds, how = in_seconds(CLOCK * ticks, unit, 30.0)
-    np.testing.assert_allclose(seconds, CLOCK)
-    assert how == ("" if unit == "s" else f"times in {unit}, as given")
+        assert unit_of((ticks * (CLOCK + start)).tolist()) == unit
 
 
 def test_what_shows_no_unit() -> None:
-    """Irregular steps, a single time, and steps of no camera are left as they are."""
-    for times in ([0.0, 7.0, 3.0, 40.0, 99.0], [5.0], [0.0, 1.0, 2.0], [0.0, 0.6, 1.2], [0.0, 0.0]):
-        assert by_steps(times) is None
-        seconds, how = in_seconds(np.array(times), None, 30.0)
-        assert seconds.tolist() == times and how == ""
+    """Irregular steps and steps of no camera."""
+    for times in ([0.0, 7.0, 11.0, 40.0, 99.0], [0.0, 1.0, 2.0], [0.0, 0.6, 1.2], [0.0, 0.0]):
+        assert by_steps(times) is None and unit_of(times) is None
     assert since_1970([1_700_000_000, 1_700_000_000_000]) is None
+
+
+def test_short_irregular_steps_are_seconds() -> None:
+    """In a smaller unit there would be thousands of frames per second."""
+    times = [0.0, 0.04, 0.1, 0.19, 0.31, 0.46]
+    assert by_steps(times) is None and unit_of(times) == "s" and unit_of([5.0]) == "s"
 
 
 def test_a_frame_that_is_missing() -> None:
     """Steps over missing frames are multiples of the period."""
     assert by_steps([0, 33, 67, 167, 200, 233], ("ms",)) == "ms"
-
-
-def test_numbers_of_frames_in_an_array() -> None:
-    """Given as frames, the numbers are divided by the rate."""
-    seconds, how = in_seconds(np.array([3.0, 4.0, 6.0]), "frames", 60.0)
-    np.testing.assert_allclose(seconds, [0.05, 4 / 60, 0.1])
-    assert how == "times in frames, as given"
 
 
 @pytest.mark.parametrize("rate", [6, 9, 15, 24, 30, 45, 60, 90])
