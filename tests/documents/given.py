@@ -25,7 +25,6 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from netlib.caffe import blob_from_images
-from netlib.proto import prototxt
 from tools import make_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -129,8 +128,9 @@ layer { name: "fc" type: "InnerProduct" bottom: "data" top: "fc" inner_product_p
 """
 OF_PICTURES = """
 layer {
-  name: "data" type: "Data" top: "data" top: "label"
-  data_param { source: "train_lmdb" batch_size: 2 backend: LMDB } transform_param { mean_file: "mean.binaryproto" }
+  name: "data" type: "ImageData" top: "data" top: "label"
+  image_data_param { source: "list.txt" root_folder: "pictures/" new_height: 256 new_width: 256 batch_size: 2 }
+  transform_param { mean_file: "mean.binaryproto" }
 }
 layer { name: "fc6" type: "InnerProduct" bottom: "data" top: "fc6" inner_product_param { num_output: 2 } }
 layer { name: "fc7" type: "InnerProduct" bottom: "fc6" top: "fc7" inner_product_param { num_output: 2 } }
@@ -149,7 +149,7 @@ def nets(folder: Path) -> Names:
 
 
 def pictures(folder: Path) -> Names:
-    """pictures/, list.txt, train_test.prototxt and solver.prototxt for them, and weights net_iter_1000.caffemodel."""
+    """pictures/, list.txt, train_test.prototxt, deploy.prototxt and solver.prototxt for them, and weights."""
     rng = np.random.default_rng(0)
     (folder / "pictures").mkdir()
     for n in range(4):
@@ -157,9 +157,10 @@ def pictures(folder: Path) -> Names:
     (folder / "list.txt").write_text("".join(f"{n}.png {n % 2}\n" for n in range(4)), encoding="utf-8")
     (folder / "train_test.prototxt").write_text(OF_PICTURES, encoding="utf-8")
     (folder / "solver.prototxt").write_text(SOLVER.format("train_test.prototxt"), encoding="utf-8")
-    inputs = "input_param { shape { dim: 1 dim: 3 dim: 256 dim: 256 } shape { dim: 1 } } }"
-    untrained = re.sub("data_param.*\n}", inputs, OF_PICTURES.replace('"Data"', '"Input"'))
-    netlib.Net(prototxt.parse(untrained, "net"), netlib.TEST).save(folder / "net_iter_1000.caffemodel")
+    layers = OF_PICTURES[OF_PICTURES.index("layer", 7) : OF_PICTURES.rindex("layer")]
+    shape = 'input: "data" input_shape { dim: 1 dim: 3 dim: 256 dim: 256 }\n'
+    (folder / "deploy.prototxt").write_text(shape + layers, encoding="utf-8")
+    netlib.Net(folder / "deploy.prototxt", netlib.TEST).save(folder / "net_iter_1000.caffemodel")
     return {}
 
 
@@ -208,7 +209,6 @@ BY_DOCUMENT: dict[str, tuple[CameraInfo, ...]] = {
 }
 NEEDS = {  # packages that commands of a document need; a Python block that imports a package is not listed
     "docs/caffe_nets.md": ("onnx", "onnxruntime"),
-    "docs/caffe_tools.md": ("lmdb",),
     "docs/camera.md": ("av", "matplotlib"),
     "docs/onnx.md": ("onnx", "onnxruntime"),
     "docs/usage.md": ("matplotlib",),

@@ -43,6 +43,7 @@ import numpy as np
 
 from tests.faults import readers, runs
 from tests.faults.isolation import ROOT, BrokenPromise, Outcome
+from tests.support.caffe_messages import datum, write_database
 
 # ---------------------------------------------------------------------------------------------- the commands
 
@@ -128,17 +129,7 @@ def published() -> None:
 
 def database() -> None:
     """Write a database of images."""
-    readers.make_pictures()
-    readers.put("two.txt", "a.png 0\nb.jpg 1\n")
-    line = "./ two.txt db -resize_width=4 -resize_height=4"
-    readers.run_tool(_main("convert_imageset"), *line.split())
-
-
-def features() -> None:
-    """Write a net of inputs only, and its weights."""
-    layer = 'layer { name: "p" type: "InnerProduct" bottom: "data" top: "y" inner_product_param { num_output: 3 } }'
-    readers.put("net.prototxt", readers.inputs(data=(1, 3, 4, 5)) + layer)
-    netlib.Net("net.prototxt", netlib.TEST).save("n.caffemodel")
+    write_database(Path("db"), [datum(np.full((3, 4, 4), value, np.uint8), 0) for value in (1, 2)])
 
 
 def nets() -> None:
@@ -198,8 +189,6 @@ COMMANDS = (
     Command("fit_pose data/test.txt --out angles", data),
     Command("calibrate_hand data/train_000.h5 --out me.prototxt --force", many, ("me.prototxt",)),
     Command("compute_image_mean db mean.binaryproto", database, ("mean.binaryproto",)),
-    Command("convert_imageset ./ list.txt new_db --encoded", readers.make_pictures),
-    Command("extract_features n.caffemodel net.prototxt y features 3 lmdb", features),
     Command("draw_net net.prototxt net.dot", nets, ("net.dot",)),
     Command("run_net net.prototxt net.caffemodel a.png --out blobs.npz", nets, ("blobs.npz",)),
     Command("run_net net.prototxt net.caffemodel a.png --out blob.npy", nets, ("blob.npy",)),

@@ -520,17 +520,13 @@ def make_windows() -> list[str]:
 
 def make_database() -> list[str]:
     """Write a database of eight entries: pixels, floats and a picture."""
-    import lmdb
-
-    from tests.support.caffe_messages import datum
+    from tests.support.caffe_messages import datum, write_database
 
     rng = np.random.default_rng(0)
     entries: list[bytes] = [datum(rng.integers(0, 256, (3, 8, 8)).astype(np.uint8), i) for i in range(6)]
     entries.append(datum(rng.normal(size=(3, 8, 8)).astype(np.float32), 6))
     entries.append(datum(cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].tobytes(), 7))
-    with lmdb.open("db", map_size=1 << 20) as database, database.begin(write=True) as change:
-        for i, entry in enumerate(entries):
-            change.put(f"{i:08}".encode(), entry)
+    write_database(Path("db"), entries)
     put("net.prototxt", 'layer { name: "d" type: "Data" top: "x" top: "t" '
         'data_param { source: "db" backend: LMDB batch_size: 4 } }')
     return ["db/data.mdb"]
@@ -556,10 +552,11 @@ def read_datum(path: Path) -> Any:
 
 def read_database(path: Path) -> Any:
     """Read a database with the layer, and entry by entry as the tools do."""
-    from tools.common import databases
+    from tools import compute_image_mean
 
     read_batches(path)
-    list(databases.read_database("db")[1])
+    for _ in compute_image_mean.from_database("db")[1]:
+        pass
 
 
 def make_mean() -> list[str]:
@@ -614,11 +611,11 @@ def read_run_net(path: Path) -> Any:
         run_tool(run_net.main, "net.prototxt", "net.caffemodel", "a.png", "--mean-file", mean, "--labels", "labels.txt")
 
 
-def read_imageset(path: Path) -> Any:
-    """Read a list of images with tools/convert_imageset.py."""
-    from tools import convert_imageset
+def read_list_of_images(path: Path) -> Any:
+    """Read a list of images with tools/compute_image_mean.py."""
+    from tools import compute_image_mean
 
-    run_tool(convert_imageset.main, "./", "list.txt", "new_db", "--encoded")
+    run_tool(compute_image_mean.main, "list.txt", "-resize_width=4", "-resize_height=4")
 
 
 def run_tool(main: Callable[[list[str]], int], *arguments: str) -> None:
@@ -1130,8 +1127,8 @@ READERS: tuple[Reader, ...] = (
     Reader("run net", ("tools/common/net_images.py", "layers/data/images.py", "netlib/proto/binaryproto.py"),
            make_run_net, read_run_net),
     Reader("picture", ("netlib/caffe/io.py",), lambda: make_pictures()[:5], read_image),
-    Reader("picture list", ("tools/convert_imageset.py", "layers/data/image_data.py"),
-           lambda: [name for name in make_pictures() if name != "mean.binaryproto"], read_imageset),
+    Reader("picture list", ("layers/data/image_data.py",),
+           lambda: [name for name in make_pictures() if name != "mean.binaryproto"], read_list_of_images),
     Reader("depth picture", ("handpose/frames/images.py",), make_depth, read_depth, exact=True),
     Reader("nyu annotation", ("handpose/datasets/nyu_files.py", "handpose/datasets/matlab_worker.py"), make_nyu,
            read_nyu),

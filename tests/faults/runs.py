@@ -161,20 +161,6 @@ def check_texts(result: str) -> None:
         h5py.File(name, "r").close()
 
 
-def make_database() -> None:
-    """Write pictures and their list."""
-    readers.make_pictures()
-
-
-def write_database() -> Any:
-    """Write a database of the pictures by tools/convert_imageset.py, which never replaces a database."""
-    from tools.common import databases
-
-    if not Path("new_db").exists():
-        readers.read_imageset(Path("list.txt"))
-    return [value for _, value in databases.read_database("new_db")[1]]
-
-
 def prepare_data() -> Any:
     """Write the parts and lists of a data set of three frames, one of which is missing."""
     readers._prepare()
@@ -323,7 +309,6 @@ RUNS: tuple[Run, ...] = (
     Run("old pair binary", functools.partial(make_old_pair, "BINARYPROTO"), overwrite_pair, check_old_or_new),
     Run("weights", make_old_weights, write_weights, check_weights),
     Run("texts and pictures", make_texts, write_texts, check_texts),
-    Run("database", make_database, write_database),
     Run("prepared data", readers.make_frames, prepare_data),
     Run("companions", readers.make_labels, fit_companions),
     Run("store of table 1", lambda: None, write_store),

@@ -27,7 +27,6 @@ NO_READERS = {
     "netlib/files/reading.py": "opens for all others what a user names",
     "netlib/files/locks.py": "opens a file to lock it, and reads the number of the process that has it",
     "netlib/building/python_layer.py": "reads the text of a Python layer, which is code",
-    "tools/common/databases.py": "opens the database that it makes",
     "exercises/network.py": "reads the net that comes with the project",
     "exercises/reading.py": "reads the text of a solution, which is code",
     "exercises/recorded.py": "reads numbers that come with the project",

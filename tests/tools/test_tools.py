@@ -22,7 +22,7 @@ from tests.tools.conftest import ROOT
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
 COMMANDS = [path.stem for path in FILES]
 LONGEST = 160  # lines; longer files contain logic that belongs elsewhere
-WITH_ENGINE = ["extract_features", "measure_fit", "predict", "run_net", "test", "test_net", "time", "train"]
+WITH_ENGINE = ["measure_fit", "predict", "run_net", "test", "test_net", "time", "train"]
 
 
 def examples(doc: str, name: str) -> list[list[str]]:
@@ -119,7 +119,6 @@ layer { name: "own" type: "Python" bottom: "depth" top: "pred" python_param { mo
     [
         ("caffe", ["time", "-model", "net.prototxt"]),
         ("caffe", ["train", "-solver", "solver.prototxt"]),
-        ("extract_features", ["none.caffemodel", "net.prototxt", "pred", "db", "1", "lmdb"]),
         ("measure_fit", ["--model", "net.prototxt", "--weights", "none.caffemodel"]),
         ("predict", ["crop.png", "--model", "net.prototxt", "--weights", "none.caffemodel"]),
         ("run_net", ["net.prototxt", "none.caffemodel", "crop.png"]),
