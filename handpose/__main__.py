@@ -26,7 +26,7 @@ TOOLS = INSTALLED if INSTALLED.is_dir() else BASE / "tools"
 GROUPS = {
     "Hands in depth images": ("demo", "predict", "track"),
     "Recordings and data": ("record", "make-recording", "make-synthetic", "show-data", "prepare-nyu", "prepare-icvl"),
-    "Hand models and scores": ("fit-pose", "calibrate-hand", "evaluate"),
+    "Hand models and scores": ("fit-pose", "evaluate"),
     "Nets": ("train", "test", "run-net", "test-net", "plot-log", "time", "draw-net", "export-onnx"),
     "Caffe's commands": ("caffe", "compute-image-mean", "upgrade-net"),
     "Measurements": ("table1", "measure-fit", "measure-finding", "measure-tracking", "measure-gestures",

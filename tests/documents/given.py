@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,16 +106,6 @@ def joints(folder: Path) -> Names:
     return {}
 
 
-def person(folder: Path) -> Names:
-    """data/me: annotated frames of one person."""
-    rows = _joints_mm(60).reshape(60, -1) / (CUBE_MM / 2)
-    (folder / "data" / "me").mkdir(parents=True)
-    with h5py.File(folder / "data" / "me" / "train.h5", "w") as file:
-        file["joint"] = rows.clip(-1, 1).astype(np.float32)
-    (folder / "data" / "me" / "train.txt").write_text("data/me/train.h5\n", encoding="utf-8")
-    return {}
-
-
 NET = """
 layer { name: "in" type: "DummyData" top: "data" top: "label" dummy_data_param { shape { dim: 3 dim: 2 } } }
 layer { name: "fc" type: "InnerProduct" bottom: "data" top: "fc" inner_product_param { num_output: 2 } }
@@ -204,7 +193,7 @@ BY_DOCUMENT: dict[str, tuple[CameraInfo, ...]] = {
     "docs/fit.md": (frames, frame),
     "docs/onnx.md": (crop,),
     "docs/reliability.md": (nets,),
-    "docs/usage.md": (frames, frame, crop, weights, log, data, joints, person),
+    "docs/usage.md": (frames, frame, crop, weights, log, data, joints),
     "models/synthetic_hand/readme.md": (frame,),
 }
 NEEDS = {  # packages that commands of a document need; a Python block that imports a package is not listed

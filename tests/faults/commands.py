@@ -92,11 +92,6 @@ def data() -> None:
     readers.run_tool(_main("make_synthetic"), "--out", "data", "--train", "4", "--test", "2", "--workers", "1")
 
 
-def many() -> None:
-    """Write a data set of the frames that a calibration needs."""
-    readers.run_tool(_main("make_synthetic"), "--out", "data", "--train", "24", "--test", "1", "--workers", "1")
-
-
 def scored() -> None:
     """Write a data set, and a net for it."""
     data()
@@ -187,7 +182,6 @@ COMMANDS = (
     Command("evaluate icvl --groundtruth truth.txt --predictions N=near.txt --plot plot.png", published, ("plot.png",)),
     Command("fit_pose xyz.txt --format xyz --out angles.h5", joints, ("angles.h5",)),
     Command("fit_pose data/test.txt --out angles", data),
-    Command("calibrate_hand data/train_000.h5 --out me.prototxt --force", many, ("me.prototxt",)),
     Command("compute_image_mean db mean.binaryproto", database, ("mean.binaryproto",)),
     Command("draw_net net.prototxt net.dot", nets, ("net.dot",)),
     Command("run_net net.prototxt net.caffemodel a.png --out blobs.npz", nets, ("blobs.npz",)),

@@ -37,15 +37,10 @@ def center(text: str) -> tuple[float, ...]:
     return numbers
 
 
-def cube(text: str, part: float = 1.0) -> float:
-    """Parse the edge of a cube around a body, or ``part`` of it, in mm."""
-    least, most = (part * edge for edge in CUBES_MM)
+def cube(text: str) -> float:
+    """Parse the edge of a cube around a body in mm."""
+    least, most = CUBES_MM
     number = finite(text)
     if not least <= number <= most:
         raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g} mm, found {text!r}")
     return number
-
-
-def half_cube(text: str) -> float:
-    """Parse half the edge of a cube around a body, in mm."""
-    return cube(text, 0.5)

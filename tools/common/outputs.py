@@ -6,7 +6,7 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 from netlib import files
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
-
-if TYPE_CHECKING:
-    from layers.hand.skeleton import Skeleton
 
 JPEG_QUALITY = 90
 
@@ -35,23 +32,6 @@ def check_place(out: Path, inputs: Iterable[str | Path | None] = ()) -> None:
         raise NetlibError(f"{out}: folder {out.parent} does not exist")
     with atomic.error_names(out), atomic.temporary(out):
         atomic.require_regular_file(out)
-
-
-def write_skeleton(out: Path, skeleton: Skeleton, comment: str) -> None:
-    """Write a skeleton file with a comment; its name is that of the file. Raises NetlibError."""
-    from layers.hand.skeleton_file import text_of  # imported here: training needs no hands
-
-    try:
-        atomic.replace_text(out, text_of(skeleton.param, out.stem, comment))
-    except OSError as error:
-        raise NetlibError(f"{out}: cannot write the skeleton: {reason_of(error)}") from None
-
-
-def check_skeleton(out: Path, force: bool, inputs: Sequence[str]) -> None:
-    """Raise NetlibError or OSError if the file cannot be written."""
-    check_place(out, inputs)
-    if out.exists() and not force:
-        raise NetlibError(f"{out}: exists already; choose another --out, or replace it with --force")
 
 
 def new_figure(width: float, height: float) -> Any:
