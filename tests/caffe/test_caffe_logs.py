@@ -109,14 +109,11 @@ def test_the_log_of_a_test(solvers: Path, tmp_path: Path, caplog: pytest.LogCapt
 
 
 def test_the_log_of_timing(solvers: Path) -> None:
-    """tools/time.py prints the lines of ``caffe time`` in the same order, without those of single iterations."""
-    mine = run_tool("time", "net.prototxt", "--iterations", "3").out.splitlines()
-    theirs = [line for line in log_lines("time.log") if not line.startswith("Iteration: ")]
-    theirs, mine = (lines[lines.index("*** Benchmark begins ***") :] for lines in (theirs, mine))
-    assert len(theirs) == 3 + 2 * 8 + 5
-    spaces = re.compile(r"\s+")  # columns have different widths
-    numberless = [[spaces.sub(" ", re.sub(r": \S+ ms", ": # ms", line)).strip() for line in w] for w in (mine, theirs)]
-    assert numberless[0] == numberless[1]
+    """tools/time.py prints the lines of ``caffe time`` in the same order."""
+    mine, theirs = run_tool("time", "net.prototxt", "--iterations", "3").out.splitlines(), log_lines("time.log")
+    cut = [lines[lines.index("*** Benchmark begins ***") :] for lines in (mine, theirs)]
+    numberless = [[re.sub(r": \S+ ms", ": # ms", line) for line in lines] for lines in cut]
+    assert numberless[0] == numberless[1] and len(cut[0]) == 27
 
 
 # Log -> number of losses, the first and the last; number of tests, the first and the last
