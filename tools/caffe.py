@@ -33,7 +33,7 @@ from netlib.training import report, solver_parameter
 from tools.common import training
 from tools.common.arguments import MAX_COUNT, caffes_flags, count, parser_of, whole
 from tools.common.caffe_log import BarHandler
-from tools.common.console import DONE, guarded, on_missing_data
+from tools.common.console import DONE, guarded
 from tools.common.costs import mean_scores, report_time
 from tools.common.ranks import only_first_prints, world
 
@@ -121,8 +121,7 @@ def train(args: argparse.Namespace, console: BarHandler, ranks: Ranks) -> int:
 def examine(args: argparse.Namespace) -> None:
     """Test or time a net."""
     phase = netlib.TRAIN if args.command == "time" and args.phase == "TRAIN" else netlib.TEST
-    with on_missing_data():
-        net = Net(args.model, phase, level=args.level, stages=stages(args))
+    net = Net(args.model, phase, level=args.level, stages=stages(args))
     if args.command == "time":
         report_time(net, args.iterations, lambda *cells: log.info("\t".join(["%s"] * len(cells)), *cells))
         return

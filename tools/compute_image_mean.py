@@ -34,7 +34,7 @@ from netlib.errors import DataError
 from netlib.files.paths import find
 from netlib.proto.binaryproto import write_blob
 from tools.common import outputs
-from tools.common.arguments import MAX_SIDE, caffes_flags, parser_of, whole
+from tools.common.arguments import caffes_flags, parser_of, side
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -48,12 +48,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("output", metavar="OUTPUT_FILE", nargs="?", help=".binaryproto file to write, (1, C, H, W)")
     parser.add_argument("--backend", type=str.lower, choices=["lmdb"], default="lmdb", help="of a database")
     parser.add_argument("--root_folder", metavar="FOLDER/", default="", help="prepended to every path in the list")
-    for side, letter in (("width", "W"), ("height", "H")):
-        parser.add_argument(f"--resize_{side}", type=whole(0, MAX_SIDE), default=0, metavar=letter,
-                            help="in px, of images in a list; 0: do not resize")
+    parser.add_argument("--resize_width", type=side, metavar="W", help="resize the images of a list to this width, px")
+    parser.add_argument("--resize_height", type=side, metavar="H", help="and to this height")
     parser.add_argument("--gray", action="store_true", help="read the images of a list in grey")
-    args = parser.parse_args(caffes_flags(argv, ["gray"]))
-    if (args.resize_width == 0) != (args.resize_height == 0):
+    args = parser.parse_args(caffes_flags(argv))
+    if (args.resize_width is None) != (args.resize_height is None):
         parser.error("-resize_width and -resize_height must be given together")
     if is_database(args.input) and any(getattr(args, name) for name in OF_LISTS):
         parser.error(f"{', '.join(f'-{name}' for name in OF_LISTS)} apply only to a list of images, and {args.input} "

@@ -53,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("images", metavar="IMAGE", nargs="+", help="image files, or lists of them (.txt)")
     parser.add_argument("--root-folder", metavar="FOLDER/", default="", help="prepended to every path in a list")
     given = parser.add_argument_group("preprocessing (the net's author knows the values)")
-    given.add_argument("--mean", type=numbers, metavar="M[,M,M]", default=(),
+    given.add_argument("--mean", type=numbers(), metavar="M[,M,M]", default=(),
                        help="to subtract: one number, or one per channel of the input (default: 0)")
     given.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
     given.add_argument("--scale", type=positive_number, metavar="S", default=1.0,

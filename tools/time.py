@@ -27,7 +27,7 @@ import netlib
 from netlib import engine
 from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of, workers
-from tools.common.console import DONE, guarded, on_missing_data, say
+from tools.common.console import DONE, guarded, say
 from tools.common.costs import memory_of, report_time
 
 
@@ -48,8 +48,7 @@ def run(args: argparse.Namespace) -> int:
     """Time the net."""
     if args.threads:
         engine.get(args.engine).set_threads(args.threads)
-    with on_missing_data():
-        net = Net(args.model, netlib.TRAIN if args.phase == "TRAIN" else netlib.TEST, engine=args.engine)
+    net = Net(args.model, netlib.TRAIN if args.phase == "TRAIN" else netlib.TEST, engine=args.engine)
     for name in net.inputs:
         net.blobs[name].data[...] = np.random.default_rng(0).uniform(-1, 1, net.blobs[name].shape)
     if args.memory:

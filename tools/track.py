@@ -52,10 +52,9 @@ from handpose.tracking.tracker import MAX_HANDS
 from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from netlib.errors import DataError
 from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
-from tools.common.console import DONE, aligned, errors_of, guarded, say
-from tools.common.progress import ProgressBar
+from tools.common.console import DONE, aligned, guarded, say
+from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
-from tools.common.stopper import StoppedError, Stopper
 from tools.common.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
 
 
@@ -124,8 +123,10 @@ def _track(
         try:
             for frame in islice(seen.all_frames(recording), frames):
                 stopper.check()
-                with errors_of(f"{recording.name}: frame {frame.number}"):
+                try:
                     found = tracker.step(frame)
+                except DataError as error:
+                    raise DataError(f"{recording.name}: frame {frame.number}: {error}") from error
                 at_once = outputs.is_live or recording.live
                 write([(frame.depth, found)] if at_once else smoothing.add(held.add(frame.depth, found)))
                 progress(1)

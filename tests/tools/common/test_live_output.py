@@ -24,7 +24,7 @@ from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER, seen, tracked
 from tools.common import live_output
 from tools.common.live_output import LiveOutput
-from tools.common.stopper import StoppedError
+from tools.common.progress import StoppedError
 from tools.common.track_outputs import add_live_options
 
 COUNT = 3
