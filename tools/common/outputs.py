@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from netlib import files
-from netlib.errors import NetlibError, reason_of
+from netlib.errors import NetlibError, printable, reason_of
 from netlib.files import atomic
 
 JPEG_QUALITY = 90
+MAX_LABEL = 60  # characters
 
 
 def refuse_inputs(out: str | Path, inputs: Iterable[str | Path | None], why: str = "is read in this run") -> None:
@@ -32,6 +33,11 @@ def check_place(out: Path, inputs: Iterable[str | Path | None] = ()) -> None:
         raise NetlibError(f"{out}: folder {out.parent} does not exist")
     with atomic.error_names(out), atomic.temporary(out):
         atomic.require_regular_file(out)
+
+
+def label(name: str) -> str:
+    """A name as matplotlib can draw it: of limited length, on one line, and not typeset as a formula."""
+    return printable(name)[:MAX_LABEL].replace("$", r"\$")
 
 
 def new_figure(width: float, height: float) -> Any:
