@@ -51,6 +51,7 @@ from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
 from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from netlib.errors import DataError
+from tools.common import findings
 from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
@@ -85,8 +86,6 @@ def run(args: argparse.Namespace) -> int:
         print_inspection(seen, talk)
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine)
         if args.look is not None:
-            from tools.common import findings
-
             return findings.draw_first(seen, predictor, args.look)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args))
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
