@@ -1,14 +1,13 @@
 #!/usr/bin/env python3
-"""Compute the mean image of a database or of a list of images, for transform_param { mean_file: ... }: Caffe's
-compute_image_mean. Flags have one dash or two.
+"""Compute the mean image of a database or a list of images, for transform_param { mean_file }: Caffe's command.
 
     python tools/compute_image_mean.py train_lmdb mean.binaryproto
-    python tools/compute_image_mean.py -root_folder=pictures/ -resize_height=256 -resize_width=256 list.txt \
-        mean.binaryproto
+    python tools/compute_image_mean.py -resize_height=256 -resize_width=256 list.txt mean.binaryproto
 
 INPUT is the folder of an LMDB database, as for a Data layer, or a list, as for an ImageData layer: in each line the
 path of an image, to which -root_folder is prepended, a space, and its label. All images must have the same size, unless
-the list's are resized. Prints the mean of each channel, for mean_value. OUTPUT_FILE is optional.
+the list's are resized. Prints the mean of each channel, for mean_value. OUTPUT_FILE is optional. Flags have one dash or
+two.
 """
 
 from __future__ import annotations

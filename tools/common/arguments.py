@@ -16,7 +16,7 @@ MAX_INTEGER = (1 << 63) - 1  # of integers in files
 MAX_COUNT = (1 << 31) - 1
 MAX_HOURS = 1e5
 MAX_PORT = 65535
-MAX_DIGITS = 1000  # Python's int() takes quadratic time
+DIGITS = "-?[0-9]{1,1000}"  # of an integer; Python's int() takes quadratic time
 MAX_SHOWN = 100  # characters of a value in a message
 
 
@@ -81,12 +81,12 @@ def whole(least: int = 0, most: int = MAX_INTEGER) -> Callable[[str], int]:
     """Return a parser of decimal integers from ``least`` to ``most``."""
 
     def parse(text: str) -> int:
-        digits = text.removeprefix("-")
-        if not (digits.isascii() and digits.isdigit() and len(digits) < MAX_DIGITS) or int(text) < least:
+        number = int(text) if re.fullmatch(DIGITS, text) else None
+        if number is None or number < least:
             raise expected(f"an integer of at least {least}", text)
-        if int(text) > most:
+        if number > most:
             raise expected(f"an integer of at most {most}", text)
-        return int(text)
+        return number
 
     return parse
 
@@ -124,17 +124,13 @@ def numbers(
 
 def address(least: int = 1) -> Callable[[str], tuple[str, int]]:
     """Return a parser of HOST:PORT, with a port from ``least`` on; an IPv6 address is in brackets."""
-    parse_port = whole(least, MAX_PORT)
 
     def parse(text: str) -> tuple[str, int]:
         host, _, port = text.rpartition(":")
         host = host.removeprefix("[").removesuffix("]")
-        try:
-            if not host or port != port.strip():
-                raise argparse.ArgumentTypeError
-            return host, parse_port(port)
-        except argparse.ArgumentTypeError:
-            raise expected(f"HOST:PORT, a port from {least} to {MAX_PORT}", text) from None
+        if not host or not re.fullmatch(DIGITS, port) or not least <= int(port) <= MAX_PORT:
+            raise expected(f"HOST:PORT, a port from {least} to {MAX_PORT}", text)
+        return host, int(port)
 
     return parse
 
