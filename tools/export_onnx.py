@@ -28,13 +28,13 @@ tools.begin(__name__)
 
 from export.onnx.net import differences, load, onnx_image
 from handpose.body.nyu import CUBE_MM
-from handpose.frames.crops import CUBES_MM
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
 from netlib.net import Net
 from tools.common import outputs
-from tools.common.arguments import parser_of, pixels, real
+from tools.common.arguments import parser_of, pixels
 from tools.common.console import DONE, FAILED, guarded, say
+from tools.common.hand_arguments import cube
 
 BATCHES = (1, 3)  # batch sizes of --check
 TOLERANCE = 1e-5
@@ -48,7 +48,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("out", metavar="OUT", type=Path, help="the file to write, *.onnx")
     parser.add_argument("--blob", metavar="NAME", action="append", default=[],
                         help="also output this blob, for example DoF; can be repeated")
-    parser.add_argument("--cube", type=real(*CUBES_MM, unit="mm"), metavar="MM",
+    parser.add_argument("--cube", type=cube, metavar="MM",
                         help="edge of the cube around a body in its crops, for the metadata "
                              f"(default for hands: {CUBE_MM:g})")
     parser.add_argument("--size", type=pixels, metavar="WxH", help="size of images; the net is reshaped to it")

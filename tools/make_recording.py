@@ -45,8 +45,9 @@ from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
 from tools.common.arguments import parser_of, seconds, seed
 from tools.common.console import DONE, guarded, say
+from tools.common.hand_arguments import camera
 from tools.common.progress import ProgressBar, StoppedError, Stopper
-from tools.common.sources import named_camera, rate
+from tools.common.sources import rate
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -54,7 +55,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("script", metavar="SCRIPT", choices=SCRIPTS, help=", ".join(SCRIPTS))
     parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="output")
-    parser.add_argument("--camera", type=named_camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
+    parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
                         help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")

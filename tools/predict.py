@@ -41,19 +41,17 @@ tools.begin(__name__)
 from numpy.typing import NDArray
 
 from handpose import NYU, Camera, CameraInfo, load_predictor
-from handpose.body.joint_formats.formats import FORMAT_NAMES
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import predictor_of
 from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.search import PLANS
-from handpose.frames.crops import CUBES_MM
 from handpose.frames.images import UnitError, read_crop, read_frame
 from handpose.frames.inspection import doubt_of
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
-from tools.common import arguments, findings, outputs
+from tools.common import arguments, findings, hand_arguments, outputs
 from tools.common.console import DONE, guarded, say
 from tools.common.sources import ABOUT_FRAMES, add_camera_options, frames_camera, print_warnings
 
@@ -71,17 +69,15 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=SOUGHT_SIDES, help="default: either, with --fit no right")
     parser.add_argument("--out", metavar="DIR", default=".", help="output folder (default: the working folder)")
     parser.add_argument("--html", metavar="FILE", help="write a page on which the hands can be rotated")
-    parser.add_argument("--cube", type=arguments.real(*CUBES_MM, unit="mm"), metavar="MM",
+    parser.add_argument("--cube", type=hand_arguments.cube, metavar="MM",
                         help=f"edge of the cube (default for hands: {CUBE_MM:g})")
     add_camera_options(parser, "the images are full depth frames of this camera")
-    parser.add_argument("--center", metavar="U,V[,D]", action="append",
-                        type=arguments.numbers("U,V or U,V,D (px, px, mm)", [2, 3]),
+    parser.add_argument("--center", type=hand_arguments.center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: centre of the hand, once for all frames or once per frame")
     parser.add_argument("--refine", type=arguments.whole(0, MAX_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")
     arguments.add_engine(parser)
-    parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, in the "
-                        "table and in --csv instead of NYU's, in --json in addition (docs/joint_formats.md)")
+    hand_arguments.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
     parser.add_argument("--csv", metavar="FILE.csv", type=arguments.name_in(".csv"), help="write one row per image")
     parser.add_argument("--json", metavar="FILE.json", type=arguments.name_in(".json", "-"),
                         help="write JSON; without a name or with -, print it instead of a table")

@@ -18,13 +18,12 @@ from handpose.frames.inspection import Inspection, warnings_of
 from handpose.frames.lens import Lens
 from handpose.frames.opening import EXPECTED
 from netlib.errors import DataError
-from tools.common import arguments
+from tools.common import arguments, hand_arguments
 from tools.common.console import say
 
 # A fit with this confidence confirms the depth unit, because a wrong unit changes the size of the hand. On six frames
 # of an earlier hand the confidence was above 0.99 with the right unit, and at most 0.82 with units 10 times off.
 CONFIRMS_UNIT = 0.95
-MAX_PX = 1e6  # of focal lengths and principal points, as in a camera.json
 ABOUT_FRAMES = ("unit", "distortion", "swap_bytes")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
 unit_mm, rate = (arguments.real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
@@ -120,18 +119,7 @@ def total_of(recording: Recording, frames: int | None) -> int:
 
 
 def _camera(text: str) -> Camera | Path:
-    return Path(text) if text.lower().endswith(".json") else named_camera(text)
-
-
-def named_camera(text: str) -> Camera:
-    """Parse a camera: its name, or the four numbers FX,FY,U0,V0; frames may then have any size."""
-    if text in CAMERAS:
-        return CAMERAS[text]
-    form = f"{', '.join(CAMERAS)} or FX,FY,U0,V0 in px, the intrinsics from its SDK"
-    fx, fy, u0, v0 = arguments.numbers(form, [4])(text)
-    if min(fx, fy) <= 0 or max(map(abs, (fx, fy, u0, v0))) > MAX_PX:
-        raise arguments.expected(form, text)
-    return Camera("own", fx, fy, u0, v0, width=0, height=0)
+    return Path(text) if text.lower().endswith(".json") else hand_arguments.camera(text)
 
 
 def _lens(text: str) -> Lens:

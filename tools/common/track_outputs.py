@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import Recording
-from handpose.body.joint_formats.formats import FORMAT_NAMES
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import PICTURES, FolderRecording
 from handpose.output.drawing.rerun_view import RerunView
@@ -36,6 +35,7 @@ from netlib.files import atomic
 from tools.common import arguments, outputs
 from tools.common.arguments import name_in
 from tools.common.console import say
+from tools.common.hand_arguments import add_joints_option
 
 FILES = ("json", "csv", "bvh")
 DRAWN = ("video", "sheet", "rerun")
@@ -53,8 +53,7 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="one row per frame and hand")
     parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
                         help="bones and angles for Blender and other programs; one file per hand")
-    parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, in "
-                        "--json in addition to NYU's, in --csv instead (docs/joint_formats.md)")
+    add_joints_option(parser, "in --json in addition to NYU's, in --csv instead")
     parser.add_argument("--gestures", action="store_true",
                         help="gesture of each hand and its confidence, in --json and --csv")
     parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),

@@ -8,9 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from handpose.frames.cameras import KINECT2
-from tools.common import arguments, sources
-
-CENTER = arguments.numbers("U,V or U,V,D (px, px, mm)", [2, 3])
+from tools.common import arguments, hand_arguments
 
 
 @pytest.mark.parametrize(
@@ -19,12 +17,12 @@ CENTER = arguments.numbers("U,V or U,V,D (px, px, mm)", [2, 3])
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
         (arguments.whole(0, 100), "100", 100),
-        (arguments.real(50, 10000, unit="mm"), "2400", 2400.0),
+        (hand_arguments.cube, "2400", 2400.0),
         (arguments.weight, "0", 0.0),
         (arguments.weight, "1e-3", 1e-3),
-        (sources.named_camera, "kinect2", KINECT2),
-        (CENTER, "1,2.5", (1.0, 2.5)),
-        (CENTER, "1,2,-3", (1.0, 2.0, -3.0)),
+        (hand_arguments.camera, "kinect2", KINECT2),
+        (hand_arguments.center, "1,2.5", (1.0, 2.5)),
+        (hand_arguments.center, "1,2,-3", (1.0, 2.0, -3.0)),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -43,7 +41,7 @@ def test_the_largest_number(kind: Callable[[str], object]) -> None:
 
 def test_a_camera_by_its_numbers() -> None:
     """A camera given by numbers accepts images of any size."""
-    camera = sources.named_camera("500,510,320,240")
+    camera = hand_arguments.camera("500,510,320,240")
     assert (camera.fx, camera.fy, camera.u0, camera.v0, camera.width, camera.height) == (500, 510, 320, 240, 0, 0)
 
 
@@ -56,19 +54,19 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.natural, "1.0", "an integer of at least 0"),
         (arguments.natural, "9" * 5000, "an integer of at least 0"),
         (arguments.whole(0, 100), "101", "an integer of at most 100"),
-        (arguments.real(50, 10000, unit="mm"), "0.3", "a number of at least 50 and at most 10000 mm"),
-        (arguments.real(50, 10000, unit="mm"), "nan", "a number of at least 50 and at most 10000 mm"),
-        (arguments.real(50, 10000, unit="mm"), "60,70", "a number of at least 50 and at most 10000 mm"),
+        (hand_arguments.cube, "0.3", "a number of at least 50 and at most 10000 mm"),
+        (hand_arguments.cube, "nan", "a number of at least 50 and at most 10000 mm"),
+        (hand_arguments.cube, "60,70", "a number of at least 50 and at most 10000 mm"),
         (arguments.weight, "-1", "a number of at least 0"),
         (arguments.weight, "inf", "a number of at least 0"),
         (arguments.weight, "x", "a number of at least 0"),
         (
-            sources.named_camera,
+            hand_arguments.camera,
             "1,2,3,nan",
             "nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, the intrinsics from its SDK",
         ),
         (arguments.name_in(".png", ".jpg"), "folder/.png", "a file name with suffix .png, .jpg"),
-        (CENTER, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
+        (hand_arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )

@@ -1,0 +1,33 @@
+"""Arguments about hands and cameras: a camera by name or intrinsics, the cube around a hand, a format of joints."""
+
+from __future__ import annotations
+
+import argparse
+
+from handpose import CAMERAS, Camera
+from handpose.body.joint_formats.formats import FORMAT_NAMES
+from handpose.frames.crops import CUBES_MM
+from tools.common.arguments import expected, numbers, real
+
+MAX_PX = 1e6  # of focal lengths and principal points, as in a camera.json
+
+
+def add_joints_option(parser: argparse.ArgumentParser, where: str) -> None:
+    """Add the option --joints, for tools that write hands; ``where`` says to which output it applies."""
+    parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, "
+                        f"{where} (docs/joint_formats.md)")
+
+
+def camera(text: str) -> Camera:
+    """Parse a camera: its name, or the four numbers FX,FY,U0,V0; frames may then have any size."""
+    if text in CAMERAS:
+        return CAMERAS[text]
+    form = f"{', '.join(CAMERAS)} or FX,FY,U0,V0 in px, the intrinsics from its SDK"
+    fx, fy, u0, v0 = numbers(form, [4])(text)
+    if min(fx, fy) <= 0 or max(map(abs, (fx, fy, u0, v0))) > MAX_PX:
+        raise expected(form, text)
+    return Camera("own", fx, fy, u0, v0, width=0, height=0)
+
+
+center = numbers("U,V or U,V,D (px, px, mm)", [2, 3])  # of a hand
+cube = real(*CUBES_MM, unit="mm")  # edge of the cube around a body
