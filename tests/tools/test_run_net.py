@@ -237,6 +237,7 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
         (NET, ["0.png", "--resize", "9x9"], "images of 9 x 9 px are smaller than the net's input, 10 x 8"),
         (NET, ["0.png", "--out", "none/a.npz"], "none/a.npz: folder none does not exist"),
         (NET, ["0.png", "--out", "bad.npy", "--mean-file", "bad.npy"], "bad.npy: is read in this run"),
+        (NET, ["labels.npy", "--out", "labels.npy"], "labels.npy: is read in this run"),
         (NET, ["0.png", "--out", "a.npy", "--blob", "pool", "--blob", "prob"], "a.npy: a .npy file holds one array, "
          "found pool, prob; expected .npz or --blob"),
         (TRAIN, ["0.png"], "net.prototxt: the net reads its data in a data layer; expected a deploy prototxt"),

@@ -38,6 +38,13 @@ def fails(error: BaseException) -> Callable[[Namespace], int]:
     ("error", "status", "line"),
     [
         (NetlibError("net.prototxt: no layer 'a\nb'"), 1, "net.prototxt: no layer 'a\\nb'\n"),
+        (NetlibError("a.txt: cannot read the list: gone"), 1, "a.txt: cannot read the list: gone\n"),
+        (
+            NetlibError("data/nyu/train.txt: cannot read the list: gone"),
+            1,
+            "data/nyu/train.txt: cannot read the list: gone; generate synthetic hands with 'python "
+            "tools/make_synthetic.py', or read the NYU data set with 'python tools/prepare_nyu.py NYU_ROOT'\n",
+        ),
         (FileNotFoundError(2, "No such file or directory", "a\x1bb"), 1, "a\\x1bb: No such file or directory\n"),
         (OutOfMemoryError("9.4 MB for an array"), 1, "not enough memory: 9.4 MB for an array\n"),
         (OutOfMemoryError("net.prototxt:3: lower num_output", None, True), 1, "net.prototxt:3: lower num_output\n"),
