@@ -1,10 +1,8 @@
 # make         say what there is to make
 # make demo    set up, find and fit hands in rendered depth frames with the packaged weights (seconds)
 # make train   set up, render the training data, train the paper's network for a few minutes, show the result
-# make person  the same for a person instead of a hand, in ten minutes; make arm: for a planar arm, in one
 # make test    set up and run the tests (ORDER=random: in random order, with a seed to repeat it)
 # make kernels the tests of predictions, depth fits and figures again, with the slowest BLAS kernels and NumPy's SIMD off
-# make faults  fault injection: tens of thousands of cases with kills, damaged files, full disks (half an hour; CASES=100: short)
 # make table1  the paper's Table 1: runs the missing training runs (days; HOURS=8 limits the time), writes docs/results
 # make bench   compares the speed with PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make parts   the time that each part of fast/ saves, by switching it off (minutes)
@@ -14,18 +12,17 @@
 # make site    all documents and the code as a site in site/, links checked (SERVE=1 shows it and follows changes)
 # make lint    the style and type checks of the continuous integration, spelling and wording
 #
-# ITERATIONS=N and FRAMES='--train N --test N' make train, person and arm shorter or longer; OPTIONS='...' goes to the
+# ITERATIONS=N and FRAMES='--train N --test N' make train shorter or longer; OPTIONS='...' goes to the
 # program of demo, table1, bench, parts, ranks or docs.
 PYTHON ?= python3
 # Hundreds of processes are started by the tests; without compiled files each compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
-CASES ?= 1500
 BIN := .venv/bin
 RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train person arm test kernels docs book site faults lint table1 bench parts ranks clean
+.PHONY: help demo train test kernels docs book site lint table1 bench parts ranks clean
 
 help:
 	@sed -n '/^#/!q; s/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -42,18 +39,6 @@ train: .venv/tools
 	@echo
 	@echo "Pictures: snapshots/hands.png (predicted hands), snapshots/curves.png (the training)."
 	@echo "Train on from here: $(RUN) tools/train.py $(SOLVER) --snapshot $(SNAPSHOT:caffemodel.h5=solverstate.h5)"
-
-person: FRAMES := --train 40000
-arm: FRAMES := --train 5000 --test 1000
-person arm: .venv/tools
-	$(RUN) tools/make_synthetic.py --body prototxt/body/$@_prior.prototxt $(FRAMES)
-	$(RUN) tools/show_data.py data/$@/test.txt --skeleton prototxt/body/$@.prototxt --out data/$@/frames.png
-	$(RUN) tools/train.py prototxt/body/$@_solver.prototxt $(if $(ITERATIONS),--max-iter $(ITERATIONS)) --log snapshots/$@.log
-	$(RUN) tools/test.py $$(ls -t snapshots/$@_iter_*.caffemodel.h5 | head -n 1) --joints \
-		--model prototxt/body/$@_train_test.prototxt --picture snapshots/$@.png
-	$(RUN) tools/plot_log.py snapshots/$@.log --out snapshots/$@_curves.png
-	@echo
-	@echo "Pictures: data/$@/frames.png, snapshots/$@.png (predictions), snapshots/$@_curves.png (the training)."
 
 table1: .venv/tools
 	$(RUN) tools/table1.py $(if $(HOURS),--hours $(HOURS)) $(OPTIONS)
@@ -81,9 +66,6 @@ kernels: .venv/test
 		--dist worksteal tests/docs/test_made.py tests/handpose/fit tests/handpose/estimate \
 		--ignore tests/handpose/fit/joints --ignore tests/handpose/estimate/test_processors.py
 
-faults: .venv/test
-	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")
-
 docs: .venv/tools
 	$(RUN) -m docs.making $(OPTIONS)
 
@@ -97,18 +79,11 @@ else
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict
 endif
 
-# Documents and packages whose spelling and wording codespell checks (setup.cfg, docs/wording.txt). Some words are names
-# in the code.
-WORDED := README.md CHANGELOG.md CONTRIBUTING.md web/README.md docs/*.md docs/book docs/results docs/exercises/README.md models prototxt \
-	tests/caffe/README.md
-WORDED_CODE := netlib layers fast handpose exercises experiments export tools benchmarks docs/making
-NAMES := ledger,mot,nd,trainings
 lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/codespell $(WORDED)
-	$(BIN)/codespell --ignore-words-list $(NAMES) $(WORDED_CODE)
+	$(BIN)/codespell $$(git ls-files '*.py' '*.md' '*.prototxt' | grep -v '^tests/')
 
 .venv/tools .venv/test .venv/docs .venv/dev .venv/bench .venv/mpi: setup.cfg
 	@test -x $(RUN) || $(PYTHON) -m venv .venv

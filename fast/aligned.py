@@ -27,7 +27,7 @@ def zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     return _placed(np.zeros(_bytes(shape, dtype), np.uint8), shape, dtype)
 
 
-def zeros_for(blob: object, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+def zeros_for_blob(shape: tuple[int, ...], dtype: DTypeLike, blob: object) -> NDArray[Any]:
     """An array of zeros for a blob. Raises OutOfMemoryError."""
     size = _bytes(shape, dtype)
     memory.check(size, f"for an array {shape}", blob)

@@ -13,9 +13,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import DTypeLike
 
-from fast import parallel
+from fast import aligned, parallel
 from fast.executor import SlicedExecutor
-from fast.tiles import FastBlob
 from netlib.blob import Array, Blob
 from netlib.building.layer_table import class_at, place_of
 from netlib.engine.plain import Connection, Engine, Executor
@@ -61,8 +60,8 @@ class FastEngine(Engine):
         return fast if issubclass(fast, cls) else cls  # a user's class may have the same name
 
     def blob(self, dtype: DTypeLike) -> Blob:
-        """Create a blob that can be hidden."""
-        return FastBlob((), dtype)
+        """Create a blob of a net, with aligned arrays."""
+        return Blob((), dtype, aligned.zeros_for_blob)
 
     def executor(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> Executor:
         """Create an executor that runs layers in slices where this is faster."""

@@ -18,7 +18,6 @@ from __future__ import annotations
 import weakref
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from typing import cast
 
 import numpy as np
 
@@ -26,11 +25,10 @@ from fast.fast_layer import FastLayer, plain_copy
 from fast.fusing import fuse, release
 from fast.last_pass import LastPass
 from fast.plan import Run, plan, whole
-from fast.shared_memory import share
+from fast.shared_memory import separate, share
 from fast.slices import SlicedStep
-from fast.tiles import FastBlob
 from netlib.blob import Blob
-from netlib.engine.checks import guarded
+from netlib.engine.checks import guarded, run_backward
 from netlib.engine.plain import BackwardHook, Connection, Executor, Step
 from netlib.errors import NetlibError
 from netlib.layer import Layer
@@ -50,8 +48,8 @@ class SlicedExecutor(Executor):
         self._looked = False
         self._by_layer = False
         self._last: LastPass | None = None
-        self._watched: list[FastBlob] = []
-        self._sharing: set[FastBlob] = set()
+        self._watched: list[Blob] = []
+        self._sharing: set[Blob] = set()
         self._may_share = True  # whether blobs have shapes for which sharing was not decided yet
         self._planned_for: list[tuple[bool, bool, tuple[int, ...]]] = []
         self._plan()
@@ -64,8 +62,7 @@ class SlicedExecutor(Executor):
         """
         for at in self.connections:
             for blob in at.top:
-                if isinstance(blob, FastBlob):
-                    blob.on_look = None
+                blob.on_look = None
         release(self.connections) if self._by_layer else fuse(self.connections)
         if self._by_layer:
             runs = [whole(at) for at in self.connections]
@@ -76,7 +73,6 @@ class SlicedExecutor(Executor):
         self.steps, self._planned_for = [_step_of(run) for run in runs], self._item_shapes()
         self._end_sharing()
         for blob in self.hidden():
-            assert isinstance(blob, FastBlob)
             blob.on_look = partial(_look, weakref.ref(self), blob)
 
     def _item_shapes(self) -> list[tuple[bool, bool, tuple[int, ...]]]:
@@ -129,7 +125,7 @@ class SlicedExecutor(Executor):
         still_hidden = {blob for run in runs for blob in run.hidden}
         for blob in step.run.hidden:
             if blob not in still_hidden:
-                cast(FastBlob, blob).on_look = None
+                blob.on_look = None
         return [_step_of(run) for run in runs]
 
     def backward(self, first: int = 0, last: int | None = None, on_done: BackwardHook | None = None) -> None:
@@ -187,7 +183,7 @@ class SlicedExecutor(Executor):
     def _end_sharing(self) -> None:
         """Give every blob separate memory; the next pass shares that of new blobs, unless it runs layer by layer."""
         for blob in self._sharing:
-            blob.separate()
+            separate(blob)
         self._sharing.clear()
         self._may_share = not self._by_layer
 
@@ -233,11 +229,11 @@ class SlicedExecutor(Executor):
         kept = self._last.kept_back if self._last.has_backward else self._last.kept
         for run in [step.run for step in self._last.sliced()]:
             for blob in run.outside("top") if self._last.has_backward else []:
-                if isinstance(blob, FastBlob) and blob.on_look is None and blob not in kept:
+                if blob.on_look is None and blob not in kept:
                     blob.on_look = partial(_keep, weakref.ref(self), blob)
                     self._watched.append(blob)
             for blob in run.outside("bottom"):  # backward does not read their diffs
-                if isinstance(blob, FastBlob) and blob.on_look is None and blob not in kept:
+                if blob.on_look is None and blob not in kept:
                     blob.on_look_data = partial(_keep, weakref.ref(self), blob)
                     self._watched.append(blob)
 
@@ -246,7 +242,7 @@ class SlicedExecutor(Executor):
             blob.on_look = blob.on_look_data = None
         self._watched.clear()
 
-    def keep(self, blob: FastBlob) -> None:
+    def keep(self, blob: Blob) -> None:
         """Copy a blob that a caller is about to access."""
         with_diff = blob.on_look is not None
         blob.on_look = blob.on_look_data = None
@@ -271,17 +267,17 @@ def _look(executor: weakref.ref[SlicedExecutor], blob: Blob) -> None:
     owner.reveal(blob)
 
 
-def _separate(executor: weakref.ref[SlicedExecutor], blob: weakref.ref[FastBlob]) -> None:
+def _separate(executor: weakref.ref[SlicedExecutor], blob: weakref.ref[Blob]) -> None:
     """Callback of a blob with shared memory before its first access after a pass."""
     shared, owner = blob(), executor()
     assert shared is not None
     shared.on_look_data = None
-    shared.separate()
+    separate(shared)
     if owner is not None:
         owner._sharing.discard(shared)
 
 
-def _keep(executor: weakref.ref[SlicedExecutor], blob: FastBlob) -> None:
+def _keep(executor: weakref.ref[SlicedExecutor], blob: Blob) -> None:
     """Callback of an input of a pass before its first access after the pass: copy it."""
     owner = executor()
     if owner is None:
@@ -318,7 +314,7 @@ class WholeStep(Step):
     def backward(self, on_done: BackwardHook | None = None) -> None:
         """Compute the diffs, if needed."""
         if self.at.needs_backward:
-            guarded(self._plain or self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
+            run_backward(self.at, self._plain)
 
     def _now(self) -> list[tuple[int, ...]]:
         """The current shapes of all bottoms and tops, which a caller may have changed."""

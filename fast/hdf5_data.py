@@ -13,7 +13,7 @@ import numpy as np
 
 from fast.fast_layer import FastLayer
 from fast.parallel import Workers
-from fast.tiles import FastBlob
+from fast.shared_memory import adopt
 from layers.data.hdf5_data import Cursor, HDF5Data
 from netlib.blob import Array, Blobs
 from netlib.system.one_thread import call_after_fork
@@ -47,12 +47,8 @@ class FastHDF5Data(FastLayer, HDF5Data):
         self._ahead = None  # if it failed, the next forward tries again
         self.cursor = ahead.result()
         for i, blob in enumerate(top):
-            read, used = self._next[i], blob.data
-            if isinstance(blob, FastBlob):
-                blob.adopt(read)
-                self._next[i] = used
-            else:  # a layer run alone
-                used[...] = read
+            read, self._next[i] = self._next[i], blob.data
+            adopt(blob, read)
         self._ahead = self._reader.submit(self.read, self.cursor, self._next)
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -11,7 +11,6 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 
 from fast.slices import SlicedStep
-from fast.tiles import FastBlob
 from netlib.blob import Array, Blob
 from netlib.engine.plain import Step
 
@@ -40,9 +39,11 @@ class LastPass:
         """The steps that ran in slices."""
         return [step for step in self.steps if isinstance(step, SlicedStep)]
 
-    def keep(self, blob: FastBlob, with_diff: bool) -> None:
+    def keep(self, blob: Blob, with_diff: bool) -> None:
         """Copy a blob that a caller is about to access."""
-        data, diff = blob.copies(with_diff)
+        data, diff = (
+            None if array is None else array.copy() for array in (blob._data, blob._diff if with_diff else None)
+        )
         if data is not None:
             self.kept.setdefault(blob, data)
         if self.has_backward:
@@ -69,7 +70,7 @@ class LastPass:
         changed = self._changed()
         with ExitStack() as stack:
             for blob in changed:
-                stack.enter_context(blob.holding(self._input(blob), shape=self._shapes[blob]))
+                stack.enter_context(_holding(blob, self._input(blob), shape=self._shapes[blob]))
             yield bool(changed)
 
     def _input(self, blob: Blob) -> Array | None:
@@ -82,22 +83,42 @@ class LastPass:
         with ExitStack() as stack:
             _hold(stack, old.weights)
             for blob in read:
-                stack.enter_context(blob.holding(self._input(blob)))
+                stack.enter_context(_holding(blob, self._input(blob)))
             for blob in written:
-                stack.enter_context(blob.holding(data=blob.data.copy()))
+                stack.enter_context(_holding(blob, data=blob.data.copy()))
             for step in steps:
                 step.forward()
         if self.has_backward:
             with ExitStack() as stack:
                 _hold(stack, old.weights_back)
                 for blob in [*read, *written]:
-                    stack.enter_context(blob.holding(*self.kept_back.get(blob, (None, None))))
+                    stack.enter_context(_holding(blob, *self.kept_back.get(blob, (None, None))))
                 for blob in [*read, *(param for param, _ in old.weights_back)]:
-                    stack.enter_context(blob.holding(diff=blob.diff.copy()))
+                    stack.enter_context(_holding(blob, diff=blob.diff.copy()))
                 for step in reversed(steps):
                     step.backward()
 
 
 def _hold(stack: ExitStack, weights: Iterable[tuple[Blob, Array]]) -> None:
     for param, values in weights:
-        stack.enter_context(param.holding(data=values))
+        stack.enter_context(_holding(param, data=values))
+
+
+@contextmanager
+def _holding(
+    blob: Blob, data: Array | None = None, diff: Array | None = None, shape: tuple[int, ...] | None = None
+) -> Iterator[None]:
+    """Temporarily replace data and diff of a blob; with a shape, one that is not given is new. Blobs that share its
+    memory are not affected.
+    """
+    before = blob._shape, blob._owner, blob._data, blob._diff_owner, blob._diff
+    if shape is not None:
+        blob._shape, blob._owner, blob._data, blob._diff_owner, blob._diff = shape, None, None, None, None
+    if data is not None:
+        blob._owner, blob._data = None, data
+    if diff is not None:
+        blob._diff_owner, blob._diff = None, diff
+    try:
+        yield
+    finally:
+        blob._shape, blob._owner, blob._data, blob._diff_owner, blob._diff = before

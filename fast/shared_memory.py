@@ -10,26 +10,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeGuard
 
-from fast.tiles import FastBlob
+from fast import aligned
 from layers.common.concat import Concat
 from layers.common.slice import Slice
 from layers.common.split import Split
-from netlib.blob import Blob, Blobs
+from netlib.blob import Array, Blob, Blobs
 from netlib.engine.plain import Connection
 
-Place = tuple[FastBlob, int]  # another blob, and the position of the first value there
+Place = tuple[Blob, int]  # another blob, and the position of the first value there
 
 
-def share(connections: Sequence[Connection], is_free: Callable[[Blob], bool]) -> set[FastBlob]:
+def share(connections: Sequence[Connection], is_free: Callable[[Blob], bool]) -> set[Blob]:
     """Let blobs of these layers share memory; returns those that do. ``is_free`` is false for blobs that must not."""
     last_writers = {blob: number for number, at in enumerate(connections) for blob in at.top}
-    places: dict[FastBlob, Place] = {}
+    places: dict[Blob, Place] = {}
     for number, at in reversed(list(enumerate(connections))):  # what is behind a blob decides where it is
 
-        def is_kept(blob: Blob, number: int = number) -> TypeGuard[FastBlob]:
-            return last_writers[blob] <= number and isinstance(blob, FastBlob) and blob.is_untouched() and is_free(blob)
+        def is_kept(blob: Blob, number: int = number) -> bool:
+            return last_writers[blob] <= number and _is_untouched(blob) and is_free(blob)
 
         layer = at.layer
         if type(layer) is Split and is_kept(source := at.bottom[0]):
@@ -48,8 +47,27 @@ def share(connections: Sequence[Connection], is_free: Callable[[Blob], bool]) ->
         while whole in places:
             whole, position = places[whole]
             first += position
-        part.adopt(whole.data.reshape(-1)[first : first + part.count].reshape(part.shape))
+        adopt(part, whole.data.reshape(-1)[first : first + part.count].reshape(part.shape))
     return {*places, *(whole for whole, _ in places.values())}
+
+
+def adopt(blob: Blob, data: Array) -> None:
+    """Use ``data`` as the data of a blob, without a copy. Raises ValueError for another shape or dtype."""
+    if data.shape != blob.shape or data.dtype != blob.dtype:
+        raise ValueError(f"expected an array {blob.shape} of {blob.dtype}, not {data.shape} of {data.dtype}")
+    blob._data = data
+
+
+def separate(blob: Blob) -> None:
+    """Give a blob that shares memory its own, with the same values."""
+    if blob._data is not None:
+        shared, blob._data = blob._data, aligned.empty(blob.shape, blob.dtype)
+        blob._data[...] = shared
+
+
+def _is_untouched(blob: Blob) -> bool:
+    """Whether the blob has values, but no data yet, and no other blob's."""
+    return blob.count > 0 and blob._data is None and blob.owns_memory
 
 
 def _with_positions(parts: Blobs) -> Iterator[tuple[Blob, int]]:

@@ -1,4 +1,4 @@
-"""Blobs of the fast engine: tiled, sparse, and accessed by the caller.
+"""Blobs in tiles, of which only some may be stored.
 
 A blob inside a slice of the batch (slices.py) may be *tiled*: its arrays then have the shape
 ``(R, T, C, N, P)`` instead of ``(N, C, H, W)``, and the value of row h, column w, channel c, image n is at
@@ -13,10 +13,8 @@ all others, such as those over the background of a depth image, each channel has
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from fast import aligned
 from netlib.blob import Array, Blob
 
 
@@ -42,22 +40,18 @@ class SparseTiles:
 
 
 class FastBlob(Blob):
-    """A blob of a net, or of one slice.
+    """A blob of one slice, which may be tiled.
 
     tile           T if the arrays are tiled (see the module), else None
     pitch          columns stored per row if tiled, T * P
     may_be_sparse  whether both users of a tiled blob support sparse windows
     sparse         the stored windows, which replace ``data`` and ``diff``, or None
-    on_look        called before the first access to data or diff
-    on_look_data   called before the first access to data
     """
 
     tile: int | None = None
     pitch: int = 0
     may_be_sparse: bool = False
     sparse: SparseTiles | None = None
-    on_look: Callable[[], None] | None = None
-    on_look_data: Callable[[], None] | None = None
 
     @property
     def storage_shape(self) -> tuple[int, ...]:
@@ -66,48 +60,6 @@ class FastBlob(Blob):
             return self._shape
         (N, C, H, _), T = self._shape, self.tile
         return (-(-H // T) * T, T, C, N, self.pitch // T)
-
-    @property
-    def data(self) -> Array:
-        """The values."""
-        while self.on_look is not None:  # stores a hidden blob; then on_look may copy it
-            self.on_look()
-        if self.on_look_data is not None:
-            self.on_look_data()
-        if self._data is None and self._owner is None:
-            self._data = aligned.zeros_for(self, self._shape, self.dtype)
-        # Without super() where possible: a pass of one image has 60 accesses.
-        return super().data if self._data is None else self._data.view()
-
-    @property
-    def diff(self) -> Array:
-        """Gradient of the loss with respect to the values."""
-        while self.on_look is not None:
-            self.on_look()
-        if self._diff is None and self._diff_owner is None:
-            self._diff = aligned.zeros_for(self, self._shape, self.dtype)
-        return super().diff if self._diff is None else self._diff.view()
-
-    def copies(self, of_diff: bool) -> tuple[Array | None, Array | None]:
-        """Return copies of data and, with ``of_diff``, of diff; None if an array is not allocated."""
-        data, diff = self._data, self._diff if of_diff else None
-        return None if data is None else data.copy(), None if diff is None else diff.copy()
-
-    def is_untouched(self) -> bool:
-        """Whether the blob has values, but no data yet, and no other blob's."""
-        return self.count > 0 and self._data is None and self._owner is None and self.tile is None
-
-    def separate(self) -> None:
-        """Use separate memory, with the same values."""
-        if self._data is not None:
-            shared, self._data = self._data, aligned.empty(self._shape, self.dtype)
-            self._data[...] = shared
-
-    def adopt(self, data: Array) -> None:
-        """Use ``data`` as the blob's data, without a copy. Raises ValueError for another shape or dtype."""
-        if data.shape != self._shape or data.dtype != self.dtype:
-            raise ValueError(f"expected an array {self._shape} of {self.dtype}, not {data.shape} of {data.dtype}")
-        self._data = data
 
 
 def tile_of(blob: Blob) -> int | None:

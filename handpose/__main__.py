@@ -12,6 +12,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 
@@ -123,7 +124,7 @@ def _run(path: Path) -> None:
     module = ModuleType("__main__")
     module.__file__ = str(path)
     sys.modules["__main__"] = module
-    exec(compile(path.read_bytes(), str(path), "exec"), vars(module))
+    SourceFileLoader("__main__", str(path)).exec_module(module)
 
 
 if __name__ == "__main__":

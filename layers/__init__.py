@@ -89,7 +89,6 @@ LAYER_TYPES = LayerTable(
         "Threshold": "activation.threshold.Threshold",
         "Tile": "common.tile.Tile",
         "Upsample": "vision.upsample.Upsample",  # from SegNet
-        "WindowData": "data.window_data.WindowData",
     }
 )
 

@@ -7,8 +7,7 @@ takes no memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -18,19 +17,29 @@ from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError
 
 Array = NDArray[Any]
+Zeros = Callable[[tuple[int, ...], DTypeLike, object], Array]  # allocates the array of a blob
 MAX_AXES = 32  # same limit as Caffe
 
 
 class Blob:
     """An array and the gradient of the loss with respect to it.
 
-    shape    shape of both arrays
-    data     values
-    diff     dL/d(data)
+    shape          shape of both arrays
+    data           values
+    diff           dL/d(data)
+    on_look        called before an access to data or diff; it computes values that an engine has not stored
+    on_look_data   called before an access to data
+
+    Engines have no subclass for the blobs of a net: scripts of pycaffe compare ``type(blob)`` with this class.
     """
 
-    def __init__(self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32) -> None:
-        self.dtype = np.dtype(dtype)
+    on_look: Callable[[], None] | None = None
+    on_look_data: Callable[[], None] | None = None
+
+    def __init__(
+        self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32, zeros: Zeros = memory.zeros
+    ) -> None:
+        self.dtype, self._zeros = np.dtype(dtype), zeros
         self._shape = self._checked(tuple(int(n) for n in shape))
         self._data: Array | None = None
         self._diff: Array | None = None
@@ -60,19 +69,25 @@ class Blob:
     @property
     def data(self) -> Array:
         """The values: at each access another array of this memory, whose own shape and flags may be changed."""
+        while self.on_look is not None:  # stores a hidden blob; then on_look may copy it
+            self.on_look()
+        if self.on_look_data is not None:
+            self.on_look_data()
         if self._owner is not None:
             return self._owner.data.reshape(self._shape)
         if self._data is None:
-            self._data = memory.zeros(self._shape, self.dtype, self)
+            self._data = self._zeros(self._shape, self.dtype, self)
         return self._data.view()
 
     @property
     def diff(self) -> Array:
         """Gradient of the loss with respect to the values; an array as for ``data``."""
+        while self.on_look is not None:
+            self.on_look()
         if self._diff_owner is not None:
             return self._diff_owner.diff.reshape(self._shape)
         if self._diff is None:
-            self._diff = memory.zeros(self._shape, self.dtype, self)
+            self._diff = self._zeros(self._shape, self.dtype, self)
         return self._diff.view()
 
     def reshape(self, *shape: Any) -> None:
@@ -111,25 +126,6 @@ class Blob:
             owner = owner._owner
         if owner is not self:
             self._owner, self._data = owner, None
-
-    @contextmanager
-    def holding(
-        self, data: Array | None = None, diff: Array | None = None, shape: tuple[int, ...] | None = None
-    ) -> Iterator[None]:
-        """Temporarily replace ``data`` and ``diff``; with a shape, one that is not given is new. Blobs that share this
-        one's memory are not affected.
-        """
-        before = self._shape, self._owner, self._data, self._diff_owner, self._diff
-        if shape is not None:
-            self._shape, self._owner, self._data, self._diff_owner, self._diff = shape, None, None, None, None
-        if data is not None:
-            self._owner, self._data = None, data
-        if diff is not None:
-            self._diff_owner, self._diff = None, diff
-        try:
-            yield
-        finally:
-            self._shape, self._owner, self._data, self._diff_owner, self._diff = before
 
     # Caffe's names for the first four axes
     @property
@@ -180,7 +176,7 @@ class Blobs(list[Blob]):
         return blob
 
 
-class ParameterBlobs(Blobs):
+class BlobVec(Blobs):
     """The parameters of a layer: ``net.params["fc"][0] = blob`` lets the parameter share the memory of the blob."""
 
     def __setitem__(self, index: Any, blob: Any) -> None:

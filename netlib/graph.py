@@ -16,7 +16,7 @@ from netlib.building import create
 from netlib.engine.checks import guarded
 from netlib.engine.plain import Connection, Engine
 from netlib.errors import LayerError, did_you_mean
-from netlib.layer import Layer
+from netlib.layer import Layer, check_backward
 from netlib.params import Parameters
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, NetParameter
@@ -74,6 +74,10 @@ class Graph:
         self.learnable = self._parameters.learnable
         self.outputs = sorted(self._unread)  # Caffe's order
         self._decide_backward(param.force_backward)
+        if phase == "TRAIN":
+            for at in self.connections:
+                if at.needs_backward:
+                    check_backward(at.layer, at.propagate_down)
         self._note_overwritten_tops()
 
     # ------------------------------------------------------------------------------------------ layer by layer

@@ -14,6 +14,7 @@ layer type; a layer of your own needs none of them.
 
 from __future__ import annotations
 
+import difflib
 import logging
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -21,7 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import DTypeLike
 
-from netlib.blob import Blob, Blobs, ParameterBlobs
+from netlib.blob import Blob, Blobs, BlobVec
 from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
 from netlib.proto import schema
@@ -69,7 +70,7 @@ class Layer:
         self.spec, self.source = spec, schema.position_of(spec).source
         self.name, self.type, self.phase = spec.name, spec.type, PHASES[phase]
         self.rng, self.dtype = rng, np.dtype(dtype)
-        self.blobs: Blobs = ParameterBlobs(dtype=self.dtype)
+        self.blobs: Blobs = BlobVec(dtype=self.dtype)
         options = PythonParameter if spec.type == "Python" else self.param_type
         self.param: Any = self.read_block(block_name(type(self), spec.type), options)
         self.param_str: str = self.param.param_str if spec.type == "Python" else ""
@@ -90,6 +91,7 @@ class Layer:
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Write the diffs of the bottoms and add to the diffs of the parameters."""
+        check_backward(self, propagate_down)
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
         """Set what forward stores for backward to its value before the first forward in Caffe, mostly zeros.
@@ -139,6 +141,18 @@ class Layer:
         if not -n <= axis < n:
             raise self.fail(f"{what} {axis} is out of range for a blob of {n} axes {blob.shape}", what)
         return axis % n
+
+
+def check_backward(layer: Layer, propagate_down: Sequence[bool]) -> None:
+    """Raise LayerError if the layer has to compute a gradient and its class defines no ``backward``."""
+    is_defined = getattr(layer.backward, "__func__", None) is not Layer.backward
+    if is_defined or not (any(propagate_down) or layer.blobs):
+        return
+    cls = type(layer)
+    near = difflib.get_close_matches("backward", [name for name in dir(cls) if not hasattr(Layer, name)], n=1)
+    advice = f"rename its method {near[0]!r}" if near else "define it, or set propagate_down: false for each bottom"
+    raise layer.fail(f"class {cls.__module__}.{cls.__qualname__} defines no backward, so nothing before this layer "
+                     f"would be trained, and none of its own parameters; {advice}")
 
 
 def forward_aside(layer: Layer, bottom: Blobs, top: Blobs) -> None:

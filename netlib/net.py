@@ -110,6 +110,7 @@ class Net:
         self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff array that holds its weight
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
         self.executor = self.engine.executor(self.connections, outside, self.name)
+        self._seed_losses()
         if weights is not None:
             _, missing = self.copy_from(weights)
             if missing:
@@ -237,6 +238,7 @@ class Net:
     def reshape(self) -> None:
         """Reshape all blobs after an input blob was reshaped."""
         self.executor.reshape()
+        self._seed_losses()
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""

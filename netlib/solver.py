@@ -31,7 +31,7 @@ from netlib.proto import schema
 from netlib.proto.messages import NetParameter, NetState, SolverParameter
 from netlib.snapshots import hdf5_format, snapshot, weights
 from netlib.training import report, solver_parameter
-from netlib.training.callbacks import Callback, Request, Rollback
+from netlib.training.callbacks import Callback, GradientWarning, Request, Rollback
 from netlib.training.resume import extra_state, restore_state, state_of
 from netlib.updates import Update, learning_rate, steps_taken
 
@@ -53,7 +53,8 @@ class Solver:
     iter          number of updates made
     update        applies gradients to the weights (updates.py); its history has, per parameter, the arrays of the rule
     smoothed      the losses of the last average_loss iterations
-    callbacks     the work attached to this solver; those given, then ``Rollback``, then those that are appended
+    callbacks     the work attached to this solver; those given, ``Rollback``, ``GradientWarning``, then those
+                  that are appended
     requested     may be set to "stop" or "snapshot" at any time, by a signal handler or another thread; it takes effect
                   after the current iteration, or after the current batch of a test
     """
@@ -70,7 +71,7 @@ class Solver:
         callbacks: Sequence[Callback] = (),
     ) -> None:
         self.param, self.source = solver_parameter.checked(param), source
-        self.callbacks: list[Callback] = [*callbacks, Rollback()]
+        self.callbacks: list[Callback] = [*callbacks, Rollback(), GradientWarning()]
         self.requested: Request | None = None
         self.seed = self._choose_seed(seed)
         self.engine = engines.get(engine)
@@ -189,7 +190,6 @@ class Solver:
                     self._display()
                 self._call("on_gradients_ready")
                 self.apply_update()
-                self.iter += 1
                 self._call("on_update")
                 if not self._meet_requests():
                     return self._stop()
@@ -285,7 +285,7 @@ class Solver:
         return float(np.mean(self.smoothed)) if self.smoothed else float("nan")
 
     def apply_update(self) -> None:
-        """Update the weights from their gradients, at the learning rate of this iteration."""
+        """Update the weights from their gradients, at the learning rate of this iteration, and count it."""
         rate = learning_rate(self.param, self.iter)
         if self.param.lr_policy == "multistep":
             before, now = (steps_taken(self.param, i) for i in (self.iter - 1, self.iter))
@@ -294,6 +294,7 @@ class Solver:
         if self._display_is_due():
             log.info("Iteration %d, lr = %.6g", self.iter, np.float32(rate))
         self.update.apply(rate, self.iter + 1)
+        self.iter += 1
 
     # ------------------------------------------------------------------------------------------ display and test
 

@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
             return findings.draw_first(seen, predictor, args.look)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args))
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
-        outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
+        outputs, status = Outputs(args, tracker.header(recording.name), recording.rate, recording.live), DONE
         try:
             with Stopper() as stopper:
                 _track(recording, seen, tracker, outputs, summary, stopper, args.frames)

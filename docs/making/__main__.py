@@ -15,7 +15,7 @@ from netlib.errors import NetlibError
 from netlib.files.paths import ROOT
 from tools.common.arguments import parser_of
 
-# Pages for the browser are not in git, as they contain copies of web/; all else is, as code hosts show it.
+# Pages for the browser are not in git, because they contain copies of their sources.
 BUILT: dict[str, Callable[[], Iterator[Made]]] = {"hand_page": hand_page.made, "pages": pages.made}
 PIECES: dict[str, Callable[[], Iterator[Made]]] = {
     "documents": documents.made, "figures": figures.made, "pictures": pictures.made, "frames": frames.made, **BUILT,

@@ -1,13 +1,14 @@
-"""docs/hand.html: the packaged hand as a page for the browser, with the gestures that have a name, and other bodies."""
+"""docs/hand.html: the packaged hand as a page for the browser, with its named poses, and other bodies."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from docs.making.made import Made
-from handpose.output.drawing.page.assembly import page
-from handpose.output.drawing.page.content import body, content
+from handpose.output.hand_page.assembly import page
+from handpose.output.hand_page.content import body, content
 from handpose.sequences.gestures import poses
+from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
@@ -31,11 +32,11 @@ def made() -> Iterator[Made]:
 
 
 def _page() -> bytes:
-    sampler = BodySampler()
-    data = content(sampler.skeleton, poses=poses(sampler))
+    hand, nyu = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR)), BodySampler()
     arm = Skeleton(schema.read(prototxt.parse(ARM, "arm.prototxt"), SkeletonParameter))
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
-    data["bodies"] = [
-        body("hand", sampler.skeleton), body("arm", arm), body("person", person, PERSON_UNIT_MM),
+    bodies = [
+        body("hand", hand.skeleton, poses(hand)), body("nyu", nyu.skeleton, poses(nyu)), body("arm", arm),
+        body("person", person, unit_mm=PERSON_UNIT_MM),
     ]
-    return page("The hand", data).encode()
+    return page("The hand", content(bodies)).encode()

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 PICTURE = ROOT / "docs" / "images" / "hand_page.png"
 SIZE: Any = {"width": 1280, "height": 800}  # playwright has a type for it, if installed
 SHOWN = """async () => {
-  const { body, data, stage } = hand, { dofs, joints } = body.skeleton;
-  const pose = Object.entries({ ...data.poses.point, palm_rot_y: 0.5 });
-  body.move(Object.fromEntries(pose.map(([name, value]) => [dofs.indexOf(name), value])));
-  body.push(joints.indexOf("index_tip"), [13, 4, -9]);
-  stage.viewer.turn(-20, 10);
+  const { body, data, view } = hand, { dofs, joints } = body.skeleton;
+  const pose = Object.entries({ ...data.bodies[0].poses.point, palm_rot_y: 0.5 });
+  body.setInputs(Object.fromEntries(pose.map(([name, value]) => [dofs.indexOf(name), value])));
+  body.applyForce(joints.indexOf("index_tip"), [13, 4, -9]);
+  view.camera.rotate(-20, 10);
   await new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)));
-  stage.draw(2); // finely
+  view.draw(2); // in high resolution
 }"""
 
 

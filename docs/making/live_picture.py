@@ -31,14 +31,14 @@ def taken(browser: Browser, frames: int = FRAMES) -> bytes:
     tracker = load_tracker(NYU, surface=True)
     header = tracker.header("takes/both")
     messages = Messages(header, gestures=True)
+    tracked = [(frame.depth, tracker.step(frame)) for frame, _ in zip(recording, range(frames))]
     with LiveServer("127.0.0.1", 0, messages.header, page(header)) as server:
         tab = browser.new_page(viewport=SIZE, color_scheme="light")
         tab.goto(server.page_url)
-        for frame, _ in zip(recording, range(frames)):
-            found = tracker.step(frame)
-            server.put(VIEWS, messages.view(messages.record(found), frame.depth, found))
-            tab.locator("#state").filter(has_text=re.compile(rf"^frame {frame.number}, ")).wait_for()
-        tab.evaluate("live.stage.viewer.turn(-40, 15), live.stage.draw(2)")
+        for depth, found in tracked:
+            server.put(VIEWS, messages.view(messages.record(found), depth, found))
+            tab.locator("#state").filter(has_text=re.compile(rf"^frame {found.number}, ")).wait_for()
+        tab.evaluate("live.view.camera.rotate(-40, 15), live.view.draw(2)")
         try:
             return tab.screenshot()
         finally:

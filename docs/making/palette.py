@@ -14,7 +14,7 @@ LINE, INK = "#999999", "#222222"
 AXES = ("#cc3311", "#117733", "#2166ac")  # x, y, z of a frame
 FINGERS = {"thumb": "#cc3311", "index": "#dd7700", "middle": "#117733", "ring": "#2166ac", "little": "#882299"}
 PALM = "#555555"
-# The same colours on a dark page (web/book/common.css has those of the pages): of lines and letters, and of areas.
+# The same colours on a dark page, of lines and letters, and of areas; docs/book/pages/common.css repeats some of them.
 DARK = {
     "#000000": "#e7eaf0", INK: "#e7eaf0", DATA: "#7fb2f0", DIFF: "#f0954d", NEGATIVE: "#7fb2f0", THIRD: "#4fb06d",
     FOURTH: "#c583d8", REST: "#98a2b3", PALM: "#b4bac4", FINGERS["thumb"]: "#f0705a",

@@ -1,19 +1,15 @@
-"""Export of a trained net to ONNX, and comparison of a runtime's outputs with the net's."""
+"""Export of a trained net to ONNX."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from export.onnx.graph import PRODUCER, Graph, Place, Shape, Translation, package, symbolic
+from export.onnx.graph import PRODUCER, Graph, Place, Shape, Translation, symbolic
 from export.onnx.table import LAYERS
 from handpose.estimate.nets import cube_of, hand_layer, trained
 from layers.hand.hand_model import HandModel
-from netlib.blob import Array
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.layer import Layer
 from netlib.net import Net
@@ -147,78 +143,3 @@ def shapes_of(net: Net) -> Shapes:
                                 "one axis that depends on the number of items")
         shapes.append((known[0], known[1]))
     return shapes
-
-
-def differences(image: bytes, net: Net, batches: Sequence[int]) -> dict[str, float]:
-    """Return, per output of the file, the largest difference between onnxruntime and the net, relative to the output's
-    largest value.
-
-    Inputs are random in [-1, 1], with these batch sizes. Detections are compared with those that the net's layer
-    selects from onnxruntime's locations and confidences, whose differences are returned, too: of confidences that are
-    equal up to rounding, either may come first. Raises NetlibError.
-    """
-    runtime = package("onnxruntime")
-    options = runtime.SessionOptions()
-    options.log_severity_level = 3  # errors only
-    detectors = {at.layer.spec.top[0]: at for at in net.connections if at.layer.type == "DetectionOutput"}
-    image = _with_outputs(image, [name for at in detectors.values() for name in at.layer.spec.bottom])
-    session = runtime.InferenceSession(image, options, providers=["CPUExecutionProvider"])
-    rng, names = np.random.default_rng(0), [output.name for output in session.get_outputs()]
-    worst = dict.fromkeys(names, 0.0)
-    for batch in batches:
-        inputs: dict[str, Any] = {name: _random(net, name, batch, rng) for name in net.inputs}
-        found = dict(zip(names, session.run(names, inputs)))
-        expected = net.forward(blobs=names, **inputs)
-        for name in found.keys() - detectors.keys():
-            worst[name] = max(worst[name], difference(found[name], expected[name]))
-        for name, at in detectors.items():
-            for blob, bottom in zip(at.bottom, at.layer.spec.bottom):
-                blob.data[...] = found.get(bottom, blob.data)
-            at.layer.forward(at.bottom, at.top)
-            worst[name] = max(worst[name], difference(found[name], at.top[0].data))
-    return worst
-
-
-def _with_outputs(image: bytes, names: Sequence[str]) -> bytes:
-    """Make those of the named values outputs that operators compute."""
-    if not names:
-        return image
-    onnx = package("onnx")
-    model = onnx.load_from_string(image)
-    there = [output.name for output in model.graph.output]
-    for node in model.graph.node:
-        for name in node.output:
-            if name in names and name not in there:
-                typed = onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
-                model.graph.output.append(typed)
-    made: bytes = model.SerializeToString()
-    return made
-
-
-def difference(y: Array, expected: Array) -> float:
-    """Return the largest difference relative to the largest finite expected value; inf if shapes or non-finite values
-    differ.
-    """
-    if y.shape != expected.shape:
-        return np.inf
-    with np.errstate(invalid="ignore"):
-        error = np.abs(y - expected)
-    error = np.where((y == expected) | (np.isnan(y) & np.isnan(expected)), 0, error)
-    error = np.where(np.isnan(error), np.inf, error)
-    scale = np.abs(expected[np.isfinite(expected)]).max(initial=0)
-    return float(error.max(initial=0) / (scale or 1))
-
-
-def _random(net: Net, name: str, batch: int, rng: np.random.Generator) -> Array:
-    """Return random values for an input: in [-1, 1], or integers for a layer that reads indices."""
-    shape = (batch, *net.blobs[name].shape[1:])
-    names = {name}
-    for layer in net.layers:
-        spec: Any = layer.spec
-        if layer.type == "Split" and spec.bottom[0] in names:
-            names.update(spec.top)
-        if layer.type == "Embed" and spec.bottom[0] in names:
-            return rng.integers(0, layer.param.input_dim, shape).astype(np.float32)
-        if layer.type == "BatchReindex" and spec.bottom[1] in names:
-            return rng.integers(0, batch, shape).astype(np.float32)
-    return rng.uniform(-1, 1, shape).astype(np.float32)

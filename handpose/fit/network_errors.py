@@ -97,7 +97,7 @@ def read_errors(path: str | Path | Content, model: CapsuleModel) -> NetworkError
     with hdf5.opened(path, f"the group {GROUP!r}") as file:
         if GROUP not in file:
             return unknown_errors(model)
-        found = {name: np.asarray(item, dtype=np.float64) for name, item in hdf5.members(file[GROUP])}
+        found = {name: np.asarray(item, dtype=np.float64) for name, item in file[GROUP].items()}
     limbs = found.pop(LIMBS, np.zeros(0))
     L = len(model.limbs)
     if limbs.shape != (L, L) or not _is_covariance(limbs):

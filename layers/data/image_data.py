@@ -156,9 +156,9 @@ def read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
         name, space, label = line.rpartition(" ")
         if not space and "\t" in line:
             raise DataError(f"{path}:{number}: found a tab between path and label; expected a space, as in Caffe")
-        if not space:
-            name, label = line, ""
-        label = label.strip() or "0"  # Caffe's default label
+        label = label.strip()
+        if not space or not label:
+            raise DataError(f"{path}:{number}: {line.strip()!r} has no label; expected 'path label'")
         if not re.fullmatch(r"[+-]?\d{1,10}", label):
             raise DataError(f"{path}:{number}: the label {label!r} is not a whole number; expected 'path label'")
         if not -(2**31) <= int(label) < 2**31:

@@ -47,9 +47,8 @@ def create(
         cls = implementation(class_of(spec.type, len(spec.bottom)))
     else:
         advice = type_advice(spec.type, types)
-        known = ", ".join(sorted([*types, "Python"]))
-        own = "a layer of your own has the type Python (docs/net.md)"
-        raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}; {own}")
+        raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; docs/layers.md lists all; a layer of "
+                                   "your own has the type Python")
     own = block_name(cls, spec.type)
     _check_blocks(spec, own)
     layer = _new(cls, spec, phase, rng, dtype)

@@ -1,6 +1,6 @@
 """pycaffe's interface: ``import netlib.caffe as caffe``, or ``netlib.install_as_caffe()`` and ``import caffe``.
 
-Net, Layer and the solvers are those of netlib with pycaffe's additional methods. NetSpec, io, Classifier, Detector and
+Net, Layer and the solvers are those of netlib with pycaffe's additional methods. NetSpec, io, Classifier and
 draw are modules of this package; NetSpec, draw and caffe_pb2 need the package protobuf. Everything runs on the CPU;
 requests for a GPU only log a warning.
 """
@@ -35,7 +35,6 @@ from netlib.caffe._caffe import (
     solver_rank,
 )
 from netlib.caffe.classifier import Classifier
-from netlib.caffe.detector import Detector
 from netlib.caffe.images import blob_from_image, blob_from_images
 from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
 
@@ -48,7 +47,6 @@ __all__ = [
     "AdaGradSolver",
     "AdamSolver",
     "Classifier",
-    "Detector",
     "Layer",
     "NesterovSolver",
     "Net",

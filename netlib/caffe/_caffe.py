@@ -1,11 +1,11 @@
 """caffe._caffe: the names of pycaffe's compiled module, from which scripts and Python layers import.
 
-The vectors of C++ are Python lists here; blobs of a layer are a list with ``add_blob``.
+A script may compare classes by identity, ``type(net.params["fc1"]) is caffe._caffe.BlobVec``, so these names are the
+classes of the objects. Vectors of numbers, strings, layers and nets are Python lists.
 """
 
 from netlib import Layer, layer_type_list, set_mode_cpu, set_mode_gpu, set_random_seed
-from netlib.blob import Blob
-from netlib.blob import Blobs as BlobVec
+from netlib.blob import Blob, BlobVec
 from netlib.blob import Blobs as RawBlobVec
 from netlib.caffe.process import (
     NCCL,
@@ -29,9 +29,10 @@ from netlib.caffe.pycaffe import (
     RMSPropSolver,
     SGDSolver,
     Solver,
+    SolverParameter,
     get_solver,
 )
-from netlib.proto.messages import LayerParameter, SolverParameter
+from netlib.proto.messages import LayerParameter
 
 BoolVec = DtypeVec = IntVec = LayerVec = NetVec = StringVec = list
 __version__ = "1.0.0"  # version of Caffe whose interface this is

@@ -16,7 +16,7 @@ or, if the block lacks them, of the layer itself. A list is a repeated field, a 
 from __future__ import annotations
 
 import functools
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -206,10 +206,10 @@ def param_name_dict() -> dict[str, str]:
 class NetSpec:
     """A net whose tops are named by the attributes, or items, that they are assigned to."""
 
-    tops: dict[str, Any]
+    tops: OrderedDict[str, Any]
 
     def __init__(self) -> None:
-        object.__setattr__(self, "tops", {})
+        object.__setattr__(self, "tops", OrderedDict())
 
     def __setattr__(self, name: str, value: Any) -> None:
         self.tops[name] = value

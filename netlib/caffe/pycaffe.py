@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from netlib import net as core
-from netlib.blob import Array, Blob
+from netlib.blob import Array, Blob, BlobVec
 from netlib.engine.plain import BackwardHook, Connection, Executor
 from netlib.errors import LayerError
 from netlib.graph import AUTOMATIC
-from netlib.proto import schema
-from netlib.proto.messages import SolverParameter
+from netlib.proto import messages, schema
 from netlib.snapshots import weights as weights_of
 from netlib.snapshots.snapshot import write_weights
 from netlib.solver import Solver as CoreSolver
@@ -45,7 +44,8 @@ class Net(core.Net):
             log.warning("Net(file, weights, phase) is pycaffe's older form; expected Net(file, phase, weights=...)")
         super().__init__(network_file, **dict(zip(names, args)), **options)
         self._hooks: dict[str, list[Hook]] = {}
-        self.blobs = dict(self._numbered)  # with the unnamed top of a loss layer, so that the numbers are positions
+        self.blobs = OrderedDict(self._numbered)  # with unnamed tops of losses, so that the numbers are positions
+        self.params, self.layer_dict = OrderedDict(self.params), OrderedDict(self.layer_dict)
 
     # ------------------------------------------------------------------------------------------ names and weights
 
@@ -74,8 +74,8 @@ class Net(core.Net):
         return [name for name, _ in self._numbered]
 
     @property
-    def _blobs(self) -> list[Blob]:
-        return [blob for _, blob in self._numbered]
+    def _blobs(self) -> BlobVec:
+        return BlobVec((blob for _, blob in self._numbered), self.dtype)
 
     def _bottom_ids(self, layer: int) -> list[int]:
         """Numbers of the bottoms of a layer."""
@@ -273,7 +273,7 @@ READ_ONCE = (
 )
 
 
-class Options:
+class SolverParameter:
     """The options of a solver, which can be changed during training: ``solver.param.base_lr = 0.01``."""
 
     def __init__(self, solver: Solver) -> None:
@@ -309,10 +309,10 @@ class Solver(CoreSolver):
     @property
     def param(self) -> Any:
         """The options, which can be changed."""
-        return Options(self)
+        return SolverParameter(self)
 
     @param.setter
-    def param(self, value: SolverParameter) -> None:
+    def param(self, value: messages.SolverParameter) -> None:
         self._param = value
 
     @property

@@ -7,13 +7,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from netlib.blob import Blob, Blobs
 from netlib.errors import NetlibError
-from netlib.layer import Layer
+from netlib.layer import Layer, warn
 from netlib.proto.options import block_name
 from netlib.proto.prototxt import Field, Message, Scalar
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError
+
+UNWRITTEN = 1.2345678e-38  # a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
 
 
 class Connected(Protocol):
@@ -22,6 +26,35 @@ class Connected(Protocol):
     layer: Layer
     bottom: Blobs
     top: Blobs
+
+
+class Differentiable(Connected, Protocol):
+    """A layer with its bottom and top blobs, and what its backward computes."""
+
+    propagate_down: list[bool]
+    has_run_back: bool  # whether backward was called before
+
+
+def run_backward(at: Differentiable, instead: Layer | None = None) -> None:
+    """Call a layer's backward, or that of the layer that computes it ``instead``.
+
+    The first time, report each bottom diff that a Python layer leaves unwritten; its values are 0, as in Caffe.
+    """
+    marked = [] if at.has_run_back or at.layer.type != "Python" else [
+        (name, blob) for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down)
+        if down and blob.count and blob not in at.top
+    ]
+    for _, blob in marked:
+        blob.diff.fill(UNWRITTEN)
+    guarded(instead or at.layer, "backward", at.top, at.propagate_down, at.bottom)
+    at.has_run_back = True
+    for name, blob in marked:
+        unwritten = blob.diff == np.asarray(UNWRITTEN, blob.dtype)
+        if unwritten.any():
+            blob.diff[unwritten] = 0
+            part = "the diff" if unwritten.all() else f"{unwritten.sum()} of {blob.count} values of the diff"
+            warn(at.layer, f"backward of {type(at.layer).__name__} does not write {part} of bottom {name!r}; "
+                           "what is not written is 0, as in Caffe: write every element, or set propagate_down: false")
 
 
 def guarded(layer: Layer, method: str, *args: Any) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine.checks import check_memory, guarded
+from netlib.engine.checks import check_memory, guarded, run_backward
 from netlib.engine.passes import ForwardRecord
 from netlib.layer import Layer
 from netlib.system.one_thread import OneThread
@@ -33,6 +33,7 @@ class Connection:
     top: Blobs
     propagate_down: list[bool]
     needs_backward: bool = False
+    has_run_back: bool = False
 
 
 class Step:
@@ -49,7 +50,7 @@ class Step:
     def backward(self, on_done: BackwardHook | None = None) -> None:
         """Compute the diffs, if needed. ``on_done`` may be called with None, in this thread."""
         if self.at.needs_backward:
-            guarded(self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
+            run_backward(self.at)
 
     def clear(self) -> None:
         """Prepare ``backward`` without ``forward``: what forward would store for it is zero, as in Caffe."""

@@ -1,10 +1,11 @@
-"""HDF5 files: checked by a helper process before they are opened, and rows read without the HDF5 library.
+"""HDF5 files: opened with checks, and rows read without the HDF5 library.
 
-The HDF5 library can crash or hang on a damaged file, and a file can refer to other files. A helper process therefore
-checks each file first (hdf5_helper.py).
+The HDF5 library can crash on a damaged file. A snapshot of this project therefore ends with a checksum of its bytes
+(``sealed``), which is compared before the library opens it; other programs ignore what follows the end of the file's
+content. In other files, everything that refers outside the file is refused; a damaged one can still crash the library.
 
-Rows of contiguous data sets are then read with plain reads, not through the library or by memory mapping, so a file
-that is truncated while in use causes an ordinary error instead of a crash.
+Rows of contiguous data sets are read with plain reads, not through the library or by memory mapping, so a file that is
+truncated while in use causes an ordinary error instead of a crash.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ import contextlib
 import io
 import math
 import os
+import re
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,10 +27,13 @@ from numpy.typing import DTypeLike
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
-from netlib.files import Content, Identity, Source, atomic, hdf5_helper
+from netlib.files import Content, Source, atomic
 from netlib.files.paths import exists, find
 
 SMALL_ROW, IN_MEMORY = 4096, 1 << 26  # bytes: data sets with smaller rows, up to this size, are kept in memory
+LARGE = 1 << 26  # data sets of at least this many bytes must be stored, up to gzip's ratio of about 1000
+SEAL = re.compile(rb"\nnetlib:crc32=([0-9a-f]{8})\n")
+SEAL_BYTES = len(b"\nnetlib:crc32=01234567\n")
 
 
 @contextlib.contextmanager
@@ -36,36 +42,90 @@ def opened(path: str | Path | Content, what: str, kind: type[NetlibError] = Data
 
     Raises ``kind``, including for errors of HDF5 inside the ``with`` block.
     """
-    content = path if isinstance(path, Content) else None
-    looked_at = content.identity if content else _identity(path, what, kind)
-    fault = hdf5_helper.fault_of(str(path), looked_at)
-    if fault:
-        raise kind(f"{path}: cannot read {what}: {fault}")
+    is_sealed = _check_seal(path, what, kind)
     try:
-        with h5py.File(io.BytesIO(content.data) if content else path, "r", locking=False) as file:
-            now = _identity(content.path, what, kind) if content else files.identity(file.id.get_vfd_handle())
-            if now != looked_at:  # another file was renamed to this path
-                raise kind(f"{path}: was changed while it was opened; run again")
+        file = h5py.File(io.BytesIO(path.data) if isinstance(path, Content) else path, "r", locking=False)
+    except (OSError, RuntimeError) as error:
+        why = "" if system_error_of(error) else "damaged or truncated: "
+        raise kind(f"{path}: cannot read {what}: {why}{reason_of(error)}") from error
+    try:
+        with file:
+            if not is_sealed:
+                _check_objects(file)
             yield file
     except NetlibError:
         raise
+    except _RefusedError as error:
+        raise kind(f"{path}: cannot read {what}: {error}") from error
     except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
         why = "" if system_error_of(error) else "damaged, or not as expected: "
         raise kind(f"{path}: cannot read {what}: {why}{reason_of(error)}") from error
 
 
-def _identity(path: str | Path | Content, what: str, kind: type[NetlibError]) -> Identity:
-    with files.opened(str(path), what, kind) as stream:
-        return files.identity(stream.fileno())
+class _RefusedError(Exception):
+    """Something in a file that is not read."""
 
 
-def members(group: h5py.Group | h5py.AttributeManager) -> list[tuple[str, Any]]:
-    """The names and members of a group or of attributes.
+def sealed(image: bytes) -> bytes:
+    """The content of an HDF5 file, followed by its checksum."""
+    return image + b"\nnetlib:crc32=%08x\n" % zlib.crc32(image)
 
-    h5py's own ``items()`` and ``values()`` hold the lock of the library between two members, so that other threads
-    wait; for ever, if a loop that was left is collected by another thread.
-    """
-    return [(name, group.get(name)) for name in group]
+
+def _check_seal(path: str | Path | Content, what: str, kind: type[NetlibError]) -> bool:
+    """Compare the checksum at the end of a file, if it has one. Raises ``kind`` if it differs."""
+    if isinstance(path, Content):
+        seal = SEAL.fullmatch(path.data[-SEAL_BYTES:])
+    else:
+        with files.opened(path, what, kind) as stream:
+            stream.seek(max(0, stream.seek(0, os.SEEK_END) - SEAL_BYTES))
+            seal = SEAL.fullmatch(stream.read())
+    if seal is None:
+        return False
+    crc, end = 0, b""
+    for piece in [path.data] if isinstance(path, Content) else files.read_pieces(path, what, kind, math.inf):
+        data = end + piece
+        crc, end = zlib.crc32(data[:-SEAL_BYTES], crc), data[-SEAL_BYTES:]
+    if int(seal[1], 16) != crc:
+        raise kind(f"{path}: cannot read {what}: damaged: checksum mismatch")
+    return True
+
+
+def _check_objects(file: h5py.File) -> None:
+    """Raise _RefusedError for what refers to other files, and for data sets that claim values which are not stored."""
+    seen: set[int] = set()
+    waiting: list[h5py.Group] = [file]
+    while waiting:
+        group = waiting.pop()
+        for name in group:
+            link, where = group.get(name, getlink=True), f"{group.name.rstrip('/')}/{name}"
+            if isinstance(link, h5py.ExternalLink):
+                raise _RefusedError(f"{where!r} is a link into another file, {link.filename!r}, which is not followed; "
+                                    "expected all in one file")
+            if isinstance(link, h5py.SoftLink):  # its target is checked where it is stored
+                continue
+            item = group[name]
+            address = h5py.h5o.get_info(item.id).addr
+            if address in seen:
+                continue
+            seen.add(address)
+            if isinstance(item, h5py.Group):
+                waiting.append(item)
+            elif isinstance(item, h5py.Dataset):
+                _check_dataset(item)
+
+
+def _check_dataset(dataset: h5py.Dataset) -> None:
+    where = f"data set {dataset.name!r}"
+    if dataset.is_virtual:
+        raise _RefusedError(f"{where} is virtual and refers to other data sets, which are not read; expected "
+                            "values")
+    if dataset.external:
+        raise _RefusedError(f"{where} is kept in another file, {dataset.external[0][0]!r}, which is not read; "
+                            "expected all in one file")
+    stored, claimed = dataset.id.get_storage_size(), math.prod(dataset.shape or ()) * dataset.id.get_type().get_size()
+    is_contiguous = dataset.id.get_offset() is not None
+    if claimed > stored and (is_contiguous or (claimed >= LARGE and claimed > 2000 * stored)):
+        raise _RefusedError(f"{where} claims {claimed} bytes, but only {stored} are stored; expected data")
 
 
 @contextlib.contextmanager

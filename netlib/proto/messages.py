@@ -131,7 +131,7 @@ BLOCKS = {
     "mvn_param": 120, "parameter_param": 145, "pooling_param": 121, "power_param": 122, "prelu_param": 131,
     "python_param": 130, "recurrent_param": 146, "reduction_param": 136, "relu_param": 123, "reshape_param": 133,
     "scale_param": 142, "sigmoid_param": 124, "slice_param": 126, "softmax_param": 125, "spp_param": 132,
-    "swish_param": 147, "tanh_param": 127, "threshold_param": 128, "tile_param": 138, "window_data_param": 129,
+    "swish_param": 147, "tanh_param": 127, "threshold_param": 128, "tile_param": 138,
     "permute_param": 202, "prior_box_param": 203, "detection_output_param": 204, "norm_param": 206,  # from SSD
     "roi_pooling_param": 8266711, "smooth_l1_loss_param": 8266712,  # from Fast R-CNN's fork of Caffe
     # Blocks of forks with different numbers (FORK_NUMBERS). These six are numbers of forks that no other block has.

@@ -18,7 +18,7 @@ from netlib.proto import binaryproto, messages, schema, wire
 from netlib.proto.messages import LayerParameter
 from netlib.proto.net_parameter import distinct
 from netlib.proto.prototxt import Field, Message, Scalar
-from netlib.proto.upgrade import AnyNetParameter
+from netlib.proto.upgrade import AnyNetParameter, refuse_v0
 from netlib.snapshots.solver_state import SolverState, Weights
 
 T = TypeVar("T")
@@ -106,8 +106,8 @@ def _layers(data: bytes, path: str) -> list[LayerParameter]:
     for item in wire.decode(data, AnyNetParameter, path).fields:
         if item.name in ("layer", "layers"):
             layer = schema.message_of(item)
-            fields = next((v.fields for v in layer.values("layer") if isinstance(v, Message)), layer.fields)  # V0
-            kept = [field for field in fields if field.name in ("name", "blobs")]
+            refuse_v0(layer)
+            kept = [field for field in layer.fields if field.name in ("name", "blobs")]
             layers.append(schema.read(Message(kept, layer.position), LayerParameter))
     return layers
 

@@ -56,7 +56,7 @@ def weights_image(name: str, weights: Weights) -> bytes:
             group = data.require_group(layer)
             for i, array in arrays.items():
                 group[str(i)] = array
-    return image.getvalue()
+    return hdf5.sealed(image.getvalue())
 
 
 def state_image(state: SolverState) -> bytes:
@@ -68,8 +68,8 @@ def state_image(state: SolverState) -> bytes:
         history = file.create_group("history")
         for i, array in enumerate(state.history):
             history[str(i)] = array
-        _write_c_string(file, "netlib", json.dumps(state.extra))  # fixed length: HDF5 can hang on a damaged heap
-    return image.getvalue()
+        _write_c_string(file, "netlib", json.dumps(state.extra))
+    return hdf5.sealed(image.getvalue())
 
 
 def _write_c_string(file: h5py.File, name: str, text: str) -> None:
@@ -117,10 +117,10 @@ def net_name(path: str | Path | Content) -> str:
 
 def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, h5py.Group]]:
     """Layers in /data. HDF5 nests groups for slashes in names: ``inception/1x1``."""
-    for name, item in hdf5.members(group):
+    for name, item in list(group.items()):  # h5py's iterator blocks other threads
         if not isinstance(item, h5py.Group):
             continue
-        inner = [k for k, v in hdf5.members(item) if isinstance(v, h5py.Group)]
+        inner = [k for k, v in item.items() if isinstance(v, h5py.Group)]
         if not inner or len(inner) < len(item):
             yield prefix + name, item if not inner else _Only(item)
         yield from _layers(item, f"{prefix}{name}/") if inner else ()
@@ -130,7 +130,7 @@ class _Only(dict[str, Any]):
     """The data sets of a group without its subgroups."""
 
     def __init__(self, group: h5py.Group) -> None:
-        super().__init__({k: v for k, v in hdf5.members(group) if isinstance(v, h5py.Dataset)})
+        super().__init__({k: v for k, v in group.items() if isinstance(v, h5py.Dataset)})
 
 
 def read_state(path: str | Path) -> SolverState:

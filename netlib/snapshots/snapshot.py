@@ -3,8 +3,9 @@
 Names that end in ``.h5`` are written as HDF5 (hdf5_format.py), others in Caffe's binary format (binary_format.py). When
 reading, the content decides, not the name.
 
-A file is built in memory, written next to its target, flushed to the disk and renamed. Of a pair, the state is renamed
-last, so if a state exists, so do its weights; it holds a checksum of them and of itself.
+A file is built in memory, written next to its target, flushed to the disk and renamed (atomic.py): first the weights,
+then the state, which has their name and their checksum. A snapshot is complete if its state exists and its weights have
+this checksum.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from netlib.snapshots import binary_format, hdf5_format
 from netlib.snapshots.solver_state import SolverState, Weights
 from netlib.system import memory
 
+STATE_NAME = re.compile(r"(?P<prefix>.*_iter_)(?P<iter>\d+)\.solverstate(\.h5)?")
+
 
 def is_hdf5(path: str | Path) -> bool:
     """Whether a file with this name is written as HDF5."""
@@ -39,12 +42,19 @@ def write_weights(image: bytes, path: str | Path) -> None:
 
 
 def write_pair(image: bytes, state: SolverState, weights_path: Path, state_path: Path) -> None:
-    """Write weights and solver state: both, or none. Raises WeightsError if writing fails."""
+    """Write weights and solver state. Raises WeightsError if writing fails.
+
+    The state is on the disk under its temporary name before the weights are renamed, so a full disk changes nothing.
+    """
     state.extra["weights_crc"] = zlib.crc32(image)
     state.extra["checksum"] = state.checksum()
     layout = hdf5_format if is_hdf5(state_path) else binary_format
-    with _writing(weights_path):
-        atomic.replace_pair((weights_path, image), (state_path, layout.state_image(state)))
+    with _writing(state_path):
+        state_path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic.replacing(state_path) as fresh:
+            fresh.write_bytes(layout.state_image(state))
+            atomic.sync_file(fresh)
+            write_weights(image, weights_path)
 
 
 @contextlib.contextmanager
@@ -70,7 +80,7 @@ def _max_bytes(path: str | Path) -> float:
 
 @contextlib.contextmanager
 def prefix_in_use(prefix: Path) -> Iterator[None]:
-    """Reserve this prefix within the block: clean up after a killed training, and reject a second training.
+    """Reserve this prefix within the block: remove what a killed training left, and reject a second training.
 
     Raises WeightsError, also if snapshots cannot be written there, before the training starts.
     """
@@ -87,7 +97,8 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
                            "for it, or choose another snapshot_prefix")
     try:
         probe(prefix)
-        _repair(prefix)
+        snapshots = re.escape(prefix.name) + r"_iter_\d+\.(caffemodel|solverstate)(\.h5)?"
+        atomic.clear_leftovers(folder, re.compile(snapshots))
         yield
     finally:
         lock.release()
@@ -102,30 +113,6 @@ def probe(prefix: Path) -> None:
             fresh.write_bytes(b"\0" * 4096)
     except (OSError, ValueError) as error:
         raise WeightsError(f"{folder}: cannot write snapshots there: {reason_of(error)}") from error
-
-
-def _repair(prefix: Path) -> None:
-    """Clean up after killed processes: remove temporary files, and complete or undo the replacement of a pair."""
-    folder = Path(f"{prefix}_").parent
-    atomic.clear_leftovers(folder)
-    pattern = re.compile(re.escape(prefix.name) + r"_iter_\d+\.caffemodel(\.h5)?")
-    for name in names_in(folder):
-        found = atomic.BACKUP.fullmatch(name)
-        if found and pattern.fullmatch(found[1]):
-            with contextlib.suppress(OSError, WeightsError), locks.held(folder / name) as locked:
-                if locked:
-                    _choose(folder / found[1], folder / name)
-
-
-def _choose(weights: Path, old: Path) -> None:
-    """Restore old weights if they belong to the current state; else remove them."""
-    state = weights.with_name(weights.name.replace(".caffemodel", ".solverstate"))
-    if weights.exists() and (old.samefile(weights) or not state.exists()):
-        old.unlink()
-    elif not weights.exists() or weights_of(state, read_state(state), weights) == old:
-        os.replace(old, weights)
-    else:
-        old.unlink()
 
 
 # ---------------------------------------------------------------------------------------------- reading
@@ -166,25 +153,29 @@ def begins_as_hdf5(path: str | Path | Content, what: str) -> bool:
     return files.read_bytes(path, what, WeightsError, first=len(magic)) == magic
 
 
-def pair_of(state_path: str | Path, state: SolverState) -> Path:
-    """Find the weights of a state: next to it, or at the path that it names. Raises WeightsError if they do not match.
-
-    After a process was killed while it replaced the pair, they may be the backup of the old weights.
-    """
+def weights_of(state_path: str | Path, state: SolverState) -> Path:
+    """The weights of a state: next to it, or at the path that it names. Raises WeightsError if they do not match."""
     written = Path(state.learned_net)
     sibling = Path(state_path).parent / written.name
-    return weights_of(state_path, state, sibling if exists(sibling) or not exists(written) else written)
+    found = sibling if exists(sibling) or not exists(written) else written
+    expected = state.extra.get("weights_crc")
+    if expected is not None and checksum(found) != expected:  # Caffe's states have no checksum
+        raise WeightsError(f"{state_path}: its weights {found} belong to another snapshot")
+    return found
 
 
-def weights_of(state_path: str | Path, state: SolverState, named: Path) -> Path:
-    """The file ``named`` or its backup, whichever has the checksum in the state. Raises WeightsError."""
-    expected, old = state.extra.get("weights_crc"), atomic.backups(named)
-    if expected is None:  # written by Caffe
-        return old[0] if old else named
-    for path in (named, *old):
-        if checksum(path) == expected:
-            return path
-    raise WeightsError(f"{state_path}: the weights next to it, {named}, belong to another snapshot")
+def complete_snapshot(state_path: str | Path) -> Path | None:
+    """The newest complete snapshot with the prefix of ``state_path``, other than itself, by the path of its state."""
+    path = Path(state_path)
+    wanted = STATE_NAME.fullmatch(path.name)
+    others = [found for found in map(STATE_NAME.fullmatch, names_in(path.parent)) if found and found[0] != path.name]
+    for found in sorted(others, key=lambda found: -int(found["iter"])):
+        if wanted and found["prefix"] == wanted["prefix"]:
+            other = path.with_name(found[0])
+            with contextlib.suppress(WeightsError):
+                weights_of(other, read_state(other))
+                return other
+    return None
 
 
 def as_plain(value: Mapping[str, Any]) -> dict[str, Any]:

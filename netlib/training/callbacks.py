@@ -8,6 +8,7 @@ processes is another one (netlib/distributed/data_parallel.py).
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, Protocol
 
@@ -16,7 +17,9 @@ from netlib.engine.plain import BackwardHook, Engine
 from netlib.errors import DataError, NetlibError
 from netlib.graph import LayerHook
 from netlib.net import Net
-from netlib.training import resume
+from netlib.training import report, resume
+
+log = logging.getLogger("netlib")
 
 Request = Literal["stop", "snapshot"]
 
@@ -179,3 +182,36 @@ class Rollback(Callback):
 def _reads_files(net: Net) -> bool:
     """Whether reading data can fail in this net: a layer reads files or is a Python layer."""
     return any(hasattr(layer, "reads") or layer.type == "Python" for layer in net.layers)
+
+
+class GradientWarning(Callback):
+    """Warns once of a training that changes no weight: its net has no loss, or its first gradients are all 0."""
+
+    ITERATIONS = 3  # whose gradients are examined; those of one batch can be 0, as of a hinge loss without violations
+
+    def __init__(self) -> None:
+        self._left = self.ITERATIONS
+        self._has_begun = False
+
+    def on_step(self, solver: Solver) -> None:
+        """Warn of losses without a loss_weight."""
+        if not self._has_begun:
+            self._has_begun = True
+            for message in report.lack_of_loss(solver.net):
+                log.warning("%s", message)
+            if not solver.net.losses:
+                self._left = 0
+
+    def on_gradients_ready(self, solver: Solver) -> None:
+        """Warn if the gradients of all iterations until now were 0."""
+        if not self._left:
+            return
+        learned = [param for param in solver.net.learnable if param.spec.lr_mult]
+        if not learned or any(param.blob.diff.any() for param in learned):
+            self._left = 0
+            return
+        self._left -= 1
+        if not self._left:
+            log.warning("the gradients of all parameters were exactly 0 in the first %d iterations, so no weight "
+                        "changes: check that a loss depends on them (propagate_down, layers of constant output such "
+                        "as a ReLU of negative values)", self.ITERATIONS)

@@ -39,6 +39,26 @@ def scores(net: Net, values_of: Mapping[str, Array]) -> Iterator[str]:
             yield f"{name} = {value:.6g}{tail}"
 
 
+def lack_of_loss(net: Net) -> Iterator[str]:
+    """Yield a warning for each output that looks like a loss but has no loss_weight, or for a net without any loss."""
+    outputs = [(at.layer, name, blob) for at in net.connections for name, blob in zip(at.layer.spec.top, at.top)
+               if name in net.outputs and not at.layer.spec.loss_weight]
+    named = [(layer, name) for layer, name, _ in outputs
+             if any("loss" in word.lower() for word in (name, layer.name, type(layer).__name__))]
+    if net.losses:
+        for layer, name in named:
+            if layer.type == "Python":  # as in Caffe, its weight is 0 if none is given; another type may be a metric
+                yield f"top {name!r} of layer {layer.name!r} looks like a loss, but has no loss_weight; it is ignored"
+        return
+    found = named or [(layer, name) for layer, name, blob in outputs if blob.count == 1 and layer.type != "Accuracy"]
+    if found:
+        layer, name = found[-1]
+        advice = f"top {name!r} of layer {layer.name!r} looks like one: add loss_weight: 1 to the layer"
+    else:
+        advice = f"its outputs: {', '.join(net.outputs) or 'none'}"
+    yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
+
+
 def debug_forward(at: Connection) -> None:
     """Log the mean absolute values of a layer's tops and parameters, as Caffe's debug_info does."""
     for name, blob in zip(at.layer.spec.top, at.top):

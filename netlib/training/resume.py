@@ -20,7 +20,7 @@ from netlib.net import Net
 from netlib.proto.messages import SolverParameter
 from netlib.snapshots import snapshot
 from netlib.snapshots import weights as weights_of
-from netlib.snapshots.solver_state import SolverState, contradictions
+from netlib.snapshots.solver_state import SolverState
 from netlib.updates import steps_taken
 
 log = logging.getLogger("netlib")
@@ -83,16 +83,19 @@ def _course(solver: Solver) -> dict[str, Any]:
 
 def restore_state(solver: Solver, path: str | Path) -> None:
     """Restore a solver state completely or not at all. Raises WeightsError."""
-    state = snapshot.read_state(path)
-    now, steps = snapshot.as_plain(_course(solver)), steps_taken(solver.param, state.iter)
-    if fault := next(contradictions(state, now, steps), ""):
-        raise WeightsError(f"{path}: {fault}; the state is damaged or was changed")
+    try:
+        state = snapshot.read_state(path)
+        weights = snapshot.weights_of(path, state)
+    except WeightsError as error:
+        other = snapshot.complete_snapshot(path)
+        if other is None:
+            raise
+        raise WeightsError(f"{error}; the newest complete snapshot is {other}") from error
     then, now_type = state.extra.get("solver", {}).get("type"), solver.param.type
     if then is not None and then != now_type:
         raise WeightsError(f"{path}: this state is of the solver type {then}, whose history has another meaning for "
                            f"{now_type}; expected type: \"{then}\", or a new training from the weights")
     _check_histories(solver, path, state)
-    weights = snapshot.pair_of(path, state)
     writes, _, _ = weights_of.fitting(solver.net, weights, strict=True)
     _restore_layers(solver, path, _states_of_rank(solver, state))
     weights_of.write(writes)  # no errors are possible from here on

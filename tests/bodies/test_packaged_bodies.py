@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.output.drawing.page.content import content
+from handpose.output.hand_page.content import body
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.pose_prior import BodySampler
@@ -188,9 +188,9 @@ def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_a_page_of_a_person() -> None:
     """On the page of a person, the distance of the camera grows with the size of the cube."""
     skeleton = skeletons.load(BODY / "person.prototxt")
-    place = content(skeleton, unit_mm=1200.0)["place"]
+    place = body("person", skeleton, unit_mm=1200.0)["place"]
     assert place["center_uvd"][2] == 5600 and place["unit_mm"] == 1200
-    assert content(skeletons.load())["place"]["center_uvd"][2] == 700
+    assert body("hand", skeletons.load())["place"]["center_uvd"][2] == 700
 
 
 @pytest.mark.parametrize(

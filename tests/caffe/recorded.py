@@ -14,7 +14,6 @@ import h5py
 import numpy as np
 
 import netlib
-from netlib.files import hdf5
 from netlib.proto import prototxt
 from netlib.snapshots import snapshot
 from netlib.training.callbacks import Callback
@@ -163,8 +162,8 @@ def trajectory(case: str) -> Trajectory:
     initial = snapshot.read_weights(FOLDER / "solvers/init.caffemodel.h5")
     weights = {}
     with h5py.File(FOLDER / "solvers/trajectories.h5") as file:
-        for layer, group in hdf5.members(file["w"]):
-            for index, steps in hdf5.members(group):
+        for layer, group in file["w"].items():
+            for index, steps in group.items():
                 after = dict(zip(steps.attrs["iterations"].tolist(), steps[number]))
                 weights[layer, int(index)] = {0: initial[layer][int(index)], **after}
         printed = file["loss_printed"][number], file["lr_printed"][number]

@@ -1,4 +1,4 @@
-"""docs/making/pages: the pages on momentum, windows and the small net, operated as by a reader."""
+"""docs/making/pages: the pages on windows and the small net, operated as by a reader."""
 
 from __future__ import annotations
 
@@ -13,10 +13,7 @@ import numpy as np
 import pytest
 
 from docs.making import hand_picture, pages
-from docs.making.pages import BROWSER, PAGES, small_net, windows
-from netlib.proto import schema
-from netlib.proto.messages import SolverParameter
-from netlib.updates import RULES
+from docs.making.pages import PAGES, small_net, windows
 from tests.support.chromium_tabs import browser, visit
 
 __all__ = ["browser", "visit"]  # fixtures
@@ -24,12 +21,11 @@ Visit = Callable[..., Any]
 PageOf = Callable[[str], Path]
 PHONE = {"viewport": {"width": 360, "height": 740}}
 LARGEST = 250_000  # bytes of a page
-LONGEST = 260  # lines of a source
 
 
 @pytest.fixture(scope="module")
 def page_of(tmp_path_factory: pytest.TempPathFactory) -> PageOf:
-    """``page_of("momentum")``: the path of a page."""
+    """``page_of("windows")``: the path of a page."""
     folder = tmp_path_factory.mktemp("pages")
     made = {one.path.stem: one for one in pages.made()}
 
@@ -50,13 +46,6 @@ def test_a_page_fits_a_phone_and_names_its_controls(visit: Visit, page_of: PageO
     assert page_of(name).stat().st_size < LARGEST
 
 
-def test_the_sources_are_short() -> None:
-    """Each source file is short enough to be read in one go."""
-    for path in BROWSER.iterdir():
-        lines = path.read_text(encoding="utf-8").splitlines()
-        assert len(lines) <= LONGEST and all(len(line) <= 120 for line in lines), path.name
-
-
 def test_the_picture_of_the_hand(browser: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """``python -m docs.making.hand_picture`` makes the picture from the page, in its declared size and not empty."""
     monkeypatch.setattr("docs.making.chromium.chromium", lambda: contextlib.nullcontext(browser))
@@ -66,54 +55,6 @@ def test_the_picture_of_the_hand(browser: Any, monkeypatch: pytest.MonkeyPatch, 
     image = cv2.imread(str(tmp_path / "hand.png"))
     assert image.shape == (hand_picture.SIZE["height"], hand_picture.SIZE["width"], 3)
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 1000
-
-
-# ---------------------------------------------------------------------------------------------- momentum
-
-
-def test_paths_and_roots_are_those_of_the_rule(visit: Visit, page_of: PageOf) -> None:
-    """For random curvatures, rates and momenta the page computes netlib's steps, and the roots of the polynomial."""
-    tab, rng = visit(page_of("momentum")), np.random.default_rng(0)
-    rule, count = RULES["SGD"]
-    for curvature, rate, momentum in rng.uniform((0.5, 0.01, 0), (20, 0.1, 0.99), (8, 3)):
-        param = schema.changed(SolverParameter(), momentum=momentum)
-        w, histories, steps = np.array([3.0]), [np.zeros(1) for _ in range(count)], [3.0]
-        for t in range(20):
-            rule(param, w, curvature * w, rate, histories, t + 1)
-            steps.append(float(w[0]))
-        call = [curvature, rate, momentum]
-        np.testing.assert_allclose(tab.evaluate("(all) => page.errors(...all)", [*call, 3, 20]), steps, rtol=1e-9)
-        found = np.array(tab.evaluate("(all) => page.roots(...all)", call)) @ [1, 1j]
-        np.testing.assert_allclose(np.sort(found), np.sort(np.roots([1, rate * curvature - 1 - momentum, momentum])))
-        assert abs(found[0]) >= abs(found[1]) - 1e-12
-
-
-def test_momentum_in_use(visit: Visit, page_of: PageOf) -> None:
-    """The keyboard moves a slider, divergence and its limit are reported, a double root is named, and the start is
-    chosen by a click.
-    """
-    tab = visit(page_of("momentum"))
-    assert tab.locator("#root-y").inner_text() == "y (λ = 9): |z| = 0.8; a negative root: it changes sign in every step"
-    assert tab.locator("#limit").inner_text() == "With m = 0 a path converges for r < 2 (1 + m) / κ = 0.222."
-    for _ in range(8):  # from r λ = 1.8 to the limit of 2
-        tab.locator("#rate").press("ArrowRight")
-    assert tab.locator("#root-y").inner_text() == "y (λ = 9): |z| = 1; does not converge"
-    tab.locator("#rate").press("ArrowRight")
-    assert tab.locator("#root-y.bad").inner_text() == "y (λ = 9): |z| = 1.025; diverges"
-    tab.get_by_role("button", name="best with").last.click()
-    assert tab.locator("#root-x").inner_text().endswith("|z| = 0.5; a double root: (A + B t) zᵗ, without oscillation")
-    assert tab.locator("#valley circle").count() == 31
-    tab.locator("#steps").fill("3")
-    assert tab.locator("#valley circle").count() == 4
-    tab.locator("#kappa").fill("24")
-    assert tab.locator("#kappa-value").inner_text() == "1000"
-    assert tab.locator("#root-y").inner_text().endswith("At first it grows, to 11.64 times its start in step 15")
-    box = tab.locator("#valley svg").bounding_box()
-    tab.mouse.click(box["x"] + box["width"] / 4, box["y"] + box["height"] / 2)
-    start = [float(tab.locator(f"#start-{name}").input_value()) for name in "xy"]
-    np.testing.assert_allclose(start, [-5.75, 0], atol=0.11)
-    tab.locator("#start-y").fill("-3")
-    assert tab.evaluate("page.state.start") == [start[0], -3]
 
 
 # ---------------------------------------------------------------------------------------------- windows
@@ -219,12 +160,12 @@ def test_the_small_net_in_use(visit: Visit, page_of: PageOf) -> None:
     tab = visit(page_of("small_net"))
     for _ in range(3):
         tab.get_by_role("button", name="Step").click()
-    assert tab.locator("#told").inner_text() == "Forward, second: h = a wᵀ + b: 1 · 3 + 0 = 3; (−1) · 3 + 1 = −2"
+    assert tab.locator("#step-text").inner_text() == "Forward, second: h = a wᵀ + b: 1 · 3 + 0 = 3; (−1) · 3 + 1 = −2"
     assert tab.locator("#graph .runs").count() == 1
     tab.locator("#step").fill("14")
-    assert "dh0 + dh1 + dh2 = [0.25, 0.5] + [0, 0] + [1.5, 0] = [1.75, 0.5]" in tab.locator("#told").inner_text()
+    assert "dh0 + dh1 + dh2 = [0.25, 0.5] + [0, 0] + [1.5, 0] = [1.75, 0.5]" in tab.locator("#step-text").inner_text()
     tab.locator("#step").press("ArrowRight")
-    assert tab.locator("#told").inner_text().startswith("Backward, relu: dh = [1.75, 0.5] becomes [1.75, 0]")
+    assert tab.locator("#step-text").inner_text().startswith("Backward, relu: dh = [1.75, 0.5] becomes [1.75, 0]")
     assert tab.locator("#loss").inner_text() == "L = 1 · 0.125 + 0.25 · 9 = 2.375"
     tab.locator('[data-name="out w[0, 0]"]').fill("1")
     assert tab.locator("#loss").inner_text() == "L = 1 · 2 + 0.25 · 9 = 4.25"

@@ -27,7 +27,6 @@ CODE = [
     "export",
     "tools",
     "benchmarks",
-    "web",
     "docs",
 ]
 LINKED = (*CODE, "tests", "setup.cfg", "Makefile")

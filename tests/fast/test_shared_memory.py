@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import netlib
+from fast.shared_memory import adopt
+from netlib.blob import Blob
 from netlib.net import Net
 from netlib.proto import prototxt
 from netlib.proto.net_parameter import load_parameter
@@ -54,6 +56,16 @@ def test_blobs_that_share_memory() -> None:
         plain.forward(x=factor * X)
         assert shared(fast) == SHARED
     assert_same(plain, fast)
+
+
+def test_adopt_takes_an_array_of_the_right_kind_only() -> None:
+    """``adopt`` uses an array of the right shape and dtype without a copy, and rejects others."""
+    blob, array = Blob((2, 3)), np.ones((2, 3), np.float32)
+    adopt(blob, array)
+    assert blob.data.base is array
+    for wrong in (np.ones((3, 2), np.float32), np.ones((2, 3))):
+        with pytest.raises(ValueError, match="expected an array"):
+            adopt(blob, wrong)
 
 
 def test_another_number_of_items() -> None:

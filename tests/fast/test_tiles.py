@@ -1,25 +1,14 @@
-"""Blobs of the fast engine: tiles, and adopted arrays."""
+"""Blobs in tiles."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fast.tiles import FastBlob, tile_into, tiles_of
+from fast.tiles import tile_into, tiles_of
 from netlib.blob import Blob
 from tests.support.tiled import load, store, tiled
-
-
-def test_adopt_takes_an_array_of_the_right_kind_only() -> None:
-    """``adopt`` uses an array of the right shape and dtype without a copy, and rejects others."""
-    blob, array = FastBlob((2, 3)), np.ones((2, 3), np.float32)
-    blob.adopt(array)
-    assert blob.data.base is array
-    for wrong in (np.ones((3, 2), np.float32), np.ones((2, 3))):
-        with pytest.raises(ValueError, match="expected an array"):
-            blob.adopt(wrong)
 
 
 def test_where_a_value_stands_in_tiles() -> None:

@@ -28,8 +28,6 @@ import traceback
 from dataclasses import dataclass
 from pathlib import Path
 
-from netlib.files import hdf5_helper
-
 ROOT = Path(__file__).resolve().parents[2]
 MEMORY = 4 << 30  # bytes of address space
 LIMIT_S = 240.0  # reached by a hang only
@@ -175,7 +173,6 @@ def _serve(answers: int) -> None:
     """Main function of the child: reads cases from standard input and writes one answer for each."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    hdf5_helper.SECONDS = 60.0
     for order in sys.stdin:
         signal.alarm(LONGEST_S)  # limits the time that a case can outlive the parent
         outcome = outcome_of(*json.loads(order))

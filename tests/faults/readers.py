@@ -4,8 +4,7 @@ A case damages one of the good files of a reader and reads it. The reader must f
 file or the fault, or read the file. If a checksum protects the content (``exact``), the result must then be the content
 that was written.
 
-``READERS`` is the table. tests/faults/test_campaign_is_complete.py compares it with the sources and fails for a module
-that opens a file but is in no row.
+``READERS`` is the table. Each module that opens a file has a row.
 """
 
 from __future__ import annotations
@@ -505,17 +504,6 @@ def make_pictures() -> list[str]:
         'batch_size: 5 } transform_param { mean_file: "mean.binaryproto" crop_size: 8 mirror: true } }')
     listed = "".join(f"{name} {i}\n" for i, name in enumerate(files))
     return [*files, put("list.txt", listed), "mean.binaryproto"]
-
-
-def make_windows() -> list[str]:
-    """Write a list of windows in two pictures."""
-    lines = []
-    for i in range(2):
-        put_picture(f"{i}.png", (12, 16, 3), seed=i)
-        lines += [f"# {i}", f"{i}.png", "3 12 16", "2", "5 0.75 2 3 5 6", "5 0.25 1 2 8 4"]
-    put("net.prototxt", 'layer { name: "d" type: "WindowData" top: "x" top: "t" window_data_param { source: '
-        '"windows.txt" batch_size: 2 fg_fraction: 0.5 context_pad: 1 } transform_param { crop_size: 4 } }')
-    return [put("windows.txt", "\n".join(lines) + "\n"), "0.png"]
 
 
 def make_database() -> list[str]:
@@ -1116,11 +1104,10 @@ READERS: tuple[Reader, ...] = (
            make_old_state, read_pair),
     Reader("errors of a network", ("handpose/fit/network_errors.py",), make_fit, read_fit),
     Reader("packaged model", ("handpose/estimate/packaged.py",), make_card, read_packaged, exact=True),
-    Reader("data hdf5", ("netlib/files/hdf5.py", "netlib/files/hdf5_check.py", "layers/data/hdf5_data.py"),
+    Reader("data hdf5", ("netlib/files/hdf5.py", "layers/data/hdf5_data.py"),
            make_hdf5, read_batches),
     Reader("data pictures", ("layers/data/image_data.py", "layers/data/images.py", "netlib/proto/binaryproto.py"),
            make_pictures, read_batches),
-    Reader("data windows", ("layers/data/window_data.py", "layers/data/images.py"), make_windows, read_batches),
     Reader("data lmdb", ("layers/data/lmdb_file.py",), make_database, read_database),
     Reader("datum", (), make_datums, read_datum),
     Reader("mean image", ("netlib/proto/binaryproto.py",), make_mean, read_mean),

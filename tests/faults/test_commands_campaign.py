@@ -1,4 +1,4 @@
-"""The short campaign of commands: one fault for every third one; ``make faults`` runs hundreds for each."""
+"""The short campaign of commands: one fault for every third one; campaign.py runs all."""
 
 from __future__ import annotations
 

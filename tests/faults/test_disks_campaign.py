@@ -1,4 +1,4 @@
-"""The short campaign of disks and clocks: a few cases of every fault except long soaks; ``make faults`` runs all."""
+"""The short campaign of disks and clocks: a few cases of every fault except long soaks; campaign.py runs all."""
 
 from __future__ import annotations
 

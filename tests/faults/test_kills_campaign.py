@@ -1,4 +1,4 @@
-"""The short campaign of kills: some of the file events of every run that writes; ``make faults`` runs all of them."""
+"""The short campaign of kills: some of the file events of every run that writes; campaign.py runs all."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The short campaign over all readers: a damaged file is rejected with a one-line error, or read.
 
-``make faults`` is the long campaign, with other seeds. The line of a failure starts with the options that run its case
+campaign.py runs more, with other seeds. The line of a failure starts with the options that run its case
 alone with ``python -m tests.faults.campaign``.
 """
 

@@ -1,4 +1,4 @@
-"""The short campaign of signals: some of the forwards and file events of a training run; ``make faults`` runs all."""
+"""The short campaign of signals: some of the forwards and file events of a training run; campaign.py runs all."""
 
 from __future__ import annotations
 

@@ -46,7 +46,6 @@ EXTRAS = {
     "MemoryData": {"reset", "set_input_arrays"},
     "Pooling": {"area", "padded", "window_slices", "windows"},
     "SPP": {"padded"},
-    "WindowData": READER,
 }  # documented: parts of a longer computation, or methods for tools
 
 # The gradient of the regions is 0, but differences are not.

@@ -102,7 +102,7 @@ def after(shape: str, layer: str) -> str:
         ("three inputs", 'input: "a" input: "b" input: "c" input_shape { } input_shape { }', PrototxtError,
          "3 inputs, but 2 input_shape; expected one for all or one per input"),
         ("type misspelt", 'layer { name: "a" type: "Convolutoin" }', PrototxtError,
-         "unknown layer type 'Convolutoin' (did you mean 'Convolution'?); known types: AbsVal, ..."),
+         "unknown layer type 'Convolutoin' (did you mean 'Convolution'?); docs/layers.md lists all; ..."),
         ("no type", 'layer { name: "a" }', PrototxtError, "layer 'a' has no type"),
         ("no type in V1", 'layers { name: "a" }', PrototxtError, "layer 'a' has no type"),
         ("no layers", "", PrototxtError, "this file has no layers; expected a net"),
@@ -118,8 +118,8 @@ def after(shape: str, layer: str) -> str:
          PrototxtError, "unknown field 'scael' (did you mean 'scale'?)"),
         ("BN in V1", 'layers { name: "b" type: BN bn_param { } }', PrototxtError, f"unknown value BN of 'type' {BN}"),
         ("options of a fork", inputs(x=(1,)) + 'layer { name: "r" type: "ReLU" bottom: "x" top: "y" quantization_param '
-         "{ bw_layer_in: 8 } }", PrototxtError, "unknown option 'quantization_param' of Intel's fork, which changes "
-         "the result: it computes with 8-bit integers; expected the net in single precision"),
+         "{ bw_layer_in: 8 } }", PrototxtError, "unknown option 'quantization_param' of a fork of Caffe changes the "
+         "result; not supported"),
         ("Python without its options", X + 'layer { name: "p" type: "Python" bottom: "x" top: "y" }', PrototxtError,
          "layer 'p' of type 'Python' needs a python_param"),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from netlib.blob import Blob, Blobs, ParameterBlobs
+from netlib.blob import Blob, Blobs, BlobVec
 
 
 def test_a_new_blob_is_zero() -> None:
@@ -32,7 +32,7 @@ def test_an_array_has_its_own_shape_and_flags() -> None:
 
 def test_an_assigned_parameter_shares_its_memory() -> None:
     """A parameter that is assigned has the values and gradients of the other blob; the list keeps its own blob."""
-    own, other = ParameterBlobs([Blob((2, 3)), Blob((4,))]), Blob((3, 2))
+    own, other = BlobVec([Blob((2, 3)), Blob((4,))]), Blob((3, 2))
     kept, other.data[...] = own[0], 5
     own[0] = other
     assert own[0] is kept and kept.shape == (2, 3) and (kept.data == 5).all()

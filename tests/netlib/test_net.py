@@ -255,3 +255,36 @@ def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pyte
     net = netlib.Net(path, tmp_path / "w.caffemodel", netlib.TEST)
     assert np.array_equal(net.params["a"][0].data, small.params["a"][0].data)
     assert caplog.messages == [f"{tmp_path}/w.caffemodel has no weights for b; they keep their initial values"]
+
+
+# ------------------------------------------------------------------------------------------ diffs of losses
+
+WEIGHED = """force_backward: true
+layer { name: "a" type: "Input" top: "a" input_param { shape { dim: 3 dim: 4 } } }
+layer { name: "b" type: "Input" top: "b" input_param { shape { dim: 3 dim: 4 } } }
+layer { name: "l" type: "%s" bottom: "a" bottom: "b" top: "loss" loss_weight: 3 }"""
+
+
+@pytest.mark.parametrize("kind", ["EuclideanLoss", "Eltwise"])
+@pytest.mark.parametrize("phase", [netlib.TRAIN, netlib.TEST])
+def test_the_diff_of_a_loss_is_its_weight_from_the_start(net_of, kind, phase):
+    """As in Caffe, the weight is written when the net is built; after a reshape it is written again."""
+    net = net_of(WEIGHED % kind, phase)
+    assert np.array_equal(net.blobs["loss"].diff, np.full(net.blobs["loss"].shape, 3))
+    for name in "ab":
+        net.blobs[name].reshape(5, 4)
+    net.reshape()
+    assert np.array_equal(net.blobs["loss"].diff, np.full(net.blobs["loss"].shape, 3))
+
+
+@pytest.mark.parametrize("write", [
+    lambda blob: blob.diff.fill(2), lambda blob: blob.diff.__setitem__(..., 2),
+    lambda blob: blob.diff.flat.__setitem__(0, 2),
+])
+def test_a_diff_written_before_the_first_backward_is_kept(net_of, write):
+    net = net_of(WEIGHED % "EuclideanLoss")
+    write(net.blobs["loss"])
+    for _ in range(2):
+        net.forward(a=np.ones((3, 4)), b=np.zeros((3, 4)))
+        assert net.backward()["a"] == pytest.approx(np.full((3, 4), 2 / 3))
+    assert net.backward(loss=net.blobs["loss"].diff)["a"] == pytest.approx(np.full((3, 4), 2 / 3))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from docs.making.chromium import NoBrowserError, chromium
@@ -91,3 +94,13 @@ def visit(browser: Any) -> Iterator[Callable[..., Any]]:
     """``visit(path)``: open a page in its own tab; the options are the browser's."""
     with visits(browser) as opened:
         yield opened
+
+
+def picture(tab: Any, canvas: str, draw: str = "null") -> np.ndarray:
+    """The pixels (height, width, 4) of a canvas: red, green, blue, opacity.
+
+    ``draw`` is evaluated immediately before, so that the page does not draw in between.
+    """
+    png = tab.evaluate(f"({draw}, document.getElementById('{canvas}').toDataURL())").partition(",")[2]
+    pixels = cv2.imdecode(np.frombuffer(base64.b64decode(png), np.uint8), cv2.IMREAD_UNCHANGED)
+    return pixels[..., [2, 1, 0, 3]]

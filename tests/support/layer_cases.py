@@ -181,7 +181,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     ),
 }
 # Types without bottoms, or with a file that is written once, are covered by their own tests.
-SOURCES = {"Data", "DummyData", "HDF5Data", "HDF5Output", "ImageData", "Input", "MemoryData", "Parameter", "WindowData"}
+SOURCES = {"Data", "DummyData", "HDF5Data", "HDF5Output", "ImageData", "Input", "MemoryData", "Parameter"}
 
 
 def made(name: str, N: int = 2) -> tuple[Layer, list[np.ndarray]]:

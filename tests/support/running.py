@@ -53,12 +53,12 @@ def run_tool(name: str, *argv: object, status: int | None = 0) -> Done:
 
 def run_python(
     *argv: object,
-    status: int = 0,
+    status: int | None = 0,
     cwd: Path = ROOT,
     preexec_fn: Callable[[], None] | None = None,
     **changes: str | None,
 ) -> Done:
-    """Run Python in a separate process, with this project on its path; it must end with ``status``.
+    """Run Python in a separate process, with this project on its path; it must end with ``status`` (None: any).
 
     ``preexec_fn`` runs in the process before Python starts; ``changes`` are environment variables (None removes one).
     """
@@ -68,5 +68,5 @@ def run_python(
         env={name: value for name, value in environment.items() if value is not None}, errors="replace", check=False,
     )
     done = Done(ended.returncode, ended.stdout, ended.stderr)
-    assert done.status == status, done
+    assert status in (None, done.status), done
     return done

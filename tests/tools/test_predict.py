@@ -20,16 +20,15 @@ from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.crops import crop
 from handpose.frames.images import pack_depth, read_crop, read_frame
 from handpose.frames.recording import CameraInfo
+from handpose.output.hand_page.content import skeleton_values
 from handpose.output.tracks import joint_values
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import joints_of
+from layers.hand import skeleton as skeletons
 from layers.hand.kinematics import Kinematics
-from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import SkeletonParameter
 from netlib import engine
 from netlib.errors import DataError
-from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 from tests.support import json_schema
 from tests.support.running import run_tool
@@ -547,8 +546,9 @@ def hands_in(page):
     """Return the hands of a page, each with the joints (K, 3) in mm computed from its inputs."""
     text = Path(page).read_text(encoding="utf-8")
     data = json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
-    hands, tree = data["hands"], prototxt.parse(data["skeleton"]["text"])
-    skeleton = Skeleton(schema.read(tree, SkeletonParameter))
+    hands, (shown,) = data["hands"], data["bodies"]
+    skeleton = skeletons.load(skeletons.NYU_HAND.with_name(f"{shown['name']}.prototxt"))
+    assert shown["skeleton"] == skeleton_values(skeleton)
     for hand in hands:
         inputs = np.array([hand["inputs"][: len(skeleton.dof_names)]])
         joints = Kinematics(skeleton).joints(inputs, skeleton.bones[None] * hand["size"])[0]

@@ -25,7 +25,6 @@ PACKAGES = [
     "tools",
     "prototxt",
     "models",
-    "web",
 ]
 C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 ODD = os.fsdecode(b"odd\xe9")  # not valid in UTF-8

@@ -22,7 +22,6 @@ from experiments.table1.recipes import ADAM, PAPER
 from experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL
 from experiments.table1.trainings import Training, data_name
 from netlib.errors import DataError
-from netlib.files import hdf5
 from netlib.training.solver_parameter import read
 from tests.support.made_store import entry, shown, trained
 from tests.support.running import run_tool
@@ -64,7 +63,7 @@ def sit(folder, jobs, **options):
 def weights(path):
     """Return all arrays of a snapshot."""
     with h5py.File(path) as file:
-        return {f"{layer}/{i}": group[i][...] for layer, group in hdf5.members(file["data"]) for i in group}
+        return {f"{layer}/{i}": group[i][...] for layer, group in file["data"].items() for i in group}
 
 
 def same(one, other):

@@ -12,14 +12,6 @@ from netlib.proto.prototxt import Field, Message
 from netlib.proto.upgrade import AnyNetParameter
 from tests.support.running import run_tool
 
-V0 = """
-    # a net of 2013
-    name: "n" input: "x" input_dim: 1 input_dim: 2 input_dim: 5 input_dim: 5
-    layers { layer { name: "pad" type: "padding" pad: 2 } bottom: "x" top: "padded" }
-    layers { layer { name: "c" type: "conv" num_output: 4 kernelsize: 5 blobs_lr: 1 blobs_lr: 2 }
-             bottom: "padded" top: "c" }
-    layers { layer { name: "r" type: "relu" } bottom: "c" top: "c" }
-"""
 V1 = """
     name: "n" input: "x" input_shape { dim: 1 dim: 2 dim: 5 dim: 5 }
     layers { name: "c" type: CONVOLUTION bottom: "x" top: "c" blobs_lr: 1 blobs_lr: 2
@@ -76,7 +68,7 @@ def parsed(text: str) -> NetParameter:
     return schema.read(prototxt.parse(text), NetParameter)
 
 
-@pytest.mark.parametrize("old", [V0, V1, TODAY], ids=["V0", "V1", "today"])
+@pytest.mark.parametrize("old", [V1, TODAY], ids=["V1", "today"])
 def test_a_text(here, old):
     """Types, options, rates and inputs are upgraded; a net in the current format is reported."""
     (here / "old").write_text(old)
@@ -95,7 +87,7 @@ def test_the_text_is_as_a_person_would_write_it(here):
     assert sorted(new.splitlines()) == sorted(TODAY.splitlines())
 
 
-@pytest.mark.parametrize("old", [V0, V1, TODAY], ids=["V0", "V1", "today"])
+@pytest.mark.parametrize("old", [V1, TODAY], ids=["V1", "today"])
 def test_weights(here, rng, old):
     """A binary file stays binary, and its weights load into a net in the current format."""
     tree = prototxt.parse(old)

@@ -18,12 +18,13 @@ from handpose.estimate.predictor import Predictor
 from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.labels import percent
-from handpose.output.drawing.page.assembly import page
-from handpose.output.drawing.page.content import content, hand
 from handpose.output.drawing.tracks import Painter
+from handpose.output.hand_page.assembly import page
+from handpose.output.hand_page.content import body, content, hand
 from handpose.output.tracks import angles, csv_file, joint_values
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.sequences.gestures import poses
+from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.blob import Array
@@ -154,11 +155,12 @@ def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
 def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predictor) -> None:
     """Write one page for all images, with a list to select from. Raises OSError, NetlibError."""
     hands = [_on_page(image, prediction, predictor) for image, prediction in found]
-    sampler = BodySampler()
+    name = predictor.skeleton.name
+    sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR if name == "people" else prior_file.NYU_PRIOR))
     own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
-    data = content(predictor.skeleton, hands, poses(sampler) if own else None, predictor.cube_mm / 2)
+    shown = body(name, predictor.skeleton, poses(sampler) if own else None, predictor.cube_mm / 2)
     title = "Predicted hands" if len(hands) > 1 else "Predicted hand"
-    atomic.replace_text(path, page(title if predictor.is_hand else f"{predictor.skeleton.name}, predicted", data))
+    atomic.replace_text(path, page(title if predictor.is_hand else f"{name}, predicted", content([shown], hands)))
 
 
 def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:

@@ -132,14 +132,16 @@ def _given(args: argparse.Namespace, *names: str) -> list[Any]:
 class Outputs:
     """All outputs that the options select. However the block ends, what was written remains as complete files."""
 
-    def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
+    def __init__(
+        self, args: argparse.Namespace, header: TrackHeader, rate: float | None, live: bool = False
+    ) -> None:
         # Missing packages are reported here, before any file is started.
         self._args = args
         self._painter = Painter(header) if args.video or args.sheet else None
         self._sheet = ContactSheet() if args.sheet else None
         self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
         self._view = RerunView(header, Path(args.rerun) if args.rerun else None) if args.rerun is not None else None
-        self._live = LiveOutput(args, header) if _given(args, *LIVE) else None
+        self._live = LiveOutput(args, header, live) if _given(args, *LIVE) else None
         self._writers: list[TrackWriter] = [
             open_writer(path, header, rate, args.joints, args.gestures) for path in _given(args, *FILES)
         ]
@@ -220,9 +222,9 @@ class Outputs:
 class LiveOutput:
     """Sends the frames of a track to the clients of a server and as datagrams. Raises NetlibError."""
 
-    def __init__(self, args: argparse.Namespace, header: TrackHeader) -> None:
+    def __init__(self, args: argparse.Namespace, header: TrackHeader, live: bool = False) -> None:
         self._messages = Messages(header, args.joints, args.gestures)
-        self._server = self._server_at(args.serve, header) if args.serve else None
+        self._server = self._server_at(args.serve, header, live) if args.serve else None
         self._sender = DatagramSender(args.udp) if args.udp else None
         self._addresses = Path(args.addresses) if args.addresses else None
         self._stack = contextlib.ExitStack()
@@ -280,9 +282,9 @@ class LiveOutput:
             say(f"warning: --udp: {self._sender.dropped} datagrams were not sent: {self._sender.reason}",
                 file=sys.stderr)
 
-    def _server_at(self, address: tuple[str, int], header: TrackHeader) -> LiveServer:
+    def _server_at(self, address: tuple[str, int], header: TrackHeader, live: bool) -> LiveServer:
         token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None
-        return LiveServer(*address, self._messages.header, page(header), token)
+        return LiveServer(*address, self._messages.header, page(header, live), token)
 
     def _hold(self) -> None:
         if self._begun is None or self._server is None:

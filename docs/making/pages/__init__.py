@@ -1,7 +1,7 @@
-"""Pages of the book for the browser, one self-contained file each: docs/momentum.html, windows.html, small_net.html.
+"""Pages of the book for the browser, one self-contained file each: docs/windows.html, small_net.html.
 
 The numbers that a page shows are computed here, by the code that the book is about. The sources of the pages are in
-web/book; they are assembled as the page of the hand is.
+docs/book/pages; they are assembled as the page of the hand is.
 """
 
 from __future__ import annotations
@@ -11,22 +11,15 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from docs.making import palette
-from docs.making.figures.learning import START, STEEP, STEPS
 from docs.making.made import Made
 from docs.making.pages import small_net, windows
-from handpose.output.drawing.page.assembly import assembled, script_of, source
+from handpose.output.hand_page.assembly import assembled, script_of, source
 from netlib.files.paths import ROOT
 
-BROWSER = ROOT / "web" / "book"
-
-
-def _momentum() -> dict[str, Any]:
-    """The valley and the start of chapter 6, and the number of steps; the browser computes the paths."""
-    return {"start": START, "kappa": float(STEEP[1] / STEEP[0]), "steps": STEPS}
+BROWSER = ROOT / "docs" / "book" / "pages"
 
 
 PAGES: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {  # name of the file: (title, a function of its data)
-    "momentum": ("Momentum", _momentum),
     "windows": ("Convolution and pooling", windows.data),
     "small_net": ("A small net, step by step", small_net.data),
 }

@@ -17,7 +17,7 @@ from docs.making import markdown
 from docs.making.code_blocks import shown_files
 from netlib.files.paths import ROOT
 
-DOCUMENTS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "web/*.md", "docs/*.md", "docs/book/*.md",
+DOCUMENTS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/book/*.md",
              "docs/exercises/**/*.md", "docs/results/*.md")
 AS_THEY_ARE = ("docs/images/**/*",)  # besides what documents show; the hook adds the pages for the browser
 # Folders of which all source files are shown.
@@ -31,7 +31,6 @@ CODE = (
     "export",
     "tools",
     "prototxt",
-    "web",
 )
 TESTED = ("layers/", "netlib/", "fast/")  # whose tests are shown too
 SHOWN = {".py", ".prototxt", ".toml", ".cfg", ".txt", ".yml", ".yaml", ".sh", ".js", ".css", ".json"}

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.formats.data_sets import MSRA_FRAME, DataSet, read_msra, recognised
-from handpose.frames.formats.folder_writer import put_back
 from handpose.frames.formats.frame_names import NamedFrames, in_order
 from handpose.frames.images import read_picture, unpack_depth
 from handpose.frames.raw import Calibration, calibration_of
@@ -97,9 +96,6 @@ class FolderRecording(Recording):
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:
     """The folder, and the names of all pictures in it, of those that fit a pattern, or of a single one."""
-    for place in (source, source.parent):
-        if not exists(place):
-            put_back(place)
     if exists(source) and source.is_dir():
         names = [name for name in list_folder(source) if _is_frame(name)]
         if not names:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shutil
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ from handpose.frames.raw import stored
 from handpose.frames.recording import CameraInfo, DepthFrame
 from netlib import files
 from netlib.errors import DataError, NetlibError
-from netlib.files import atomic, locks
+from netlib.files import atomic
 from netlib.files.paths import exists, names_in
 
 OURS = re.compile(r"\d{12,}us\.png")
@@ -34,7 +35,6 @@ class FolderWriter:
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None, replace: bool = False) -> None:
         self._path, self._unit, self._last, self._failed = path, unit_mm, -1, False
-        _end_what_was_killed(Path(os.path.realpath(path)))
         old = [name for name in names_in(path) if not name.startswith(".")]
         foreign = sorted(name for name in old if not _is_ours(path / name))
         if old and (foreign or not replace):
@@ -91,53 +91,17 @@ def _is_ours(path: Path) -> bool:
     return bool(OURS.fullmatch(path.name) or path.name == camera_file.NAME) and (path.is_symlink() or not path.is_dir())
 
 
-def put_back(path: Path) -> None:
-    """Restore an old recording if its writer was killed before the new one replaced it. Raises DataError."""
-    with contextlib.suppress(ValueError):  # invalid file names
-        path = Path(os.path.realpath(path))
-    for old in atomic.backups(path):
-        with contextlib.suppress(OSError), locks.held(old) as locked:
-            if locked and not exists(path):
-                old.rename(path)
-        if not exists(path):
-            raise DataError(f"{path}: is being replaced, or who did that was killed; the old recording is {old}: "
-                            "give it its name back")
-
-
 def _take_place(fresh: Path, path: Path) -> None:
     """Replace a recording by a folder; files that are not part of it move to the new one. Raises OSError."""
     old = atomic.sibling(path, "old")
-    with locks.held(path):  # while its name does not make other processes restore it
-        path.rename(old)
-        try:
-            fresh.rename(path)
-        except BaseException:
-            old.rename(path)
-            raise
-        _discard(old, path)
-    atomic.sync_directory(path.parent)
-
-
-def _discard(old: Path, path: Path) -> None:
-    """Remove an old recording; files that are not part of it move to the new one. Raises OSError."""
+    path.rename(old)
+    try:
+        fresh.rename(path)
+    except BaseException:
+        old.rename(path)
+        raise
     for name in names_in(old):
         if not _is_ours(old / name):
             (old / name).rename(path / name)
-    atomic.discard(old, path)
-
-
-def _end_what_was_killed(path: Path) -> None:
-    """Finish a replacement during which the writer was killed. Raises DataError, OSError."""
-    if not exists(path):
-        put_back(path)
-    for old in atomic.backups(path):
-        with atomic.error_names(path), locks.held(old) as locked:
-            if not locked:
-                continue
-            if not exists(path):
-                old.rename(path)
-            elif any(OURS.fullmatch(name) for name in names_in(path)):
-                _discard(old, path)
-            else:
-                raise DataError(f"{path}: is not the recording that was to take the place of {old} when its writer "
-                                "was killed; move one of them away")
+    atomic.sync_directory(path.parent)
+    shutil.rmtree(old)

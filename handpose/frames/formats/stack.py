@@ -124,7 +124,7 @@ class _Npz(_Frames):
 class _Hdf5(_Frames):
     def __init__(self, path: Path) -> None:
         with hdf5.opened(path, "the depth frames") as file:
-            found = {name: np.asarray(value) for name, value in hdf5.members(file.attrs)}
+            found = {name: np.asarray(value) for name, value in file.attrs.items()}
             timed = "time" in file
         (self._rows,) = hdf5.File(path, ("depth",)).datasets
         self.shape, self.dtype = Header(self._rows.shape, self._rows.dtype, 0).stack(str(path)), self._rows.dtype

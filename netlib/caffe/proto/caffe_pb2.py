@@ -40,7 +40,7 @@ _ENUMS = {
     "LossParameter": {"normalization": "NormalizationMode"}, "ParamSpec": {"share_mode": "DimCheckMode"},
     "SolverParameter": {"snapshot_format": "SnapshotFormat", "solver_mode": "SolverMode", "solver_type": "SolverType"},
     "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
-    "V0LayerParameter": {"pool": "PoolMethod"}, "BlobProto": {"raw_data_type": "Type"},
+    "BlobProto": {"raw_data_type": "Type"},
     "ResizeParameter": {"resize_mode": "Resize_mode", "pad_mode": "Pad_mode", "interp_mode": "Interp_mode"},
 }
 _OWNERS = {("DetectionOutputParameter", "code_type"): "PriorBoxParameter"}  # enums that are inside another message
@@ -56,7 +56,7 @@ _TYPES = {float: "FLOAT", schema.Double: "DOUBLE", schema.Floats: "FLOAT", schem
 _MESSAGES = [
     messages.BlobShape, messages.BlobProto, messages.BlobProtoVector, messages.Datum, Filler, upgrade.AnyNetParameter,
     messages.SolverParameter, messages.SolverState, messages.NetState, messages.NetStateRule, messages.ParamSpec,
-    messages.LayerParameter, upgrade.V1LayerParameter, upgrade.V0LayerParameter,
+    messages.LayerParameter, upgrade.V1LayerParameter,
 ]
 
 

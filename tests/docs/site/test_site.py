@@ -84,7 +84,7 @@ def phone(browser: Any) -> Iterator[Any]:
     tab.close()
 
 
-@pytest.mark.parametrize("name", ["3_convolution", "5_net", "6_descent", "9_gradient"])
+@pytest.mark.parametrize("name", ["3_convolution", "5_net", "9_gradient"])
 def test_an_embedded_page_does_not_scroll(site: Path, phone: Any, name: str) -> None:
     """On a phone an iframe is as high as the page in it, when the page has been laid out and when it has changed."""
     phone.goto((site / f"docs/book/{name}.html").as_uri())

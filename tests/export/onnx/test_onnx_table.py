@@ -13,7 +13,7 @@ from tests.support.onnx_nets import types_of
 
 def test_every_layer_type_has_a_form_or_is_refused():
     """Every layer type has an ONNX form, or is one of those known to have none."""
-    random_or_from_outside = {"DummyData", "HDF5Data", "HandAugment", "Data", "ImageData", "MemoryData", "WindowData",
+    random_or_from_outside = {"DummyData", "HDF5Data", "HandAugment", "Data", "ImageData", "MemoryData",
                               "HDF5Output"}
     of_training = {"Accuracy", "DeepHandModelDofConstraintLoss", "PhysLimit"}
     without_form = {"Filter", "Im2col", "LSTM", "LSTMUnit", "PSROIPooling", "RNN", "ROIPooling"}

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ from handpose.frames.opening import open_recording
 from handpose.frames.recording import DepthFrame
 from handpose.frames.writing import RecordingWriter
 from netlib.errors import DataError, NetlibError
-from netlib.files import atomic, locks
+from netlib.files import atomic
 from tests.support.bad_input import bad_inputs
 
 SMALL = Camera("own", 5.0, 6.0, 2.0, 1.5, 4, 3)
@@ -188,122 +186,11 @@ def test_an_old_recording_is_put_back(tmp_path: Path, monkeypatch: pytest.Monkey
     assert contents(tmp_path / "take") == before
 
 
-@pytest.mark.parametrize("between", [True, False], ids=["between the names", "while the old one goes"])
-def test_a_writer_that_was_killed_while_the_new_one_took_the_place(tmp_path: Path, between: bool) -> None:
-    """The next writer restores the old recording or finishes its removal; hidden files of the user are kept."""
-    write(tmp_path / "take", frames(3))
-    (tmp_path / "take" / ".note").write_text("mine")
-    left = tmp_path / ".take.0123abcd.netlib.old"
-    if between:
-        (tmp_path / "take").rename(left)
-        with pytest.raises(NetlibError, match=r"/take: is not empty; name a new folder or replace it by --force$"):
-            write(tmp_path / "take", frames(1))
-        assert len(contents(tmp_path / "take")) == 5  # including camera.json and the note
-    else:
-        write(left, frames(2))
-        (tmp_path / "take" / ".note").rename(left / ".note")
-    write(tmp_path / "take", frames(1), replace=True)
-    assert (tmp_path / "take" / ".note").read_text() == "mine" and len(contents(tmp_path / "take")) == 3
-    assert [path.name for path in tmp_path.iterdir()] == ["take"]
 
 
-@pytest.mark.parametrize("named", ["take", "link", "take/*.png", "take/000000033333us.png"])
-def test_who_reads_what_a_killed_writer_left_puts_the_old_recording_back(tmp_path: Path, named: str) -> None:
-    """A reader restores the old recording left by a killed writer, for any form of its name."""
-    write(tmp_path / "take", frames(3))
-    before = contents(tmp_path / "take")
-    (tmp_path / "link").symlink_to("take")
-    (tmp_path / "take").rename(tmp_path / ".take.0123abcd.netlib.old")
-    assert open_recording(tmp_path / named).count == (1 if "us" in named else 3)
-    assert contents(tmp_path / "take") == before
 
 
-def test_what_another_writer_took_away_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """If another writer is killed after moving the recording away, the recording is restored."""
-    write(tmp_path / "take", frames(3))
-    before, kept = contents(tmp_path / "take"), atomic.backups
 
-    def taken_away(path: Path) -> list[Path]:
-        if path.exists():
-            path.rename(tmp_path / ".take.0123abcd.netlib.old")
-        return kept(path)
-
-    monkeypatch.setattr(atomic, "backups", taken_away)
-    with pytest.raises(NetlibError, match=r"/take: is not empty; name a new folder or replace it by --force$"):
-        write(tmp_path / "take", frames(1))
-    assert contents(tmp_path / "take") == before
-
-
-@pytest.mark.parametrize("other", ["empty", "notes", "file"])
-def test_an_old_recording_stays_beside_what_is_not_the_new_one(tmp_path: Path, other: str) -> None:
-    """If other content is in the recording's place, nothing is removed, and the error names both."""
-    left = tmp_path / ".take.0123abcd.netlib.old"
-    write(left, frames(3))
-    before = contents(left)
-    if other == "file":
-        (tmp_path / "take").touch()
-    else:
-        (tmp_path / "take").mkdir()
-        if other == "notes":
-            (tmp_path / "take" / "notes.txt").touch()
-    with pytest.raises(DataError, match=r"/take: is not the recording that was to take the place of .*0123abcd"):
-        write(tmp_path / "take", frames(1), replace=True)
-    assert contents(left) == before
-
-
-def test_no_part_of_an_old_recording_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An old recording whose removal was interrupted is not restored."""
-    write(tmp_path / "take", frames(3))
-
-    def cut_short(path: Path) -> None:
-        for picture in list(path.glob("*.png"))[:1]:
-            picture.unlink()
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(atomic, "_remove", cut_short)
-        write(tmp_path / "take", frames(1), replace=True)
-    shutil.rmtree(tmp_path / "take")
-    with pytest.raises(DataError, match="no such file or folder"):
-        open_recording(tmp_path / "take")
-
-
-@pytest.mark.parametrize("why", ["at work", "read only"])
-def test_an_old_recording_that_cannot_be_put_back_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
-) -> None:
-    """The error names the place of an old recording that cannot be restored."""
-    left = tmp_path / ".take.0123abcd.netlib.old"
-    write(left, frames(3))
-
-    def failing(self: Path, target: Path) -> Path:
-        raise OSError(30, "Read-only file system")
-
-    if why == "read only":
-        monkeypatch.setattr(Path, "rename", failing)
-    with contextlib.ExitStack() as stack, pytest.raises(DataError, match=r"the old recording is .*/\.take\.0123abcd"):
-        if why == "at work":
-            stack.enter_context(locks.held(left))
-        open_recording(tmp_path / "take")
-    assert left.is_dir()
-
-
-def test_an_old_recording_is_locked_before_it_loses_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An old recording is locked before it is renamed, so that no other process restores it."""
-    write(tmp_path / "take", frames(3))
-    rename, seen = Path.rename, []
-
-    def watched(self: Path, target: Path) -> Path:
-        result = rename(self, target)
-        if target.name.endswith(".old"):
-            with pytest.raises(DataError, match="is being replaced"):
-                open_recording(tmp_path / "take")
-            seen.append(target)
-        return result
-
-    monkeypatch.setattr(Path, "rename", watched)
-    write(tmp_path / "take", frames(1), replace=True)
-    assert len(seen) == 1 and open_recording(tmp_path / "take").count == 1
 
 
 ENDINGS = "expected a folder, FILE.npz or FILE.mkv"

@@ -147,19 +147,12 @@ def test_where_pictures_are_looked_for(tmp_path, pictures, net_of, monkeypatch):
 
 @pytest.mark.parametrize(
     ("content", "found"),
-    [("picture 0.png 5\n\npicture 1.png -3\r\n", [5, -3]), ("picture 0.png +7", [7]), ("picture 0.png ", [0])],
+    [("picture 0.png 5\n\npicture 1.png -3\r\n", [5, -3]), ("picture 0.png +7", [7])],
 )
 def test_lines(tmp_path, pictures, net_of, content, found):
-    """Empty lines are skipped; a missing label is 0, as in Caffe."""
+    """Empty lines are skipped."""
     (tmp_path / "list.txt").write_bytes(content.encode())
     assert labels(net_of(text(tmp_path, f"batch_size: {len(found)}"))) == found
-
-
-def test_a_line_without_a_blank(tmp_path, pictures, net_of):
-    """A line without a space is a path, with label 0."""
-    (tmp_path / "picture 0.png").rename(tmp_path / "a.png")
-    (tmp_path / "list.txt").write_text("a.png")
-    assert labels(net_of(text(tmp_path))) == [0]
 
 
 def test_notes(tmp_path, pictures, net_of, caplog):
@@ -177,6 +170,8 @@ AT = "net.prototxt:1:...: error: layer 'd': "
     "no list": ((None, ""), "...list.txt: cannot read the list of images: No such file or directory"),
     "empty list": ((b"\n", ""), "...list.txt: the list of images is empty"),
     "bytes": ((b"\xff\xfe", ""), "...list.txt: cannot read the list of images: not a text file (byte 0 is not UTF-8)"),
+    "no label": ((b"picture 0.png 1\na.png", ""), "...list.txt:2: 'a.png' has no label; expected 'path label'"),
+    "a space for a label": ((b"a.png ", ""), "...list.txt:1: 'a.png' has no label; expected 'path label'"),
     "a label cat": ((b"picture 0.png 1\npicture 1.png cat", ""),
                     "...list.txt:2: the label 'cat' is not a whole number; expected 'path label'"),
     "a tab": ((b"picture0.png\t4", ""),

@@ -341,3 +341,88 @@ def test_a_layer_with_its_own_init(squares: None) -> None:
     assert net.layer_dict["own"].passes == 4 and (net.blobs["y"].data == 3).all()
     with pytest.raises(netlib.LayerError, match=r"layer 'own': __init__ failed: KeyError: 'own'"):
         net_with(python("Unprepared"))
+
+
+# ------------------------------------------------------------------------------------------ gradients
+
+TYPO = SQUARE.replace("def backward(", "def backwards(")
+ABSENT = SQUARE[: SQUARE.index("    def backward(")]
+TRAINED = """
+class Gain(netlib.Layer):
+    def setup(self, bottom, top):
+        self.blobs.add_blob(1)
+
+    def reshape(self, bottom, top):
+        top[0].reshape(*bottom[0].shape)
+
+    def forward(self, bottom, top):
+        top[0].data[...] = self.blobs[0].data * bottom[0].data
+"""
+IP = 'layer { name: "ip" type: "InnerProduct" bottom: "x" top: "x1" inner_product_param { num_output: 1 } }'
+LOSS = 'layer { name: "sum" type: "Reduction" bottom: "y" top: "loss" loss_weight: 1 }'
+
+
+def trained_net(name: str, phase: int, module: str, below: str = IP, more: str = "") -> netlib.Net:
+    own = python(name, module).replace("type:", f"{more} type:")
+    own = own.replace('bottom: "x"', 'bottom: "x1"') if below else own
+    return netlib.Net(prototxt.parse(inputs(x=(2, 3)) + below + "\n" + own + LOSS, "f"), phase)
+
+
+@pytest.mark.parametrize(("code", "name", "below", "advice"), [
+    (TYPO, "Square", IP, "rename its method 'backwards'"),
+    (ABSENT, "Square", IP, "define it, or set propagate_down: false for each bottom"),
+    (ABSENT + TRAINED, "Gain", "", "define it, or set propagate_down: false for each bottom"),
+], ids=["a typo", "no method", "a parameter of its own"])
+def test_a_layer_without_backward_cannot_be_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, name: str, below: str, advice: str
+) -> None:
+    module = f"lacking_{name.lower()}_{'typo' if code is TYPO else 'none'}"
+    (tmp_path / f"{module}.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(netlib.LayerError) as error:
+        trained_net(name, netlib.TRAIN, module, below)
+    assert str(error.value) == (
+        f"f:2:7: error: layer 'own': class {module}.{name} defines no backward, so nothing before this layer would be "
+        f"trained, and none of its own parameters; {advice}")
+    net = trained_net(name, netlib.TEST, module, below)
+    net.forward(x=np.ones((2, 3)))
+    with pytest.raises(netlib.LayerError, match="defines no backward"):
+        net.backward()
+
+
+def test_a_layer_without_backward_where_no_gradient_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "metric.py").write_text(ABSENT)
+    monkeypatch.syspath_prepend(tmp_path)
+    for below, more in (("", ""), (IP, "propagate_down: false")):
+        net = trained_net("Square", netlib.TRAIN, "metric", below, more)
+        net.forward(x=np.ones((2, 3)))
+        net.backward()
+
+
+UNWRITTEN = SQUARE[: SQUARE.index("    def backward(")] + """
+    def backward(self, top, propagate_down, bottom):
+        %s
+"""
+
+
+@pytest.mark.parametrize(("body", "gradient", "warning"), [
+    ("pass", [0, 0, 0], "the diff"),
+    ("bottom[0].diff[1:] = top[0].diff[1:]", [0, 5, 6], "1 of 3 values of the diff"),
+    ("bottom[0].diff[...] += top[0].diff", [4, 5, 6], ""),
+    ("bottom[0].diff[...] = 0 * top[0].diff", [0, 0, 0], ""),
+], ids=["nothing", "a part", "adds", "zeros"])
+def test_a_diff_that_backward_does_not_write_is_zero_and_reported_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, body: str,
+    gradient: list[float], warning: str,
+) -> None:
+    (tmp_path / "unwritten.py").write_text(UNWRITTEN % body)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "unwritten", raising=False)
+    net = net_with(python("Square", "unwritten"))
+    for number in range(3):
+        net.forward(x=np.ones(3))
+        found = net.backward(y=np.array([4, 5, 6]))["x"]
+        assert number or found.tolist() == gradient
+    assert caplog.messages == ([
+        f"f:1:104: layer 'own': backward of Square does not write {warning} of bottom 'x'; what is not written is "
+        "0, as in Caffe: write every element, or set propagate_down: false"] if warning else [])

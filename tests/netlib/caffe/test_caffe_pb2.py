@@ -19,7 +19,7 @@ DATACLASSES = {
     **{cls.__name__: cls for cls in option_blocks().values()},
     **{name: getattr(messages, name) for name in ("BlobProto", "Datum", "SolverState", "ParamSpec", "LayerParameter")},
     "NetParameter": upgrade.AnyNetParameter, "SolverParameter": messages.SolverParameter,
-    "V1LayerParameter": upgrade.V1LayerParameter, "V0LayerParameter": upgrade.V0LayerParameter,
+    "V1LayerParameter": upgrade.V1LayerParameter,
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections import OrderedDict
 
 import numpy as np
 from google.protobuf import text_format
@@ -42,6 +43,15 @@ def test_the_net_as_text():
     layer { name: "loss" type: "SoftmaxWithLoss" bottom: "ip" bottom: "label" top: "loss" loss_weight: 2.0 }
     """
     assert text == str(text_format.Parse(expected, caffe_pb2.NetParameter()))
+
+
+def test_classes_are_pycaffes_by_identity():
+    """Scripts compare them by ``type(x) is caffe.net_spec.Top``; several tops are a tuple."""
+    n = small_net()
+    assert (type(n), type(n.tops), type(n.conv)) == (caffe.NetSpec, OrderedDict, caffe.net_spec.Top)
+    assert (type(n.conv.fn), type(n.conv.fn.tops)) == (caffe.net_spec.Function, tuple)
+    assert (type(L), type(P)) == (caffe.net_spec.Layers, caffe.net_spec.Parameters)
+    assert type(n.to_proto()) is caffe_pb2.NetParameter
 
 
 def test_the_net_runs(tmp_path):

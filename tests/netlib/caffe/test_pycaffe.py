@@ -7,12 +7,14 @@ import re
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import netlib
-from netlib.caffe import process, pycaffe
+from netlib import caffe
+from netlib.caffe import _caffe, process, pycaffe
 from netlib.distributed import consistency, ranks
 from netlib.distributed.data_parallel import DataParallel
 from netlib.distributed.ranks import Ranks
@@ -97,16 +99,97 @@ def test_a_layer_in_place_writes_the_blob_that_it_reads(work: Path) -> None:
     assert net._bottom_ids(2) == net._top_ids(2) == net._top_ids(1) == net._outputs == [1]
 
 
-def test_the_compiled_module(net: pycaffe.Net) -> None:
-    """caffe._caffe has the names of pycaffe's compiled module."""
-    from netlib import caffe
-    from netlib.caffe import _caffe
-
+def test_the_compiled_module() -> None:
+    """caffe._caffe has the names of pycaffe's compiled module, and caffe those of them that pycaffe imports."""
     assert all(getattr(caffe, name) is getattr(_caffe, name) for name in set(_caffe.__all__) & set(caffe.__all__))
-    at = net.connections[-1]
-    assert isinstance(at.bottom, _caffe.RawBlobVec) and isinstance(at.layer.blobs, _caffe.BlobVec)
-    assert isinstance(net.layers, _caffe.LayerVec) and isinstance(net._bottom_ids(1), _caffe.IntVec)
-    assert issubclass(_caffe.Layer, netlib.Layer) and _caffe.__version__ == caffe.__version__
+    assert caffe.Net is pycaffe.Net and caffe.Layer is netlib.Layer and _caffe.__version__ == caffe.__version__
+
+
+LAYER = """
+import caffe
+from caffe import _caffe
+
+class Twice(caffe.Layer):
+    def __init__(self, param):
+        super().__init__(param)
+        assert type(param) is _caffe.LayerParameter
+    def setup(self, bottom, top):
+        self.blobs.add_blob(1)
+        assert type(self.blobs) is _caffe.BlobVec and type(self.blobs[0]) is _caffe.Blob
+        self.seen = {"setup"}
+    def look(self, method, *vectors):
+        self.seen.add(method)
+        for vector in vectors:
+            assert type(vector) is _caffe.RawBlobVec and all(type(blob) is _caffe.Blob for blob in vector), vector
+    def reshape(self, bottom, top):
+        self.look("reshape", bottom, top)
+        top[0].reshape(*bottom[0].shape)
+    def forward(self, bottom, top):
+        self.look("forward", bottom, top)
+        top[0].data[...] = 2 * bottom[0].data
+    def backward(self, top, propagate_down, bottom):
+        self.look("backward", bottom, top)
+        assert type(propagate_down) is _caffe.BoolVec
+        bottom[0].diff[...] = 2 * top[0].diff
+"""
+CONVOLUTIONS = """
+    name: "n" force_backward: true
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 4 dim: 2 dim: 8 dim: 8 } } }
+    layer { name: "conv" type: "Convolution" bottom: "x" top: "conv"
+            convolution_param { num_output: 3 kernel_size: 3 weight_filler { type: "xavier" } } }
+    layer { name: "relu" type: "ReLU" bottom: "conv" top: "conv" }
+    layer { name: "pool" type: "Pooling" bottom: "conv" top: "pool" pooling_param { kernel_size: 2 stride: 2 } }
+    layer { name: "twice" type: "Python" bottom: "pool" top: "twice"
+            python_param { module: "twice" layer: "Twice" } }
+    layer { name: "loss" type: "Reduction" bottom: "twice" top: "loss" loss_weight: 1 }
+"""
+
+
+def assert_classes_of(net: pycaffe.Net, cls: type = caffe.Net) -> None:
+    """The classes of everything in a net are those of pycaffe (python/caffe/_caffe.cpp and pycaffe.py), by identity."""
+    vectors: dict[str, tuple[Any, Any]] = {
+        "layers": (net.layers, _caffe.LayerVec), "_blobs": (net._blobs, _caffe.BlobVec),
+        "_blob_names": (net._blob_names, _caffe.StringVec), "_layer_names": (net._layer_names, _caffe.StringVec),
+        "_inputs": (net._inputs, _caffe.IntVec), "_outputs": (net._outputs, _caffe.IntVec),
+        "_bottom_ids": (net._bottom_ids(1), _caffe.IntVec), "_top_ids": (net._top_ids(1), _caffe.IntVec),
+        "_blob_loss_weights": (net._blob_loss_weights, _caffe.DtypeVec),
+        "inputs": (net.inputs, list), "outputs": (net.outputs, list), "net": (net, cls),
+        "forward": (net.forward(), dict), "backward": (net.backward(), dict),
+        **{name: (getattr(net, name), OrderedDict)
+           for name in ("blobs", "params", "layer_dict", "top_names", "bottom_names", "blob_loss_weights")},
+        **{f"blobs of {layer.type}": (layer.blobs, _caffe.BlobVec) for layer in net.layers},
+        **{f"params[{name!r}]": (blobs, _caffe.BlobVec) for name, blobs in net.params.items()},
+    }
+    assert {name: type(value) for name, (value, _) in vectors.items()} == {
+        name: wanted for name, (_, wanted) in vectors.items()
+    }
+    blobs = [*net.blobs.values(), *net._blobs, *(blob for layer in net.layers for blob in layer.blobs)]
+    assert {type(blob) for blob in blobs} == {_caffe.Blob}
+    assert {type(array) for blob in blobs for array in (blob.data, blob.diff)} == {np.ndarray}
+    assert {type(names) for found in (net.top_names, net.bottom_names) for names in found.values()} == {list}
+    assert all(isinstance(layer, caffe.Layer) for layer in [*net.layers, *net.layer_dict.values()])
+
+
+def test_classes_are_pycaffes_by_identity(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scripts compare them by ``type(x) is caffe._caffe.BlobVec``: in a net, a solver's nets and a Python layer."""
+    monkeypatch.syspath_prepend(work)
+    (work / "twice.py").write_text(LAYER)
+    (work / "net.prototxt").write_text(CONVOLUTIONS)
+    assert_classes_of(caffe.Net("net.prototxt", caffe.TEST))
+    assert_classes_of(caffe.Classifier("net.prototxt", None), caffe.Classifier)
+    assert type(caffe.Classifier("net.prototxt", None).transformer) is caffe.io.Transformer
+    for name in ("SGD", "Nesterov", "AdaGrad", "RMSProp", "AdaDelta", "Adam"):
+        (work / "solver.prototxt").write_text(
+            f'{SOLVER} type: "{name}" test_net: "net.prototxt" test_iter: 1 test_interval: 1')
+        solver = caffe.get_solver("solver.prototxt")
+        cls = getattr(_caffe, f"{name}Solver")
+        assert type(solver) is type(cls("solver.prototxt")) is cls is getattr(caffe, f"{name}Solver")
+        assert cls.__name__ == f"{name}Solver" and issubclass(cls, caffe.SGDSolver) and issubclass(cls, _caffe.Solver)
+        assert type(solver.param) is _caffe.SolverParameter and type(solver.test_nets) is _caffe.NetVec
+    solver.step(1)
+    for net in (solver.net, *solver.test_nets):
+        assert_classes_of(net)
+        assert net.layer_dict["twice"].seen == {"setup", "reshape", "forward", "backward"}
 
 
 @pytest.mark.parametrize("args", [((), {"phase": 1, "weights": "w"}), ((1, 0, None, "w"), {}), (("w", 1), {})])
@@ -256,12 +339,33 @@ def test_what_is_accepted_and_ignored_is_said_once(caplog: pytest.LogCaptureFixt
 
 
 def test_an_update_by_hand() -> None:
-    """apply_update computes w <- w - lr dw."""
+    """apply_update computes w <- w - lr dw and counts the iteration, so that a policy and Adam advance."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     w = solver.net.params["a"][0]
     w.data[...], w.diff[...] = 0, 1
     solver.apply_update()
     assert np.allclose(w.data, -0.5)
+    assert (solver.iter, solver.lr) == (1, 0.5)
+    solver.apply_update()
+    assert (solver.iter, solver.lr) == (2, pytest.approx(0.05))
+    assert Path(solver.snapshot()).name == "s_iter_2.solverstate"
+
+
+@pytest.mark.parametrize("kind", ["SGD", "Nesterov", "AdaGrad", "RMSProp", "AdaDelta", "Adam"])
+def test_a_loop_by_hand_is_the_solvers_loop(kind: str) -> None:
+    """forward, backward and apply_update give the bits of step."""
+    momentum = "momentum: 0.9" if kind in ("SGD", "Nesterov", "Adam") else ""
+    Path("kind.prototxt").write_text(f'{SOLVER} type: "{kind}" {momentum} random_seed: 3')
+    solvers = [pycaffe.get_solver("kind.prototxt") for _ in range(2)]
+    solvers[0].step(5)
+    for _ in range(5):
+        solvers[1].net.clear_param_diffs()
+        solvers[1].net.forward()
+        solvers[1].net.backward()
+        solvers[1].apply_update()
+    stepped, by_hand = ([param.blob.data for param in solver.net.learnable] for solver in solvers)
+    assert [solver.iter for solver in solvers] == [5, 5]
+    assert all(map(np.array_equal, stepped, by_hand))
 
 
 def test_options_may_change_while_it_trains() -> None:

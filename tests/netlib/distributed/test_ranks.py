@@ -151,17 +151,3 @@ def test_random_numbers():
     assert len({n.params["fc"][0].data.tobytes() for n in nets}) == 1
     assert len(set(drawn)) == 3
     assert net(text, 2, Shard(1, 3)).forward()["y"].tobytes() == drawn[1]
-
-
-def test_windows(tmp_path):
-    """Every rank draws its own windows."""
-    cv2.imwrite(str(tmp_path / "p.png"), np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3))
-    windows = "".join(f"{i % 3 + 1} {overlap} {i} {i} {i + 6} {i + 6}\n" for i in range(10) for overlap in (0.9, 0.1))
-    (tmp_path / "windows").write_text(f"# 0\n{tmp_path}/p.png\n3 20 20\n20\n{windows}")
-    text = (f'type: "WindowData" top: "x" top: "t" window_data_param {{ source: "{tmp_path}/windows" batch_size: %d '
-            'fg_fraction: 0.5 } transform_param { crop_size: 4 }')
-    nets = [net(text, 8, Shard(r, 2)) for r in range(2)]
-    first, second = (n.forward()["x"].copy() for n in nets)
-    assert first.shape == second.shape and not np.array_equal(first, second)
-    assert nets[0].layers[0].reads() == nets[1].layers[0].reads() is not None
-    assert net(text, 8, Shard(1, 2, divide=True)).forward()["x"].shape[0] == 4

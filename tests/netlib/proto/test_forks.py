@@ -15,7 +15,6 @@ from netlib.net import Net
 from netlib.proto import forks, messages, prototxt, schema, wire
 from netlib.proto.messages import FORK_NUMBERS, LayerParameter, NetParameter, SolverParameter
 from netlib.proto.options import option_blocks
-from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
 
 CLASSES: dict[str, Any] = {
@@ -58,32 +57,25 @@ def test_options_without_effect_are_ignored(message: str, text: str) -> None:
     assert found == plain
 
 
-@bad_inputs(netlib.PrototxtError, {
-    text: ((message, text), f"<text>:1:1: error: unknown option {line.replace('#', ', which changes the result: it')}")
-    for message, text, line in (
-        ("BatchNormParameter", "scale_bias: true", "'scale_bias' of NVIDIA's fork# multiplies by a learned scale and "
-         "adds a learned bias; expected false, or a layer Scale with bias_term: true after it"),
-        ("BatchNormParameter", "bias_filler { }", "'bias_filler' of NVIDIA's and Intel's forks# adds a learned scale "
-         "and bias; expected a layer Scale with bias_term: true after it"),
-        ("ConvolutionParameter", "relu: 1",
-         "'relu' of Intel's fork# replaces negative values by 0; expected false, or a layer ReLU after it"),
-        ("ConvolutionParameter", "hole: 2", "'hole' of DeepLab's fork# spaces ...; expected 1, or dilation"),
-        ("PoolingParameter", "torch_pooling: true",
-         "'torch_pooling' of NVIDIA's fork# rounds ...; expected false, or round_mode: FLOOR"),
-        ("PoolingParameter", "avg_include_pad: false",
-         "'avg_include_pad' of Intel's fork# does not count padding in a mean; expected true"),
-        ("PoolingParameter", "kernel_size_3d: 3", "'kernel_size_3d' of Intel's fork# pools over three axes"),
-        ("SolverParameter", "min_lr: 1e-5", "'min_lr' of NVIDIA's fork# bounds the learning rate; expected 0"),
-        ("SolverParameter", 'momentum_policy: "poly"',
-         "'momentum_policy' of NVIDIA's fork# changes the momentum ...; expected \"fixed\""),
-        ("TransformationParameter", "resize_param { }", "'resize_param' of SSD's fork# changes the images"),
-        ("LossParameter", "label_smoothing: 0.1",
-         "'label_smoothing' of NVIDIA's and Intel's forks# replaces each label by a distribution; expected 0"))
-})
-def test_options_with_an_effect_are_named(given: tuple[str, str], rejected: Any) -> None:
-    """Any other option of a fork is an error that states the fork, the effect and what to write instead."""
-    with rejected:
-        schema.read(prototxt.parse(given[1]), CLASSES[given[0]])
+REQUIRED = {"DataParameter": 'source: "d" batch_size: 1', "ImageDataParameter": 'source: "l"',
+            "InnerProductParameter": "num_output: 1"}
+CHANGES = "of a fork of Caffe changes the result; not supported"
+EVERY = [(message, name, value) for message, options in forks.OPTIONS.items() for name, value in options.items()]
+
+
+@pytest.mark.parametrize(("message", "name", "harmless"), EVERY, ids=lambda value: str(value).strip('"'))
+def test_every_option_is_ignored_or_refused(message: str, name: str, harmless: str) -> None:
+    """A value without effect is ignored; any other is an error, with the same text for all options."""
+    cls, required = CLASSES[message], REQUIRED.get(message, "")
+    if harmless != forks.NONE:
+        good = "SOME_WORD" if harmless == forks.ANY else harmless
+        found, plain = (schema.read(prototxt.parse(text + required), cls) for text in (f"{name}: {good} ", ""))
+        assert found == plain
+    if harmless != forks.ANY:
+        with pytest.raises(netlib.PrototxtError) as error:
+            schema.read(prototxt.parse(f"{name}: 0.375 {required}"), cls)
+        expected = f", expected {harmless}" if harmless else ""
+        assert str(error.value) == f"<text>:1:1: error: unknown option {name!r} {CHANGES}{expected}"
 
 
 def test_a_block_of_a_fork_without_effect(net_of: Callable[..., Net]) -> None:
@@ -113,35 +105,34 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
 # ---------------------------------------------------------------------------------------------- types
 
 
-@pytest.mark.parametrize(
-    ("name", "advice"),
-    [
-        ("Convolutoin", "did you mean 'Convolution'"), ("convolution", "did you mean 'Convolution'"),
-        ("Inner_Product", "did you mean 'InnerProduct'"), ("Poolin", "did you mean 'Pooling'"),
-        ("Poolings", "did you mean 'Pooling'"), ("Relu6", "did you mean 'ReLU6'"),
-        ("ROIpooling", "did you mean 'ROIPooling'"),
-        ("BoxAnnotatorOHEM", "a layer of Intel's fork of Caffe, which is not supported"),
-        ("MultiBoxLoss", "a layer of SSD's fork of Caffe, which is not supported"),
-    ],
-)
+@pytest.mark.parametrize(("name", "advice"), [
+    ("Convolutoin", "did you mean 'Convolution'?"), ("convolution", "did you mean 'Convolution'?"),
+    ("Inner_Product", "did you mean 'InnerProduct'?"), ("Poolin", "did you mean 'Pooling'?"),
+    ("Relu6", "did you mean 'ReLU6'?"), ("ROIpooling", "did you mean 'ROIPooling'?"),
+    ("ChannelDropout", "the nearest names: Dropout"), ("ROIAlign", "the nearest names: ROIPooling"),
+    ("SeLu", "a layer ELU with alpha 1.67326 and a layer Power with scale 1.0507 after it compute the same"),
+    ("MultiBoxLoss", "the training layers of SSD are not supported; its deploy nets are"),
+])
 def test_advice_on_unknown_types(name: str, advice: str) -> None:
-    """A misspelling leads to the type that is meant, and a layer of a fork to the fork."""
-    assert advice in forks.type_advice(name, LAYER_TYPES)
+    """A misspelling leads to the type that is meant, a layer of a fork to what to use instead."""
+    assert forks.type_advice(name, LAYER_TYPES).startswith(f" ({advice}")
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["RReLU", "CReLU", "ReLU1", "SELU", "Convolution3D", "DeformableConvolution", "DepthwiseDeconvolution", "Unpooling",
-     "SmoothL2Loss", "Tan", "LogSoftmax", "Softmin", "SoftPlus", "ArgMin", "ROIAlign", "Upsample2", "BatchRenorm", ""],
-)
-def test_no_advice_leads_to_another_layer(name: str) -> None:
-    """A type that is only similar to a known one gets no advice."""
-    assert forks.type_advice(name, LAYER_TYPES) == ""
+@pytest.mark.parametrize("name", ["RReLU", "CReLU", "Unpooling", "LogSoftmax", "SoftPlus", "ROIAlign", ""])
+def test_no_advice_takes_another_layer_for_a_misspelling(name: str) -> None:
+    assert "did you mean" not in forks.type_advice(name, LAYER_TYPES)
 
 
-def test_the_types_of_forks_are_not_known() -> None:
-    """The table has no type that is implemented."""
-    assert not forks.TYPES.keys() & LAYER_TYPES.keys()
+def test_a_selu_is_an_elu_and_a_power(net_of: Callable[..., Net]) -> None:
+    x = np.linspace(-4, 4, 33)
+    net = net_of(inputs(x=(33,)) + '''layer { name: "e" type: "ELU" bottom: "x" top: "e" elu_param { alpha: 1.67326 } }
+                 layer { name: "p" type: "Power" bottom: "e" top: "y" power_param { scale: 1.0507 } }''')
+    selu = 1.0507009873554805 * np.where(x > 0, x, 1.6732632423543772 * np.expm1(x))
+    assert np.allclose(net.forward(x=x)["y"], selu, rtol=1e-5)
+
+
+def test_the_types_with_hints_are_not_known() -> None:
+    assert not forks.HINTS.keys() & LAYER_TYPES.keys()
 
 
 # ---------------------------------------------------------------------------------------------- binary files

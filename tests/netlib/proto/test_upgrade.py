@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 from typing import Any
 
 import numpy as np
 import pytest
 
-from netlib.errors import PrototxtError
+from netlib.errors import PrototxtError, WeightsError
 from netlib.proto import binaryproto, prototxt, schema, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import AnyNetParameter, upgraded
@@ -31,29 +30,6 @@ V1 = """
     layers { name: "p" type: POOLING bottom: "c" top: "p" pooling_param { pool: AVE kernel_size: 3 stride: 2 } }
     layers { name: "l" type: SOFTMAX_LOSS bottom: "p" bottom: "y" top: "l" include { phase: TRAIN } loss_weight: 2 }
 """
-V0 = """
-    name: "n" input: "x" input_dim: 1 input_dim: 2 input_dim: 5 input_dim: 5
-    layers { layer { name: "pad" type: "padding" pad: 2 } bottom: "x" top: "padded" }
-    layers { layer { name: "c" type: "conv" num_output: 4 biasterm: false kernelsize: 5 group: 2 stride: 1
-                     blobs_lr: 1 blobs_lr: 2 weight_decay: 1 weight_decay: 0 } bottom: "padded" top: "c" }
-    layers { layer { name: "p" type: "pool" pool: AVE kernelsize: 3 stride: 2 } bottom: "c" top: "p" }
-    layers { layer { name: "r" type: "relu" } bottom: "p" top: "p" }
-    layers { layer { name: "d" type: "data" source: "db" batchsize: 4 scale: 0.5 meanfile: "m" cropsize: 3
-                     mirror: true rand_skip: 2 } top: "d" }
-    layers { layer { name: "i" type: "images" source: "s" batchsize: 4 shuffle_images: true new_height: 3 } top: "i" }
-"""
-V0_TODAY = """
-    name: "n" input: "x" input_dim: 1 input_dim: 2 input_dim: 5 input_dim: 5
-    layer { name: "c" type: "Convolution" bottom: "x" top: "c"
-            param { lr_mult: 1 decay_mult: 1 } param { lr_mult: 2 decay_mult: 0 }
-            convolution_param { num_output: 4 bias_term: false kernel_size: 5 group: 2 stride: 1 pad: 2 } }
-    layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { pool: AVE kernel_size: 3 stride: 2 } }
-    layer { name: "r" type: "ReLU" bottom: "p" top: "p" }
-    layer { name: "d" type: "Data" top: "d" data_param { source: "db" batch_size: 4 rand_skip: 2 }
-            transform_param { scale: 0.5 mean_file: "m" crop_size: 3 mirror: true } }
-    layer { name: "i" type: "ImageData" top: "i"
-            image_data_param { source: "s" batch_size: 4 shuffle: true new_height: 3 } }
-"""
 
 
 def net(text: str) -> NetParameter:
@@ -70,9 +46,9 @@ def by_bytes(text: str) -> prototxt.Message:
     return upgraded(wire.decode(data, AnyNetParameter))
 
 
-@pytest.mark.parametrize(("old", "today"), [(V1, TODAY), (V0, V0_TODAY), (TODAY, TODAY)], ids=["V1", "V0", "today"])
+@pytest.mark.parametrize(("old", "today"), [(V1, TODAY), (TODAY, TODAY)], ids=["V1", "today"])
 def test_an_old_net_is_the_net_of_today(old: str, today: str) -> None:
-    """Types, rates, decays, sharing, rules, options, padding layers and data transformations are upgraded."""
+    """Types, rates, decays, sharing, rules and options are upgraded."""
     assert net(old) == plain(today)
     assert wire.encode(by_bytes(old), NetParameter) == wire.encode(prototxt.parse(today), NetParameter)
 
@@ -95,26 +71,8 @@ def test_batch_norm_with_three_parameters() -> None:
     assert net(two) == plain(two)
 
 
-def test_what_a_type_does_not_have_is_dropped_with_a_note(caplog: pytest.LogCaptureFixture) -> None:
-    """An option that its layer type lacks is dropped with a note, as in Caffe."""
-    caplog.set_level(logging.WARNING, "netlib")
-    assert net('layers { layer { name: "r" type: "relu" kernelsize: 3 } top: "r" }').layer[0].blocks == {}
-    assert caplog.messages == ["<text>:1:41: 'kernelsize' does not apply to a layer of type 'relu'; dropped"]
-
-
-@pytest.mark.parametrize(("of_padding", "of_layer", "pad"), [("pad: 2", "pad: 0", (2,)), ("", "pad: 2", ())])
-@pytest.mark.parametrize("kind", ["conv", "pool"])
-def test_padding_layers_take_the_place_of_a_pad(
-    kind: str, of_padding: str, of_layer: str, pad: tuple[int, ...]
-) -> None:
-    """The pad of a padding layer replaces the layer's own pad, as in Caffe."""
-    found = net(
-        f'layers {{ layer {{ name: "pad" type: "padding" {of_padding} }} bottom: "x" top: "p" }}'
-        f'layers {{ layer {{ name: "c" type: "{kind}" kernelsize: 3 {of_layer} }} bottom: "p" top: "c" }}'
-    )
-    [layer] = found.layer
-    [block] = layer.blocks.values()
-    assert tuple(int(value.text) for value in block.values("pad")) == pad  # type: ignore[union-attr]
+AGE = ("this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's upgrade_net_proto_text or "
+       "upgrade_net_proto_binary")
 
 
 @bad_inputs(PrototxtError, {
@@ -123,13 +81,10 @@ def test_padding_layers_take_the_place_of_a_pad(
     "layers { type: POOLIN }": "<text>:1:16: error: unknown value POOLIN of 'type' (did you mean 'POOLING'?)",
     'layers { type: "InnerProduct" }':
         "<text>:1:16: error: 'type' expects a name without quotes, found ... (did you mean 'INNER_PRODUCT'?)",
-    "layers { type: PRELU }": "<text>:1:16: error: unknown value PRELU of 'type'; known values: NONE, ACCURACY, ...",
+    "layers { type: PRELU }": "<text>:1:16: error: unknown value PRELU of 'type' (the nearest names: RELU)",
     "layers { blob_lr: 1 }": "<text>:1:10: error: unknown field 'blob_lr' (did you mean 'blobs_lr'?)",
     "layers: 1": "<text>:1:1: error: 'layers' is a message: expected layers { ... }, found 1",
-    'layers { layer { type: "conf" } }': "<text>:1:16: error: unknown V0 layer type 'conf' (did you mean 'conv'?)",
-    'layers { layer { type: "padding" } }': "<text>:1:8: error: a padding layer has one bottom and one top",
-    'layers { layer { type: "padding" } bottom: "x" top: "p" } layers { layer { type: "relu" } bottom: "p" }':
-        "<text>:1:66: error: a layer of type 'relu' reads 'p' of a padding layer; expected a conv or pool layer ...",
+    'layers { layer { name: "a" type: "relu" } bottom: "x" top: "x" }': f"<text>:1:8: error: {AGE}",
 })
 def test_mistakes_point_at_the_old_text(given: str, rejected: Any) -> None:
     """Errors have the line and column of the original text."""
@@ -137,11 +92,16 @@ def test_mistakes_point_at_the_old_text(given: str, rejected: Any) -> None:
         net(given)
 
 
-@pytest.mark.parametrize(
-    "text", ['layer { name: "a" %s }', 'layers { name: "a" %s }', 'layers { layer { name: "a" type: "relu" %s } }']
-)
-def test_weights_of_every_format(text: str) -> None:
-    """Weights of V0, V1 and today's .caffemodel files are read."""
+@pytest.mark.parametrize("text", ['layer { name: "a" %s }', 'layers { name: "a" %s }'])
+def test_weights_of_both_formats(text: str) -> None:
     blob = str(binaryproto.tree_of(np.float32([[1, 2, 3]])))
     data = wire.encode(prototxt.parse(text % f"blobs {{ {blob} }}"), AnyNetParameter)
     assert binary_format.read_weights(data, "x")["a"][0].tolist() == [[1, 2, 3]]
+
+
+def test_a_binary_file_of_2013_is_refused() -> None:
+    data = b"\x12\x07\x0a\x05\x0a\x01a\x12\x00"  # layers { layer { name: "a" type: "" } }
+    with pytest.raises(PrototxtError, match=r"format of 2013 \(V0\)"):
+        upgraded(wire.decode(data, AnyNetParameter))
+    with pytest.raises(WeightsError, match=r"format of 2013 \(V0\)"):
+        binary_format.read_weights(data, "x")

@@ -20,7 +20,7 @@ from tests.support.bad_input import bad_inputs
 
 MESSAGES = [
     *(cls for cls in vars(messages).values() if getattr(cls, "__module__", "") == messages.__name__),
-    upgrade.V0LayerParameter, upgrade.V1LayerParameter, upgrade.AnyNetParameter,
+    upgrade.V1LayerParameter, upgrade.AnyNetParameter,
     *option_blocks().values(),
 ]
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib.files import atomic
 from netlib.snapshots import snapshot
 from netlib.snapshots.solver_state import SolverState
 from netlib.snapshots.weights import image
@@ -134,7 +133,7 @@ def full_disk(*args: Any) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-@pytest.mark.parametrize("call", ["fsync", "first replace", "second replace"])
+@pytest.mark.parametrize("call", ["fsync", "first replace"])
 def test_a_failure_leaves_the_old_pair(
     net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
@@ -142,85 +141,14 @@ def test_a_failure_leaves_the_old_pair(
     write_pair(net, state_of(net, 5), *names)
     before = everything_in(tmp_path)
     net.params["a"][0].data[...] = 9
-    replace, calls = os.replace, []
-
-    def failing(*args: Any) -> None:
-        calls.append(args)
-        if len(calls) == (1 if call == "first replace" else 2):
-            full_disk()
-        replace(*args)
-
     with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync" if call == "fsync" else "replace", full_disk if call == "fsync" else failing)
+        patch.setattr(os, "fsync" if call == "fsync" else "replace", full_disk)
         with pytest.raises(
             netlib.WeightsError,
             match=r"(w|s)\.[a-z.5]+: cannot write the snapshot: No space left on device$",
         ):
             write_pair(net, state_of(net, 6), *names)
     assert everything_in(tmp_path) == before
-
-
-@pytest.fixture
-def killed_between(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
-    """The files of a process that was killed between replacing the weights and replacing the state."""
-    old, new = (path.with_name(f"w_iter_5.{path.name[2:]}") for path in names)
-    state = state_of(net, 5)
-    state.learned_net = str(old)
-    write_pair(net, state, old, new)
-    os.link(old, tmp_path / f".{old.name}.0123abcd.netlib.old")
-    net.params["a"][0].data[...] = 9
-    (tmp_path / "fresh").write_bytes(image(net, old))
-    os.replace(tmp_path / "fresh", old)
-    (tmp_path / f".{new.name}.0123abcd.netlib.tmp").write_bytes(b"half")
-    return old, new
-
-
-def test_the_state_of_a_pair_that_was_being_replaced_finds_its_weights(killed_between: tuple[Path, Path]) -> None:
-    """The old state finds the old weights that were kept, not the new ones with the old name."""
-    weights, state = killed_between
-    found = snapshot.pair_of(state, snapshot.read_state(state))
-    assert found == weights.with_name(f".{weights.name}.0123abcd.netlib.old")
-    assert (snapshot.read_weights(weights)["a"][0] == 9).all()
-    assert not (snapshot.read_weights(found)["a"][0] == 9).all()
-
-
-def test_the_next_training_puts_the_pair_right(killed_between: tuple[Path, Path], tmp_path: Path) -> None:
-    """The next training run restores the names of the old pair and removes all other files."""
-    weights, state = killed_between
-    with snapshot.prefix_in_use(tmp_path / "w"):
-        assert snapshot.pair_of(state, snapshot.read_state(state)) == weights
-    assert sorted(everything_in(tmp_path)) == sorted([weights.name, state.name])
-
-
-def test_weights_of_which_only_the_kept_ones_are_left(killed_between: tuple[Path, Path], tmp_path: Path) -> None:
-    """If only the kept weights exist, they get their name back."""
-    weights, state = killed_between
-    weights.unlink()
-    with snapshot.prefix_in_use(tmp_path / "w"):
-        assert snapshot.pair_of(state, snapshot.read_state(state)) == weights
-
-
-@pytest.mark.parametrize("which", ["nothing was renamed", "both were renamed"])
-def test_a_kill_before_or_after(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, which: str) -> None:
-    """After a kill before or after both renames the pair is complete, and the kept weights are removed."""
-    weights, state = tmp_path / "w_iter_5.caffemodel", tmp_path / "w_iter_5.solverstate"
-    write_pair(net, state_of(net, 5), weights, state)
-    kept = tmp_path / f".{weights.name}.0123abcd.netlib.old"
-    os.link(weights, kept)
-    if which == "both were renamed":
-        net.params["a"][0].data[...] = 9
-        write_pair(net, state_of(net, 6), weights, state)
-    before = weights.read_bytes(), state.read_bytes()
-    with snapshot.prefix_in_use(tmp_path / "w"):
-        pass
-    assert (weights.read_bytes(), state.read_bytes()) == before
-    assert sorted(everything_in(tmp_path)) == [weights.name, state.name]
-
-
-def test_what_another_training_is_writing_is_left_alone(tmp_path: Path) -> None:
-    """Starting a training run keeps the temporary files of another one in the same folder, because they are locked."""
-    with atomic.temporary(tmp_path / "other_iter_5.caffemodel") as fresh, snapshot.prefix_in_use(tmp_path / "w"):
-        assert fresh.exists()
 
 
 def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
@@ -239,15 +167,6 @@ def test_directories_are_made(net: netlib.Net, tmp_path: Path) -> None:
     """Missing folders of a prefix are created."""
     net.save(tmp_path / "new" / "deep" / "w.h5")
     assert [path.name for path in (tmp_path / "new" / "deep").iterdir()] == ["w.h5"]
-
-
-def test_no_string_of_a_state_is_in_a_heap(net: netlib.Net, names: tuple[Path, Path]) -> None:
-    """Strings are not stored in an HDF5 heap, because the library hangs in some damaged heaps."""
-    write_pair(net, state_of(net), *names)
-    if snapshot.is_hdf5(names[1]):
-        with h5py.File(names[1]) as file:
-            assert file["netlib"].dtype.kind == "S"
-    assert snapshot.read_state(names[1]).extra["smoothed"] == [3.0]
 
 
 @pytest.mark.parametrize("options", [{}, {"chunks": (1024,)}, {"chunks": (1024,), "compression": "gzip"}], ids=str)

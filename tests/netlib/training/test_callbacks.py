@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import netlib
 from netlib.errors import NetlibError
-from netlib.training.callbacks import Callback, Functions, Request, Rollback
+from netlib.training.callbacks import Callback, Functions, GradientWarning, Request, Rollback
 from tests.netlib.conftest import ONE_WEIGHT, MakeSolver
 
 ITERATION = ["on_iteration", "on_start", "on_gradients_ready", "on_update"]
@@ -96,10 +97,10 @@ def test_an_error_can_be_replaced(solver_of: MakeSolver) -> None:
 
 
 def test_one_process_is_the_root(solver_of: MakeSolver) -> None:
-    """A solver without further callbacks is rank 0 of 1, and has Rollback."""
+    """A solver without further callbacks is rank 0 of 1, and the two callbacks of every solver."""
     solver = solver_of(ONE_WEIGHT % "")
     assert (solver.rank, solver.rank_count) == (0, 1)
-    assert [type(callback) for callback in solver.callbacks] == [Rollback]
+    assert [type(callback) for callback in solver.callbacks] == [Rollback, GradientWarning]
 
 
 def test_a_seed_that_a_callback_chooses(solver_of: MakeSolver) -> None:
@@ -112,3 +113,78 @@ def test_a_seed_that_a_callback_chooses(solver_of: MakeSolver) -> None:
     solver_of(ONE_WEIGHT % "")  # writes the files
     solver = netlib.get_solver("solver.prototxt", seed=5, callbacks=[Fixed()])
     assert solver.seed == 77
+
+
+NO_LOSS = ONE_WEIGHT[: ONE_WEIGHT.index("layer { name: \"loss\"")]
+PYTHON_LOSS = """layer { name: "half" type: "Python" bottom: "y" bottom: "t" top: "distance"
+                         python_param { module: "half_square" layer: "HalfSquare" } %s }"""
+HALF_SQUARE = """
+import netlib
+
+class HalfSquare(netlib.Layer):
+    def reshape(self, bottom, top):
+        top[0].reshape()
+
+    def forward(self, bottom, top):
+        top[0].data[...] = ((bottom[0].data - bottom[1].data) ** 2).sum() / 2
+
+    def backward(self, top, propagate_down, bottom):
+        bottom[0].diff[...] = top[0].diff * (bottom[0].data - bottom[1].data)
+"""
+LIKE_A_LOSS = 'layer { name: "loss" type: "Reduction" bottom: "y" top: "sum" }'
+SILENCED = 'layer { name: "end" type: "Silence" bottom: "y" bottom: "t" }'
+
+
+@pytest.mark.parametrize(("end", "advice"), [
+    (PYTHON_LOSS % "", "top 'distance' of layer 'half' looks like one: add loss_weight: 1 to the layer"),
+    (LIKE_A_LOSS, "top 'sum' of layer 'loss' looks like one: add loss_weight: 1 to the layer"),
+    ("", "top 'y' of layer 'ip' looks like one: add loss_weight: 1 to the layer"),
+    (SILENCED, "its outputs: none"),
+], ids=["a Python layer", "a layer named loss", "a single number", "no output"])
+def test_a_net_without_a_loss_is_reported_once(
+    solver_of: MakeSolver, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, end: str, advice: str
+) -> None:
+    Path("half_square.py").write_text(HALF_SQUARE)
+    monkeypatch.syspath_prepend(Path.cwd())
+    solver = solver_of(NO_LOSS % "" + end)
+    for _ in range(5):
+        solver.step(1)
+    warnings = [message for message in caplog.messages if "loss_weight" in message]
+    assert warnings == [f"net '' has no loss: no output has a loss_weight, so no weight changes; {advice}"]
+
+
+@pytest.mark.parametrize(("given", "messages"), [
+    ("loss_weight: 1", []), ("loss_weight: 0", []),
+    ("", ["top 'penalty' of layer 'penalty_loss' looks like a loss, but has no loss_weight; it is ignored"]),
+])
+def test_a_python_loss_beside_another_needs_a_weight(
+    solver_of: MakeSolver, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, given: str,
+    messages: list[str],
+) -> None:
+    Path("half_square.py").write_text(HALF_SQUARE)
+    monkeypatch.syspath_prepend(Path.cwd())
+    second = (PYTHON_LOSS % given).replace('"half"', '"penalty_loss"').replace('"distance"', '"penalty"')
+    solver_of(ONE_WEIGHT % "" + second).step(5)
+    assert caplog.messages == messages
+
+
+DEAD = NO_LOSS % "" + """layer { name: "dead" type: "ReLU" bottom: "y" top: "y" }
+layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }"""
+
+
+def test_gradients_that_are_all_zero_are_reported_once(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+) -> None:
+    solver = solver_of(DEAD.replace("weight_filler { value: 1 }", "weight_filler { value: -1 }"))
+    solver.step(2)
+    assert not caplog.messages
+    for _ in range(3):
+        solver.step(1)
+    assert [message[:72] for message in caplog.messages] == [
+        "the gradients of all parameters were exactly 0 in the first 3 iterations"]
+
+
+@pytest.mark.parametrize("net", [DEAD, ONE_WEIGHT % "param { lr_mult: 0 }"], ids=["a living ReLU", "frozen on purpose"])
+def test_no_warning_of_gradients(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture, net: str) -> None:
+    solver_of(net).step(5)
+    assert not caplog.messages

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import math
 import os
 import shutil
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ pytestmark = pytest.mark.both_engines
 
 OLDER = Path(__file__).parents[1] / "older"
 RECORDINGS = Path(__file__).resolve().parents[2] / "caffe" / "solvers"
+WEIGHTS_BITS, HISTORY_BITS = 1909220512, 2251532900  # CRC-32 of the arrays in checked_iter_5.*, in both formats
 
 
 @pytest.fixture
@@ -79,6 +80,19 @@ def test_a_resume_is_exact(older: Path, format: str, suffix: str) -> None:
     resumed = netlib.get_solver("solver.prototxt", seed=99)
     assert resumed.solve(f"older_iter_5.solverstate{suffix}")
     assert distance(weights(resumed), weights(whole)) == 0
+
+
+@pytest.mark.parametrize("suffix", [".h5", ""])
+def test_a_snapshot_of_before_the_seal_is_read_to_the_bit(older: Path, suffix: str) -> None:
+    """The files were written when a state had a checksum of its content only."""
+    state = snapshot.read_state(f"checked_iter_5.solverstate{suffix}")
+    layers = snapshot.read_weights(snapshot.weights_of(f"checked_iter_5.solverstate{suffix}", state))
+    arrays = [array for own in layers.values() for _, array in sorted(own.items())]
+    bits = [zlib.crc32(b"".join(array.tobytes() for array in found)) for found in (arrays, state.history)]
+    assert bits == [WEIGHTS_BITS, HISTORY_BITS]
+    solver = netlib.get_solver("solver.prototxt", seed=99)
+    assert solver.solve(f"checked_iter_5.solverstate{suffix}")
+    assert distance(weights(solver), {k: v for k, v in np.load("after_12.npz").items() if k != "smoothed"}) <= 1e-6
 
 
 @pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
@@ -145,22 +159,9 @@ DAMAGE: dict[str, tuple[Callable[[SolverState], dict[str, Any]], str]] = {
     "NaN": (lambda state: {"history": [h * np.nan for h in state.history]}, "has values that are not finite"),
     "another shape": (lambda state: {"history": [h[..., None] for h in state.history]}, "history 0 has shape"),
     "a history too few": (lambda state: {"history": state.history[1:]}, "histories, but SGD on this net has"),
-    "a solver that is none": (lambda state: {"extra": {"solver": 3}}, "'solver' is int"),
-    "losses that are none": (lambda state: {"extra": {"smoothed": ["a"]}}, "'smoothed' must hold"),
-    "layers that are none": (lambda state: {"extra": {"layers": [3]}}, "'layers' must hold"),
-    "an iteration that its weights are not of": (
-        lambda state: {"iter": 4}, "iter is 4, but its weights are 'older_iter_3.caffemodel.h5'"),
-    "steps that were not taken": (lambda state: {"current_step": 9}, "current_step is 9, but "),
-    "no checksum of the weights": (lambda state: {"drop": "weights_crc"}, "it has no 'weights_crc', but a checksum"),
-    "no states of layers": (lambda state: {"drop": "layers"}, "it has no 'layers', but a checksum"),
-    "a loss that is NaN": (lambda state: {"extra": {"smoothed": [math.nan]}}, "'smoothed' must hold"),
-    "more losses than iterations": (lambda state: {"extra": {"smoothed": [1.0] * 4}}, "'smoothed' holds 4 losses"),
-    "a rate that is a text": (
-        lambda state: {"extra": {"solver": {**state.extra["solver"], "base_lr": "x"}}}, "the solver's base_lr is 'x'"),
-    "states of a second rank": (lambda state: {"extra": {"ranks": [{}]}}, "ranks is 1, but there are states of 2"),
     "numbers beyond float32": (
         lambda state: {"history": [np.full(h.shape, 1e300) for h in state.history]}, "too large for float32"),
-    "unknown fields": (lambda state: {"extra": {"solvex": {}}}, "'solvex' is dict, expected solver, smoothed"),
+    "unknown fields": (lambda state: {"extra": {"solvex": {}}}, "found 'solvex', expected solver, smoothed"),
     "a row that is not there": (of_layers(0, "data", cursor=[0, 0, 10**9]), "there is no row at [0, 0, 1000000000]"),
     "a file that is not there": (of_layers(0, "data", cursor=[0, 7, 0]), "cannot be restored"),
     "a cursor of two": (of_layers(0, "data", cursor=[0, 0]), "cannot be restored: not enough values"),

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.request import urlopen
 
 import pytest
 
@@ -168,6 +169,13 @@ def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     with LiveOutput(parsed("--serve", "0.0.0.0:0"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
         assert capsys.readouterr().err == "warning: other machines can watch, if they have these addresses\n"
+
+
+@pytest.mark.parametrize(("live", "title"), [(False, "a recording, recording"), (True, "a recording, live")])
+def test_the_title_of_the_page(live: bool, title: str) -> None:
+    pytest.importorskip("websockets")
+    with LiveOutput(parsed("--serve"), HEADER, live) as output, urlopen(output._server.page_url, timeout=60) as page:
+        assert f"<title>{title}</title>" in page.read().decode()
 
 
 def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

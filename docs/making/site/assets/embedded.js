@@ -1,4 +1,4 @@
-/* Each embedded page says how high it is (web/hand/embedding.js): so it does not scroll inside the document. */
+/* Each embedded page says how high it is (reportHeight in handpose/output/hand_page/elements.js): so it does not scroll inside the document. */
 
 addEventListener("message", ({ source, data }) => {
   if (!Number.isFinite(data?.height)) return;

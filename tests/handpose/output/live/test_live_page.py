@@ -1,4 +1,4 @@
-"""web/live: the page in Chromium, with frames from a server in this process."""
+"""handpose/output/live/page: the page in Chromium, with frames from a server in this process."""
 
 from __future__ import annotations
 
@@ -12,20 +12,16 @@ import numpy as np
 import pytest
 
 from handpose.output.drawing.hands import COLOURS
-from handpose.output.drawing.page import assembly
-from handpose.output.drawing.page.assembly import script_of
 from handpose.output.drawing.window import Window
+from handpose.output.hand_page.assembly import script_of
 from handpose.output.live.messages import Messages
-from handpose.output.live.page import BROWSER, page
+from handpose.output.live.page import FOLDER, page
 from handpose.output.live.server import VIEWS, LiveServer
 from handpose.tracking.track import LostHand, TrackedFrame
-from tests.handpose.output.drawing.page.page_reading import picture
-from tests.handpose.output.drawing.page.test_assembly import LONGEST
 from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
-from tests.support.chromium_tabs import browser, visit
+from tests.support.chromium_tabs import picture
 from tests.support.tracked_hands import CAMERA, HEADER
 
-__all__ = ["browser", "visit"]  # fixtures
 Visit = Callable[..., Any]
 
 
@@ -90,7 +86,7 @@ def test_the_depth_image(shown: Shown) -> None:
     u, v, _ = CAMERA.project(RIGHT.xyz.mean(axis=0))
     assert image[int((v + 4 - view.top) * zoom), int((u - view.left) * zoom), 0] > wall + 50
     shown.tab.locator("#depth").hover(position={"x": 1, "y": 1})
-    assert shown.tab.locator("#under").inner_text() == f"column {int(view.left)}, row {int(view.top)}: 1500 mm"
+    assert shown.tab.locator("#hover").inner_text() == f"column {int(view.left)}, row {int(view.top)}: 1500 mm"
 
 
 def test_a_side_that_is_assumed(shown: Shown) -> None:
@@ -140,11 +136,11 @@ def test_a_page_that_leaves_holds_nothing(shown: Shown) -> None:
 
 
 def test_the_space(shown: Shown) -> None:
-    """Surface, skeleton and points are drawn, can be switched off, and turn with the mouse."""
+    """Surface, skeleton and points are drawn, can be switched off, and rotate with the mouse."""
     shown.show(BOTH)
 
     def covered() -> int:
-        return int(np.count_nonzero(picture(shown.tab, "stage", draw="live.stage.draw(1)")[..., 3]))
+        return int(np.count_nonzero(picture(shown.tab, "view", draw="live.view.draw(1)")[..., 3]))
 
     every = covered()
     shown.tab.get_by_label("surface").uncheck()
@@ -152,25 +148,25 @@ def test_the_space(shown: Shown) -> None:
     shown.tab.get_by_label("depth points").uncheck()
     shown.tab.get_by_label("skeleton", exact=True).uncheck()
     assert every > bones > 2 * covered() > 0
-    box = shown.tab.locator("#stage").bounding_box()
+    box = shown.tab.locator("#view").bounding_box()
     shown.tab.mouse.move(box["x"] + 200, box["y"] + 200)
     shown.tab.mouse.down()
     shown.tab.mouse.move(box["x"] + 260, box["y"] + 200, steps=3)
     shown.tab.mouse.up()
-    turned = shown.tab.evaluate("live.stage.viewer.turned")
+    turned = shown.tab.evaluate("live.view.camera.orientation")
     assert abs(turned[0][2]) > 0.2
     shown.show(ONE)
-    assert shown.tab.evaluate("live.stage.viewer.turned") == turned, "a new frame leaves the view as it is"
+    assert shown.tab.evaluate("live.view.camera.orientation") == turned, "a new frame leaves the view as it is"
     shown.tab.get_by_role("button", name="Front view").click()
-    assert shown.tab.evaluate("live.stage.viewer.turned") == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    assert shown.tab.evaluate("live.view.camera.orientation") == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
 def test_names_and_a_hand_that_leaves(shown: Shown) -> None:
     """Pointing at a joint shows its name and position; for a lost hand the reason is shown."""
     shown.show(BOTH)
     tip = len(RIGHT.xyz) + HEADER.skeleton.joint_names.index("index_tip")  # a joint of the left hand
-    box = shown.tab.locator("#stage").bounding_box()
-    u, v, _ = shown.tab.evaluate(f"live.stage.viewer.pixel(live.scene.joints[{tip}])")
+    box = shown.tab.locator("#view").bounding_box()
+    u, v, _ = shown.tab.evaluate(f"live.view.camera.project(live.scene.joints[{tip}])")
     shown.tab.mouse.move(box["x"] + u, box["y"] + v)
     x, y, z = LEFT.xyz[tip - len(RIGHT.xyz)]
     assert shown.tab.locator("#joint").inner_text() == f"index_tip: {x:.1f}, {y:.1f}, {z:.1f} mm"
@@ -234,15 +230,30 @@ def test_the_token_leaves_the_address(server: LiveServer, browser: Any) -> None:
 
 
 def test_one_file_for_one_server() -> None:
-    """The page has no external address, its policy allows only its own script, style and server; sources are short."""
+    """No external address; a policy that allows only its own script, style and server; no unused module."""
     text = page(HEADER)
     assert not re.search(r"https?://|<link|\bsrc=|url\(|@import|\bimport\s*[({\"']|\beval\(|innerHTML", text)
     assert "default-src 'none'; " in text and "connect-src 'self'; " in text and "unsafe" not in text.split("<body>")[0]
-    script = script_of("live", BROWSER) + script_of("without_token", BROWSER)
-    for path in BROWSER.iterdir():
-        source = path.read_text(encoding="utf-8")
-        assert len(source.splitlines()) < LONGEST and max(map(len, source.splitlines())) <= 120, path.name
-        assert path.suffix == ".html" or source.startswith("/* "), path.name
-        assert path.suffix != ".js" or f"modules.{path.stem} = " in script, path.name
-    assert "modules.stage = " in script and "modules.bones = " in script  # shared with the page of a hand
-    assert (assembly.FOLDER / "stage.js").is_file()
+    script = script_of("live", FOLDER) + script_of("without_token", FOLDER)
+    for path in FOLDER.glob("*.js"):
+        assert path.read_text(encoding="utf-8").startswith("/* "), path.name
+        assert f"modules.{path.stem} = " in script, path.name
+    assert "modules.body_view = " in script  # shared with the hand page
+
+
+def test_the_title_is_the_name_of_the_source() -> None:
+    recording = page(replace(HEADER, source="/home/me/private/takes/wave"))
+    assert "<h1>wave, recording</h1>" in recording and "private" not in recording
+    assert "<h1>/camera/depth, live</h1>" in page(replace(HEADER, source="/camera/depth"), live=True)
+
+
+def test_a_phone(visit: Visit) -> None:
+    """A long title does not make the page wider than the screen."""
+    long = replace(HEADER, source="recording_" * 10)
+    with LiveServer("127.0.0.1", 0, Messages(long).header, page(long)) as server:
+        shown = Shown(server, visit)
+        shown.show(BOTH)
+        assert shown.tab.locator("h1").inner_text() == f"{long.source}, recording"
+        for width in (320, 390):
+            shown.tab.set_viewport_size({"width": width, "height": 800})
+            assert shown.tab.evaluate("document.documentElement.scrollWidth") == width

@@ -1,4 +1,4 @@
-"""The habits of classify.py and detect.py: a Classifier on images, a Transformer by hand, and a Detector on windows."""
+"""The habits of classify.py: a Classifier on images, and a Transformer by hand."""
 
 import os
 
@@ -38,12 +38,4 @@ for image, expected in zip(centre, classifier.predict(images, oversample=False))
     assert np.allclose(output_prob, expected, atol=1e-5), (output_prob, expected)
 assert [(k, v.data.shape) for k, v in net.blobs.items()][0] == ("data", (1, 3, 12, 12))
 assert [(k, v[0].data.shape) for k, v in net.params.items()][-1] == ("fc2", (5, 36))
-
-import cv2  # noqa: E402
-
-cv2.imwrite("image.png", np.uint8(255 * images[0]))
-detector = caffe.Detector("deploy.prototxt", "small.caffemodel", mean=mean.mean(1).mean(1), channel_swap=(2, 1, 0))
-detections = detector.detect_windows([(os.path.abspath("image.png"), np.array([[0, 0, 12, 12], [2, 3, 18, 16]]))])
-assert [d["window"].tolist() for d in detections] == [[0, 0, 12, 12], [2, 3, 18, 16]]
-assert all(d["prediction"].shape == (5,) for d in detections)
 print("classes", predictions.argmax(axis=1).shape, top_inds.shape)

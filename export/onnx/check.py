@@ -1,0 +1,195 @@
+"""Comparison of an exported file in onnxruntime with its net, computed in float64.
+
+Float32 rounds a value by up to 6e-8 of it, and a net can amplify this: the relative error of a Softmax is the absolute
+error of its logits, and where large values cancel, their error remains. So the allowed difference is ``TOLERANCE`` plus
+``FACTOR`` times the measured effect of rounding, all relative to the largest value. Two kinds of values are compared:
+
+outputs   Values of the file and of the net. Effect of rounding: the error of the net in float32.
+layers    Values of each layer in the file, and of the net's layer computed from the same bottoms. Effect of rounding:
+          the change of the tops when bottoms and parameters change by half a unit in the last place, the error that any
+          float32 computation may have. This finds mistakes that a later layer hides, such as a saturated Softmax.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from export.onnx.graph import package
+from handpose.estimate.nets import Unfilled
+from netlib.blob import Array
+from netlib.engine.plain import Connection
+from netlib.net import Net
+
+TOLERANCE = 1e-5
+FACTOR = 10  # of correct nets that amplify rounding, onnxruntime's error is up to 4.4 times the measured effect
+HALF_UNIT = 2.0**-24
+# Layers that select values: rounding errors of their bottoms would change the selection.
+SELECTING = ("ArgMax", "BatchReindex", "DetectionOutput", "Embed", "Threshold", "Upsample")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The largest differences of a blob from its values in float64, relative to the largest value.
+
+    found     difference of onnxruntime's values
+    rounding  effect of rounding to float32
+    """
+
+    found: float = 0.0
+    rounding: float = 0.0
+
+    @property
+    def limit(self) -> float:
+        """The largest difference that rounding explains."""
+        return TOLERANCE + FACTOR * self.rounding
+
+    def __or__(self, other: Difference) -> Difference:
+        """The larger one of both numbers."""
+        return Difference(max(self.found, other.found), max(self.rounding, other.rounding))
+
+
+def compared(y: Array, rounded: Array, exact: Array) -> Difference:
+    """Compare onnxruntime's values, and values with rounding errors, with those in float64."""
+    with np.errstate(over="ignore"):
+        exact = exact.astype(np.float32)
+    found, rounding = difference(y, exact), difference(rounded, exact)
+    if np.isinf(rounding):  # float32 overflows on the way to this blob, which onnxruntime may do, too
+        found, rounding = min(found, difference(y, rounded)), 0.0
+    return Difference(found, rounding)
+
+
+def difference(y: Array, expected: Array) -> float:
+    """Return the largest difference relative to the largest finite expected value; inf if shapes or non-finite values
+    differ.
+    """
+    if y.shape != expected.shape:
+        return np.inf
+    with np.errstate(invalid="ignore"):
+        error = np.abs(y - expected)
+    error = np.where((y == expected) | (np.isnan(y) & np.isnan(expected)), 0, error)
+    error = np.where(np.isnan(error), np.inf, error)
+    scale = np.abs(expected[np.isfinite(expected)]).max(initial=0)
+    return float(error.max(initial=0) / (scale or 1))
+
+
+def differences(
+    image: bytes, net: Net, batches: Sequence[int]
+) -> tuple[dict[str, Difference], dict[str, Difference]]:
+    """Compare a file with its net, in phase TEST, for random inputs in [-1, 1] with these batch sizes.
+
+    Returns the differences of the outputs by name, and those of the blobs that a layer computes from onnxruntime's
+    values. Of a detector, the first are its locations and confidences, and the rows that its layer selects from
+    onnxruntime's: of confidences that are equal up to rounding, either may come first. Raises NetlibError.
+    """
+    selected = {at.layer.spec.top[0]: at.layer.spec.bottom for at in net.connections
+                if at.layer.type == "DetectionOutput"}
+    file = _session(_with_outputs(image, [name for bottoms in selected.values() for name in bottoms]))
+    in_parts = _session(_with_outputs(image, net.blobs))
+    exact, rng = _in_float64(net), np.random.default_rng(0)
+    outputs: dict[str, Difference] = dict.fromkeys((output.name for output in file.get_outputs()), Difference())
+    layers: dict[str, Difference] = {}
+    for batch in batches:
+        inputs: dict[str, Any] = {name: _random(net, name, batch, rng) for name in net.inputs}
+        found = _run(file, inputs)
+        rounded, expected = (of.forward(blobs=outputs, **inputs) for of in (net, exact))
+        for name in outputs.keys() - selected.keys():
+            outputs[name] |= compared(found[name], rounded[name], expected[name])
+        for name, of_layer in _of_layers(exact, inputs, _run(in_parts, inputs), rng):
+            layers[name] = layers.get(name, Difference()) | of_layer
+    return outputs | {name: layers[name] for name in selected if name in outputs}, layers
+
+
+def _of_layers(
+    exact: Net, inputs: Mapping[str, Array], found: Mapping[str, Array], rng: np.random.Generator
+) -> Iterator[tuple[str, Difference]]:
+    """Compare each blob in ``found`` with what its layer computes from the blobs in ``found`` that it reads."""
+    writers = {name: at for at in exact.connections for name in at.layer.spec.top}  # the last ones: layers in place
+    for number, at in enumerate(exact.connections):
+        tops = dict(zip(at.layer.spec.top, at.top))
+        if at.layer.is_input:
+            for name, blob in tops.items():
+                blob.data[...] = inputs[name]
+            continue
+        with _rounding_errors(at, rng):
+            exact.executor.forward(number, number + 1)
+            rounded = {name: blob.data.copy() for name, blob in tops.items()}
+        exact.executor.forward(number, number + 1)
+        for name, blob in tops.items():
+            if name in found and writers[name] is at:
+                yield name, compared(found[name], rounded[name], blob.data)
+                if found[name].shape == blob.shape:
+                    blob.data[...] = found[name]
+
+
+@contextmanager
+def _rounding_errors(at: Connection, rng: np.random.Generator) -> Iterator[None]:
+    """Temporarily change the bottoms and parameters of a layer by half a unit in the last place of float32."""
+    arrays = [blob.data for blob in dict.fromkeys([*at.bottom, *at.layer.blobs])]
+    before = [array.copy() for array in arrays]
+    if at.layer.type not in SELECTING:
+        for array in arrays:
+            array *= 1 + rng.choice([-HALF_UNIT, HALF_UNIT], array.shape)
+    yield
+    for array, values in zip(arrays, before):
+        array[...] = values
+
+
+def _in_float64(net: Net) -> Net:
+    """The same net in float64, with the same weights."""
+    logger = logging.getLogger("netlib")
+    logger.disabled, before = True, logger.disabled  # the net has given its warnings
+    try:
+        exact = Net(net.param, state=net.state, dtype=np.float64, engine="plain", layer_hook=Unfilled())
+    finally:
+        logger.disabled = before
+    exact.copy_from(net)
+    return exact
+
+
+def _session(image: bytes) -> Any:
+    runtime = package("onnxruntime")
+    options = runtime.SessionOptions()
+    options.log_severity_level = 3  # errors only
+    return runtime.InferenceSession(image, options, providers=["CPUExecutionProvider"])
+
+
+def _run(session: Any, inputs: Mapping[str, Array]) -> dict[str, Array]:
+    names = [output.name for output in session.get_outputs()]
+    return dict(zip(names, session.run(names, dict(inputs))))
+
+
+def _with_outputs(image: bytes, names: Iterable[str]) -> bytes:
+    """Make those of the named values outputs that operators compute."""
+    if not (names := set(names)):
+        return image
+    onnx = package("onnx")
+    model = onnx.load_from_string(image)
+    there = [output.name for output in model.graph.output]
+    for node in model.graph.node:
+        for name in node.output:
+            if name in names and name not in there:
+                typed = onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
+                model.graph.output.append(typed)
+    made: bytes = model.SerializeToString()
+    return made
+
+
+def _random(net: Net, name: str, batch: int, rng: np.random.Generator) -> Array:
+    """Return random values for an input: in [-1, 1], or integers for a layer that reads indices."""
+    shape = (batch, *net.blobs[name].shape[1:])
+    names = {name}
+    for layer in net.layers:
+        spec: Any = layer.spec
+        if layer.type == "Split" and spec.bottom[0] in names:
+            names.update(spec.top)
+        if layer.type == "Embed" and spec.bottom[0] in names:
+            return rng.integers(0, layer.param.input_dim, shape).astype(np.float32)
+        if layer.type == "BatchReindex" and spec.bottom[1] in names:
+            return rng.integers(0, batch, shape).astype(np.float32)
+    return rng.uniform(-1, 1, shape).astype(np.float32)

@@ -1,0 +1,41 @@
+"""The page of a live track: one HTML file, which receives its frames from its server.
+
+Its JavaScript, HTML and CSS are in this folder; it also uses those of the hand page (``handpose.output.hand_page``).
+"""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+from handpose.body.model import Surface
+from handpose.output.drawing import labels
+from handpose.output.hand_page.assembly import assembled, script_of, source
+from handpose.output.live.messages import VIEWS
+from handpose.tracking.track import TrackHeader
+
+FOLDER = Path(__file__).parent
+COLOURS = 6  # number of colours of hands; then they repeat
+
+
+def page(header: TrackHeader, live: bool = False) -> str:
+    """The page as HTML; ``live`` is whether the frames are from a camera, not a recording.
+
+    Its title is the name of the camera, or that of the recording without its folder, because others may see the page.
+    """
+    surface, camera = Surface(header.skeleton), header.camera
+    data = {
+        "stream": VIEWS.removeprefix("/"), "camera": vars(camera),
+        "skeleton": {"joints": header.skeleton.joint_names, "parents": header.skeleton.parents.tolist()},
+        "whole": surface.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(surface.start, surface.end)],
+        "colours": [labels.colour_of(id)[::-1] for id in range(COLOURS)],
+    }
+    title = f"{header.source}, live" if live else f"{Path(header.source).name}, recording"
+    style, body = source("page.css") + source("live.css", FOLDER), source("live.html", FOLDER)
+    return assembled(title, data, body, style, script_of("live", FOLDER), connects=True)
+
+
+@functools.cache
+def page_without_token() -> str:
+    """The answer to a request without a token: a tab that had one continues with it, any other shows the error."""
+    return assembled("Wrong token", {}, source("without_token.html", FOLDER), "", script_of("without_token", FOLDER))

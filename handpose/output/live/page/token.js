@@ -1,0 +1,21 @@
+/* The query of the page's address, which contains the token of the server. The page removes it from the address bar,
+   where others could read it, and keeps it in the storage of the tab for a reload. */
+
+const KEY = "query";
+
+export function takeQuery() {
+  const query = location.search;
+  try {
+    sessionStorage.setItem(KEY, query);
+  } catch {} // without storage, a reload needs the address again
+  history.replaceState(null, "", location.pathname);
+  return query;
+}
+
+export function savedQuery() {
+  try {
+    return sessionStorage.getItem(KEY);
+  } catch {
+    return null;
+  }
+}

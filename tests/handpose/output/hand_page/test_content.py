@@ -1,0 +1,99 @@
+"""handpose/output/hand_page/content.py"""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.frames.cameras import CAMERAS, ICVL, KINECT2, NYU, Camera
+from handpose.frames.crops import SIZE, crop
+from handpose.output.hand_page.content import body, content, crop_points, hand, skeleton_values
+from layers.hand import skeleton as skeletons
+from tests.handpose.output.hand_page.conftest import skeleton_of
+
+HAND = skeletons.load()
+
+
+@pytest.mark.parametrize("camera", [NYU, KINECT2, ICVL], ids=lambda camera: camera.name)
+def test_points_are_where_the_camera_saw_them(camera: Camera) -> None:
+    """Every pixel of the frame within the cube yields one point, as unprojected by the camera; no others do."""
+    rng, uvd = np.random.default_rng(0), np.array([camera.u0 + 15, camera.v0 - 20, 800.0])
+    frame = rng.uniform(500, 1100, (camera.height, camera.width)).astype(np.float32)
+    frame[rng.random(frame.shape) < 0.3] = 0
+    found = crop_points(crop(frame, uvd, 300.0, camera), uvd, 300.0, camera)
+    pixels = camera.project(found + camera.unproject(uvd))
+    columns, rows = (np.rint(pixels[:, i]).astype(int) for i in (0, 1))
+    np.testing.assert_allclose(pixels[:, :2], np.stack([columns, rows], axis=1), atol=1e-6)
+    np.testing.assert_allclose(pixels[:, 2], frame[rows, columns], atol=1e-3)
+    assert len(np.unique(pixels[:, :2].round(), axis=0)) == len(found) > 1000
+    assert (np.abs(found[:, 2]) < 150).all()
+
+
+def test_a_crop_beside_the_image() -> None:
+    """Neither pixels outside the image nor an empty crop yield points."""
+    uvd = np.array([3.0, 3, 700])
+    frame = np.full((480, 640), 700, np.float32)
+    found = crop_points(crop(frame, uvd, 300.0), uvd, 300.0, NYU)
+    pixels = NYU.project(found + NYU.unproject(uvd))
+    assert pixels[:, :2].min() == pytest.approx(0, abs=1e-6) and len(found) > 100
+    assert crop_points(np.ones((SIZE, SIZE), np.float32), uvd, 300.0, NYU).shape == (0, 3)
+
+
+@pytest.mark.parametrize("cube", [260.0, 30000.0])
+def test_a_hand_as_values(cube: float) -> None:
+    """Points and crop are stored in 16 bits for any size of the cube."""
+    rng, uvd = np.random.default_rng(1), np.array([250.0, 200, 50.0 + cube])
+    seen = rng.uniform(-1.2, 1, (SIZE, SIZE)).clip(-1, 1).astype(np.float32)
+    made = hand("a.png", "a hand", np.zeros(47), camera=KINECT2, center_uvd=uvd,
+                cube_mm=cube, crop=seen)
+    points = np.frombuffer(base64.b64decode(made["points"]), "<i2").reshape(-1, 3) * made["step_mm"]
+    np.testing.assert_allclose(points, crop_points(seen, uvd, cube, KINECT2), atol=made["step_mm"])
+    assert made["step_mm"] <= cube / 30000 * 2
+    np.testing.assert_allclose(np.frombuffer(base64.b64decode(made["crop"]), "<i2") / 32767, seen.ravel(), atol=2e-5)
+    assert made["place"]["unit_mm"] == cube / 2 and len(made["inputs"]) == 47
+
+
+def test_a_body_is_in_the_middle_of_the_image() -> None:
+    made = body("hand", HAND, unit_mm=125.0)
+    camera = vars(NYU)
+    assert made["place"] == {"unit_mm": 125.0, "camera": camera, "center_uvd": [320.0, 240.0, 700.0], "cube_mm": 250.0}
+    assert made["poses"] == {} and content([made]) == {
+        "bodies": [made], "cameras": [vars(camera) for camera in CAMERAS.values()], "hands": []
+    }
+
+
+def test_a_skeleton_as_values() -> None:
+    text = """name: "arm"
+        dof { name: "x" } dof { name: "turn" initial: 0.25 lower: -1 upper: 10000 } dof { name: "still" fixed: true }
+        joint { name: "hand" parent: "base" rotate { axis: NEG_Z dof: "turn" } bone { axis: NEG_X length: 0.5 } }
+        joint { name: "base" translate { axis: X dof: "x" } rotate { axis: Y dof: "still" } }
+        flesh {
+          dof { name: "own" } joint { name: "stump" parent: "base" rotate { axis: X dof: "own" } }
+          capsule { from: "hand" to: "stump" radius: 0.1 } offset { joint: "stump" axes: "hand" y: 0.25 }
+        }"""
+
+    def dof(name: str, initial: float = 0.0, lower: float | None = None, fixed: bool = False) -> dict[str, Any]:
+        return {"name": name, "initial": initial, "lower": lower, "upper": None, "fixed": fixed}
+
+    def motion(kind: str, axis: int, sign: int, dof: int) -> dict[str, Any]:
+        return {"kind": kind, "axis": axis, "sign": sign, "dof": dof}
+
+    assert skeleton_values(skeleton_of(text)) == {
+        "name": "arm",
+        "joints": [
+            {"name": "hand", "parent": 1, "motions": [motion("rotate", 2, -1, 1)],
+             "bone": {"axis": 0, "length": -0.5}},
+            {"name": "base", "parent": None, "motions": [motion("translate", 0, 1, 0), motion("rotate", 1, 1, 2)],
+             "bone": None},
+        ],
+        "dofs": [dof("x"), dof("turn", 0.25, -1), dof("still", fixed=True)],
+        "surface": {
+            "joints": [{"name": "stump", "parent": 1, "motions": [motion("rotate", 0, 1, 3)], "bone": None}],
+            "dofs": [dof("own")],
+            "capsules": [{"from": 0, "to": 2, "radii": [0.1, 0.1]}],
+            "offsets": [{"joint": 2, "axes": 0, "vector": [0, 0.25, 0]}],
+        },
+    }

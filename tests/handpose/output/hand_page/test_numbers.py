@@ -1,0 +1,162 @@
+"""The JavaScript of the hand page computes the same values as this project."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.body.model import Surface
+from handpose.body.render import CLEAR_MM, Capsules, in_front, render_crop
+from handpose.fit.body import CapsuleModel
+from handpose.frames.cameras import CAMERAS, KINECT2, NYU, Camera
+from handpose.output.hand_page.content import skeleton_values
+from handpose.synthetic.pose_prior import BodySampler
+from layers.hand import skeleton as skeletons
+from layers.hand.bodies import kinematics_of
+from layers.hand.kinematics import Kinematics
+from layers.hand.skeleton import Skeleton
+from tests.handpose.output.hand_page.conftest import ARM, any_skeleton, ask, skeleton_of
+
+MM = 150.0
+HANDS = {name: skeletons.load(skeletons.NYU_HAND.with_name(f"{name}.prototxt")) for name in ("nyu", "people", "icvl")}
+BODIES = {**HANDS, "arm": skeleton_of(ARM), **{f"any body {seed}": any_skeleton(seed) for seed in range(4)}}
+
+COMPUTED = """([skeleton, poses, forces, side]) => {
+  const body = new hand.Body({ skeleton, place: hand.data.bodies[0].place });
+  body.side = side;
+  return poses.map((inputs, n) => {
+    Object.assign(body, { inputs, forces: forces[n] });
+    body.notify("pose");
+    return { outputs: body.outputs, joints: n % 20 ? [] : body.joints, torques: body.torques, loss: body.limitLoss };
+  });
+}"""
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("name", BODIES)
+def test_joints_torques_and_limits(tab: Any, name: str, side: str) -> None:
+    skeleton, rng = BODIES[name], np.random.default_rng(1)
+    whole = skeleton.with_surface() if skeleton.param.flesh else skeleton
+    K, D = len(skeleton.joint_names), len(skeleton.dof_names)
+    poses, forces = rng.normal(0, 1.2, (200, len(whole.initial))), rng.normal(0, 3, (200, K, 3))
+    mirror = np.array([-1 if side == "left" else 1, 1, 1])
+    found = ask(tab, COMPUTED, [skeleton_values(skeleton), poses.tolist(), forces.tolist(), side])
+
+    kinematics = Kinematics(skeleton)
+    pose = kinematics.forward(poses[:, :D])
+    outputs, torques = (np.array([one[key] for one in found]) for key in ("outputs", "torques"))
+    joints = np.array([one["joints"] for one in found[::20]])
+    np.testing.assert_allclose(outputs, pose.joints * mirror, atol=1e-6)
+    np.testing.assert_allclose(joints[:, :K], pose.joints[::20] * mirror * MM + (0, 0, 700), atol=1e-4)
+    expected = kinematics.backward(pose, forces * mirror)
+    turns = np.isin(np.arange(D), whole.driven[whole.turns])
+    np.testing.assert_allclose(torques[:, :D], expected * np.where(turns, MM, 1), rtol=1e-6, atol=1e-6)
+    assert np.abs(expected).max() > 1 and (torques[:, D:] == 0).all()
+    beyond = np.maximum(poses[:, :D] - skeleton.upper, 0) + np.maximum(skeleton.lower - poses[:, :D], 0)
+    beyond[:, skeleton.fixed] = 0
+    np.testing.assert_allclose([one["loss"]["L1"] for one in found], beyond.sum(axis=1), rtol=1e-9)
+    np.testing.assert_allclose([one["loss"]["L2"] for one in found], (beyond**2).sum(axis=1), rtol=1e-9)
+
+
+RENDERED = """([skeleton, bodies]) => bodies.map(([values, camera, uvd, cube]) => {
+  const body = new hand.Body({ skeleton, place: hand.data.bodies[0].place });
+  Object.assign(body, values, { unit: cube / 2 });
+  body.setPlace({ camera, uvd, cube });
+  const ends = body.capsules.map(({ a, b, ra, rb }) => [...a, ...b, ra, rb]);
+  const depth = [...hand.renderCrop(body.capsules, uvd, cube, camera)];
+  return { ends, depth: depth.map((mm) => Math.round(mm * 1e3) / 1e3) };
+})"""
+
+
+def rendered(tab: Any, skeleton: Skeleton, bodies: list[Any]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The capsules (M, 8) and the depth (128, 128) that the page computes for some bodies."""
+    found = ask(tab, RENDERED, [skeleton_values(skeleton), bodies])
+    return [(np.array(one["ends"]), np.array(one["depth"]).reshape(128, 128)) for one in found]
+
+
+def check_depth(found: np.ndarray, expected: np.ndarray) -> None:
+    """To 0.2 mm, except for a few pixels on outlines, where rounding to 32 bits decides which surface is in front."""
+    off = np.abs(found - expected)
+    assert (off > 0.2).mean() < 0.0006
+    assert (off > 0.05).mean() < 0.01
+    assert (expected < expected.max()).mean() > 0.02  # the body is visible
+
+
+def rows_of(capsules: Capsules, n: int) -> np.ndarray:
+    radii = [capsules.radius_a[n][:, None], capsules.radius_b[n][:, None]]
+    return np.concatenate([capsules.a[n], capsules.b[n], *radii], axis=1)
+
+
+@pytest.mark.parametrize("camera", [NYU, KINECT2, Camera("own", 400.5, 380.25, 100.0, 90.0, 320, 240)])
+def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
+    """For hands of any pose, size, thickness and place."""
+    rng, sampler = np.random.default_rng(2), BodySampler()
+    hands, cube = sampler.draw(rng, 6), 300.0
+    model = CapsuleModel(sampler.skeleton, cube / 2)
+    x = model.variables_of(hands.inputs)
+    x[:, model.own] = rng.uniform(-0.5, 0.5, (len(x), len(model.own)))
+    x[:, -2:] = rng.uniform(-0.2, 0.2, (len(x), 2))
+    uvd = np.stack([rng.uniform(60, 200, 6), rng.uniform(60, 180, 6), rng.uniform(420, 1500, 6)], axis=1)
+    capsules = model.capsules(x, camera.unproject(uvd))
+    expected = render_crop(in_front(capsules), uvd, cube, camera)
+    sizes = np.exp(x[:, -2:])
+    bodies = [
+        [{"inputs": inputs, "size": size, "thickness": thickness}, vars(camera), middle, cube]
+        for inputs, (size, thickness), middle in zip(model.whole_inputs_of(x).tolist(), sizes.tolist(), uvd.tolist())
+    ]
+    for n, (ends, depth) in enumerate(rendered(tab, sampler.skeleton, bodies)):
+        np.testing.assert_allclose(ends, rows_of(capsules, n), atol=0.01)  # the model is in float32
+        check_depth(depth, expected[n])
+
+
+def test_the_edges_of_wedges_are_capsules(tab: Any) -> None:
+    model, uvd = CapsuleModel(HANDS["people"], 150.0), np.array([[300.0, 250, 700]])
+    x = model.variables_of(np.random.default_rng(0).normal(0, 0.2, (1, 47)))
+    inputs = model.whole_inputs_of(x)[0].tolist()
+    bodies = [[{"inputs": inputs, "size": 1, "thickness": 1}, vars(NYU), uvd[0].tolist(), 300.0]]
+    ((ends, _),) = rendered(tab, HANDS["people"], bodies)
+    np.testing.assert_allclose(ends, rows_of(model.capsules(x, NYU.unproject(uvd)), 0), atol=0.01)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
+    """For nested spheres, cones seen from their tip, and parts behind the camera."""
+    skeleton, rng = any_skeleton(seed), np.random.default_rng(seed)
+    surface, uvd = Surface(skeleton), np.array([300.0, 250, 280 + 200 * seed])
+    inputs = rng.normal(0, 0.8, (4, len(surface.whole.initial)))
+    ends = surface.ends(kinematics_of(surface.whole).forward(inputs)) * MM + NYU.unproject(uvd)
+    radii = np.broadcast_to(surface.radii * MM, (4, *surface.radii.shape))
+    capsules = Capsules(ends[:, surface.start], ends[:, surface.end], radii[..., 0], radii[..., 1])
+    expected = render_crop(in_front(capsules, CLEAR_MM), np.tile(uvd, (4, 1)), 2 * MM, NYU)
+    bodies = [[{"inputs": one}, vars(NYU), uvd.tolist(), 2 * MM] for one in inputs.tolist()]
+    for n, (found, depth) in enumerate(rendered(tab, skeleton, bodies)):
+        np.testing.assert_allclose(found, rows_of(capsules, n), atol=1e-6)
+        check_depth(depth, expected[n])
+
+
+def test_the_cameras_are_those_of_the_project(tab: Any) -> None:
+    assert tab.locator("#camera option").all_text_contents() == list(CAMERAS)
+
+
+POSED = """(inputs) => {
+  const { body } = hand;
+  inputs.forEach((value, d) => (body.inputs[d] = value));
+  body.notify("pose");
+  const text = hand.textOfPose(body);
+  body.setInputs(Object.fromEntries(body.inputs.map((_, d) => [d, 0])));
+  body.setInputs(hand.inputsOfText(text, body));
+  return { text, outputs: body.outputs };
+}"""
+
+
+def test_the_text_of_a_pose_is_the_pose(tab: Any) -> None:
+    """It gives the same joints when it is pasted back, and as inputs of HandModel."""
+    inputs = np.random.default_rng(3).normal(0, 1, len(HANDS["nyu"].initial))
+    found = ask(tab, POSED, inputs.tolist())
+    kinematics = Kinematics(HANDS["nyu"])
+    expected = kinematics.joints(inputs[None])[0]
+    np.testing.assert_allclose(found["outputs"], expected, atol=1e-7)
+    np.testing.assert_allclose(kinematics.joints(np.array([json.loads(found["text"])]))[0], expected, atol=1e-7)
