@@ -29,12 +29,12 @@ import netlib
 from netlib.distributed.ranks import ALONE, Ranks
 from netlib.net import Net
 from netlib.proto import schema
-from netlib.training import solver_parameter
+from netlib.training import report, solver_parameter
 from tools.common import training
 from tools.common.arguments import MAX_COUNT, caffes_flags, count, parser_of, whole
 from tools.common.caffe_log import BarHandler
-from tools.common.console import DONE, guarded, on_missing_data
-from tools.common.costs import report_test, report_time
+from tools.common.console import DONE, guarded
+from tools.common.costs import mean_scores, report_time
 from tools.common.ranks import only_first_prints, world
 
 log = logging.getLogger("netlib")
@@ -121,12 +121,16 @@ def train(args: argparse.Namespace, console: BarHandler, ranks: Ranks) -> int:
 def examine(args: argparse.Namespace) -> None:
     """Test or time a net."""
     phase = netlib.TRAIN if args.command == "time" and args.phase == "TRAIN" else netlib.TEST
-    with on_missing_data():
-        net = Net(args.model, phase, level=args.level, stages=stages(args))
+    net = Net(args.model, phase, level=args.level, stages=stages(args))
     if args.command == "time":
-        report_time(net, args.iterations)
-    else:
-        report_test(net, args.weights, args.iterations)
+        report_time(net, args.iterations, lambda *cells: log.info("\t".join(["%s"] * len(cells)), *cells))
+        return
+    report.copied(args.weights, *net.copy_from(args.weights))
+    log.info("Running for %d iterations.", args.iterations)
+    loss, scores = mean_scores(net, args.iterations, lambda *values: log.info("Batch %d, %s = %.6g", *values))
+    log.info("Loss: %.6g", loss)
+    for score in scores:
+        log.info("%s", score)
 
 
 if __name__ == "__main__":

@@ -30,21 +30,20 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose import NYU, load_predictor
-from handpose.estimate.hand import Hand
-from handpose.estimate.predictor import Predictor
-from handpose.output.drawing import hands, strokes, surface
+from handpose.output.drawing import strokes
 from handpose.output.drawing.labels import percent
-from handpose.output.drawing.strokes import Image
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from netlib.blob import Array
 from netlib.files import atomic
 from netlib.files.paths import command, is_subcommand
-from tools.common import outputs
+from tools.common import findings, outputs
 from tools.common.arguments import count, parser_of, seed
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
+
+VIEWS = 3  # of a hand: the skeleton on the crop, the fitted surface, the hand in space
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -61,47 +60,33 @@ def run(args: argparse.Namespace) -> int:
     """Render, predict and draw. Raises NetlibError."""
     outputs.make_folder(args.out)
     predictor = load_predictor(NYU)
-    scenes = measurable_scenes(args.seed)
-    images, titles, predictions, frames = [], [], [], []
+    images, titles, hands, frames = [], [], [], []
     begun = time.perf_counter()
     with ProgressBar(args.frames) as progress:
-        for n, (depth, truth) in enumerate(itertools.islice(scenes, args.frames)):
-            frame = np.rint(depth).astype(np.uint16)
-            outputs.write_image(args.out / f"frame_{n}.png", frame)
+        for n, (depth, truth) in enumerate(itertools.islice(measurable_scenes(args.seed), args.frames)):
+            frame, name = np.rint(depth).astype(np.uint16), f"frame_{n}.png"
+            outputs.write_image(args.out / name, frame)
             found = predictor.in_frame(frame)
-            images += pictures(found, predictor)
+            drawn = findings.views(found, predictor, zoom=2)
+            images += [*drawn, *[np.full_like(drawn[0], 255)] * (VIEWS - len(drawn))]
             titles += [f"{found.hand}, {percent(found.confidence)} sure", f"expected {found.error_mm:.0f} mm"]
-            frames.append({"image": f"frame_{n}.png", **frame_values(n, found, predictor.skeleton)})
+            frames.append({"image": name, **frame_values(n, found, predictor.skeleton)})
             if found.has_joints:
                 off = float(mean_errors_14(found.xyz[None], truth[None])[0])
                 frames[-1]["hands"][0]["true_error_mm"] = round(off, 1)
                 titles.append(f"true error {off:.0f} mm")
             else:
                 titles.append(f"below {predictor.min_confidence:.0%}: no joints")
-            predictions.append(found)
+            hands.append(found)
             progress(1)
-    seconds = time.perf_counter() - begun
-    outputs.write_image(args.out / "hands.png", strokes.sheet(images, 6, titles))
-    atomic.replace_text(args.out / "hands.json", document("demo", predictions, frames, predictor.skeleton) + "\n")
-    say(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
+    outputs.write_image(args.out / "hands.png", strokes.sheet(images, 2 * VIEWS, titles))
+    atomic.replace_text(args.out / "hands.json", document("demo", hands, frames, predictor.skeleton) + "\n")
+    say(f"{args.frames} frames in {time.perf_counter() - begun:.1f} s: {args.out / 'hands.png'}")
     predict = Path(__file__).resolve().with_name("predict.py")
     program = command("predict").split() if is_subcommand() else [_from_here(sys.executable), _from_here(str(predict))]
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
     say(f"For your own camera: {shlex.join([*program, *options])}")
     return DONE
-
-
-def pictures(found: Hand, predictor: Predictor) -> list[Image]:
-    """The skeleton on the crop, the fitted surface, the hand in space; without joints the crop and empty pictures."""
-    if not found.has_joints:
-        crop = hands.picture(found.crop, zoom=2)
-        return [crop, np.full_like(crop, 255), np.full_like(crop, 255)]
-    uvd, cube, guesses = found.center_uvd, found.cube_mm, hands.guessed(found.finger_error_mm)
-    return [
-        hands.overlay(found.crop, found.joints, predictor.skeleton, None, uvd, cube, NYU, 2, guesses),
-        surface.over_crop(found.crop, found.capsules(), uvd, cube, NYU, zoom=2),
-        hands.view_3d(found.joints, predictor.skeleton, size=256, guesses=guesses),
-    ]
 
 
 def measurable_scenes(seed_number: int) -> Iterator[tuple[Array, Array]]:

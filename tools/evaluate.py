@@ -39,7 +39,7 @@ from handpose.scoring.published_predictions import BENCHMARKS, FORMATS, Benchmar
 from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
 from tools.common import outputs, plots
-from tools.common.arguments import named_file, parser_of
+from tools.common.arguments import expected, parser_of
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -54,7 +54,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("dataset", metavar="DATASET", choices=BENCHMARKS, help=" or ".join(BENCHMARKS))
     parser.add_argument("--groundtruth", metavar="FILE", required=True, help="annotated joints")
     parser.add_argument("--predictions", metavar="NAME=FILE", required=True, nargs="+", action="extend",
-                        type=named_file, help="predicted joints of each method")
+                        type=_named_file, help="predicted joints of each method")
     parser.add_argument("--format", choices=FORMATS, default="uvd", help="of predictions (default: %(default)s)")
     parser.add_argument("--groundtruth-format", choices=FORMATS, default="uvd", help="default: %(default)s")
     parser.add_argument("--plot", metavar="FILE", help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
@@ -104,6 +104,14 @@ def run(args: argparse.Namespace) -> int:
         if fitted:
             print(f"\nangles of the fitted hand\n\n{_angle_table(fitted)}")
     return DONE
+
+
+def _named_file(text: str) -> tuple[str, str]:
+    """Split NAME=FILE."""
+    name, _, path = text.partition("=")
+    if not name.strip() or not path:
+        raise expected("NAME=FILE", text)
+    return name.strip(), path
 
 
 def _json(

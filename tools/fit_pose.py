@@ -43,7 +43,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import read_list
 from tools.common import outputs
-from tools.common.arguments import count, parser_of, reject_given, weight
+from tools.common.arguments import count, parser_of, real, reject_given
 from tools.common.console import DONE, duration, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--format", choices=FORMATS, default="uvd", help="of a text file (default: %(default)s)")
     parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the hand (default: NYU's)")
     parser.add_argument("--no-limits", action="store_true", help="allow angles outside their limits")
-    parser.add_argument("--ridge", type=weight, default=0.0, metavar="W",
+    parser.add_argument("--ridge", type=real(0), default=0.0, metavar="W",
                         help="weight of squared angles, which favours the initial pose (default: 0)")
     parser.add_argument("--starts", type=count, default=8, metavar="N", help="starts per frame (default: 8)")
     parser.add_argument("--swarm", action="store_true", help="particle swarm, as in the paper")

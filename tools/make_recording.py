@@ -46,9 +46,8 @@ from netlib.files import atomic, make_folder
 from tools.common.arguments import parser_of, seconds, seed
 from tools.common.console import DONE, guarded, say
 from tools.common.hand_arguments import camera
-from tools.common.progress import ProgressBar
+from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.sources import rate
-from tools.common.stopper import StoppedError, Stopper
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -57,7 +57,7 @@ from netlib import engine
 from netlib.errors import NetlibError
 from tools.common.arguments import count, parser_of, seed, workers
 from tools.common.console import DONE, duration, guarded, say
-from tools.common.stopper import fill_folder
+from tools.common.progress import fill_folder
 
 
 def main(argv: list[str] | None = None) -> int:

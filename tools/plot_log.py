@@ -4,18 +4,16 @@
     python tools/plot_log.py snapshots/train.log --out snapshots/train.png
 
 Several logs share one figure. The log of a training run resumed with --snapshot can follow the first log in one file.
-If there are many test outputs, those with the largest last values have their own panels; the others share one.
+Of more than eight test outputs, the first in the order of their names are drawn.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 import re
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -24,7 +22,7 @@ import tools
 tools.begin(__name__)
 
 from netlib import files
-from netlib.errors import DataError, printable
+from netlib.errors import DataError
 from tools.common import outputs
 from tools.common.arguments import parser_of
 from tools.common.console import DONE, guarded, say
@@ -32,11 +30,9 @@ from tools.common.console import DONE, guarded, say
 _NUMBER = r"([-+]?(?:\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|nan|inf))"
 _ITERATION = re.compile(r"Iteration (\d{1,18})(?!\d)")
 _LOSS = re.compile(rf"Iteration (\d{{1,18}})(?: \([^()]*\))?, loss = {_NUMBER}")
-_OUTPUT = re.compile(rf"(Train|Test) net output #\d+: (\S+) = {_NUMBER}")
+_OUTPUT = re.compile(rf"Test net output #\d+: (\S+) = {_NUMBER}")
 
 MAX_PANELS = 8  # for test outputs
-MAX_LABELS = 12  # in a legend
-MAX_LENGTH = 40  # characters of a name
 
 Curve = list[tuple[int, float]]
 
@@ -46,7 +42,6 @@ class Log:
     """The curves of one log: (iteration, value) pairs."""
 
     loss: Curve = field(default_factory=list)
-    train: dict[str, Curve] = field(default_factory=dict)
     test: dict[str, Curve] = field(default_factory=dict)
 
 
@@ -79,8 +74,7 @@ def read_log(path: str | Path) -> Log:
         if found := _ITERATION.search(line):
             iteration = int(found[1])
         if found := _OUTPUT.search(line):
-            curves = log.train if found[1] == "Train" else log.test
-            curves.setdefault(found[2], []).append((iteration, float(found[3])))
+            log.test.setdefault(found[1], []).append((iteration, float(found[2])))
     if not log.loss and not log.test:
         raise DataError(f"{path}: it has no line like 'Iteration 20 (...), loss = 0.5'; expected a training log")
     return log
@@ -89,55 +83,26 @@ def read_log(path: str | Path) -> Log:
 def plot(logs: dict[str, Log], out: str | Path) -> None:
     """Plot one panel for the loss and one per test output. Raises NetlibError if the figure cannot be written."""
     names = sorted({name for log in logs.values() for name in log.test})
-    own = names if len(names) <= MAX_PANELS else sorted(_largest(logs, names))
-    others = [name for name in names if name not in own]
-    titles = ["training loss", *(f"test {shortened(name)}" for name in own)]
-    if others:
-        titles.append(f"{len(others)} more test outputs")
+    if len(names) > MAX_PANELS:
+        say(f"drew the first {MAX_PANELS} of {len(names)} test outputs", file=sys.stderr)
+    titles = ["training loss", *(f"test {outputs.label(name)}" for name in names[:MAX_PANELS])]
     figure = outputs.new_figure(5.2 * len(titles), 4)
     axes = figure.subplots(1, len(titles), squeeze=False)[0]
     stems = [Path(path).stem for path in logs]
     for path, log in logs.items():
         stem, folder = Path(path).stem, Path(path).parent.name
-        label = shortened(f"{folder}/{stem}" if stems.count(stem) > 1 and folder else stem)
-        _curve(axes[0], log.loss, f"{label}: train")
-        for axis, name in zip(axes[1:], own):
-            _curve(axis, log.test.get(name, []), label, marker="o")
-        if others:
-            _curve(axes[-1], _end_to_end([log.test.get(name, []) for name in others]), label)
+        label = outputs.label(f"{folder}/{stem}" if stems.count(stem) > 1 and folder else stem)
+        axes[0].plot([i for i, _ in log.loss], [loss for _, loss in log.loss], label=label)
+        for axis, name in zip(axes[1:], names):
+            if curve := log.test.get(name):
+                axis.plot(*zip(*curve), label=label, marker="o", markersize=3)
     for axis, title in zip(axes, titles):
         axis.set_title(title)
         axis.set_xlabel("iteration")
         axis.grid(True, alpha=0.3)
         axis.set_ylim(bottom=0)
-        if axis.lines:
-            unnamed = len(axis.lines) - MAX_LABELS
-            axis.legend(handles=axis.lines[:MAX_LABELS], frameon=False,
-                        title=f"{unnamed} more without a label" if unnamed > 0 else None)
+        axis.legend(frameon=False)
     outputs.write_figure(out, figure, dpi=110)
-
-
-def shortened(name: str) -> str:
-    """Shorten and escape a name for a label, because matplotlib interprets $ and rejects invalid UTF-8."""
-    name = printable(name)
-    kept = name if len(name) <= MAX_LENGTH else f"{name[: MAX_LENGTH - 15]}…{name[-14:]}"
-    return kept.replace("$", r"\$")
-
-
-def _largest(logs: dict[str, Log], names: list[str]) -> list[str]:
-    """The outputs with their own panels if there are too many; one panel remains for the others."""
-    last = {name: max(log.test[name][-1][1] for log in logs.values() if name in log.test) for name in names}
-    return sorted(names, key=lambda name: math.inf if math.isnan(last[name]) else last[name])[1 - MAX_PANELS :]
-
-
-def _end_to_end(curves: list[Curve]) -> Curve:
-    """Join curves into one line with gaps, which is faster to draw."""
-    return [point for curve in curves if curve for point in (*curve, (curve[-1][0], math.nan))]
-
-
-def _curve(axis: Any, curve: Curve, label: str, marker: str = "") -> None:
-    if curve:
-        axis.plot(*zip(*curve), label=label, marker=marker, markersize=3)
 
 
 if __name__ == "__main__":

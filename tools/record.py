@@ -30,9 +30,8 @@ from netlib.errors import NetlibError
 from tools.common import outputs
 from tools.common.arguments import count, parser_of, real, seconds
 from tools.common.console import DONE, guarded, say
-from tools.common.progress import ProgressBar
+from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
-from tools.common.stopper import StoppedError, Stopper
 
 COARSEST_MM = 1.0  # largest default depth unit: sources in metres have fractions
 MAX_UNIT_MM = 10.0  # of --out-unit: with a larger one, hands are lost in the rounding

@@ -4,7 +4,9 @@
     python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean 104,117,123 --labels synset_words.txt
     python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean-file mean.binaryproto
     python tools/run_net.py deploy.prototxt net.caffemodel *.jpg --scale 0.017 --blob fc7 --out features.npz
+    python tools/run_net.py deploy.prototxt net.caffemodel list.txt --root-folder pictures/ --blob fc7 --out fc7.npy
 
+An IMAGE with the suffix .txt is a list of images, as for an ImageData layer: in each line a path, a space and a label.
 Each image is read in 8 bits, blue first, and resized to the net's input; then the mean is subtracted, and the result
 multiplied by the scale. These are the steps and the numbers of OpenCV's blobFromImage; with a mean image, those of
 Caffe's data layers: the image is resized to the mean's size, and the input is cut from its centre. Boxes of detections
@@ -29,15 +31,18 @@ tools.begin(__name__)
 import numpy as np
 
 import netlib
+from layers.data.image_data import read_list
 from netlib.blob import Array
 from netlib.errors import NetlibError, did_you_mean
 from netlib.files import atomic
+from netlib.files.paths import find
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import add_engine, count, name_in, numbers, parser_of, pixels, positive_number
 from tools.common.console import DONE, guarded, say
 from tools.common.net_images import Preprocessing, image_input, mean_of, read_images, read_labels
 from tools.common.net_results import Results
+from tools.common.progress import ProgressBar
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -45,9 +50,10 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("net", metavar="NET", help="deploy prototxt of the net")
     parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
-    parser.add_argument("images", metavar="IMAGE", nargs="+", help="image files")
+    parser.add_argument("images", metavar="IMAGE", nargs="+", help="image files, or lists of them (.txt)")
+    parser.add_argument("--root-folder", metavar="FOLDER/", default="", help="prepended to every path in a list")
     given = parser.add_argument_group("preprocessing (the net's author knows the values)")
-    given.add_argument("--mean", type=numbers, metavar="M[,M,M]", default=(),
+    given.add_argument("--mean", type=numbers(), metavar="M[,M,M]", default=(),
                        help="to subtract: one number, or one per channel of the input (default: 0)")
     given.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
     given.add_argument("--scale", type=positive_number, metavar="S", default=1.0,
@@ -76,8 +82,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Run the net on all images. Raises NetlibError."""
+    paths = _paths(args.images, args.root_folder)
     if args.out:
-        outputs.check_place(Path(args.out), [args.net, args.weights, args.mean_file, args.labels, *args.images])
+        outputs.check_place(Path(args.out), [args.net, args.weights, args.mean_file, args.labels, *paths])
     labels = read_labels(args.labels) if args.labels else None
     net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
     name, (batch, channels, height, width) = image_input(net)
@@ -93,18 +100,32 @@ def run(args: argparse.Namespace) -> int:
     if args.out and args.out.endswith(".npy") and len(blobs) > 1:
         raise NetlibError(f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob")
     results = [Results(net, blob, labels, args.labels) for blob in blobs]
-    for paths in _batches(args.images, args.batch or batch):
-        images = read_images(paths, channels)
-        inputs: dict[str, Any] = {name: preprocessing.blob(images)}
-        arrays = net.forward(blobs, **inputs)
-        found = [result.add(arrays[result.blob], len(paths)) for result in results]
-        for number, (path, image) in enumerate(zip(paths, images)):
-            for result, items in zip(results, found) if labels or not args.out else ():
-                first, *others = result.lines(items[number], args.top, preprocessing, image.shape)
-                say(f"{path}: {first}", *others, sep="\n")
+    printed = labels or not args.out
+    with ProgressBar(0 if printed else len(paths), "images") as progress:
+        for some in _batches(paths, args.batch or batch):
+            images = read_images(some, channels)
+            inputs: dict[str, Any] = {name: preprocessing.blob(images)}
+            arrays = net.forward(blobs, **inputs)
+            found = [result.add(arrays[result.blob], len(some)) for result in results]
+            progress(len(some))
+            for number, (path, image) in enumerate(zip(some, images)):
+                for result, items in zip(results, found) if printed else ():
+                    first, *others = result.lines(items[number], args.top, preprocessing, image.shape)
+                    say(f"{path}: {first}", *others, sep="\n")
     if args.out:
         _write(Path(args.out), {result.blob: result.array() for result in results})
     return DONE
+
+
+def _paths(images: Sequence[str], root: str) -> list[str]:
+    """The paths of images, with lists replaced by what they name. Raises DataError."""
+    paths: list[str] = []
+    for image in images:
+        if image.lower().endswith(".txt"):
+            paths += [str(find(root + name, image)) for name, _ in read_list(Path(image))[0]]
+        else:
+            paths.append(image)
+    return paths
 
 
 def _batches(paths: Sequence[str], size: int) -> Iterator[Sequence[str]]:

@@ -43,7 +43,7 @@ from netlib.files.paths import ROOT
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import add_engine, name_in, parser_of, reject_given
-from tools.common.console import DONE, aligned, guarded, on_missing_data, say
+from tools.common.console import DONE, aligned, guarded, say
 from tools.common.costs import warn_of_another_net
 from tools.common.progress import ProgressBar
 
@@ -81,8 +81,7 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Score the snapshots."""
     rows = []
-    with on_missing_data():
-        net = Net(args.model, netlib.TEST, engine=args.engine)
+    net = Net(args.model, netlib.TEST, engine=args.engine)
     hand = hand_layer(net)
     skeleton = hand.skeleton if hand else skeletons.load()
     for snapshot in args.snapshots:

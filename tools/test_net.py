@@ -23,7 +23,7 @@ import netlib
 from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of
-from tools.common.console import DONE, guarded, on_missing_data, say
+from tools.common.console import DONE, guarded, say
 from tools.common.costs import mean_scores, warn_of_another_net
 
 
@@ -41,8 +41,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Test the weights one after the other. Raises NetlibError."""
-    with on_missing_data():
-        net = Net(args.net, netlib.TEST, engine=args.engine)
+    net = Net(args.net, netlib.TEST, engine=args.engine)
     if net.inputs:
         raise NetlibError(f"{args.net}: the caller provides the input {net.inputs[0]!r}; expected a net that reads its "
                           "test data in a data layer")

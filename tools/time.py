@@ -27,8 +27,8 @@ import netlib
 from netlib import engine
 from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of, workers
-from tools.common.console import DONE, guarded, on_missing_data, say
-from tools.common.costs import layer_lines, memory_of, pass_lines, time_passes
+from tools.common.console import DONE, guarded, say
+from tools.common.costs import memory_of, report_time
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -48,13 +48,12 @@ def run(args: argparse.Namespace) -> int:
     """Time the net."""
     if args.threads:
         engine.get(args.engine).set_threads(args.threads)
-    with on_missing_data():
-        net = Net(args.model, netlib.TRAIN if args.phase == "TRAIN" else netlib.TEST, engine=args.engine)
+    net = Net(args.model, netlib.TRAIN if args.phase == "TRAIN" else netlib.TEST, engine=args.engine)
     for name in net.inputs:
         net.blobs[name].data[...] = np.random.default_rng(0).uniform(-1, 1, net.blobs[name].shape)
-    net.run_forward()
-    net.run_backward()
     if args.memory:
+        net.run_forward()
+        net.run_backward()
         for what, size in memory_of(net):
             say(f"{size / 2**20:10.2f} MiB  {what}")
         with contextlib.suppress(ImportError):  # not available on Windows
@@ -63,12 +62,7 @@ def run(args: argparse.Namespace) -> int:
             say(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process")
         return DONE
     say(f"Engine {net.engine.name}; {netlib.BLAS_NOTE}, {net.engine.threads()} threads")
-    print("*** Benchmark begins ***")
-    say(f"Testing for {args.iterations} iterations.")
-    for cells in layer_lines(net, args.iterations, width=16):
-        say(*cells, sep="\t")
-    for cells in pass_lines(time_passes(net, args.iterations), args.iterations):
-        say(*cells)
+    report_time(net, args.iterations, lambda *cells: say(*cells, sep="\t"))
     return DONE
 
 

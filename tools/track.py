@@ -46,12 +46,11 @@ from handpose.tracking.reporting import Ready, Reporting
 from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import MAX_HANDS
 from netlib.errors import DataError
-from tools.common import hand_arguments
+from tools.common import findings, hand_arguments
 from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
-from tools.common.console import DONE, aligned, errors_of, guarded, say
-from tools.common.progress import ProgressBar
+from tools.common.console import DONE, aligned, guarded, say
+from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
-from tools.common.stopper import StoppedError, Stopper
 from tools.common.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
 
 
@@ -84,8 +83,6 @@ def run(args: argparse.Namespace) -> int:
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine,
                                    min_confidence=args.min_confidence)
         if args.look is not None:
-            from tools.common import findings
-
             return findings.draw_first(seen, predictor, args.look)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args),
                           min_confidence=0)
@@ -123,8 +120,10 @@ def _track(
         try:
             for frame in islice(seen.all_frames(recording), frames):
                 stopper.check()
-                with errors_of(f"{recording.name}: frame {frame.number}"):
+                try:
                     found = tracker.step(frame)
+                except DataError as error:
+                    raise DataError(f"{recording.name}: frame {frame.number}: {error}") from error
                 write(reporting.add(frame.depth, found))
                 progress(1)
         finally:

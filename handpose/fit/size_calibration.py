@@ -19,7 +19,6 @@ from handpose.fit.levenberg_marquardt import Stage, descend
 from handpose.fit.objective import Objective
 from handpose.fit.observation import Observation
 from handpose.fit.search import data_cost
-from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.system.memory import blocks
@@ -35,21 +34,14 @@ class HandSize:
 
     size       relative to the skeleton
     thickness  scale of the radii, relative to a skeleton of this size
-    deviation  standard deviation of the size, from halves of the frames
     sizes      (S,) of the grid
     costs      (S,) mean cost of a frame for each size
     """
 
     size: float
     thickness: float
-    deviation: float
     sizes: Array
     costs: Array
-
-    @property
-    def at_the_edge(self) -> bool:
-        """True if the best size is the first or last of the grid, so that the true one may be outside."""
-        return int(self.costs.argmin()) in (0, len(self.sizes) - 1)
 
 
 def calibrate_size(
@@ -80,19 +72,8 @@ def calibrate_size(
     bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # frames that no size explains do not count
     bounded += (np.log(sizes / TYPICAL_SIZE) / deviation)[:, None] ** 2
     whole = _lowest(sizes, bounded.mean(axis=1))
-    order = np.random.default_rng(0).permutation(len(x))
-    halves = [_lowest(sizes, bounded[:, half].mean(axis=1)) for half in np.array_split(order, 2)]
     thickness = float(np.exp(np.median(thicknesses[np.abs(np.log(sizes / whole)).argmin()])))
-    return HandSize(whole, thickness, abs(halves[0] - halves[1]) / 2, sizes, bounded.mean(axis=1))
-
-
-def sized(skeleton: Skeleton, found: HandSize) -> Skeleton:
-    """The skeleton scaled to this size, with radii of this thickness."""
-    larger = skeleton.scaled(found.size).param
-    surface = larger.flesh
-    assert surface is not None  # the fit needs it
-    thicker = tuple(replace(c, radius=tuple(r * found.thickness for r in c.radius)) for c in surface.capsule)
-    return Skeleton(replace(larger, flesh=replace(surface, capsule=thicker)))
+    return HandSize(whole, thickness, sizes, bounded.mean(axis=1))
 
 
 def _lowest(sizes: Array, values: Array) -> float:

@@ -62,7 +62,8 @@ class Data(Reader):
         self.batch_size = self.batch_of(p.batch_size)
         if p.backend == "LEVELDB":
             raise self.fail("backend LEVELDB, Caffe's default, is not supported; convert the database to LMDB (with "
-                            "convert_imageset, from its images) and set backend: LMDB", "backend")
+                            "Caffe's convert_imageset, from its images) and set backend: LMDB, or read the images with "
+                            "an ImageData layer", "backend")
         self.transformer = Transformer(self)
         self.path = find(p.source, self.source)
         database = Database(self.path)

@@ -9,9 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
-import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 import netlib
 from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
@@ -24,7 +22,6 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from netlib.caffe import blob_from_images
-from netlib.proto import prototxt
 from tools import make_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -76,20 +73,12 @@ def small_batches(folder: Path) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def people(folder: Path) -> None:
-    """joints.txt: NYU's 14 joints of a few hands, as u v d. data/me: annotated frames of one person."""
-
-    def joints_mm(count: int) -> NDArray[np.float64]:  # of hands of the packaged size around the crop's centre
-        hands = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), count)
-        return kinematics_of(skeletons.load()).joints(hands.inputs) * CUBE_MM / 2
-
-    uvd = NYU.project(joints_mm(3)[:, EVALUATION_JOINTS] + (20, -30, 800))
+def joints(folder: Path) -> None:
+    """joints.txt: NYU's 14 joints of a few hands, as u v d."""
+    hands = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 3)
+    joints_mm = kinematics_of(skeletons.load()).joints(hands.inputs) * CUBE_MM / 2  # around the crop's centre
+    uvd = NYU.project(joints_mm[:, EVALUATION_JOINTS] + (20, -30, 800))
     np.savetxt(folder / "joints.txt", uvd.reshape(len(uvd), -1), fmt="%.3f")
-    rows = joints_mm(60).reshape(60, -1) / (CUBE_MM / 2)
-    (folder / "data" / "me").mkdir(parents=True)
-    with h5py.File(folder / "data" / "me" / "train.h5", "w") as file:
-        file["joint"] = rows.clip(-1, 1).astype(np.float32)
-    (folder / "data" / "me" / "train.txt").write_text("data/me/train.h5\n", encoding="utf-8")
 
 
 SOLVER = 'net: "{}" base_lr: 0.001 lr_policy: "fixed" max_iter: 3 snapshot_prefix: "net"'
@@ -115,15 +104,16 @@ def nets(folder: Path) -> None:
 
 
 PICTURES = """layer {
-  name: "data" type: "Data" top: "data" top: "label"
-  data_param { source: "train_lmdb" batch_size: 2 backend: LMDB } transform_param { mean_file: "mean.binaryproto" }
+  name: "data" type: "ImageData" top: "data" top: "label"
+  image_data_param { source: "list.txt" root_folder: "pictures/" new_height: 256 new_width: 256 batch_size: 2 }
+  transform_param { mean_file: "mean.binaryproto" }
 }
 """
 LOSS = 'layer { name: "loss" type: "SoftmaxWithLoss" bottom: "fc7" bottom: "label" top: "loss" }\n'
 
 
 def pictures(folder: Path) -> None:
-    """pictures/, list.txt, train_test.prototxt and solver.prototxt for them, and weights net_iter_1000.caffemodel."""
+    """pictures/, list.txt, train_test.prototxt, deploy.prototxt and solver.prototxt for them, and weights."""
     rng = np.random.default_rng(0)
     (folder / "pictures").mkdir()
     for n in range(4):
@@ -132,9 +122,10 @@ def pictures(folder: Path) -> None:
     text = PICTURES + fully_connected("fc6", "data") + fully_connected("fc7", "fc6") + LOSS
     (folder / "train_test.prototxt").write_text(text, encoding="utf-8")
     (folder / "solver.prototxt").write_text(SOLVER.format("train_test.prototxt"), encoding="utf-8")
-    inputs = "input_param { shape { dim: 1 dim: 3 dim: 256 dim: 256 } shape { dim: 1 } } }"
-    untrained = re.sub("data_param.*\n}", inputs, text.replace('"Data"', '"Input"'))
-    netlib.Net(prototxt.parse(untrained, "net"), netlib.TEST).save(folder / "net_iter_1000.caffemodel")
+    layers = text[text.index("layer", 7) : text.rindex("layer")]
+    shape = 'input: "data" input_shape { dim: 1 dim: 3 dim: 256 dim: 256 }\n'
+    (folder / "deploy.prototxt").write_text(shape + layers, encoding="utf-8")
+    netlib.Net(folder / "deploy.prototxt", netlib.TEST).save(folder / "net_iter_1000.caffemodel")
 
 
 CLASSES = ("bird", "cat", "dog")
@@ -174,12 +165,12 @@ BY_DOCUMENT: dict[str, tuple[Callable[[Path], Names], ...]] = {
     "docs/fit.md": (frames, frame),
     "docs/onnx.md": (frame,),
     "docs/reliability.md": (nets,),
-    "docs/usage.md": (frames, frame, training, data, people),
+    "docs/usage.md": (frames, frame, training, data, joints),
     "models/synthetic_hand/readme.md": (frame,),
 }
 # Packages that commands of a document need, and packages of extras that its Python blocks import.
 NEEDS = {
-    "docs/caffe_nets.md": ("onnx", "onnxruntime"), "docs/caffe_tools.md": ("lmdb",),
-    "docs/camera.md": ("av", "matplotlib"), "docs/onnx.md": ("onnx", "onnxruntime"), "docs/usage.md": ("matplotlib",),
+    "docs/caffe_nets.md": ("onnx", "onnxruntime"), "docs/camera.md": ("av", "matplotlib"),
+    "docs/onnx.md": ("onnx", "onnxruntime"), "docs/usage.md": ("matplotlib",),
 }
-OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "torch", "tqdm")
+OPTIONAL = ("av", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "torch", "tqdm")

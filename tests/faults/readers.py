@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import cv2
 import h5py
-import lmdb
 import numpy as np
 
 import netlib
@@ -43,12 +42,12 @@ from netlib.proto import prototxt, wire
 from netlib.proto.upgrade import AnyNetParameter
 from netlib.snapshots import snapshot
 from tests.support import bags
-from tests.support.caffe_messages import datum, write_blob
+from tests.support.caffe_messages import datum, write_blob, write_database
 from tests.support.layer_cases import CASES
 from tests.support.made_tracks import any_track, header_of
 from tests.support.nets import inputs
 from tests.support.running import ROOT
-from tools import convert_imageset, plot_log, upgrade_net
+from tools import compute_image_mean, plot_log, upgrade_net
 
 RECORDED = ROOT / "tests" / "caffe"
 OLD_NET = """name: "old" input: "x" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 4
@@ -262,11 +261,11 @@ def make_pictures() -> list[str]:
 
 
 def read_pictures(path: Path) -> None:
-    """Read pictures and their list with the layer, with caffe.io and with tools/convert_imageset.py."""
+    """Read pictures and their list with the layer, with caffe.io and with tools/compute_image_mean.py."""
     read_batches(path)
     if path.suffix in (".png", ".jpg", ".bmp"):
         load_image(path)
-    run_tool(convert_imageset.main, "./", "list.txt", "new_db", "--encoded")
+    run_tool(compute_image_mean.main, "list.txt", "-resize_width=4", "-resize_height=4")
 
 
 def make_database() -> list[str]:
@@ -275,10 +274,9 @@ def make_database() -> list[str]:
     entries = [datum(rng.integers(0, 256, (3, 8, 8)).astype(np.uint8), i) for i in range(6)]
     entries.append(datum(rng.normal(size=(3, 8, 8)).astype(np.float32), 6))
     entries.append(datum(cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].tobytes(), 7))
-    with lmdb.open("db", map_size=1 << 20) as database, database.begin(write=True) as change:
-        for i, entry in enumerate(entries):
-            change.put(f"{i:08}".encode(), entry)
-            Path(f"{i}.datum").write_bytes(entry)
+    write_database(Path("db"), entries)
+    for i, entry in enumerate(entries):
+        Path(f"{i}.datum").write_bytes(entry)
     put("net.prototxt", DATA_LAYER % ("Data", ""))
     return ["db/data.mdb", "5.datum", "6.datum", "7.datum"]
 

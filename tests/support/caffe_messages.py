@@ -1,7 +1,8 @@
-"""Write Caffe's binary messages for tests, byte by byte as in protocol buffers: Datum and BlobProto."""
+"""Write Caffe's binary messages for tests, byte by byte as in protocol buffers, and LMDB databases of them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -53,3 +54,13 @@ def write_blob(path: Path, values: np.ndarray) -> Path:
     """Write a mean file."""
     path.write_bytes(blob(values))
     return path
+
+
+def write_database(folder: Path, entries: Iterable[bytes]) -> Path:
+    """Write an LMDB database of entries ``00000000 -> bytes``."""
+    import lmdb
+
+    with lmdb.open(str(folder), map_size=1 << 20) as database, database.begin(write=True) as change:
+        for i, entry in enumerate(entries):
+            change.put(f"{i:08}".encode(), entry)
+    return folder

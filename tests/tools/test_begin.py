@@ -177,12 +177,10 @@ def damaged(tmp_path: Path) -> list[str]:
 
 def test_a_damaged_picture_is_one_line(run: Run, damaged: list[str], tmp_path: Path) -> None:
     """Each damaged image is reported on one line of the tool."""
-    pytest.importorskip("lmdb")
-    (tmp_path / "list.txt").write_text("".join(f"{name} 0\n" for name in damaged))
-    lines = run("tools/convert_imageset.py", "./", "list.txt", "db", status=1).err.splitlines()
-    ours = [line for line in lines if line.endswith("; skipped")]  # libpng and libjpeg may print further lines
-    assert [line.partition(":")[0] for line in ours] == damaged
-    assert lines[-1].startswith("list.txt: none of its 4 images can be read; ")
+    for name in damaged:
+        (tmp_path / "list.txt").write_text(f"{name} 0\n")
+        lines = run("tools/compute_image_mean.py", "list.txt", status=1).err.splitlines()
+        assert lines[-1].startswith(f"{name}: ")  # libpng and libjpeg may print further lines
 
 
 def test_a_training_that_diverges_is_one_line(run: Run, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""tools/compute_image_mean.py: the mean of a database, as a file for transform_param and as printed numbers."""
+"""tools/compute_image_mean.py: the mean of images, as a file for transform_param and as printed numbers."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import pytest
 import netlib
 from netlib.proto import prototxt
 from netlib.proto.binaryproto import read_blob
-from netlib.proto.messages import Datum
+from tests.support.caffe_messages import content, datum, number, write_database
 from tests.support.running import run_tool
-from tools.common.databases import write_databases
 
 
 @pytest.fixture
@@ -19,16 +18,17 @@ def images(tmp_path, monkeypatch, rng):
     """Seven images of bytes with shape (3, 4, 5), in the database db."""
     monkeypatch.chdir(tmp_path)
     images = rng.integers(0, 256, (7, 3, 4, 5)).astype(np.uint8)
-    write(tmp_path / "db", [Datum(3, 4, 5, image.tobytes()) for image in images])
+    write_database(tmp_path / "db", [datum(image, 0) for image in images])
     return images
 
 
-def write(path, datums):
-    def fill(writers):
-        for i, datum in enumerate(datums):
-            writers[0].put(f"{i:08d}", datum)
-
-    assert write_databases([path], fill) == 0
+@pytest.fixture
+def pictures(images, tmp_path):
+    """The images as p/0.png ... and list.txt."""
+    (tmp_path / "p").mkdir()
+    for n, image in enumerate(images):
+        cv2.imwrite(f"p/{n}.png", image.transpose(1, 2, 0))
+    (tmp_path / "list.txt").write_text("".join(f"{n}.png {n}\n" for n in range(len(images))))
 
 
 def test_the_mean(images):
@@ -56,13 +56,37 @@ def test_a_net_that_subtracts_it_has_the_mean_zero(images):
 def test_floats_and_pictures(tmp_path, images, rng):
     """The mean of floats and of encoded images is computed as well."""
     floats = rng.normal(size=(2, 1, 3, 4)).astype(np.float32)
-    write(tmp_path / "floats", [Datum(1, 3, 4, float_data=one.ravel()) for one in floats])
+    write_database(tmp_path / "floats", [datum(one, 0) for one in floats])
     run_tool("compute_image_mean", "floats", "floats.binaryproto")
     assert np.allclose(read_blob("floats.binaryproto")[0], floats.mean(axis=0), atol=1e-7)
     files = [cv2.imencode(".png", image.transpose(1, 2, 0))[1].tobytes() for image in images]
-    write(tmp_path / "files", [Datum(data=content, encoded=True) for content in files])
+    write_database(tmp_path / "files", [datum(content, 0) for content in files])
     run_tool("compute_image_mean", "files", "files.binaryproto")
     assert np.allclose(read_blob("files.binaryproto")[0], images.mean(axis=0), rtol=1e-6)
+
+
+def test_a_list_has_the_mean_of_the_database_of_its_images(images, pictures):
+    """Lists are those of ImageData layers: with and without labels, relative to the working directory or the list."""
+    done = run_tool("compute_image_mean", "-root_folder=p/", "list.txt", "mean.binaryproto")
+    assert done.out == run_tool("compute_image_mean", "db", "same.binaryproto").out
+    assert np.array_equal(read_blob("mean.binaryproto"), read_blob("same.binaryproto"))
+
+
+def test_images_of_a_list_are_resized_as_in_an_ImageData_layer(pictures):
+    """A net that resizes the images of the list to the same size and subtracts the mean has the mean 0."""
+    run_tool("compute_image_mean", "-root_folder", "p/", "-resize_width=9", "-resize_height=6", "list.txt", "mean")
+    net = netlib.Net(prototxt.parse("""layer { name: "d" type: "ImageData" top: "x" top: "t"
+        image_data_param { source: "list.txt" root_folder: "p/" batch_size: 7 new_width: 9 new_height: 6 }
+        transform_param { mean_file: "mean" } }"""), netlib.TEST)
+    x = net.forward()["x"]
+    assert x.shape == (7, 3, 6, 9) and np.abs(x).mean() > 10
+    assert np.abs(x.mean(axis=0)).max() < 1e-4
+
+
+def test_gray(images, pictures):
+    expected = np.mean([cv2.imread(f"p/{n}.png", cv2.IMREAD_GRAYSCALE) for n in range(len(images))], axis=0)
+    run_tool("compute_image_mean", "--gray", "-root_folder=p/", "list.txt", "mean.binaryproto")
+    assert np.allclose(read_blob("mean.binaryproto"), expected[None, None], rtol=1e-6)
 
 
 def test_without_a_file(images, tmp_path):
@@ -71,22 +95,40 @@ def test_without_a_file(images, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["db"]
 
 
-def test_mistakes(tmp_path, images):
+def test_mistakes(tmp_path, images, pictures):
     """Errors are one line each, and no mean is written."""
-    write(tmp_path / "sizes", [Datum(1, 1, 2, b"ab"), Datum(1, 2, 1, b"ab")])
-    write(tmp_path / "bad", [Datum(1, 1, 2, b"abc")])
-    refused = (["sizes", "m"], ["bad", "m"], ["none", "m"], ["db", "db"])
+    write_database(tmp_path / "sizes", [datum(np.zeros(shape, np.uint8), 0) for shape in ((1, 1, 2), (1, 2, 1))])
+    write_database(tmp_path / "bad", [number(1, 1) + number(2, 1) + number(3, 2) + content(4, b"abc")])
+    write_database(tmp_path / "empty", [])
+    cv2.imwrite("p/6.png", images[0][:, :2].transpose(1, 2, 0))
+    (tmp_path / "missing.txt").write_text("0.png 1\n7.png 2\n")
+    root = "-root_folder=p/"
+    refused = (["sizes", "m"], ["bad", "m"], ["empty", "m"], ["none", "m"], ["db", "db"], [root, "list.txt", "m"],
+               [root, "missing.txt", "m"], [root, "list.txt", "p/3.png"])
     assert "".join(run_tool("compute_image_mean", *argv, status=1).err for argv in refused).splitlines() == [
         "sizes: entry '00000001': the image (C, H, W) is (1, 2, 1), the first (1, 1, 2); expected equal shapes; "
-        "convert_imageset.py can resize images",
+        "-resize_width and -resize_height resize the images of a list",
         "bad: entry '00000000': a Datum with channels, height, width (1, 1, 2) has 3 values",
-        "none: cannot read the database: No such file or directory",
+        "empty: the database has no entries",
+        "none: cannot read the list of images: No such file or directory",
         "db: is read in this run; expected another output",
+        "p/6.png: the image (C, H, W) is (3, 2, 5), the first (3, 4, 5); expected equal shapes; "
+        "-resize_width and -resize_height resize the images of a list",
+        "p/7.png: cannot read the image: No such file or directory",
+        "p/3.png: is read in this run; expected another output",
     ]
     assert not (tmp_path / "m").exists()
 
 
-def test_wrong_usage():
-    """Wrong usage gives argparse's message and status 2."""
-    for argv in ([], ["db", "m", "more"], ["-backend", "leveldb", "db"]):
-        run_tool("compute_image_mean", *argv, status=2)
+@pytest.mark.parametrize(
+    ("argv", "reported"),
+    [
+        ([], "the following arguments are required: INPUT"),
+        (["db", "m", "more"], "unrecognized arguments: more"),
+        (["-backend", "leveldb", "db"], "argument --backend: invalid choice: 'leveldb'"),
+        (["-resize_width=3", "list.txt"], "-resize_width and -resize_height must be given together"),
+        (["-gray", "db"], "apply only to a list of images, and db is a database"),
+    ],
+)
+def test_wrong_usage(images, argv, reported):
+    assert reported in run_tool("compute_image_mean", *argv, status=2).err

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
 
 from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
-from tools import docs
 
 
 def test_the_pages_are_listed() -> None:
@@ -20,6 +16,7 @@ def test_the_pages_are_listed() -> None:
     }
     assert all(len(line.split()) > 1 for line in lines)
     assert "camera             Tracking: from a depth camera to hand poses" in lines
+    assert "hands.schema.json  Hands in depth frames" in lines
 
 
 @pytest.mark.parametrize("name", ["camera", "camera.md", "docs/camera.md"])
@@ -39,6 +36,7 @@ def test_finding_words() -> None:
     ("argv", "status", "message"),
     [
         (["camra"], 1, "camra: no such page (did you mean 'camera'?)"),
+        (["freeze"], 1, "docs.py --find \"freeze\"' the lines with these words"),
         (["--find", "xyzzy!"], 1, "no page contains 'xyzzy!'"),
         (["camera", "--find", "x"], 2, "expected either a page or --find"),
     ],
@@ -46,18 +44,3 @@ def test_finding_words() -> None:
 def test_mistakes(argv: list[str], status: int, message: str) -> None:
     """Unknown pages and words give one line."""
     assert message in run_tool("docs", *argv, status=status).err
-
-
-def test_a_closed_standard_output(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A page is not shown if a shell has closed standard output, which is then None."""
-    monkeypatch.setattr(sys, "stdout", None)
-    assert docs.main(["fit"]) == 0
-
-
-def test_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a terminal a page is shown with the pager."""
-    shown: list[str] = []
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
-    monkeypatch.setattr(docs.pydoc, "pager", shown.append)
-    assert docs.main(["fit"]) == 0
-    assert shown == [Path(ROOT / "docs" / "fit.md").read_text(encoding="utf-8")]

@@ -21,11 +21,11 @@ I20261121 01:57:02.9 1 solver.cpp:327] Iteration 6, loss = nan
 
 
 def test_curves(tmp_path):
-    """Losses, train and test outputs are read with their iterations, including NaN."""
+    """Losses and test outputs are read with their iterations, including NaN."""
     (tmp_path / "a.log").write_text(LOG)
     log = plot_log.read_log(tmp_path / "a.log")
     assert log.loss[:2] == [(0, 2.4), (3, 0.001)] and log.loss[2][0] == 6
-    assert log.test == {"loss": [(0, 2.5)]} and log.train == {"loss": [(0, 2.4)]}
+    assert log.test == {"loss": [(0, 2.5)]}
 
 
 def test_picture(tmp_path):
@@ -46,7 +46,7 @@ def test_logs_of_one_name_are_told_apart(tmp_path, monkeypatch):
         (tmp_path / name / "train.log").write_text(LOG)
     logs = [str(tmp_path / name / "train.log") for name in ("one", "two")]
     run_tool("plot_log", *logs, "--out", "log.png")
-    assert [line.get_label() for line in shown[0].axes[0].lines] == ["one/train: train", "two/train: train"]
+    assert [line.get_label() for line in shown[0].axes[0].lines] == ["one/train", "two/train"]
 
 
 @pytest.fixture
@@ -64,46 +64,30 @@ def figures(monkeypatch):
 
 
 def test_many_test_outputs(tmp_path, figures):
-    """The outputs with the largest numbers have their own panels; the others share one, with one line per log."""
-    for name in ("a", "b"):
-        lines = [f"Test net output #{i}: out{i} = {i}\nTest net output #{i}: out{i} = {i / 2}" for i in range(400)]
-        (tmp_path / f"{name}.log").write_text(f"Iteration 0, loss = 1\n{chr(10).join(lines)}\n")
-    out = tmp_path / "log.png"
-    run_tool("plot_log", tmp_path / "a.log", tmp_path / "b.log", "--out", out)
+    """The first outputs have a panel each, and a line says that the others are not drawn."""
+    outs = "\n".join(f"Test net output #{i}: out{i:03d} = {i}" for i in range(400))
+    (tmp_path / "a.log").write_text(f"Iteration 0, loss = 1\n{outs}\n")
+    done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
+    assert done.err == "drew the first 8 of 400 test outputs\n"
     titles = [axis.get_title() for axis in figures[0].axes]
-    assert titles == ["training loss", *(f"test out{i}" for i in range(393, 400)), "393 more test outputs"]
-    assert [len(axis.lines) for axis in figures[0].axes] == [2] * 9
-    assert cv2.imread(str(out)).shape[1] < 6000
+    assert titles == ["training loss", *(f"test out{i:03d}" for i in range(8))]
+    assert [len(axis.lines) for axis in figures[0].axes] == [1] * 9
 
 
-def test_as_many_outputs_as_panels(tmp_path, monkeypatch):
-    """As many outputs as panels need no shared panel."""
-    shown = []
-    monkeypatch.setattr(plot_log.outputs, "write_figure", lambda path, figure, dpi: shown.append(figure))
+def test_as_many_outputs_as_panels(tmp_path, figures):
     lines = [f"Test net output #{i}: out{i} = {i}" for i in range(plot_log.MAX_PANELS)]
     (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
-    run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
-    assert [axis.get_title() for axis in shown[0].axes[1:]] == [f"test out{i}" for i in range(plot_log.MAX_PANELS)]
-
-
-def test_many_logs(tmp_path, figures):
-    """The legend lists the first logs and the number of the others."""
-    logs = [tmp_path / f"{i:03d}.log" for i in range(40)]
-    for log in logs:
-        log.write_text("Iteration 0, loss = 1\nIteration 5, loss = 0.5\n")
-    run_tool("plot_log", *map(str, logs), "--out", tmp_path / "log.png")
-    legend = figures[0].axes[0].get_legend()
-    assert [text.get_text() for text in legend.get_texts()] == [f"{i:03d}: train" for i in range(12)]
-    assert legend.get_title().get_text() == "28 more without a label"
+    assert run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png").err == ""
+    assert len(figures[0].axes) == 1 + plot_log.MAX_PANELS
 
 
 def test_long_names_and_formulas(tmp_path, figures):
-    """A long name is shortened and not typeset."""
+    """A long name is cut and not typeset."""
     name = "begin" + r"$\wrong{$" + "x" * 60000 + "end"
     (tmp_path / "a.log").write_text(f"Iteration 0, loss = 1\nTest net output #0: {name} = 2\n")
     run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
     title = figures[0].axes[1].get_title()
-    assert title.startswith(r"test begin\$\wrong{\$x") and title.endswith("…xxxxxxxxxxxend") and len(title) < 60
+    assert title.startswith(r"test begin\$\wrong{\$x") and len(title) < 70
 
 
 def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):

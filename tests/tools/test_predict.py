@@ -525,7 +525,7 @@ def test_a_frame_without_its_camera(frame):
         ),
         (["--camera", "nyu", "--refine", "-1"], "expected an integer of at least 0, found '-1'"),
         (["--refine", "101"], "expected an integer of at most 100, found '101'"),
-        (["--cube", "0.3"], "argument --cube: expected 50 to 10000 mm, found '0.3'"),
+        (["--cube", "0.3"], "argument --cube: expected a number of at least 50 and at most 10000 mm, found '0.3'"),
         (["--hand", "either"], "--hand either needs a fit; use --hand right or left"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

@@ -120,6 +120,7 @@ def check(root, *more):
     done = run_tool("prepare_icvl", root, "--check", "--out", root / "out", *more, status=None)
     lines = done.err.splitlines()
     assert done.status == (1 if lines else 0) and not (root / "out").exists()
+    assert (f"{root}: complete" in done.out) == (not lines)
     return lines
 
 

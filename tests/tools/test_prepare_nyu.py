@@ -169,18 +169,20 @@ def test_other_centres(root, kind):
 # ------------------------------------------------------------------------------------------------ the run
 
 
+def modification_times(out: Path) -> dict[str, int]:
+    return {path.name: path.stat().st_mtime_ns for path in out.glob("*.h5")}
+
+
 def test_resume(root, small):
     """A second run keeps all files; after a change of one frame only its file is written again."""
-    done = prepare(root)
+    prepare(root)
     out = root.parent / "out"
-    times = {path.name: path.stat().st_mtime_ns for path in out.glob("*.h5")}
+    times = modification_times(out)
     assert len(times) == 5 and (out / "train.txt").read_text().count("\n") == 3
-    done[1:]
-    assert "all files kept" in prepare(root).out
+    assert "all files kept" in prepare(root).out and modification_times(out) == times
     write_frame(root / "train" / frame_name(13), np.full((480, 640), 800))
     assert "made 12 frames" in prepare(root).out
-    changed = {path.name for path in out.glob("*.h5") if path.stat().st_mtime_ns != times[path.name]}
-    assert changed == {"train_001.h5"}
+    assert {name for name, time in modification_times(out).items() if time != times[name]} == {"train_001.h5"}
 
 
 def test_workers_change_no_byte(root):
@@ -318,10 +320,14 @@ def test_leaves_foreign_files_alone(root):
 
 
 def check(root: Path, *more: str) -> list[str]:
-    """Return the lines that --check reports, after testing that its exit status is 1 if there are any."""
+    """Return the problems that --check reports.
+
+    If there are none, its last line says so and its exit status is 0; otherwise there is no such line, and it is 1.
+    """
     done = run_tool("prepare_nyu", root, "--check", "--out", root / "out", *more, status=None)
     lines = done.err.splitlines()
     assert done.status == (1 if lines else 0) and not (root / "out").exists()
+    assert (f"{root}: complete" in done.out) == (not lines)
     return lines
 
 

@@ -88,6 +88,28 @@ def test_blobs_in_files() -> None:
     assert np.load("b.npy").shape == (2, 4)
 
 
+def test_features_of_a_list_are_those_of_a_net_with_an_ImageData_layer(work: Path) -> None:
+    """What Caffe's extract_features reads with a data layer: resized, without the mean image, cut from the centre."""
+    (work / "pictures").mkdir()
+    for number in range(3):
+        Path(f"{number}.png").rename(f"pictures/{number}.png")
+    Path("list.txt").write_text("".join(f"{number}.png {9 - number}\n" for number in range(3)))
+    write_blob(Path("mean.binaryproto"), np.random.default_rng(3).uniform(90, 130, (1, 3, 13, 15)).astype(np.float32))
+    data = """layer { name: "d" type: "ImageData" top: "data" top: "label" image_data_param { source: "list.txt"
+        batch_size: 3 root_folder: "pictures/" new_height: 13 new_width: 15 }
+        transform_param { mean_file: "mean.binaryproto" crop_size: 8 scale: 0.5 } }"""
+    square = NET.replace("dim: 8 dim: 10", "dim: 8 dim: 8")
+    Path("net.prototxt").write_text(square)
+    netlib.Net("net.prototxt", netlib.TEST, seed=1).save("net.caffemodel")
+    Path("train.prototxt").write_text(data + square[square.index("layer", 1) :])
+    expected = netlib.Net("train.prototxt", "net.caffemodel", netlib.TEST).forward(["data", "fc/1"])
+    argv = ("--root-folder", "pictures/", "--mean-file", "mean.binaryproto", "--scale", "0.5")
+    run("list.txt", *argv, "--blob", "data", "--blob", "fc/1", "--out", "features.npz")
+    with np.load("features.npz") as file:
+        for name in ("data", "fc/1"):
+            np.testing.assert_allclose(file[name], expected[name], rtol=1e-5, atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("options", "arguments"),
     [
@@ -199,7 +221,8 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
     ("net", "argv", "message"),
     [
         (NET, ["none.png"], "none.png: cannot read the image: No such file or directory"),
-        (NET, ["labels.txt"], "labels.txt: not an image that OpenCV can decode"),
+        (NET, ["labels.npy"], "labels.npy: not an image that OpenCV can decode"),
+        (NET, ["labels.txt"], "labels.txt:1: the label 'tabby' is not a whole number; expected 'path label'"),
         (NET, ["0.png", "--labels", "net.prototxt"], "net.prototxt: 1 labels, but blob 'prob' has 4 classes"),
         (NET, ["0.png", "--labels", "empty.txt"], "empty.txt: the file is empty; expected the name of a class"),
         (NET, ["0.png", "--blob", "fc1"], "net.prototxt: the net has no blob 'fc1' (did you mean 'fc/1'?)"),
@@ -214,6 +237,7 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
         (NET, ["0.png", "--resize", "9x9"], "images of 9 x 9 px are smaller than the net's input, 10 x 8"),
         (NET, ["0.png", "--out", "none/a.npz"], "none/a.npz: folder none does not exist"),
         (NET, ["0.png", "--out", "bad.npy", "--mean-file", "bad.npy"], "bad.npy: is read in this run"),
+        (NET, ["labels.npy", "--out", "labels.npy"], "labels.npy: is read in this run"),
         (NET, ["0.png", "--out", "a.npy", "--blob", "pool", "--blob", "prob"], "a.npy: a .npy file holds one array, "
          "found pool, prob; expected .npz or --blob"),
         (TRAIN, ["0.png"], "net.prototxt: the net reads its data in a data layer; expected a deploy prototxt"),

@@ -29,9 +29,8 @@ from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import File
 from netlib.solver import Solver
 from tools.common import training
-from tools.common.console import DONE, duration, on_missing_data, say
-from tools.common.progress import ProgressBar
-from tools.common.stopper import fill_folder
+from tools.common.console import DONE, duration, say
+from tools.common.progress import ProgressBar, fill_folder
 
 SKELETON = skeletons.load()
 
@@ -175,8 +174,7 @@ class Campaign:
                                  lambda advance: data.write(workers, self._until_over(advance)))
             if status != DONE:
                 raise EndedError(status)
-        with on_missing_data():
-            found = setting.files("train")
+        found = setting.files("train")
         if data is None and not is_real_nyu(setting):
             raise DataError(f"{setting.folder}: holds frames that prepare_nyu did not make; expected the NYU data "
                             f"set, or --setting {ONE_HAND.name}")

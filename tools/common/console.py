@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import TextIO
 
 import tools
 from netlib.building import python_layer
-from netlib.errors import DataError, NetlibError, printable, reason_of
+from netlib.errors import NetlibError, printable, reason_of
 from netlib.files.paths import command
 from netlib.system import memory
 
 DONE, FAILED = 0, 1  # argparse exits with 2 for wrong usage
-
-ADVICE = (
-    f"generate synthetic hands with '{command('make_synthetic')}', or read the NYU data set with "
-    f"'{command('prepare_nyu')} NYU_ROOT'"
-)
 
 
 def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
@@ -29,7 +23,7 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
         with tools.interruptible(), python_layer.allowed(not getattr(args, "no_python_layers", False)):
             return run(args)
     except NetlibError as error:
-        print(error, file=sys.stderr)
+        print(_with_advice(error), file=sys.stderr)
     except UnicodeEncodeError as error:
         print(f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
               "set PYTHONUTF8=1", file=sys.stderr)
@@ -53,6 +47,14 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
     return FAILED
 
 
+def _with_advice(error: NetlibError) -> str:
+    text = str(error)
+    if "cannot read the list" in text and "data/nyu" in text:
+        return (f"{text}; generate synthetic hands with '{command('make_synthetic')}', or read the NYU data set with "
+                f"'{command('prepare_nyu')} NYU_ROOT'")
+    return text
+
+
 def say(*words: object, sep: str = " ", file: TextIO | None = None) -> None:
     """Print a line, with unprintable characters escaped, so that names cannot start another line."""
     print(*map(printable, words), sep=sep, file=file)
@@ -72,24 +74,3 @@ def duration(seconds: float) -> str:
     minutes, rest = divmod(round(max(seconds, 0.0)), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
-
-
-@contextlib.contextmanager
-def errors_of(name: str) -> Iterator[None]:
-    """Context manager that begins every DataError with the name of a file, or of a part of it."""
-    try:
-        yield
-    except DataError as error:
-        raise DataError(f"{name}: {error}") from error
-
-
-@contextlib.contextmanager
-def on_missing_data() -> Iterator[None]:
-    """Context manager that adds advice to errors about missing lists in data/nyu."""
-    try:
-        yield
-    except DataError as error:
-        text = str(error)
-        if "cannot read the list" in text and "data/nyu" in text:
-            text = f"{text}; {ADVICE}"
-        raise DataError(text) from error

@@ -1,12 +1,11 @@
-"""Costs of a net: seconds per layer and pass, bytes per blob; and the reports of ``caffe test`` and ``caffe time``."""
+"""What the commands test, time and caffe find of a net: mean outputs, seconds per layer and pass, bytes per blob."""
 
 from __future__ import annotations
 
-import logging
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,8 +14,6 @@ from netlib.net import Net
 from netlib.snapshots import snapshot
 from netlib.training import report
 from tools.common.console import say
-
-log = logging.getLogger("netlib")
 
 
 def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, float]]:
@@ -59,20 +56,6 @@ def warn_of_another_net(weights: str, net: Net) -> None:
         say(f"warning: {weights}: the weights are of the net {name!r}, {net.source} is {net.name!r}", file=sys.stderr)
 
 
-def time_passes(net: Net, iterations: int) -> tuple[float, float]:
-    """Median seconds of a full pass forwards and backwards, as in training."""
-    forward, backward = [], []
-    for _ in range(iterations):
-        net.clear_param_diffs()
-        begin = time.perf_counter()
-        net.run_forward()
-        middle = time.perf_counter()
-        net.run_backward()
-        forward.append(middle - begin)
-        backward.append(time.perf_counter() - middle)
-    return float(np.median(forward)), float(np.median(backward))
-
-
 def memory_of(net: Net) -> list[tuple[str, int]]:
     """Bytes that are stored (parameters, whole blobs, blobs of shards), then bytes that are not."""
     hidden = set(net.executor.hidden())
@@ -96,16 +79,6 @@ def memory_of(net: Net) -> list[tuple[str, int]]:
     return rows
 
 
-def report_test(net: Net, weights: str, iterations: int) -> None:
-    """Log the outputs of each batch and their means, with weights from a file. Raises NetlibError."""
-    report.copied(weights, *net.copy_from(weights))
-    log.info("Running for %d iterations.", iterations)
-    loss, scores = mean_scores(net, iterations, lambda *values: log.info("Batch %d, %s = %.6g", *values))
-    log.info("Loss: %.6g", loss)
-    for score in scores:
-        log.info("%s", score)
-
-
 def mean_scores(
     net: Net, iterations: int, on_value: Callable[[int, str, float], object] = lambda batch, name, value: None
 ) -> tuple[float, list[str]]:
@@ -124,36 +97,34 @@ def mean_scores(
     return loss / iterations, list(report.scores(net, {name: total / iterations for name, total in sums.items()}))
 
 
-def report_time(net: Net, iterations: int) -> None:
-    """Log the time of each layer and of full passes. Raises NetlibError."""
-    log.info("Performing Forward")
-    log.info("Initial loss: %.6g", net.run_forward())
-    log.info("Performing Backward")
+def report_time(net: Net, iterations: int, write: Callable[..., object]) -> None:
+    """Time full passes as in training, then each layer on one thread. Raises NetlibError.
+
+    write  called with the cells of each line; the lines are those of ``caffe time``
+    """
+    write("Performing Forward")
+    write(f"Initial loss: {net.run_forward():.6g}")
+    write("Performing Backward")
     net.run_backward()
-    log.info("*** Benchmark begins ***")
-    log.info("Testing for %d iterations.", iterations)
-    passes = []
+    write("*** Benchmark begins ***")
+    write(f"Testing for {iterations} iterations.")
+    passes = np.zeros((iterations, 2))  # seconds forwards and backwards
     for i in range(iterations):
-        passes.append(time_passes(net, 1))
-        log.info("Iteration: %d forward-backward time: %.6g ms.", i + 1, sum(passes[-1]) * 1e3)
-    for cells in [*layer_lines(net, iterations, width=10), *pass_lines(np.mean(passes, axis=0), iterations)]:
-        log.info("\t".join(["%s"] * len(cells)), *cells)
-
-
-def layer_lines(net: Net, iterations: int, width: int) -> Iterator[Sequence[str]]:
-    """Time the layers; yields the cells of each line. Names are padded to ``width``."""
-    forward, backward = time_layers(net, iterations)
-    yield ["Average time per layer: "]
+        net.clear_param_diffs()
+        begin = time.perf_counter()
+        net.run_forward()
+        middle = time.perf_counter()
+        net.run_backward()
+        passes[i] = middle - begin, time.perf_counter() - middle
+        write(f"Iteration: {i + 1} forward-backward time: {passes[i].sum() * 1e3:.6g} ms.")
+    directions = dict(zip(("forward", "backward"), time_layers(net, iterations)))
+    write("Average time per layer: ")
     for layer in net.layers:
-        for what, seconds in (("forward", forward), ("backward", backward)):
-            yield f"{layer.name:>{width}}", f"{what}: {seconds[layer.name] * 1e3:.6g} ms."
-
-
-def pass_lines(passes: Iterable[float], iterations: int) -> Iterator[Sequence[str]]:
-    """Lines about the mean seconds of forward and backward passes over a number of iterations, to the end."""
-    forward, backward = passes
-    costs = {"Forward pass": forward, "Backward pass": backward, "Forward-Backward": forward + backward}
-    for what, seconds in costs.items():
-        yield [f"Average {what}: {seconds * 1e3:.6g} ms."]
-    yield [f"Total Time: {(forward + backward) * iterations * 1e3:.6g} ms."]
-    yield ["*** Benchmark ends ***"]
+        for what, seconds in directions.items():
+            write(f"{layer.name:>10}", f"{what}: {seconds[layer.name] * 1e3:.6g} ms.")
+    forward, backward = passes.mean(axis=0)
+    means = {"Forward pass": forward, "Backward pass": backward, "Forward-Backward": forward + backward}
+    for what, seconds in means.items():
+        write(f"Average {what}: {seconds * 1e3:.6g} ms.")
+    write(f"Total Time: {passes.sum() * 1e3:.6g} ms.")
+    write("*** Benchmark ends ***")

@@ -33,8 +33,6 @@ from netlib.files import atomic
 from tools.common import outputs
 from tools.common.console import DONE, say
 
-ZOOM = 4  # of a crop in a picture
-
 
 def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple[str, list[str]]:
     """A summary of a prediction, and lines of its joints, or of those in another format. Raises DataError."""
@@ -139,23 +137,28 @@ def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list
     return [*lines, *(f"  {angle:<28}{degrees:8.1f} deg" for angle, degrees in values[joint_values.ANGLES_KEY].items())]
 
 
-def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
-    """Draw the skeleton on the crop and in space, and between them the surface, if there was a fit.
+def views(found: Hand, predictor: Predictor, zoom: int = 4) -> list[strokes.Image]:
+    """The skeleton on the crop and in space, and between them the surface, if there was a fit.
 
     Fingers that are guesses are hollow. Of a hand without joints only the crop is drawn.
     """
     if not found.has_joints:
-        words = f"{percent(found.confidence)} sure: no joints"
-        outputs.write_image(picture, strokes.sheet([hands.picture(found.crop, ZOOM)], 1, [words]))
-        return
+        return [hands.picture(found.crop, zoom)]
     place: dict[str, Any] = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
     guesses = hands.guessed(found.finger_error_mm)
     seen_at = place if found.in_frame else {}
-    drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **seen_at, guesses=guesses)]
+    drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **seen_at, zoom=zoom, guesses=guesses)]
     if found.fit is not None:
-        drawn.append(surface.over_crop(found.crop, found.capsules(), **place))
-    drawn.append(hands.view_3d(found.joints, predictor.skeleton, guesses=guesses))
-    outputs.write_image(picture, strokes.sheet(drawn, len(drawn)))
+        drawn.append(surface.over_crop(found.crop, found.capsules(), **place, zoom=zoom))
+    drawn.append(hands.view_3d(found.joints, predictor.skeleton, size=len(drawn[0]), guesses=guesses))
+    return drawn
+
+
+def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
+    """Write the views of a prediction as one picture. Raises NetlibError."""
+    drawn = views(found, predictor)
+    titles = () if found.has_joints else [f"{percent(found.confidence)} sure: no joints"]
+    outputs.write_image(picture, strokes.sheet(drawn, len(drawn), titles))
 
 
 def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predictor) -> None:

@@ -8,7 +8,7 @@ from handpose import CAMERAS, Camera
 from handpose.body.joint_formats.formats import FORMAT_NAMES
 from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.frames.crops import CUBES_MM
-from tools.common.arguments import finite, finite_values, real
+from tools.common.arguments import expected, numbers, real
 
 MAX_PX = 1e6  # of focal lengths and principal points, as in a camera.json
 
@@ -29,30 +29,12 @@ def camera(text: str) -> Camera:
     """Parse a camera: its name, or the four numbers FX,FY,U0,V0; frames may then have any size."""
     if text in CAMERAS:
         return CAMERAS[text]
-    numbers = finite_values(text)
-    if len(numbers) != 4 or min(numbers[:2]) <= 0 or max(map(abs, numbers)) > MAX_PX:
-        raise argparse.ArgumentTypeError(f"expected {', '.join(CAMERAS)} or FX,FY,U0,V0 in px, the "
-                                         f"intrinsics from its SDK, found {text!r}")
-    return Camera("own", *numbers, width=0, height=0)
+    form = f"{', '.join(CAMERAS)} or FX,FY,U0,V0 in px, the intrinsics from its SDK"
+    fx, fy, u0, v0 = numbers(form, [4])(text)
+    if min(fx, fy) <= 0 or max(map(abs, (fx, fy, u0, v0))) > MAX_PX:
+        raise expected(form, text)
+    return Camera("own", fx, fy, u0, v0, width=0, height=0)
 
 
-def center(text: str) -> tuple[float, ...]:
-    """Parse the centre of a hand: U,V or U,V,D."""
-    numbers = finite_values(text)
-    if len(numbers) not in (2, 3):
-        raise argparse.ArgumentTypeError(f"expected U,V or U,V,D (px, px, mm), found {text!r}")
-    return numbers
-
-
-def cube(text: str, part: float = 1.0) -> float:
-    """Parse the edge of a cube around a body, or ``part`` of it, in mm."""
-    least, most = (part * edge for edge in CUBES_MM)
-    number = finite(text)
-    if not least <= number <= most:
-        raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g} mm, found {text!r}")
-    return number
-
-
-def half_cube(text: str) -> float:
-    """Parse half the edge of a cube around a body, in mm."""
-    return cube(text, 0.5)
+center = numbers("U,V or U,V,D (px, px, mm)", [2, 3])  # of a hand
+cube = real(*CUBES_MM, unit="mm")  # edge of the cube around a body

@@ -6,20 +6,18 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from netlib import files
-from netlib.errors import NetlibError, reason_of
+from netlib.errors import NetlibError, printable, reason_of
 from netlib.files import atomic
 
-if TYPE_CHECKING:
-    from layers.hand.skeleton import Skeleton
-
 JPEG_QUALITY = 90
+MAX_LABEL = 60  # characters
 
 
 def refuse_inputs(out: str | Path, inputs: Iterable[str | Path | None], why: str = "is read in this run") -> None:
@@ -37,21 +35,9 @@ def check_place(out: Path, inputs: Iterable[str | Path | None] = ()) -> None:
         atomic.require_regular_file(out)
 
 
-def write_skeleton(out: Path, skeleton: Skeleton, comment: str) -> None:
-    """Write a skeleton file with a comment; its name is that of the file. Raises NetlibError."""
-    from layers.hand.skeleton_file import text_of  # imported here: training needs no hands
-
-    try:
-        atomic.replace_text(out, text_of(skeleton.param, out.stem, comment))
-    except OSError as error:
-        raise NetlibError(f"{out}: cannot write the skeleton: {reason_of(error)}") from None
-
-
-def check_skeleton(out: Path, force: bool, inputs: Sequence[str]) -> None:
-    """Raise NetlibError or OSError if the file cannot be written."""
-    check_place(out, inputs)
-    if out.exists() and not force:
-        raise NetlibError(f"{out}: exists already; choose another --out, or replace it with --force")
+def label(name: str) -> str:
+    """A name as matplotlib can draw it: of limited length, on one line, and not typeset as a formula."""
+    return printable(name)[:MAX_LABEL].replace("$", r"\$")
 
 
 def new_figure(width: float, height: float) -> Any:

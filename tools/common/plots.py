@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from handpose.scoring.published_predictions import THRESHOLDS_MM, Benchmark, Score
-from netlib.errors import printable
 from tools.common import outputs
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe-Ito, without yellow
@@ -25,7 +24,7 @@ def plot_joint_errors(scores: Mapping[str, Score], benchmark: Benchmark, frames:
     for axis in axes.values():
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
-    labels = [f"{s.mean_mm:.2f} mm  {printable(name)}".replace("$", r"\$") for name, s in scores.items()]  # no TeX
+    labels = [f"{s.mean_mm:.2f} mm  {outputs.label(name)}" for name, s in scores.items()]
     figure.legend(axes["max"].lines, labels, loc="outside upper center", ncols=min(len(labels), 4), frameon=False,
                   title=f"{benchmark.name}: mean error over {frames} frames and {len(benchmark.joints)} joints",
                   title_fontsize="large")

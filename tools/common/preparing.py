@@ -17,7 +17,7 @@ from handpose.frames.images import BadFrameError
 from netlib import engine
 from tools.common.arguments import parser_of, workers
 from tools.common.console import DONE, FAILED, duration, say
-from tools.common.stopper import fill_folder
+from tools.common.progress import fill_folder
 
 MAX_SHOWN = 10  # bad frames of a split that are printed; all are in the file bad_SPLIT.txt
 SPLITS = ("train", "test")

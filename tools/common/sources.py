@@ -123,7 +123,8 @@ def _camera(text: str) -> Camera | Path:
 
 
 def _lens(text: str) -> Lens:
+    form = "4, 5 or 8 numbers K1,K2,P1,P2[,K3 ...]"
     try:
-        return Lens(tuple(float(word) for word in text.split(",")))
-    except (ValueError, DataError):
-        raise argparse.ArgumentTypeError(f"expected 4, 5 or 8 numbers K1,K2,P1,P2[,K3 ...], found {text!r}") from None
+        return Lens(arguments.numbers(form, [4, 5, 8])(text))
+    except DataError:
+        raise arguments.expected(form, text) from None

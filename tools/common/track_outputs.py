@@ -1,16 +1,18 @@
-"""Outputs of tracking: files of joints and angles, a video, a contact sheet, Rerun's viewer, and a live page."""
+"""Outputs of tracking: files of joints and angles, a video, a contact sheet, Rerun's viewer, and live output."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import os
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,28 +20,33 @@ from numpy.typing import NDArray
 from handpose import Recording
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import PICTURES, FolderRecording
+from handpose.output.drawing.rerun_view import RerunView
+from handpose.output.drawing.sheets import ContactSheet
+from handpose.output.drawing.tracks import Painter
+from handpose.output.drawing.video_file import VideoFile
+from handpose.output.live.datagrams import DatagramSender
+from handpose.output.live.messages import LINES, VIEWS, Messages
+from handpose.output.live.page import page
+from handpose.output.live.server import LiveServer, checked_token
 from handpose.output.tracks.writing import TrackWriter, open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
-from netlib.errors import NetlibError
+from netlib.errors import NetlibError, reason_of
+from netlib.files import atomic
 from tools.common import arguments, outputs
 from tools.common.arguments import name_in
+from tools.common.console import say
 from tools.common.hand_arguments import add_joints_option
-
-if TYPE_CHECKING:  # imported when an output is drawn
-    from handpose.output.drawing.rerun_view import RerunView
-    from handpose.output.drawing.sheets import ContactSheet
-    from handpose.output.drawing.tracks import Painter
-    from handpose.output.drawing.video_file import VideoFile
-    from tools.common.live_output import LiveOutput
 
 FILES = ("json", "csv", "bvh")
 DRAWN = ("video", "sheet", "rerun")
 LIVE = ("serve", "udp")
 LOCAL = "127.0.0.1"
+TOKEN = "HANDPOSE_TOKEN"  # environment variable
+_CHECK_S = 0.1  # interval between checks for a request to stop
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name output files."""
+    """Add the options for output files and live output."""
     parser.add_argument("--json", metavar="FILE|-", type=name_in(".json", ".jsonl", "-"),
                         help="joints, angles, crops: .json, .jsonl (one line per frame), or - for such lines on "
                              "standard output")
@@ -55,22 +62,16 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
                         help="contact sheet of the track")
     parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=name_in(".rrd"),
                         help="show in Rerun's viewer, or write its file")
-    add_live_options(parser)
-    parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
-                        help="only report on the first frames, and draw the first hand")
-
-
-def add_live_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for live output."""
     parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
                         help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
                              f"(default: {LOCAL}, which other machines do not reach, and any free port)")
     parser.add_argument("--addresses", metavar="FILE.json", type=name_in(".json"),
                         help="with --serve: write the addresses, which contain the token, to a file that only you can "
                              "read; removed at the end")
-    parser.add_argument(
-        "--udp", metavar="HOST:PORT", type=arguments.address(), help="a datagram of JSON per frame to this address"
-    )
+    parser.add_argument("--udp", metavar="HOST:PORT", type=arguments.address(),
+                        help="a datagram of JSON per frame to this address")
+    parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
+                        help="only report on the first frames, and draw the first hand")
 
 
 def _served(text: str) -> tuple[str, int]:
@@ -80,7 +81,7 @@ def _served(text: str) -> tuple[str, int]:
 
 def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
     """Set default outputs if none is given (``args.unnamed``), and reject --look with others."""
-    selected = any(getattr(args, name) is not None for name in (*FILES, *DRAWN, *LIVE))
+    selected = _given(args, *FILES, *DRAWN, *LIVE)
     if args.look is not None and selected:
         parser.error("--look stops after the first frames; omit other outputs")
     if args.addresses is not None and args.serve is None:
@@ -89,7 +90,7 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
     if args.unnamed:
         args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
     for option in ("joints", "gestures"):
-        if getattr(args, option) and all(getattr(args, name) is None for name in ("json", "csv", *LIVE)):
+        if getattr(args, option) and not _given(args, "json", "csv", *LIVE):
             parser.error(f"--{option} is for --json, --csv, --serve and --udp; name one of them")
 
 
@@ -108,7 +109,7 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
     inputs = [source, *camera_file.places_next_to(frames or source), *own]
-    for name in filter(None, (getattr(args, name) for name in (*FILES, *DRAWN, "look", "addresses"))):
+    for name in filter(None, _given(args, *FILES, *DRAWN, "look", "addresses")):
         outputs.refuse_inputs(name, inputs)
         place = Path(os.path.realpath(name))
         if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
@@ -120,7 +121,12 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
 
 def is_drawn(args: argparse.Namespace) -> bool:
     """Whether an output shows the surface of hands."""
-    return any(getattr(args, name) is not None for name in (*DRAWN, "serve"))
+    return bool(_given(args, *DRAWN, "serve"))
+
+
+def _given(args: argparse.Namespace, *names: str) -> list[Any]:
+    """The values of those of the options that are given; --rerun without a file has the value False."""
+    return [value for name in names if (value := getattr(args, name)) is not None]
 
 
 class Outputs:
@@ -129,40 +135,18 @@ class Outputs:
     def __init__(
         self, args: argparse.Namespace, header: TrackHeader, rate: float | None, live: bool = False
     ) -> None:
+        # Missing packages are reported here, before any file is started.
         self._args = args
-        self._painter: Painter | None = None
-        self._sheet: ContactSheet | None = None
-        self._video: VideoFile | None = None
-        self._view: RerunView | None = None
-        if is_drawn(args):
-            self._begin_drawing(args, header, rate)
-        self._live: LiveOutput | None = None
-        if any(getattr(args, name) is not None for name in LIVE):
-            from tools.common.live_output import LiveOutput
-
-            self._live = LiveOutput(args, header, live)
-        paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
+        self._painter = Painter(header) if args.video or args.sheet else None
+        self._sheet = ContactSheet() if args.sheet else None
+        self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
+        self._view = RerunView(header, Path(args.rerun) if args.rerun else None) if args.rerun is not None else None
+        self._live = LiveOutput(args, header, live) if _given(args, *LIVE) else None
         self._writers: list[TrackWriter] = [
-            open_writer(path, header, rate, args.joints, args.gestures) for path in paths
+            open_writer(path, header, rate, args.joints, args.gestures) for path in _given(args, *FILES)
         ]
         self._open: list[TrackWriter | VideoFile | RerunView | LiveOutput] = []
         self.written: list[str] = []
-
-    def _begin_drawing(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
-        """Prepare pictures. Missing packages for video and Rerun are reported here, before any file is started."""
-        from handpose.output.drawing.rerun_view import RerunView
-        from handpose.output.drawing.sheets import ContactSheet
-        from handpose.output.drawing.tracks import Painter
-        from handpose.output.drawing.video_file import VideoFile
-
-        if args.video or args.sheet:
-            self._painter = Painter(header)
-        if args.sheet:
-            self._sheet = ContactSheet()
-        if args.video:
-            self._video = VideoFile(Path(args.video), rate or 30.0)
-        if args.rerun is not None:
-            self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
 
     def __enter__(self) -> Outputs:
         for name in filter(None, (self._args.video, self._args.sheet)):  # created later, but checked now
@@ -233,3 +217,106 @@ class Outputs:
         if self._sheet and self._sheet.times():
             outputs.write_image(self._args.sheet, self._sheet.page())
             self.written.append(self._args.sheet)
+
+
+class LiveOutput:
+    """Sends the frames of a track to the clients of a server and as datagrams. Raises NetlibError."""
+
+    def __init__(self, args: argparse.Namespace, header: TrackHeader, live: bool = False) -> None:
+        self._messages = Messages(header, args.joints, args.gestures)
+        self._server = self._server_at(args.serve, header, live) if args.serve else None
+        self._sender = DatagramSender(args.udp) if args.udp else None
+        self._addresses = Path(args.addresses) if args.addresses else None
+        self._stack = contextlib.ExitStack()
+        self._check: Callable[[], None] = lambda: None
+        self._begun: float | None = None  # start by time.perf_counter; None for a live camera
+        self._before = 0.0  # time of the frame before
+
+    def __enter__(self) -> LiveOutput:
+        with contextlib.ExitStack() as stack:
+            for output in (self._server, self._sender):
+                if output is not None:
+                    stack.enter_context(output)
+            if self._server is not None and self._addresses is not None:
+                stack.enter_context(_written(self._addresses, self._server))
+            self._stack = stack.pop_all()
+        return self
+
+    def begin(self, recording: Recording, check: Callable[[], None], file: TextIO | None) -> None:
+        """Print the addresses; wait for the first client unless the source is a live camera."""
+        self._check = check
+        if self._server is not None:
+            say(f"page: {self._server.page_url}", file=file)
+            say(f"for programs: {self._server.lines_url}", file=file)
+            if self._server.is_public:
+                say("warning: other machines can watch, if they have these addresses", file=sys.stderr)
+            if not recording.live:
+                say("waiting for the first connection; Ctrl-C stops", file=file)
+            print(end="", file=file, flush=True)  # not file.flush(): it is None if a shell closed standard output
+            while not recording.live and not self._server.wait_for_client(_CHECK_S):
+                check()
+        if not recording.live:
+            self._begun = time.perf_counter()
+
+    def write(self, depth: NDArray[np.floating], frame: TrackedFrame) -> None:
+        """Send a frame; frames of a recording are sent in real time, and wait while a page holds it."""
+        self._hold()
+        self._wait_until(frame.time)
+        server, sender = self._server, self._sender
+        has_lines, has_views = (server is not None and server.has_clients(path) for path in (LINES, VIEWS))
+        if not (has_lines or has_views or sender):
+            return
+        record = self._messages.record(frame)
+        if server is not None and has_lines:
+            server.put(LINES, self._messages.line(record))
+        if server is not None and has_views:
+            server.put(VIEWS, self._messages.view(record, depth, frame))
+        if sender is not None:
+            sender.send(self._messages.datagram(record))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, where)
+        if self._sender is not None and self._sender.dropped:
+            say(f"warning: --udp: {self._sender.dropped} datagrams were not sent: {self._sender.reason}",
+                file=sys.stderr)
+
+    def _server_at(self, address: tuple[str, int], header: TrackHeader, live: bool) -> LiveServer:
+        token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None
+        return LiveServer(*address, self._messages.header, page(header, live), token)
+
+    def _hold(self) -> None:
+        if self._begun is None or self._server is None:
+            return
+        held = time.perf_counter()
+        while not self._server.pace.wait(_CHECK_S):
+            self._check()
+        self._begun += time.perf_counter() - held
+
+    def _wait_until(self, seconds: float) -> None:
+        if self._begun is None:
+            return
+        # At most as long as from the frame before, whatever the clock says: it may stand still, or have been set back.
+        early, self._before = min(self._begun + seconds - time.perf_counter(), seconds - self._before), seconds
+        while early > 0:
+            pause = min(early, _CHECK_S)
+            time.sleep(pause)
+            self._check()
+            early = min(early - pause, self._begun + seconds - time.perf_counter())
+
+
+@contextlib.contextmanager
+def _written(path: Path, server: LiveServer) -> Iterator[None]:
+    """A file with the addresses of a server within the block. Raises NetlibError."""
+    addresses = {"page": server.page_url, "frames": server.lines_url, "token": server.token}
+    try:
+        with atomic.replacing(path) as fresh:
+            fresh.chmod(0o600)
+            fresh.write_text(json.dumps(addresses, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise NetlibError(f"{path}: cannot write the addresses: {reason_of(error)}") from error
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)

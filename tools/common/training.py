@@ -23,7 +23,7 @@ from netlib.solver import Solver
 from netlib.training import callbacks, solver_parameter
 from netlib.training.callbacks import Callback, Functions
 from tools.common.caffe_log import BarHandler, LogFile, log_to
-from tools.common.console import DONE, duration, on_missing_data
+from tools.common.console import DONE, duration
 from tools.common.progress import ProgressBar
 from tools.common.ranks import callbacks_of, ended_together, threads_of
 
@@ -112,8 +112,7 @@ def new_solver(
     tree = prototxt.parse_file(solver_file)
     param = solver_parameter.parameter_of(tree, **changes)  # errors come before a long text
     log.info("Initializing solver from parameters: \n%s", tree)
-    with on_missing_data():
-        solver = Solver(param, str(solver_file), seed, engine, callbacks=callbacks_of(ranks))
+    solver = Solver(param, str(solver_file), seed, engine, callbacks=callbacks_of(ranks))
     _describe(solver)
     if snapshot is None:
         _warn_of_zeros(solver)

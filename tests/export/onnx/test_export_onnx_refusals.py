@@ -105,4 +105,4 @@ def test_a_difference_fails(files, monkeypatch):
 def test_usage():
     """The size of the cube must be valid."""
     done = run_tool("export_onnx", "net", "weights", "out", "--cube", "0", status=2)
-    assert done.err.endswith("argument --cube: expected 50 to 10000 mm, found '0'\n")
+    assert done.err.endswith("argument --cube: expected a number of at least 50 and at most 10000 mm, found '0'\n")

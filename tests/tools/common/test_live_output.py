@@ -1,4 +1,4 @@
-"""tools/common/live_output.py: messages that are sent during tracking."""
+"""tools/common/track_outputs.py: messages that are sent during tracking."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ from handpose.sequences.recordings import SyntheticRecording
 from handpose.tracking.track import TrackedFrame
 from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER, seen, tracked
-from tools.common import live_output
-from tools.common.live_output import LiveOutput
-from tools.common.stopper import StoppedError
-from tools.common.track_outputs import add_live_options
+from tools.common import track_outputs
+from tools.common.progress import StoppedError
+from tools.common.track_outputs import LiveOutput, add_output_options
 
 COUNT = 3
 ROOT = Path(__file__).resolve().parents[3]
@@ -37,7 +36,7 @@ DEPTH = seen([HAND])
 def parsed(*argv: str) -> argparse.Namespace:
     """Parse the options, with the track options that they depend on."""
     parser = argparse.ArgumentParser()
-    add_live_options(parser)
+    add_output_options(parser)
     parser.set_defaults(joints=None, gestures=False)
     return parser.parse_args(argv)
 
@@ -92,8 +91,8 @@ def test_datagrams_that_are_not_sent(capsys: pytest.CaptureFixture[str], monkeyp
 def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     """A recording's frames are sent at their times, a camera's immediately; a stop request ends the wait."""
     clock = [100.0]
-    monkeypatch.setattr(live_output.time, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(live_output.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
+    monkeypatch.setattr(track_outputs.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(track_outputs.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
     with LiveOutput(parsed("--udp", "127.0.0.1:9"), HEADER) as output:
         output.write(DEPTH, frame(50))
         output.begin(source(live=True), ends, sys.stdout)
@@ -114,8 +113,8 @@ def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -
 def test_a_clock_that_stops_or_is_set_back(monkeypatch: pytest.MonkeyPatch, step: float) -> None:
     """A frame waits at most as long as it is after the frame before, whatever the clock does."""
     clock, slept = [1e9], []
-    monkeypatch.setattr(live_output.time, "perf_counter", lambda: clock.append(clock.pop() + step) or clock[0])
-    monkeypatch.setattr(live_output.time, "sleep", slept.append)
+    monkeypatch.setattr(track_outputs.time, "perf_counter", lambda: clock.append(clock.pop() + step) or clock[0])
+    monkeypatch.setattr(track_outputs.time, "sleep", slept.append)
     with LiveOutput(parsed("--udp", "127.0.0.1:9"), HEADER) as output:
         output.begin(source(live=False), lambda: None, sys.stdout)
         for number in range(5):
@@ -127,8 +126,8 @@ def test_a_page_holds_a_recording(monkeypatch: pytest.MonkeyPatch) -> None:
     """While a page holds it, a recording's frame waits, and later frames keep their distance in time."""
     pytest.importorskip("websockets")
     clock, checks = [100.0], []
-    monkeypatch.setattr(live_output.time, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(live_output.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
+    monkeypatch.setattr(track_outputs.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(track_outputs.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
     with LiveOutput(parsed("--serve"), HEADER) as output:
         pace = output._server.pace
         monkeypatch.setattr(output._server, "wait_for_client", lambda seconds: True)
@@ -182,7 +181,7 @@ def test_the_title_of_the_page(live: bool, title: str) -> None:
 def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Programs read the addresses from a file that only the user can read; it is removed at the end."""
     pytest.importorskip("websockets")
-    monkeypatch.setenv(live_output.TOKEN, "0123456789abcdefABCDEF-_")
+    monkeypatch.setenv(track_outputs.TOKEN, "0123456789abcdefABCDEF-_")
     path = tmp_path / "live.json"
     with LiveOutput(parsed("--serve", "--addresses", str(path)), HEADER):
         found = json.loads(path.read_text(encoding="utf-8"))
@@ -194,7 +193,7 @@ def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_a_token_that_can_be_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
     """A short token in the environment raises an error that names the variable."""
     pytest.importorskip("websockets")
-    monkeypatch.setenv(live_output.TOKEN, "1234")
+    monkeypatch.setenv(track_outputs.TOKEN, "1234")
     with pytest.raises(NetlibError, match=r"^HANDPOSE_TOKEN: found 4 characters; expected 16 to 200"):
         LiveOutput(parsed("--serve"), HEADER)
 
