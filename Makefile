@@ -5,17 +5,13 @@
 # make test    set up and run the tests (ORDER=random: in random order, with a seed to repeat it)
 # make kernels the tests of predictions, depth fits and figures again, with the slowest BLAS kernels and NumPy's SIMD off
 # make faults  fault injection: tens of thousands of cases with kills, damaged files, full disks (half an hour; CASES=100: short)
-# make table1  the paper's Table 1: runs the missing training runs (days; HOURS=8 limits the time), writes docs/results
-# make bench   compares the speed with PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
-# make parts   the time that each part of fast/ saves, by switching it off (minutes)
-# make ranks   compares threads with MPI processes, and prints a model of many machines
 # make docs    generates what documents take from the code: code, figures, exercises
 # make book    the chapters as notebooks, in build/book
 # make site    all documents and the code as a site in site/, links checked (SERVE=1 shows it and follows changes)
 # make lint    the style and type checks of the continuous integration, spelling and wording
 #
 # ITERATIONS=N and FRAMES='--train N --test N' make train, person and arm shorter or longer; OPTIONS='...' goes to the
-# program of demo, table1, bench, parts, ranks or docs.
+# program of demo or docs.
 PYTHON ?= python3
 # Hundreds of processes are started by the tests; without compiled files each compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
@@ -25,7 +21,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train person arm test kernels docs book site faults lint table1 bench parts ranks clean
+.PHONY: help demo train person arm test kernels docs book site faults lint clean
 
 help:
 	@sed -n '/^#/!q; s/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -54,19 +50,6 @@ person arm: .venv/tools
 	$(RUN) tools/plot_log.py snapshots/$@.log --out snapshots/$@_curves.png
 	@echo
 	@echo "Pictures: data/$@/frames.png, snapshots/$@.png (predictions), snapshots/$@_curves.png (the training)."
-
-table1: .venv/tools
-	$(RUN) tools/table1.py $(if $(HOURS),--hours $(HOURS)) $(OPTIONS)
-
-bench: .venv/bench
-	$(RUN) benchmarks/nets.py
-	$(RUN) benchmarks/bench.py $(OPTIONS)
-
-parts: .venv/tools
-	$(RUN) benchmarks/parts.py $(OPTIONS)
-
-ranks: .venv/mpi
-	$(RUN) benchmarks/ranks.py $(OPTIONS)
 
 test: .venv/test
 	$(RUN) -m pytest -n auto --dist worksteal $(if $(ORDER),--order $(ORDER))
@@ -101,8 +84,8 @@ endif
 # in the code.
 WORDED := README.md CHANGELOG.md CONTRIBUTING.md web/README.md docs/*.md docs/book docs/results docs/exercises/README.md models prototxt \
 	tests/caffe/README.md
-WORDED_CODE := netlib layers fast handpose exercises experiments export tools benchmarks docs/making
-NAMES := ledger,mot,nd,trainings
+WORDED_CODE := netlib layers fast handpose exercises experiments export tools docs/making
+NAMES := mot,nd,trainings
 lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -110,7 +93,7 @@ lint: .venv/dev
 	$(BIN)/codespell $(WORDED)
 	$(BIN)/codespell --ignore-words-list $(NAMES) $(WORDED_CODE)
 
-.venv/tools .venv/test .venv/docs .venv/dev .venv/bench .venv/mpi: setup.cfg
+.venv/tools .venv/test .venv/docs .venv/dev: setup.cfg
 	@test -x $(RUN) || $(PYTHON) -m venv .venv
 	$(RUN) -m pip install --quiet --disable-pip-version-check -e '.[$(notdir $@)]'
 	@touch $@

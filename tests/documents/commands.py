@@ -103,7 +103,7 @@ def _python_mistake(words: list[str], folder: Path) -> str:
     script = next((word for word in words if word.endswith(".py")), None)
     if script is None or "-c" in words[: words.index(script)]:
         return ""
-    if re.fullmatch(r"(tools|benchmarks)/\w+\.py", script):
+    if re.fullmatch(r"tools/\w+\.py", script):
         return _module_mistake(script[:-3].replace("/", "."), words[words.index(script) + 1 :])
     return "" if (folder / script).exists() else f"there is no {script}"
 
@@ -128,8 +128,8 @@ def _module_mistake(name: str, argv: list[str]) -> str:
     if not (ROOT / name.split(".")[0]).is_dir():
         return ""  # not a program of this project
     try:
-        module = importlib.import_module(name)
-    except ImportError:  # of a package that only this program needs, such as torch for the benchmarks
+        module = importlib.import_module("experiments.__main__" if name == "experiments" else name)
+    except ImportError:  # of a package that only this program needs
         return ""
     main = getattr(module, "main", None)
     if main is None or not (hasattr(module, "guarded") or "argv" in inspect.signature(main).parameters):

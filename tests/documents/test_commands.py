@@ -76,15 +76,11 @@ RUN = {
         )
         for body in ("person", "arm")
     },
-    "table1": Run("OPTIONS=--list", "one_hand"),
     "faults": Run("CASES=1 SEED=1 ONLY=camera.json", "camera.json: 1 "),
     "docs": Run("OPTIONS='--check documents'"),  # the other parts are compared by tests/docs/test_made.py
 }
 # Only the commands of these targets are parsed.
 NOT_RUN = {
-    **{
-        name: f"tests/benchmarks runs benchmarks/{name}.py in its smallest form" for name in ("bench", "parts", "ranks")
-    },
     "book": "tests/docs/test_notebooks.py makes the notebooks by the same program and runs them",
     "test": "it runs these tests",
     "kernels": "it runs a part of these tests, and .ci/run runs it",
@@ -138,7 +134,7 @@ def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
     assert not workplace.written(before)
 
 
-@pytest.mark.parametrize("command", [*RUN, *NOT_RUN, "table1 HOURS=8", "faults SEED=7 ONLY=resume", "site SERVE=1"])
+@pytest.mark.parametrize("command", [*RUN, *NOT_RUN, "faults SEED=7 ONLY=resume", "site SERVE=1"])
 def test_the_lines_of_a_target_parse(command: str, project: tuple[Path, Path]) -> None:
     """The lines of a target parse, also with variables that the Makefile names: programs, options and extras exist."""
     folder, python = project
@@ -159,10 +155,10 @@ def test_the_environments_are_extras(project: tuple[Path, Path]) -> None:
 
 
 _SPAN = re.compile(
-    r"(`+)((?:(?:make|python|mpiexec|pip|tools/\w+\.py|benchmarks/\w+\.py) |(?:netlib|handpose) (?=[a-z]))[^`]*)\1"
+    r"(`+)((?:(?:make|python|mpiexec|pip|tools/\w+\.py) |(?:netlib|handpose) (?=[a-z]))[^`]*)\1"
 )
 _PROGRAM = re.compile(
-    r"((?:mpiexec [^`#'\"]*? )?\bpython (?:tools/|benchmarks/|-m \w)[^`]*?)(?='?$|`|\s{2,}|\s+#|', |' or |, or )"
+    r"((?:mpiexec [^`#'\"]*? )?\bpython (?:tools/|-m \w)[^`]*?)(?='?$|`|\s{2,}|\s+#|', |' or |, or )"
 )
 _MAKE = re.compile(r"(?:^ {4}|``)(make \w+)(?=$|``| {2,})")
 _UNFINISHED = ("arguments are required", "expected one argument", "train needs -solver")
@@ -192,7 +188,7 @@ def in_source(path: Path) -> list[str]:
 def mistake(command: str) -> str:
     """Return the error of a command, which may be abbreviated with "..." or lack its files."""
     command = re.split(r" ?(?:\.{3}|…)", command)[0].rstrip(" .,;:")
-    command = re.sub(r"^((?:tools|benchmarks)/)", r"python \1", command)
+    command = re.sub(r"^(tools/)", r"python \1", command)
     found = commands.mistakes(command, ROOT)
     return "\n".join(line for line in found if not any(words in line for words in _UNFINISHED))
 
@@ -200,7 +196,7 @@ def mistake(command: str) -> str:
 def test_commands_in_running_text_parse() -> None:
     """The commands in the text of every document but the changelog, which names old ones, are correct."""
     found = {path: in_document(path) for path in DOCUMENTS if path.name != "CHANGELOG.md"}
-    assert "make bench" in found[ROOT / "docs" / "speed.md"]
+    assert "python -m experiments bench" in found[ROOT / "docs" / "speed.md"]
     assert {path.name: wrong for path in found for command in found[path] if (wrong := mistake(command))} == {}
 
 
@@ -208,8 +204,7 @@ def test_commands_in_help_texts_and_messages_parse() -> None:
     """The commands in the strings of every source file but the tests are correct."""
     tops = (*CODE, "tests/faults", "tests/support")
     found = {path: in_source(path) for top in tops for path in (ROOT / top).rglob("*.py")}
-    bench = found[ROOT / "benchmarks" / "bench.py"]
-    assert {"make bench", "python benchmarks/bench.py --json speed.json"} <= set(bench)
+    assert "python -m experiments table1 ours" in found[ROOT / "experiments" / "table1.py"]
     assert "mpiexec -n 4 python -m mpi4py tools/train.py SOLVER" in found[ROOT / "netlib" / "distributed" / "mpi.py"]
     assert {path.name: wrong for path in found for command in found[path] if (wrong := mistake(command))} == {}
 
@@ -218,7 +213,7 @@ def test_commands_in_help_texts_and_messages_parse() -> None:
     ("command", "what"),
     [
         ("make gone", "no target gone in the Makefile"),
-        ("python benchmarks/bench.py --gone", "unrecognized arguments: --gone"),
+        ("python -m experiments bench --gone", "unrecognized arguments: --gone"),
         ("mpiexec -n 4 python -m mpi4py tools/train.py SOLVER --gone", "unrecognized arguments: --gone"),
         ("tools/gone.py", "there is no tools.gone"),
         ("netlib gone", "no command gone"),
@@ -237,14 +232,8 @@ def test_a_mistake_is_found(command: str, what: str) -> None:
 
 # The test that runs each program; that of tools/NAME.py is tests/tools/test_NAME.py unless it is named here.
 RUN_BY = {
-    "benchmarks.ablation": "tests/benchmarks/test_ablation.py",
-    "benchmarks.bench": "tests/benchmarks/test_bench.py",
-    "benchmarks.fit": "tests/benchmarks/test_fit_benchmark.py",
-    "benchmarks.nets": "tests/benchmarks/test_nets_benchmark.py",
-    "benchmarks.ranks": "tests/benchmarks/test_ranks_benchmark.py",
-    "benchmarks.parts": "tests/benchmarks/test_bench_parts.py",
     "docs.book.nano": "tests/docs/test_nano.py",
-    "experiments.confidence": "tests/experiments/test_confidence.py",
+    "experiments": "tests/experiments/test_experiments.py",
     "docs.making": "tests/docs/test_made.py",
     "docs.making.five_minutes": "tests/docs/test_five_minutes.py",
     "docs.making.hand_picture": "tests/docs/test_pages.py",
@@ -260,11 +249,9 @@ RUN_BY = {
     "tests.support.rank_programs": "tests/netlib/distributed/test_mpi.py",
     "tools.exercise": "tests/exercises/test_exercise_command.py",
     "tools.export_onnx": "tests/export/onnx/test_export_onnx.py",
-    "tools.measure_fit": "tests/tools/test_package_model.py",
 }
 # Text in the tests of programs that are not imported by name with a call of their ``main``.
 BY_COMMAND = {
-    "benchmarks.parts": 'pytest.importorskip("benchmarks.parts")',
     "docs.book.nano": "COMMAND",
     "docs.making.five_minutes": "run_tool(TOOL, ",
     "handpose": '"-m", "handpose"',
@@ -309,7 +296,7 @@ def named_programs() -> set[str]:
 def test_every_named_program_is_run_by_a_test() -> None:
     """The test of each named program imports and runs it, or starts it as BY_COMMAND requires."""
     named = named_programs()
-    assert {"tools.train", "netlib.caffe", "tests.faults.campaign", "docs.making", "benchmarks.ranks"} <= named
+    assert {"tools.train", "netlib.caffe", "tests.faults.campaign", "docs.making", "experiments"} <= named
     for name in sorted(named):
         path = ROOT / RUN_BY.get(name, f"tests/tools/test_{name.rpartition('.')[2]}.py")
         assert name in RUN_BY or (name.startswith("tools.") and path.is_file()), f"no test runs {name}"

@@ -26,7 +26,6 @@ CODE = [
     "experiments",
     "export",
     "tools",
-    "benchmarks",
     "web",
     "docs",
 ]

@@ -148,22 +148,6 @@ def nets() -> None:
     readers.put("solver.prototxt", 'net: "x" solver_type: ADAM base_lr: 0.1\n')
 
 
-def locator() -> None:
-    """Write weights of the packaged locator's net, and the net."""
-    shutil.copy(ROOT / "models" / "hand_locator" / "deploy.prototxt", "deploy.prototxt")
-    netlib.Net("deploy.prototxt", netlib.TEST, seed=1).save("big.caffemodel.h5")
-
-
-def store() -> None:
-    """Write a store of Table 1."""
-    from experiments.table1 import store
-    from tests.support import made_store
-
-    for entry in made_store.trained():
-        store.write(Path("ledger"), entry)
-    store.write_shown(Path("ledger"), "one_hand", made_store.shown())
-
-
 _REST = "make_recording rest --rate 20 --seconds 0.1 --camera 30,30,16,12 --force --out"
 _TRACK = r"t\.(json|jsonl|csv|mp4|png)|t_right_0\.bvh"
 COMMANDS = (
@@ -189,8 +173,6 @@ COMMANDS = (
     Command("upgrade_net old.prototxt new.prototxt", nets, ("new.prototxt",)),
     Command("upgrade_net --solver solver.prototxt new.prototxt", nets, ("new.prototxt",)),
     Command("export_onnx net.prototxt net.caffemodel net.onnx", nets, ("net.onnx",)),
-    Command("package_model --model deploy.prototxt --out small.caffemodel.h5 big.caffemodel.h5", locator,
-            ("small.caffemodel.h5",)),
     Command("plot_log caffe.log --out curves.png", readers.make_logs, ("curves.png",)),
     Command("show_data data/test.txt --out some.png", data, ("some.png",)),
     Command("evaluate icvl --groundtruth truth.txt --predictions N=near.txt --plot plot.png", published, ("plot.png",)),
@@ -203,7 +185,6 @@ COMMANDS = (
     Command("draw_net net.prototxt net.dot", nets, ("net.dot",)),
     Command("run_net net.prototxt net.caffemodel a.png --out blobs.npz", nets, ("blobs.npz",)),
     Command("run_net net.prototxt net.caffemodel a.png --out blob.npy", nets, ("blob.npy",)),
-    Command("table1 --page --ledger ledger --out out --setting one_hand", store, ("out/table1.md",)),
     Command("demo --out shown --frames 1", lambda: None, ("shown/hands.json",)),
     Command("exercise relu --start"),
 )
@@ -258,7 +239,7 @@ def undisturbed(name: str) -> Undisturbed:
         if ended.status:
             raise BrokenPromise("BROKEN", f"{name} ends with {ended.status} without a fault: {ended.line}")
         for module in ended.modules:  # imported here once instead of in every child
-            if module.startswith(("tools.", "handpose.", "experiments.", "scipy.", "matplotlib.", "av", "lmdb")):
+            if module.startswith(("tools.", "handpose.", "scipy.", "matplotlib.", "av", "lmdb")):
                 with contextlib.suppress(ImportError):
                     importlib.import_module(module)
         return Undisturbed(command, folder, before, contents(), ended.calls)

@@ -818,37 +818,6 @@ def read_companions(path: Path) -> Any:
     _fit_companion()
 
 
-def make_store() -> list[str]:
-    """Write an entry of the store of Table 1, the frames that are drawn, and a speed."""
-    from experiments.table1 import speed, store
-    from tests.support import made_store
-
-    entry = store.write(Path("store"), made_store.entry())
-    store.write_shown(Path("store"), "one_hand", made_store.shown())
-    speed.write(Path("store/speed.json"), speed.Speed(100.0, 1000.0, 64, "fast", 2, "a machine"))
-    return [entry.as_posix(), "store/one_hand/shown.json", "store/speed.json"]
-
-
-def read_store(path: Path) -> Any:
-    """Read the store as tools/table1.py --page does."""
-    from experiments.table1 import speed, store
-
-    return (store.read_all(Path("store"), "one_hand"), store.read_shown(Path("store"), "one_hand"),
-            speed.read(Path("store/speed.json")))
-
-
-def make_components() -> list[str]:
-    """Write files of joints."""
-    return [put_rows("a.h5", 1, joint=(40, 93)), put_rows("b.h5", 2, joint=(40, 93))]
-
-
-def read_components(path: Path) -> Any:
-    """Read the joints as tools/table1.py does for DeepPrior."""
-    from experiments.table1.derived_nets import write_components
-
-    write_components(Path("out.h5"), [Path("a.h5"), Path("b.h5")])
-
-
 def make_parts() -> list[str]:
     """Write a data set of one part with its list; of three frames, one picture is missing."""
     make_frames()
@@ -1144,10 +1113,6 @@ READERS: tuple[Reader, ...] = (
     Reader("labels", ("netlib/files/hdf5.py", "handpose/datasets/labels.py"), make_labels, read_labels),
     Reader("companions", ("handpose/fit/joints/companions.py", "handpose/datasets/parts.py"),
            make_companions, read_companions),
-    Reader("store of table 1", ("experiments/table1/store.py", "experiments/table1/speed.py"),
-           make_store, read_store),
-    Reader("principal components", ("experiments/table1/derived_nets.py",), make_components,
-           read_components),
     Reader("video", ("handpose/frames/formats/ffmpeg.py", "handpose/frames/formats/video.py"),
            make_videos, read_recording),
     Reader("azure kinect", ("handpose/frames/formats/ffmpeg.py", "handpose/frames/formats/video.py"),

@@ -188,12 +188,6 @@ def fit_companions() -> Any:
     return inputs
 
 
-def write_store() -> Any:
-    """Write the store of Table 1; a second run reuses existing entries."""
-    readers.make_store()
-    return [path.read_bytes() for path in sorted(Path("store").rglob("*.json"))]
-
-
 TRACK_FILES = {"json": "json", "csv": "csv", "bvh": "bvh", "video": "mp4", "sheet": "png"}  # options and endings
 
 
@@ -326,7 +320,6 @@ RUNS: tuple[Run, ...] = (
     Run("database", make_database, write_database),
     Run("prepared data", readers.make_frames, prepare_data),
     Run("companions", readers.make_labels, fit_companions),
-    Run("store of table 1", lambda: None, write_store),
     Run("tracks", make_old_tracks, write_tracks, check_tracks),
     Run("recordings", functools.partial(write_recordings, 1), write_recordings, check_recordings),
     Run("recordings and truths", make_old_recordings, make_recordings, check_pairs_of_recordings),

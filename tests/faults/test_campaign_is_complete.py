@@ -18,8 +18,9 @@ SOURCES = [
 ]
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
-    "experiments/confidence.py": "reads labels with np.load, and looks at their shape",
-    "experiments/table1/results.py": "asks netlib/files/hdf5.py for rows, and looks at their shape",
+    "experiments/example_nets.py": "reads the nets that come with the project, and writes their data",
+    "experiments/package_model.py": "reads back what it has just written",
+    "experiments/table1.py": "asks netlib/files/hdf5.py for rows, and looks at their shape",
     "handpose/__main__.py": "reads the commands that come with the project",
     "handpose/output/drawing/page/assembly.py": "reads the page that comes with the project",
     "handpose/frames/formats/video_writer.py": "looks whether a frame of what it has written itself reached the disk",
@@ -36,9 +37,7 @@ NO_READERS = {
     "tools/docs.py": "reads the pages that come with the project",
     "tools/export_onnx.py": "reads back what it has just written",
     "tools/record.py": "opens recordings by handpose.frames.opening",
-    "tools/common/campaign.py": "asks netlib/files/hdf5.py how many rows there are",
     "tools/track.py": "opens recordings by handpose.frames.opening",
-    "tools/package_model.py": "reads back what it has just written",
 }
 # Names of functions that open files; for those that also write, the mode is checked.
 BY_NAME = {

@@ -10,8 +10,7 @@ from tests.faults import campaign, commands
 from tests.faults.isolation import ROOT, Worker
 
 OTHERS = {
-    "docs": "prints", "measure_finding": "prints", "measure_fit": "prints", "measure_gestures": "prints",
-    "measure_tracking": "prints", "test_net": "prints", "time": "prints",
+    "docs": "prints", "test_net": "prints", "time": "prints",
     "prepare_icvl": "writes as make_synthetic; runs.py", "prepare_nyu": "writes as make_synthetic; runs.py",
 }
 

@@ -16,7 +16,6 @@ MAX_INTEGER = (1 << 63) - 1  # of integers in files
 MAX_COUNT = (1 << 31) - 1
 MAX_WORKERS = 1024
 MAX_SIDE = 1 << 20  # px
-MAX_HOURS = 1e5
 MAX_SECONDS = 1e6  # 12 days
 MAX_SEED = (1 << 32) - 1  # as of synthetic data
 MAX_PORT = 65535
