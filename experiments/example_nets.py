@@ -267,7 +267,7 @@ class Example:
     batch: int = 0
 
 
-def _ordinary(name: str, layers: Callable[[Text], str], *shape: int, trains: bool = False) -> Example:
+def ordinary(name: str, layers: Callable[[Text], str], *shape: int, trains: bool = False) -> Example:
     """A net with random inputs; in training, with labels of ten classes and SoftmaxWithLoss."""
 
     def text(folder: Path) -> str:
@@ -282,19 +282,19 @@ def _ordinary(name: str, layers: Callable[[Text], str], *shape: int, trains: boo
 
 
 NETS = {example.name: example for example in (
-    _ordinary("CaffeNet", _caffenet, 10, 3, 227, 227),
-    _ordinary("GoogLeNet", _googlenet, 10, 3, 224, 224),
-    _ordinary("SqueezeNet", _squeezenet, 10, 3, 227, 227),
-    _ordinary("MobileNet-v1", _mobilenet_v1, 1, 3, 224, 224),
-    _ordinary("MobileNet-v2", _mobilenet_v2, 1, 3, 224, 224),
-    _ordinary("ResNet-50", _resnet50, 1, 3, 224, 224),
-    _ordinary("VGG-16", _vgg16, 1, 3, 224, 224),
-    _ordinary("DenseNet-121", _densenet121, 1, 3, 224, 224),
-    _ordinary("U-Net", _unet, 1, 3, 256, 256),
-    _ordinary("LeNet", _lenet, 64, 1, 28, 28, trains=True),
-    _ordinary("CIFAR-10", _cifar10, 100, 3, 32, 32, trains=True),
-    _ordinary("VGG-like", _vgg, 16, 3, 64, 64, trains=True),
-    _ordinary("residual", _residual, 32, 3, 32, 32, trains=True),
+    ordinary("CaffeNet", _caffenet, 10, 3, 227, 227),
+    ordinary("GoogLeNet", _googlenet, 10, 3, 224, 224),
+    ordinary("SqueezeNet", _squeezenet, 10, 3, 227, 227),
+    ordinary("MobileNet-v1", _mobilenet_v1, 1, 3, 224, 224),
+    ordinary("MobileNet-v2", _mobilenet_v2, 1, 3, 224, 224),
+    ordinary("ResNet-50", _resnet50, 1, 3, 224, 224),
+    ordinary("VGG-16", _vgg16, 1, 3, 224, 224),
+    ordinary("DenseNet-121", _densenet121, 1, 3, 224, 224),
+    ordinary("U-Net", _unet, 1, 3, 256, 256),
+    ordinary("LeNet", _lenet, 64, 1, 28, 28, trains=True),
+    ordinary("CIFAR-10", _cifar10, 100, 3, 32, 32, trains=True),
+    ordinary("VGG-like", _vgg, 16, 3, 64, 64, trains=True),
+    ordinary("residual", _residual, 32, 3, 32, 32, trains=True),
     *(Example(f"hand-{batch}", hand_deploy, batch=batch) for batch in (1, 64, 512)),
     *(Example(f"hand-training-{batch}", hand_training(batch), trains=True) for batch in (64, 512)),
 )}

@@ -70,9 +70,9 @@ def test_bench(keep_threads: None) -> None:
         assert float(row[-1]) == pytest.approx(float(row[-2]) / float(row[1]), abs=0.02 + 0.02 * float(row[-1]))
 
 
+@pytest.mark.skipif(not netlib.engine.has_fast(), reason="there is no fast/")
 def test_parts(keep_threads: None) -> None:
     """A named part has a row with the ratios of time and memory."""
-    pytest.importorskip("fast")
     done = run("parts", "--nets", "LeNet", "--parts", "fast Pooling", "RowWinograd", "fast HandModel", "--rounds", "1",
                "--burst", "1e-9")
     title, head, *rows = done.out.splitlines()

@@ -11,7 +11,7 @@ import pytest
 
 import netlib
 from experiments import bench, parts
-from experiments.example_nets import NETS, Example, Text, Workload, _ordinary, hand_deploy, hand_training
+from experiments.example_nets import NETS, Example, Text, Workload, hand_deploy, hand_training, ordinary
 from experiments.fit import auc, measure, scenes_of
 from experiments.tracking import alone_of, cells_of, follow
 from handpose.estimate.locator import Locator
@@ -163,7 +163,7 @@ def few_layers(net: Text) -> str:
     return net.product(net.pool(x, 0, 1, kind="AVE"), 5)
 
 
-SMALL = (_ordinary("few-layers", few_layers, 2, 3, 17, 17), Example("hand-2", hand_deploy, batch=2))
+SMALL = (ordinary("few-layers", few_layers, 2, 3, 17, 17), Example("hand-2", hand_deploy, batch=2))
 SMALL_TRAININGS = (NETS["LeNet"], Example("hand-training-4", hand_training(4), trains=True))
 
 
@@ -219,7 +219,6 @@ def results(folder: Path, engine: str) -> list[np.ndarray]:
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[np.ndarray]]:
     """A folder with the nets, and their results with all parts."""
-    pytest.importorskip("fast")
     folder = tmp_path_factory.mktemp("nets")
     return folder, results(folder, "fast")
 
@@ -234,9 +233,9 @@ def test_without_a_part(name: str, compared: tuple[Path, list[np.ndarray]], monk
             np.testing.assert_allclose(ours, wanted, rtol=0, atol=1e-4 * np.abs(wanted).max())
 
 
+@pytest.mark.skipif(not netlib.engine.has_fast(), reason="there is no fast/")
 def test_the_ratios_of_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threads: None) -> None:
     """A part that saves half the time and a third of the memory has the ratios 2 and 1.5."""
-    pytest.importorskip("fast")
     base = parts.Measured(NETS["LeNet"], tmp_path)
     base.peak = 100
     monkeypatch.setattr(base, "_peak_of", lambda engine: 150)
