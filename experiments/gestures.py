@@ -126,6 +126,7 @@ def run(args: argparse.Namespace) -> int:
         rows.append([name, str(row.sum()), *(f"{100 * n / row.sum():.0f}" if n else "" for n in row)])
     print(aligned(rows))
     right = f"{found.right():.1%} of " if found.counts.any() else ""
-    delay = f"; median delay {np.median(found.delays):.2f} s after the fingers come to rest" if found.delays else ""
-    say(f"{right}{found.counts.sum()} frames are recognized correctly{delay}")
+    delay, times = np.median(found.delays or [0.0]), len(found.delays)
+    say(f"{right}{found.counts.sum()} frames are recognized correctly; "
+        f"median delay {delay:.2f} s after the fingers come to rest, {times} times")
     return DONE
