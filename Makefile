@@ -3,16 +3,12 @@
 # make train   set up, render the training data, train the paper's network for a few minutes, show the result
 # make test    set up and run the tests (ORDER=random: in random order, with a seed to repeat it)
 # make kernels the tests of predictions and depth fits again, with the slowest BLAS kernels and NumPy's SIMD off
-# make table1  the paper's Table 1: runs the missing training runs (days; HOURS=8 limits the time), writes docs/results
-# make bench   compares the speed with PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
-# make parts   the time that each part of fast/ saves, by switching it off (minutes)
-# make ranks   compares threads with MPI processes, and prints a model of many machines
 # make docs    what documents take from the code, pages for the browser, the chapters as notebooks, and the site in site/
 #              (SERVE=1 serves the site and follows changes)
 # make lint    the style and type checks of the continuous integration, spelling and wording
 #
 # ITERATIONS=N and FRAMES='--train N --test N' make train shorter or longer; OPTIONS='...' goes to the
-# program of demo, table1, bench, parts or ranks.
+# program of demo.
 PYTHON ?= python3
 # Hundreds of processes are started by the tests; without compiled files each compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
@@ -21,7 +17,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train test kernels docs lint table1 bench parts ranks clean
+.PHONY: help demo train test kernels docs lint clean
 
 help:
 	@sed -n '/^#/!q; s/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -38,19 +34,6 @@ train: .venv/tools
 	@echo
 	@echo "Pictures: snapshots/hands.png (predicted hands), snapshots/curves.png (the training)."
 	@echo "Train on from here: $(RUN) tools/train.py $(SOLVER) --snapshot $(SNAPSHOT:caffemodel.h5=solverstate.h5)"
-
-table1: .venv/tools
-	$(RUN) tools/table1.py $(if $(HOURS),--hours $(HOURS)) $(OPTIONS)
-
-bench: .venv/bench
-	$(RUN) benchmarks/nets.py
-	$(RUN) benchmarks/bench.py $(OPTIONS)
-
-parts: .venv/tools
-	$(RUN) benchmarks/parts.py $(OPTIONS)
-
-ranks: .venv/mpi
-	$(RUN) benchmarks/ranks.py $(OPTIONS)
 
 test: .venv/test
 	$(RUN) -m pytest -n auto --dist worksteal $(if $(ORDER),--order $(ORDER))
@@ -79,7 +62,7 @@ lint: .venv/dev
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/codespell $$(git ls-files '*.py' '*.md' '*.prototxt' | grep -v '^tests/')
 
-.venv/tools .venv/test .venv/docs .venv/dev .venv/bench .venv/mpi: setup.cfg
+.venv/tools .venv/test .venv/docs .venv/dev: setup.cfg
 	@test -x $(RUN) || $(PYTHON) -m venv .venv
 	$(RUN) -m pip install --quiet --disable-pip-version-check -e '.[$(notdir $@)]'
 	@touch $@

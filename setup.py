@@ -11,7 +11,7 @@ from pathlib import Path
 from setuptools import setup
 
 IMPORTED = ("netlib", "layers", "handpose")
-SHARED = ("fast", "tools", "exercises", "experiments", "export", "prototxt", "models")
+SHARED = ("fast", "tools", "exercises", "export", "prototxt", "models")
 
 
 def folders_in(top: str) -> list[str]:

@@ -21,7 +21,7 @@ from netlib.blob import Array, Blobs
 from netlib.system.memory import blocks
 
 MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
-FEW_ITEMS = 8  # up to this number, items are faster one at a time (measured by benchmarks/parts.py)
+FEW_ITEMS = 8  # up to this number, items are faster one at a time (measured by experiments/parts.py)
 CACHED_BYTES = 1 << 20  # size of a block's weights, so that they stay in the cache between items
 LARGE_BYTES = 32 << 20  # size of weights that are read from main memory, which takes longer than starting threads
 SUM_VALUES = 1 << 21  # of dw computed before they are added, in memory that is used again

@@ -29,7 +29,7 @@ from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array, Blobs
 
-FEW = 16  # up to this number of poses, few_poses.py is faster (measured by benchmarks/parts.py: one image)
+FEW = 16  # up to this number of poses, few_poses.py is faster (measured by experiments/parts.py: hand-1)
 
 
 class FastPose(Pose):

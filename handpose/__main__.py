@@ -30,8 +30,6 @@ GROUPS = {
     "Hand models and scores": ("fit-pose", "evaluate"),
     "Nets": ("train", "test", "run-net", "test-net", "plot-log", "time", "draw-net", "export-onnx"),
     "Caffe's commands": ("caffe", "compute-image-mean", "upgrade-net"),
-    "Measurements": ("table1", "measure-fit", "measure-finding", "measure-tracking", "measure-gestures",
-                     "package-model"),
     "Learning": ("docs", "exercise"),
 }
 
@@ -110,12 +108,16 @@ def usage(program: str, groups: dict[str, dict[str, Path]]) -> str:
     for title, listed in groups.items():
         lines += ["", f"{title}:"]
         for name, path in listed.items():
-            doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-            first = " ".join(doc.partition("\n\n")[0].split())
-            lines.append(f"  {name:{width}}  {re.split(r'(?<=[.?]) (?=[A-Z])', first, maxsplit=1)[0]}")
+            lines.append(f"  {name:{width}}  {summary_of(path)}")
             if name in EXAMPLES[program]:
                 lines.append(f"  {'':{width}}    {program} {name} {EXAMPLES[program][name]}")
     return "\n".join(lines) + "\n"
+
+
+def summary_of(path: Path) -> str:
+    """The first sentence of a file's docstring, or its first paragraph."""
+    doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return re.split(r"(?<=[.?]) (?=[A-Z])", " ".join(doc.partition("\n\n")[0].split()), maxsplit=1)[0]
 
 
 def _run(path: Path) -> None:

@@ -89,12 +89,6 @@ class DataSet:
         """The number of frames to be written."""
         return sum(piece.part.rows for piece in self.missing)
 
-    @property
-    def missing_bytes(self) -> int:
-        """The size on disk of what is to be written."""
-        missing = self.missing
-        return parts.bytes_of([piece.part for piece in missing], missing[0].generator.columns()) if missing else 0
-
     def write(self, workers: int, advance: Callable[[int], None]) -> None:
         """Write the missing parts, then the lists. Raises DataError, OSError.
 

@@ -21,7 +21,7 @@ from netlib.system.one_thread import lock
 
 NAMES = ("layers", "fast")
 # Folders of a clone that netlib does not import.
-OTHERS = ("tools", "export", "exercises", "experiments", "models", "benchmarks")
+OTHERS = ("tools", "export", "exercises", "experiments", "models")
 _known: dict[str, ModuleType] = {}  # results of own_module
 _aside: dict[str, ModuleType] = {}  # our modules that are not in sys.modules, by name
 _lock = lock()

@@ -52,7 +52,7 @@ def anchor_of(heading: str) -> str:
 def test_links_lead_somewhere(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert faults(text, path) == []
-    named = re.findall(r"(?<!tests/)\b((?:tools|benchmarks)/\w+\.py)\b", text)
+    named = re.findall(r"(?<!tests/)\b((?:tools|experiments)/\w+\.py)\b", text)
     assert path.name == "CHANGELOG.md" or [tool for tool in named if not (ROOT / tool).is_file()] == []
 
 

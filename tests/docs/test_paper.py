@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import Path
 
 import pytest
 
-from experiments.table1.findings import FINDINGS
-from experiments.table1.networks import NETWORKS
 from tests.docs.test_documents import anchor_of
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -24,21 +21,6 @@ def sections(text: str) -> dict[str, str]:
     """Return the text below each heading, up to the next, by the heading's anchor."""
     parts = re.split(r"^#+ (.*)\n", text, flags=re.MULTILINE)
     return dict(zip(map(anchor_of, parts[1::2]), parts[2::2]))
-
-
-def test_table_1_is_theirs() -> None:
-    """The table has the paper's networks with the figures that table1.md compares with this project's."""
-    wanted = []
-    for network in NETWORKS:
-        if network.paper is not None:
-            mm, degrees, share = network.paper
-            out = "–" if math.isnan(share) else f"{share:.1%}"
-            wanted.append(f"| {network.title} | {mm} mm | {degrees}° | {out} |")
-    text = sections(PAPER)["table-1-does-the-model-help"]
-    assert re.findall(r"^\|.*\|$", text, re.MULTILINE)[2:] == wanted and len(wanted) == 4
-    assert [finding.paper for finding in FINDINGS] == pytest.approx(
-        [17.2 - 16.9, 26.7 - 17.2, 26.7 - 16.9, 21.4 - 12.2, math.nan, 0, 0.186 - 0.009, 0], nan_ok=True
-    )
 
 
 @pytest.mark.parametrize(("figure", "file", "anchor"), FIGURES)

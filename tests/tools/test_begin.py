@@ -20,8 +20,7 @@ from tests.support.source_imports import imports_of, parsed
 from tests.tools.conftest import ROOT
 from tests.tools.test_tools import COMMANDS
 
-BENCHMARKS = ("ablation", "bench", "fit", "parts")
-PROGRAMS = [f"tools/{name}.py" for name in COMMANDS] + [f"benchmarks/{name}.py" for name in BENCHMARKS]
+PROGRAMS = [*(f"tools/{name}.py" for name in COMMANDS), "experiments/__main__.py"]
 Run = Callable[..., Done]
 
 
@@ -67,7 +66,7 @@ def test_every_program_begins_before_it_imports_what_takes_long() -> None:
         assert names <= {*sys.stdlib_module_names, "tools"}, program
 
 
-@pytest.mark.parametrize("program", ["tools/train.py", "tools/demo.py", "benchmarks/bench.py"])
+@pytest.mark.parametrize("program", ["tools/train.py", "tools/demo.py"])
 def test_ctrl_c_during_the_imports(run: Run, tmp_path: Path, program: str) -> None:
     """Ctrl-C during the imports ends the process by the signal without output."""
     interrupt_at(tmp_path, "import", "numpy")

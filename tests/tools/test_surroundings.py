@@ -20,7 +20,6 @@ PACKAGES = [
     "fast",
     "handpose",
     "exercises",
-    "experiments",
     "export",
     "tools",
     "prototxt",
@@ -113,8 +112,3 @@ class TestInstalled:
         code = "import netlib, sys; print(*sys.modules['fast'].__path__)"
         done = run_python("-c", code, cwd=tmp_path, PYTHONPATH=str(site))
         assert done.out == f"{site / 'netlib' / 'share' / 'fast'}\n"
-
-    def test_the_store_of_table_1(self, site: Path, tmp_path: Path) -> None:
-        """The results of Table 1 are not packaged; one line says where they are."""
-        done = self.run(site, tmp_path, "table1", "--list", status=1)
-        assert done.out == "" and done.err.count("\n") == 1 and "--ledger FOLDER selects that of a clone" in done.err

@@ -21,7 +21,7 @@ from tests.tools.conftest import ROOT
 
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
 COMMANDS = [path.stem for path in FILES]
-WITH_ENGINE = ["measure_fit", "predict", "run_net", "test", "test_net", "time", "train"]
+WITH_ENGINE = ["predict", "run_net", "test", "test_net", "time", "train"]
 
 
 def examples(doc: str, name: str) -> list[list[str]]:
@@ -33,7 +33,7 @@ def examples(doc: str, name: str) -> list[list[str]]:
 
 def test_the_commands_are_found() -> None:
     """The list of commands is not empty, so that the other tests check something."""
-    assert {"train", "test", "predict", "table1", "make_synthetic"} <= set(COMMANDS)
+    assert {"train", "test", "predict", "make_synthetic"} <= set(COMMANDS)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -73,7 +73,7 @@ def test_engine(name: str) -> None:
 def resolved(name: str) -> tuple[Path, ...]:
     """Return the files of this project, outside the engine, that an import may read."""
     name = _MODULE_OF.get(name.removeprefix("handpose."), name)  # of a public name of handpose
-    if not name.startswith(("handpose.", "tools.", "exercises.", "experiments.", "export.")):
+    if not name.startswith(("handpose.", "tools.", "exercises.", "export.")):
         return ()
     files = (ROOT.joinpath(*part.split(".")).with_suffix(".py") for part in (name, name.rpartition(".")[0]))
     return tuple(file for file in files if file.is_file())
@@ -109,7 +109,6 @@ layer { name: "own" type: "Python" bottom: "depth" top: "pred" python_param { mo
     [
         ("caffe", ["time", "-model", "net.prototxt"]),
         ("caffe", ["train", "-solver", "solver.prototxt"]),
-        ("measure_fit", ["--model", "net.prototxt", "--weights", "none.caffemodel"]),
         ("predict", ["crop.png", "--model", "net.prototxt", "--weights", "none.caffemodel"]),
         ("run_net", ["net.prototxt", "none.caffemodel", "crop.png"]),
         ("test", ["none.caffemodel", "--model", "net.prototxt"]),
@@ -133,8 +132,7 @@ def test_no_python_layers(name: str, argv: list[str], tmp_path: Path, monkeypatc
 
 def test_a_command_starts_without_what_few_need() -> None:
     """Rarely used parts of SciPy and matplotlib are imported on use, because they take a third of the start-up time."""
-    turning = ("make_recording", "measure_gestures", "measure_tracking")  # draw rotating hands
-    names = [name for name in COMMANDS if name not in turning]
+    names = [name for name in COMMANDS if name != "make_recording"]  # draws rotating hands
     code = f"import sys, {', '.join(f'tools.{name}' for name in names)}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     few = {"matplotlib", "scipy.io", "scipy.linalg", "scipy.sparse", "scipy.spatial", "scipy.special"}

@@ -14,7 +14,6 @@ from netlib.files.paths import command, is_subcommand
 
 MAX_INTEGER = (1 << 63) - 1  # of integers in files
 MAX_COUNT = (1 << 31) - 1
-MAX_HOURS = 1e5
 MAX_PORT = 65535
 DIGITS = "-?[0-9]{1,1000}"  # of an integer; Python's int() takes quadratic time
 MAX_SHOWN = 100  # characters of a value in a message

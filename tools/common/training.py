@@ -9,7 +9,7 @@ import contextlib
 import logging
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
@@ -21,7 +21,7 @@ from netlib.distributed.ranks import ALONE, Ranks
 from netlib.proto import prototxt
 from netlib.solver import Solver
 from netlib.training import callbacks, solver_parameter
-from netlib.training.callbacks import Callback, Functions
+from netlib.training.callbacks import Callback
 from tools.common.caffe_log import BarHandler, LogFile, log_to
 from tools.common.console import DONE, duration
 from tools.common.progress import ProgressBar
@@ -43,7 +43,6 @@ def train(
     engine: str | None = None,
     log_file: str | Path | None = None,
     ranks: Ranks = ALONE,
-    watch: Callable[[Solver], object] | None = None,
 ) -> int:
     """Train to the end, or until SIGINT or SIGTERM; returns the exit status: 0, 130 or 143. Raises NetlibError.
 
@@ -52,7 +51,6 @@ def train(
     log_file  replaced only when the first iteration begins; rejected if it is one of the inputs
     ranks     the ranks that train together; rank 0 alone logs, raises, and has an exit status, as that of another rank
               would end it too early
-    watch     called with the solver before each iteration; may request a stop or a snapshot
     """
     status = DONE
     with logged(ranks, log_file, append=snapshot is not None) as console:
@@ -62,8 +60,6 @@ def train(
             solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
         if console.file:
             solver.callbacks.append(_LogBegun(console.file, [snapshot, *read]))
-        if watch is not None:
-            solver.callbacks.append(Functions(on_start=lambda: watch(solver)))
         status = solve(solver, console, snapshot)
     return DONE if ranks.rank else status
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -89,20 +89,3 @@ def two_views(
             images.append(hands.overlay(crop, joints[n], skeleton, annotated, centers[n], cube_mm[n], camera, zoom=3))
         images.append(hands.view_3d(joints[n], skeleton, annotated, size=384))
     return strokes.sheet(images, columns, [title for pair in titles for title in pair])
-
-
-def side_by_side(
-    crops: Sequence[NDArray[np.floating]], methods: Mapping[str, Array], truth: Array, skeleton: Skeleton, unit: Array
-) -> Image:
-    """A frame per row and a method per column, with its error in the title; the annotated hand in white.
-
-    methods  joints (n, K, 3) in half-cubes that each method predicts; truth (n, K, 3) those annotated
-    unit     (n,) mm of a half-cube
-    """
-    images, titles = [], []
-    for n, crop in enumerate(crops):
-        for name, joints in methods.items():
-            error = np.linalg.norm(joints[n] - truth[n], axis=1).mean() * unit[n]
-            images.append(hands.overlay(crop, joints[n], skeleton, truth[n], zoom=2))
-            titles.append(f"{name}, {error:.0f} mm")
-    return strokes.sheet(images, len(methods), titles)

@@ -52,8 +52,6 @@ def test_places_where_no_file_can_be(out: str, said: str) -> None:
     [
         ("export_onnx", ["net.prototxt", "a.txt", "a.txt"]),
         ("export_onnx", ["a.txt", "w.h5", "link.txt"]),
-        ("package_model", ["a.txt", "--model", "net.prototxt", "--out", "a.txt"]),
-        ("package_model", ["w.h5", "--model", "a.txt", "--out", "link.txt"]),
         ("fit_pose", ["joints.txt", "--out", "joints.txt"]),
         ("fit_pose", ["joints.txt", "--skeleton", "hand.prototxt", "--out", "hand.prototxt"]),
         ("fit_pose", ["list.txt", "--out", "."]),

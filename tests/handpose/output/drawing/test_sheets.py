@@ -81,15 +81,3 @@ def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
     few = sheets.two_views(CROPS, joints, joints[:, :16], SKELETON, titles)
     assert few.shape == sheets.two_views(CROPS, joints, joints, SKELETON, titles).shape
     assert not np.array_equal(few, sheets.two_views(CROPS, joints, joints, SKELETON, titles))
-
-
-def test_side_by_side(joints: Array) -> None:
-    """Each method has a column with its mean error in mm."""
-    moved = joints + (0.1, 0, 0)
-    drawn = sheets.side_by_side(CROPS, {"A": joints, "B": moved}, joints, SKELETON, np.array([150.0, 100.0]))
-    cells = [
-        hands.overlay(crop, hand, SKELETON, truth, zoom=2)
-        for crop, truth, pair in zip(CROPS, joints, zip(joints, moved))
-        for hand in pair
-    ]
-    assert np.array_equal(drawn, strokes.sheet(cells, 2, ["A, 0 mm", "B, 15 mm", "A, 0 mm", "B, 10 mm"]))

@@ -1,1 +1,0 @@
-"""Benchmarks and ablation studies."""

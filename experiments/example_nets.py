@@ -1,0 +1,347 @@
+"""The nets of the benchmarks: eight public classifiers, one for segmentation, four small ones, and the paper's.
+
+Weights are random, so nothing is downloaded; times do not depend on them.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+import netlib
+from handpose.synthetic.generator import Generator
+from handpose.synthetic.many import generate
+from netlib.blob import Array
+from netlib.files.paths import ROOT
+from netlib.net import Net
+from netlib.solver import Solver
+
+FILLER = 'weight_filler { type: "msra" }'
+
+
+class Text:
+    """The layers of a net. Every method adds layers behind the blob ``bottom`` and returns the name of the top."""
+
+    def __init__(self, *shape: int) -> None:
+        self.lines: list[str] = []
+        self.input("data", *shape)
+
+    def input(self, top: str, *shape: int) -> None:
+        """Add an Input layer."""
+        sizes = " ".join(f"dim: {n}" for n in shape)
+        self.lines.append(f'layer {{ name: "{top}" type: "Input" top: "{top}" input_param {{ shape {{ {sizes} }} }} }}')
+
+    def add(self, type_: str, bottoms: Sequence[str], options: str = "", top: str = "") -> str:
+        """Add a layer; by default with a new top that has its name."""
+        name = f"n{len(self.lines)}"
+        blobs = " ".join([*(f'bottom: "{bottom}"' for bottom in bottoms), f'top: "{top or name}"'])
+        self.lines.append(f'layer {{ name: "{name}" type: "{type_}" {blobs} {options} }}')
+        return top or name
+
+    def relu(self, bottom: str) -> str:
+        """ReLU in place."""
+        return self.add("ReLU", [bottom], top=bottom)
+
+    def conv(self, bottom: str, count: int, kernel: int, stride: int = 1, pad: int = 0, group: int = 1,
+             relu: bool = True, norm: bool = False) -> str:
+        """Convolution, with BatchNorm and Scale in place of a bias, and a ReLU."""
+        options = f"num_output: {count} kernel_size: {kernel} stride: {stride} pad: {pad} group: {group}"
+        bias = "bias_term: false" if norm else ""
+        top = self.add("Convolution", [bottom], f"convolution_param {{ {options} {bias} {FILLER} }}")
+        if norm:
+            self.norm_and_scale(top, top)
+        return self.relu(top) if relu else top
+
+    def normed(self, bottom: str) -> str:
+        """BatchNorm, and behind it in place Scale and ReLU."""
+        return self.relu(self.norm_and_scale(bottom))
+
+    def norm_and_scale(self, bottom: str, top: str = "") -> str:
+        """BatchNorm, and behind it in place Scale."""
+        top = self.add("BatchNorm", [bottom], top=top)
+        return self.add("Scale", [top], "scale_param { bias_term: true }", top=top)
+
+    def pool(self, bottom: str, kernel: int, stride: int, pad: int = 0, kind: str = "MAX") -> str:
+        """Pooling; over the whole map if ``kernel`` is 0."""
+        windows = f"kernel_size: {kernel} stride: {stride} pad: {pad}" if kernel else "global_pooling: true"
+        return self.add("Pooling", [bottom], f"pooling_param {{ pool: {kind} {windows} }}")
+
+    def product(self, bottom: str, count: int) -> str:
+        """InnerProduct."""
+        return self.add("InnerProduct", [bottom], f"inner_product_param {{ num_output: {count} {FILLER} }}")
+
+    def norm(self, bottom: str) -> str:
+        """Local response normalization with AlexNet's options."""
+        return self.add("LRN", [bottom], "lrn_param { local_size: 5 alpha: 0.0001 beta: 0.75 }")
+
+
+# Each function adds the layers of a net, whose input is "data", and returns the name of its output.
+
+
+def _caffenet(net: Text) -> str:
+    x = net.norm(net.pool(net.conv("data", 96, 11, stride=4), 3, 2))
+    x = net.norm(net.pool(net.conv(x, 256, 5, pad=2, group=2), 3, 2))
+    x = net.conv(net.conv(x, 384, 3, pad=1), 384, 3, pad=1, group=2)
+    x = net.pool(net.conv(x, 256, 3, pad=1, group=2), 3, 2)
+    return net.product(net.relu(net.product(net.relu(net.product(x, 4096)), 4096)), 1000)
+
+
+def _googlenet(net: Text) -> str:
+    x = net.norm(net.pool(net.conv("data", 64, 7, stride=2, pad=3), 3, 2))
+    x = net.pool(net.norm(net.conv(net.conv(x, 64, 1), 192, 3, pad=1)), 3, 2)
+    for number, (a, b, c, d, e, f) in enumerate(INCEPTION):
+        if number in (2, 7):
+            x = net.pool(x, 3, 2)
+        one, three = net.conv(x, a, 1), net.conv(net.conv(x, b, 1), c, 3, pad=1)
+        five, pooled = net.conv(net.conv(x, d, 1), e, 5, pad=2), net.conv(net.pool(x, 3, 1, pad=1), f, 1)
+        x = net.add("Concat", [one, three, five, pooled])
+    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
+
+
+def _squeezenet(net: Text) -> str:
+    x = net.pool(net.conv("data", 64, 3, stride=2), 3, 2)
+    for number, few in enumerate((16, 16, 32, 32, 48, 48, 64, 64)):
+        if number in (2, 4):
+            x = net.pool(x, 3, 2)
+        x = net.conv(x, few, 1)
+        x = net.add("Concat", [net.conv(x, 4 * few, 1), net.conv(x, 4 * few, 3, pad=1)])
+    return net.pool(net.conv(x, 1000, 1), 0, 1, kind="AVE")
+
+
+def _mobilenet_v1(net: Text) -> str:
+    x, channels = net.conv("data", 32, 3, stride=2, pad=1, norm=True), 32
+    for count in (64, 128, 128, 256, 256, *(512,) * 6, 1024, 1024):
+        stride = 2 if count > channels > 32 else 1
+        x = net.conv(x, channels, 3, stride=stride, pad=1, group=channels, norm=True)
+        x, channels = net.conv(x, count, 1, norm=True), count
+    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
+
+
+def _mobilenet_v2(net: Text) -> str:
+    x, channels = net.conv("data", 32, 3, stride=2, pad=1, norm=True), 32
+    for wider, count, repeats, first in ((1, 16, 1, 1), (6, 24, 2, 2), (6, 32, 3, 2), (6, 64, 4, 2), (6, 96, 3, 1),
+                                         (6, 160, 3, 2), (6, 320, 1, 1)):
+        for stride in (first, *(1,) * (repeats - 1)):
+            wide = channels * wider
+            y = net.conv(x, wide, 1, norm=True) if wider > 1 else x
+            y = net.conv(y, wide, 3, stride=stride, pad=1, group=wide, norm=True)
+            y = net.conv(y, count, 1, norm=True, relu=False)
+            x = net.add("Eltwise", [x, y]) if stride == 1 and channels == count else y
+            channels = count
+    return net.product(net.pool(net.conv(x, 1280, 1, norm=True), 0, 1, kind="AVE"), 1000)
+
+
+def _resnet50(net: Text) -> str:
+    x = net.pool(net.conv("data", 64, 7, stride=2, pad=3, norm=True), 3, 2)
+    for number, (few, blocks) in enumerate(((64, 3), (128, 4), (256, 6), (512, 3))):
+        for block in range(blocks):
+            stride = 2 if number and not block else 1
+            y = net.conv(net.conv(x, few, 1, stride=stride, norm=True), few, 3, pad=1, norm=True)
+            y = net.conv(y, 4 * few, 1, norm=True, relu=False)
+            x = x if block else net.conv(x, 4 * few, 1, stride=stride, norm=True, relu=False)
+            x = net.relu(net.add("Eltwise", [x, y]))
+    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
+
+
+def _vgg16(net: Text) -> str:
+    x = "data"
+    for count, repeats in ((64, 2), (128, 2), (256, 3), (512, 3), (512, 3)):
+        for _ in range(repeats):
+            x = net.conv(x, count, 3, pad=1)
+        x = net.pool(x, 2, 2)
+    return net.product(net.relu(net.product(net.relu(net.product(x, 4096)), 4096)), 1000)
+
+
+def _densenet121(net: Text) -> str:
+    x, channels = net.pool(net.conv("data", 64, 7, stride=2, pad=3, norm=True), 3, 2), 64
+    for number, repeats in enumerate((6, 12, 24, 16)):
+        if number:
+            channels //= 2
+            x = net.pool(net.conv(net.normed(x), channels, 1, relu=False), 2, 2, kind="AVE")
+        for _ in range(repeats):
+            y = net.conv(net.conv(net.normed(x), 128, 1, norm=True), 32, 3, pad=1, relu=False)
+            x, channels = net.add("Concat", [x, y]), channels + 32
+    return net.product(net.pool(net.normed(x), 0, 1, kind="AVE"), 1000)
+
+
+def _unet(net: Text) -> str:
+    x = "data"
+    passed: list[str] = []
+    for count in (32, 64, 128, 256):
+        passed.append(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1))
+        x = net.pool(passed[-1], 2, 2)
+    x = net.conv(x, 512, 3, pad=1)
+    for count in (256, 128, 64, 32):
+        options = f"num_output: {count} kernel_size: 2 stride: 2 {FILLER}"
+        wider = net.add("Deconvolution", [x], f"convolution_param {{ {options} }}")
+        x = net.conv(net.conv(net.add("Concat", [wider, passed.pop()]), count, 3, pad=1), count, 3, pad=1)
+    return net.conv(x, 2, 1, relu=False)
+
+
+def _lenet(net: Text) -> str:
+    x = net.pool(net.conv(net.pool(net.conv("data", 20, 5, relu=False), 2, 2), 50, 5, relu=False), 2, 2)
+    return net.product(net.relu(net.product(x, 500)), 10)
+
+
+def _cifar10(net: Text) -> str:
+    x = net.relu(net.pool(net.conv("data", 32, 5, pad=2, relu=False), 3, 2))
+    x = net.pool(net.conv(x, 32, 5, pad=2), 3, 2, kind="AVE")
+    x = net.pool(net.conv(x, 64, 5, pad=2), 3, 2, kind="AVE")
+    return net.product(net.product(x, 64), 10)
+
+
+def _vgg(net: Text) -> str:
+    x = "data"
+    for count in (64, 128):
+        x = net.pool(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1), 2, 2)
+    return net.product(net.relu(net.product(x, 256)), 10)
+
+
+def _residual(net: Text) -> str:
+    x = net.conv("data", 32, 3, pad=1, norm=True)
+    y = net.conv(net.conv(x, 32, 3, pad=1, norm=True), 32, 3, pad=1, norm=True, relu=False)
+    x = net.relu(net.add("Eltwise", [x, y]))
+    return net.product(net.pool(x, 0, 1, kind="AVE"), 10)
+
+
+INCEPTION = (
+    (64, 96, 128, 16, 32, 32), (128, 128, 192, 32, 96, 64), (192, 96, 208, 16, 48, 64), (160, 112, 224, 24, 64, 64),
+    (128, 128, 256, 24, 64, 64), (112, 144, 288, 32, 64, 64), (256, 160, 320, 32, 128, 128),
+    (256, 160, 320, 32, 128, 128), (384, 192, 384, 48, 128, 128),
+)
+
+
+# ---------------------------------------------------------------------------------------------- the paper's network
+
+
+@functools.cache
+def hands(count: int) -> tuple[Array, Array]:
+    """Depth crops (N, 1, 128, 128) of synthetic hands, and their joints (N, 93)."""
+    blocks = list(generate(count, Generator(seed=0, split="train")))
+    depth = np.concatenate([block.depth for block in blocks]).reshape(count, 1, 128, 128)
+    return depth, np.concatenate([block.joint for block in blocks]).reshape(count, 93)
+
+
+def hand_training(batch: int) -> Callable[[Path], str]:
+    """The paper's network in training, which reads two batches from a file."""
+
+    def text(folder: Path) -> str:
+        data = folder / f"hands_{batch}.txt"
+        if not data.exists():
+            with h5py.File(data.with_suffix(".h5"), "w") as file:
+                file["depth"], file["joint"] = hands(2 * batch)
+            data.write_text(f"{data.stem}.h5\n", encoding="utf-8")
+        net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text(encoding="utf-8")
+        return re.sub("data/nyu/[a-z]*.txt", data.as_posix(), net).replace("batch_size: 512", f"batch_size: {batch}")
+
+    return text
+
+
+def hand_deploy(folder: Path) -> str:
+    """The paper's network for prediction, with fillers for which its outputs vary between images."""
+    net = (ROOT / "prototxt" / "nyu_deploy.prototxt").read_text(encoding="utf-8")
+    return net.replace("std: 0.001", "std: 0.03")
+
+
+# ---------------------------------------------------------------------------------------------- all nets
+
+
+@dataclass(frozen=True)
+class Example:
+    """A net of the benchmarks.
+
+    text    writes its data to a folder and returns its prototxt
+    trains  a training step is timed instead of a forward pass
+    batch   number of hands that it predicts; 0: its inputs are random numbers
+    """
+
+    name: str
+    text: Callable[[Path], str]
+    trains: bool = False
+    batch: int = 0
+
+
+def ordinary(name: str, layers: Callable[[Text], str], *shape: int, trains: bool = False) -> Example:
+    """A net with random inputs; in training, with labels of ten classes and SoftmaxWithLoss."""
+
+    def text(folder: Path) -> str:
+        net = Text(*shape)
+        output = layers(net)
+        if trains:
+            net.input("label", shape[0])
+            net.add("SoftmaxWithLoss", [output, "label"], top="loss")
+        return "\n".join(net.lines)
+
+    return Example(name, text, trains)
+
+
+NETS = {example.name: example for example in (
+    ordinary("CaffeNet", _caffenet, 10, 3, 227, 227),
+    ordinary("GoogLeNet", _googlenet, 10, 3, 224, 224),
+    ordinary("SqueezeNet", _squeezenet, 10, 3, 227, 227),
+    ordinary("MobileNet-v1", _mobilenet_v1, 1, 3, 224, 224),
+    ordinary("MobileNet-v2", _mobilenet_v2, 1, 3, 224, 224),
+    ordinary("ResNet-50", _resnet50, 1, 3, 224, 224),
+    ordinary("VGG-16", _vgg16, 1, 3, 224, 224),
+    ordinary("DenseNet-121", _densenet121, 1, 3, 224, 224),
+    ordinary("U-Net", _unet, 1, 3, 256, 256),
+    ordinary("LeNet", _lenet, 64, 1, 28, 28, trains=True),
+    ordinary("CIFAR-10", _cifar10, 100, 3, 32, 32, trains=True),
+    ordinary("VGG-like", _vgg, 16, 3, 64, 64, trains=True),
+    ordinary("residual", _residual, 32, 3, 32, 32, trains=True),
+    *(Example(f"hand-{batch}", hand_deploy, batch=batch) for batch in (1, 64, 512)),
+    *(Example(f"hand-training-{batch}", hand_training(batch), trains=True) for batch in (64, 512)),
+)}
+
+
+class Workload:
+    """A net that repeats a forward pass or a training step: ``run()``. Its files are in a folder.
+
+    inputs  arrays by the names of the net's inputs
+    """
+
+    def __init__(self, example: Example, folder: Path, engine: str | None = None) -> None:
+        self.path = folder / f"{example.name}.prototxt"
+        self.path.write_text(example.text(folder), encoding="utf-8")
+        self.solver: Solver | None = None
+        rng = np.random.default_rng(0)
+        if example.trains:
+            solver = folder / "solver.prototxt"
+            solver.write_text(f'net: "{self.path.as_posix()}" base_lr: 0.0001 momentum: 0.9 lr_policy: "fixed" '
+                              "random_seed: 1", encoding="utf-8")
+            self.solver = netlib.get_solver(solver, engine=engine)
+            self.net = self.solver.net
+        else:
+            self.net = Net(self.path, netlib.TEST, seed=1, engine=engine)
+            fill(self.net, rng)
+        shapes = {name: self.net.blobs[name].shape for name in self.net.inputs}
+        self.inputs = {name: rng.normal(size=shape).astype(np.float32) if name == "data" else
+                       rng.integers(0, 10, shape).astype(np.float32) for name, shape in shapes.items()}
+        if example.batch:
+            self.inputs = {"depth": hands(example.batch)[0]}
+        if self.solver:
+            for name, values in self.inputs.items():
+                self.net.blobs[name].data[...] = values
+
+    def run(self) -> Array | None:
+        """Run the net once; returns the output of a forward pass."""
+        if self.solver:
+            self.solver.step(1)
+            return None
+        return next(iter(self.net.forward(**self.inputs).values()))  # type: ignore[arg-type]
+
+
+def fill(net: Net, rng: np.random.Generator) -> None:
+    """Fill the statistics of BatchNorm layers, the gains of Scale layers, and the biases with random numbers."""
+    for layer in net.layers:
+        for number, param in enumerate(layer.blobs):
+            if layer.type == "BatchNorm":
+                param.data[...] = (rng.normal(0, 0.1, param.shape), rng.uniform(0.5, 1.5, param.shape), 1)[number]
+            elif layer.type == "Scale" or number:
+                param.data[...] = (layer.type == "Scale" and number == 0) + rng.normal(0, 0.1, param.shape)

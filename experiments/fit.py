@@ -1,0 +1,182 @@
+"""Errors of a network and of the fit after it on synthetic hands: failures, confidence, handedness, time.
+
+    python -m experiments fit
+    python -m experiments fit --network snapshots/x.caffemodel.h5 prototxt/nyu_deploy.prototxt
+    python -m experiments fit --recipes nyu other_flesh --frames 512 --hands
+
+The default is the packaged network models/synthetic_hand. Frames are drawn from recipes (listed by
+tools/make_synthetic.py --help) with a split and seed that were not used for tuning. Errors are means over NYU's 14
+joints in mm. A frame has failed if its error is above 30 mm; "auc" measures how well the uncertainty predicts failures;
+"expected" is the mean error that the fit predicts; "right" is the fraction of frames with less uncertainty than their
+mirror image (--hands); "ms" is the time per frame in blocks of 64, with network and crop.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.sides import SIDES
+from handpose.estimate.estimator import fit_crops, fit_starts
+from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit, trained
+from handpose.estimate.packaged import SYNTHETIC_HAND, checked_weights, read_card
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.network_errors import GOOD_MM
+from handpose.fit.observation import HandCrops
+from handpose.fit.search import PLANS, Plan
+from handpose.scoring.metrics import mean_errors_14
+from handpose.synthetic import recipes
+from handpose.synthetic.generator import BLOCK, Generator, Scene
+from netlib.blob import Array
+from netlib.net import Net
+from tools.common.arguments import add_engine, count, seed
+from tools.common.console import DONE, aligned, say
+from tools.common.progress import ProgressBar
+
+
+class FitFigures(NamedTuple):
+    """The fits of N frames by one plan.
+
+    error        (N,) mean error in mm over NYU's 14 joints
+    signs        (N, 5) from which the uncertainty is computed
+    right        (N,) 1 if a frame's fit is less uncertain than its mirror image's, else 0; NaN if not requested
+    seconds      (N,) time of a frame
+    """
+
+    error: Array
+    uncertainty: Array
+    signs: Array
+    expected: Array
+    confidence: Array
+    right: Array
+    seconds: Array
+
+
+class Figures(NamedTuple):
+    """The results for N frames.
+
+    network  (N,) mean error in mm over NYU's 14 joints of the network alone
+    limbs    (N, L) errors of the limbs' inputs of the network
+    poses    (N, L) the limbs' inputs themselves
+    fits     by the names of the plans
+    """
+
+    network: Array
+    limbs: Array
+    poses: Array
+    fits: dict[str, FitFigures]
+
+
+def scenes_of(generator: Generator, frames: int) -> Iterator[Scene]:
+    """The first frames of a generator, at least this many, in blocks."""
+    return map(generator.scene, range(-(-frames // BLOCK)))
+
+
+def measure(
+    net: Net,
+    fitter_of: Callable[[float], DepthFitter],
+    scenes: Iterable[Scene],
+    plans: Sequence[Plan],
+    *,
+    hands: bool = False,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Figures:
+    """Fit frames by several plans, with the fitter for the unit of their crops.
+
+    hands     fit their mirror images, too
+    progress  called with the number of further frames done
+    """
+    fitter_of = functools.cache(fitter_of)
+    networks: list[tuple[Array, Array, Array]] = []
+    fits: dict[str, list[FitFigures]] = {plan.name: [] for plan in plans}
+    for scene in scenes:
+        unit = scene.cube_mm / 2
+        fitter, joints = fitter_of(unit), scene.bodies.joints * unit
+        x = fit_starts(net, fitter.model, scene.depth, (0,))[0]
+        truth, limbs = fitter.model.variables_of(scene.bodies.inputs), fitter.model.limbs
+        networks.append((mean_errors_14(fitter.model.joints(x), joints), (x - truth)[:, limbs], truth[:, limbs]))
+        for plan in plans:
+            fits[plan.name].append(_fit(net, fitter, scene, joints, plan, hands))
+        progress(len(joints))
+    network, errors, poses = (np.concatenate(parts) for parts in zip(*networks))
+    return Figures(network, errors, poses,
+                   {plan: FitFigures(*map(np.concatenate, zip(*parts))) for plan, parts in fits.items()})
+
+
+def _fit(net: Net, fitter: DepthFitter, scene: Scene, joints: Array, plan: Plan, hands: bool) -> FitFigures:
+    right, left = (
+        HandCrops.of_sides(scene.depth, scene.center_uvd, scene.camera, scene.cube_mm, side) for side in SIDES
+    )
+    begun = time.perf_counter()
+    fit = fit_crops(net, fitter, right, plan)
+    seconds = np.full(len(joints), (time.perf_counter() - begun) / len(joints))
+    is_right = np.full(len(joints), np.nan)
+    if hands:
+        is_right[:] = fit.uncertainty < fit_crops(net, fitter, left, plan).uncertainty
+    return FitFigures(mean_errors_14(fit.joints, joints), fit.uncertainty, fit.signs, fit.error_mm,
+                      fit.confidence, is_right, seconds)
+
+
+def auc(score: Array, failed: NDArray[np.bool_]) -> float:
+    """The chance that a failed frame has a higher score than another (area under the ROC curve); NaN without both."""
+    ranks = np.empty(len(score))
+    ranks[np.argsort(score, kind="stable")] = np.arange(1, len(score) + 1)
+    bad, good = int(failed.sum()), int((~failed).sum())
+    if not bad or not good:
+        return float("nan")
+    return float((ranks[failed].sum() - bad * (bad + 1) / 2) / (bad * good))
+
+
+# ---------------------------------------------------------------------------------------------- command line
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("--network", nargs=2, type=Path, metavar=("WEIGHTS", "NET"),
+                        help="*.caffemodel.h5, and the deploy prototxt of their net")
+    parser.add_argument("--recipes", choices=recipes.NAMES, nargs="+", default=recipes.NAMES[:4], metavar="NAME",
+                        help=f"some of {', '.join(recipes.NAMES)} (default: the first four)")
+    parser.add_argument("--plans", choices=PLANS, nargs="+", default=list(PLANS), metavar="PLAN",
+                        help=f"some of {', '.join(PLANS)} (default: all)")
+    parser.add_argument("--frames", type=count, default=2000, metavar="N",
+                        help="per recipe, rounded up to a multiple of 64 (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the frames (default: 0)")
+    parser.add_argument("--hands", action="store_true", help="also fit mirror images (twice the time)")
+    add_engine(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure the network and the fits. Raises NetlibError."""
+    weights, model = args.network or (checked_weights(read_card(SYNTHETIC_HAND)), SYNTHETIC_HAND / "deploy.prototxt")
+    net = trained(model, weights, args.engine)
+    skeleton = skeleton_to_fit(net)
+    refuse_other_bodies(skeleton, "the recipes are of hands")
+    rows = [["recipe", "plan", "mean", "median", "failed", "auc", "expected", "confidence", "right", "ms"]]
+    with ProgressBar(args.frames * len(args.recipes)) as progress:
+        for recipe in args.recipes:
+            scenes = scenes_of(Generator(args.seed, "test", recipes.recipe(recipe)), args.frames)
+            fitter_of = functools.partial(DepthFitter.of_file, skeleton, weights)
+            plans = [PLANS[name] for name in args.plans]
+            found = measure(net, fitter_of, scenes, plans, hands=args.hands, progress=progress)
+            rows.append([recipe, "network", *_errors(found.network), *[""] * 5])
+            rows += [[recipe, plan, *_errors(fit.error), *_others(fit)] for plan, fit in found.fits.items()]
+    say(f"{len(found.network)} frames per recipe, seed {args.seed}; mm, 14 joints")
+    print(aligned(rows))
+    return DONE
+
+
+def _errors(errors: Array) -> list[str]:
+    return [f"{errors.mean():.2f}", f"{np.median(errors):.2f}", f"{(errors > GOOD_MM).mean():.1%}"]
+
+
+def _others(fit: FitFigures) -> list[str]:
+    values = (("{:.3f}", auc(fit.uncertainty, fit.error > GOOD_MM)), ("{:.2f}", fit.expected.mean()),
+              ("{:.1%}", fit.confidence.mean()), ("{:.1%}", fit.right.mean()), ("{:.1f}", 1000 * fit.seconds.mean()))
+    return ["" if np.isnan(value) else form.format(value) for form, value in values]

@@ -1,0 +1,133 @@
+"""Gesture recognition on synthetic recordings of one hand: confusion matrix and delay.
+
+    python -m experiments gestures --seeds 100 101 102 103
+    python -m experiments gestures --seconds 5 --cameras kinect2 --truth
+
+Each recording shows the gestures in random order, each held for 0.4 to 1.2 s. Rows are the gestures shown, columns
+those recognized, in percent of the frames in which the fingers have been at rest for 0.2 s; "none" means no gesture,
+"lost" no hand. --truth recognizes gestures from the true joints instead of a tracker's.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from handpose import CAMERAS, Tracker, load_predictor
+from handpose.body.gestures.over_time import GestureReader
+from handpose.body.gestures.shapes import GESTURES
+from handpose.sequences.gestures import fingers_of
+from handpose.sequences.movements import Movement
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sequences.scripts import SHOWING
+from handpose.tracking.track import TrackedFrame, TrackHeader
+from tools.common.arguments import add_engine, seconds, seed
+from tools.common.console import DONE, aligned, say
+
+SETTLED_S = 0.2  # delay after the fingers came to rest, before a gesture is scored
+NONE, LOST = "none", "lost"
+READ = (*GESTURES, NONE, LOST)
+
+
+@dataclass
+class GestureFigures:
+    """Counts over recordings.
+
+    counts  frames (shown, read), in the order of ``GESTURES`` and of ``READ``
+    delays  s from the rest of the fingers to the recognition of the gesture, for recognised ones
+    """
+
+    counts: np.ndarray = field(default_factory=lambda: np.zeros((len(GESTURES), len(READ)), dtype=int))
+    delays: list[float] = field(default_factory=list)
+
+    def right(self) -> float:
+        """The share of frames in which the gesture is recognised; NaN without frames."""
+        return float(np.trace(self.counts[:, : len(GESTURES)]) / self.counts.sum()) if self.counts.any() else np.nan
+
+
+class _Shown:
+    """The gestures of the first role of a recording, each with the time at which its fingers come to rest."""
+
+    def __init__(self, recording: SyntheticRecording) -> None:
+        stage, role = recording.stage, recording.script.roles[0]
+        self._movement: Movement = stage.movements[0]
+        fingers = {name: fingers_of(name, stage.people[role.person], stage.sampler) for name in GESTURES}
+        keys = self._movement.fingers.keys
+        self._names = [next((name for name, own in fingers.items() if np.array_equal(own, key)), "") for key in keys]
+
+    def at(self, time: float) -> tuple[str, float]:
+        """The gesture, or "" while fingers move or hold another pose; and its start in s."""
+        strokes = self._movement.fingers.strokes
+        done = strokes.done(time) if strokes.begins else np.zeros(0)
+        if ((done > 0) & (done < 1)).any():
+            return "", time
+        count = int(np.count_nonzero(done == 1))
+        return self._names[count], strokes.begins[count - 1] + strokes.lasts[count - 1] if count else 0.0
+
+
+def measure(
+    recordings: Iterable[SyntheticRecording],
+    track: Callable[[SyntheticRecording], tuple[TrackHeader, Iterable[TrackedFrame]]],
+) -> GestureFigures:
+    """Read the gestures of the tracks of recordings, which show one hand. Raises NetlibError.
+
+    track  gives the track of a recording: a tracker's, or the true one
+    """
+    found = GestureFigures()
+    for recording in recordings:
+        shown, pending = _Shown(recording), ""
+        header, frames = track(recording)
+        reader = GestureReader(header.skeleton)
+        for frame in frames:
+            read = LOST
+            for hand in frame.hands[:1]:
+                read = reader.read(hand.id, hand.hand, hand.xyz, frame.time).name or NONE
+            name, since = shown.at(frame.time)
+            if not name:
+                pending = ""
+                continue
+            if read == name and pending != name:
+                found.delays.append(max(0.0, frame.time - since))
+                pending = name
+            if frame.time - since >= SETTLED_S and recording.truth(frame.number).hands:
+                found.counts[GESTURES.index(name), READ.index(read)] += 1
+    return found
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("--seeds", type=seed, nargs="+", default=[100], metavar="N",
+                        help="seeds of the recordings (default: 100)")
+    parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
+                        help=f"some of {', '.join(CAMERAS)} (default: nyu)")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="duration of each (default: 30)")
+    parser.add_argument("--truth", action="store_true", help="use the true joints instead of a tracker")
+    parser.add_argument("--left", action="store_true", help="use the left hand")
+    add_engine(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure gesture recognition. Raises NetlibError."""
+    recordings = [SyntheticRecording(SHOWING, CAMERAS[camera], seconds=args.seconds, seed=seed, mirrored=args.left)
+                  for camera in args.cameras for seed in args.seeds]
+
+    def tracked(recording: SyntheticRecording) -> tuple[TrackHeader, Iterable[TrackedFrame]]:
+        if args.truth:
+            return recording.header, recording.truths()
+        tracker = Tracker(load_predictor(recording.camera, fit="fast", hand="either", engine=args.engine), hands=1,
+                          min_confidence=0)
+        return tracker.header(recording.name), map(tracker.step, recording)
+
+    found = measure(recordings, tracked)
+    rows = [["shown", "frames", *READ]]
+    for name, row in zip(GESTURES, found.counts):
+        rows.append([name, str(row.sum()), *(f"{100 * n / row.sum():.0f}" if n else "" for n in row)])
+    print(aligned(rows))
+    right = f"{found.right():.1%} of " if found.counts.any() else ""
+    delay, times = np.median(found.delays or [0.0]), len(found.delays)
+    say(f"{right}{found.counts.sum()} frames are recognized correctly; "
+        f"median delay {delay:.2f} s after the fingers come to rest, {times} times")
+    return DONE

@@ -1,0 +1,92 @@
+"""Package weights as a small file for fits: rounded, compressed, and with the measured errors of the network.
+
+    python -m experiments package_model snapshots/synthetic_iter_80000.caffemodel.h5 \\
+        --model models/synthetic_hand/deploy.prototxt --out models/synthetic_hand/synthetic_hand.caffemodel.h5
+
+Measured on training frames of a recipe (listed by tools/make_synthetic.py --help) that the network was not trained on:
+the errors of its angles, which determine further starts of a fit and its prior; the distribution of the angles, natural
+poses for the fit; and how the uncertainty of each plan relates to joint errors, which gives the confidence. Weights of
+a net without a hand model are only rounded and compressed. Caffe can read the file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from experiments.fit import Figures, measure, scenes_of
+from handpose.estimate.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
+from handpose.estimate.packaged import net_content, rounded, write_model
+from handpose.fit.body import CapsuleModel
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.network_errors import NetworkErrors, Poses, covariance, table_of, uncertainty_of, weights_of
+from handpose.fit.search import PLANS, Plan
+from handpose.synthetic import recipes
+from handpose.synthetic.generator import Generator
+from netlib.net import Net
+from tools.common import outputs
+from tools.common.arguments import count, seed, whole
+from tools.common.console import DONE, say
+from tools.common.progress import ProgressBar
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("snapshot", metavar="SNAPSHOT", help="weights, *.caffemodel.h5")
+    parser.add_argument("--model", metavar="NET", required=True, help="deploy prototxt of their net")
+    parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="file to write")
+    parser.add_argument("--bits", type=whole(0, 23), default=10, metavar="N",
+                        help="bits of each mantissa, at most 23 (default: %(default)s)")
+    parser.add_argument("--recipe", choices=recipes.NAMES, default="people", help="default: %(default)s")
+    parser.add_argument("--frames", type=count, default=8192, metavar="N",
+                        help="rounded up to a multiple of 64 (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=1000, metavar="N",
+                        help="seed of the frames, unlike that of the training (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure the errors and write the file. Raises NetlibError."""
+    outputs.check_place(args.out, [args.snapshot, args.model])
+    net = trained(args.model, args.snapshot)
+    if hand_layer(net) is None:
+        _round(net, args.bits)
+        write_model(net, None, args.out)
+    else:
+        _measure(net, args)
+    image = args.out.read_bytes()
+    say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}, "
+        f"net_sha256: {hashlib.sha256(net_content(Path(args.model))).hexdigest()}")
+    return DONE
+
+
+def _round(net: Net, bits: int) -> None:
+    for blobs in net.params.values():
+        for blob in blobs:
+            blob.data[...] = rounded(blob.data, bits)
+
+
+def _measure(net: Net, args: argparse.Namespace) -> None:
+    """Round the weights, measure the errors of the network and the fits, and write the file."""
+    refuse_other_bodies(skeleton_to_fit(net), "errors are measured on frames of hands")
+    skeleton = skeleton_to_fit(net)
+    generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
+    with ProgressBar(3 * args.frames) as progress:
+
+        def measured(errors: NetworkErrors | None, plans: Sequence[Plan]) -> Figures:
+            return measure(net, lambda unit: DepthFitter(CapsuleModel(skeleton, unit), errors),
+                           scenes_of(generator, args.frames), plans, progress=progress)
+
+        exact = measured(None, ())
+        _round(net, args.bits)
+        first = measured(None, ())
+        errors = NetworkErrors(covariance(first.limbs), {}, {}, Poses.of(first.poses))
+        found = measured(errors, list(PLANS.values()))
+    weights = {plan: weights_of(fit.signs, fit.error) for plan, fit in found.fits.items()}
+    tables = {plan: table_of(uncertainty_of(fit.signs, weights[plan]), fit.error) for plan, fit in found.fits.items()}
+    write_model(net, replace(errors, tables=tables, weights=weights), args.out)
+    say(f"{len(found.network)} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
+        f"{args.bits} bits {first.network.mean():.2f} mm, "
+        + ", ".join(f"{plan} fit {fit.error.mean():.2f} mm" for plan, fit in found.fits.items()))

@@ -1,0 +1,190 @@
+"""The gain of each part of fast/, measured by switching it off.
+
+    python -m experiments parts                                     the paper's network and the small nets
+    python -m experiments parts --nets SqueezeNet ResNet-50 --parts Winograd fusing
+
+The net is built with and without a part, and both run alternately on one thread. "time" is the processor time without
+the part divided by that with it (above 1: the part makes it faster); the smallest of some rounds is used, so the
+measurement tolerates a busy machine. "memory" is the same for the peak size of all NumPy arrays, from building the net
+to its second run. A part is a fast layer, an algorithm of fast/convolution.py, or a mechanism that a constant or a
+function switches; only parts that can affect the net are listed. "fast engine" is the plain engine in comparison.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import functools
+import tempfile
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest import mock
+
+import netlib
+from experiments.example_nets import NETS, Example, Workload
+from tools.common.arguments import positive, positive_number
+from tools.common.console import DONE, aligned
+
+FAST = "fast engine"
+MECHANISMS: dict[str, tuple[str, Any]] = {  # the place of a constant or function, and its value without the mechanism
+    "slices of the batch": ("fast.executor.plan", lambda connections, stored: [*map(_whole, connections)]),
+    "tiles between layers": ("fast.plan._agree_on_tiles", lambda order, hidden: {}),
+    "ReLU after the pooling": ("fast.plan._pool_first", lambda row, hidden: list(row)),
+    "windows without background": ("fast.window_tiles.WindowTiles.fits", staticmethod(lambda g, bottom, top, w: False)),
+    "products without packing": ("fast.row_tiles.unpacked_parts", lambda rows, inner, columns: 1),
+    "items one at a time": ("fast.inner_product.FEW_ITEMS", 0),
+    "blocked products": ("fast.inner_product.MAX_BLOCK", 1 << 30),
+    "updates in blocks": ("netlib.updates.BLOCK", 1 << 40),
+    "reshape where shapes change": ("fast.executor.WholeStep._now", lambda step: object()),
+    "fusing": ("fast.executor.fuse", lambda connections: _release(connections)),
+    "shared memory": ("fast.executor.share", lambda connections, is_free: set()),
+    "Winograd for few tiles": ("fast.winograd.FEW_TILES", 0),
+    "depthwise by filter2D": ("fast.depthwise.FILTERED", 1 << 40),
+    "depthwise by bands": ("fast.depthwise.BANDED", 0),
+    "maxima at every place": ("fast.map_pooling.MAX_EVERYWHERE", 0),
+    "single poses": ("fast.kinematics.FEW", 0),
+}
+
+
+class Part(NamedTuple):
+    """A part: ``off()`` is a context without it. ``place`` is that of the plain layer, if it is a fast layer."""
+
+    off: Callable[[], AbstractContextManager[object]]
+    place: str = ""
+
+
+def parts_of_fast() -> dict[str, Part]:
+    """All parts by name. Raises ImportError without fast/."""
+    from fast import convolution, engine
+
+    found = {FAST: Part(contextlib.nullcontext)}
+    for place in engine.FAST_CLASSES:
+        name = f"fast {place.rpartition('.')[2]}"
+        found[name] = Part(functools.partial(_without, engine.FAST_CLASSES, place), place)
+    of = [_name_of(algorithm) for algorithm in convolution.ALGORITHMS]
+    for name in dict.fromkeys(of):
+        rest = tuple(other for other, known in zip(convolution.ALGORITHMS, of) if known != name)
+        if name != of[-1]:  # which is for all sizes
+            found[name] = Part(functools.partial(mock.patch.object, convolution, "ALGORITHMS", rest))
+    for name, (place, value) in MECHANISMS.items():
+        found[name] = Part(functools.partial(mock.patch, place, value))
+    return found
+
+
+def _name_of(algorithm: Any) -> str:
+    """The class of an algorithm, or of the one that an adapter uses."""
+    return _name_of(algorithm.algorithm) if hasattr(algorithm, "algorithm") else type(algorithm).__name__
+
+
+@contextlib.contextmanager
+def _without(table: dict[str, str], key: str) -> Iterator[None]:
+    with mock.patch.dict(table):
+        del table[key]
+        yield
+
+
+def _whole(connection: Any) -> Any:
+    from fast.plan import whole
+
+    return whole(connection)
+
+
+def _release(connections: Any) -> None:
+    from fast.fusing import release
+
+    release(connections)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    usual = [name for name, example in NETS.items() if example.trains or name == "hand-1"]
+    parser.add_argument("--nets", nargs="+", choices=NETS, default=usual, metavar="NAME",
+                        help=f"some of {', '.join(NETS)} (default: {' '.join(usual)})")
+    known = parts_of_fast() if netlib.engine.has_fast() else {}
+    parser.add_argument("--parts", nargs="+", choices=known, default=list(known), metavar="PART",
+                        help=f"some of {', '.join(map(repr, known))} (default: all)")
+    parser.add_argument("--rounds", type=positive, default=5, metavar="N", help="default: %(default)s")
+    parser.add_argument("--burst", type=positive_number, default=0.2, metavar="S",
+                        help="processor time of a round, at least one run (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure the selected parts and print a table for each net. Raises ImportError without fast/."""
+    netlib.set_threads(1)
+    known = parts_of_fast()
+    for name in args.nets:
+        example = NETS[name]
+        with tempfile.TemporaryDirectory() as folder:
+            base = Measured(example, Path(folder))
+            rows = [["switched off", "time", "memory"]]
+            for part in args.parts:
+                if applies(known[part], base.work):
+                    time_ratio, memory_ratio = base.without(part, known[part], args.rounds, args.burst)
+                    rows.append([part, f"{time_ratio:.2f}", f"{memory_ratio:.2f}"])
+            print(f"{name}: {1e3 * base.seconds:.2f} ms, {base.peak / 1e6:.1f} MB\n{aligned(rows)}\n", flush=True)
+    return DONE
+
+
+def applies(part: Part, work: Workload) -> bool:
+    """Whether the net has a layer of the part's type, if it is one of a layer."""
+    types = {layer.type for layer in work.net.layers}
+    return not part.place or part.place.rpartition(".")[2] in types
+
+
+class Measured:
+    """A net with all parts.
+
+    seconds  smallest processor time of a run
+    peak     peak size of all arrays in bytes
+    """
+
+    def __init__(self, example: Example, folder: Path) -> None:
+        self.example, self.folder = example, folder
+        self.work = Workload(example, folder, "fast")
+        self.seconds = _seconds(self.work, 1)
+        self.peak = self._peak_of("fast")
+
+    def without(self, name: str, part: Part, rounds: int, burst: float) -> tuple[float, float]:
+        """The processor time and the peak size without a part, divided by those with it."""
+        engine = "plain" if name == FAST else "fast"
+        with part.off():
+            peak = self._peak_of(engine)
+            other = Workload(self.example, self.folder, engine)
+            other.run()
+        calls = max(1, round(burst / self.seconds))
+        own, off = [], []
+        for _ in range(rounds):
+            own.append(_seconds(self.work, calls))
+            with part.off():
+                off.append(_seconds(other, calls))
+        self.seconds = min(self.seconds, *own)
+        return min(off) / min(own), peak / self.peak
+
+    def _peak_of(self, engine: str) -> int:
+        """The peak size in bytes of a further net's arrays, in a new thread, which has no working memory yet."""
+        with ThreadPoolExecutor(1) as pool:
+            return pool.submit(self._peak_here, engine).result()
+
+    def _peak_here(self, engine: str) -> int:
+        tracemalloc.start()
+        try:
+            work = Workload(self.example, self.folder, engine)
+            work.run()
+            work.run()
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+
+def _seconds(work: Workload, calls: int) -> float:
+    """The mean processor time of a run in s, after one that is not counted."""
+    work.run()
+    begun = time.process_time()
+    for _ in range(calls):
+        work.run()
+    return (time.process_time() - begun) / calls

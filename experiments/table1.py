@@ -1,0 +1,346 @@
+"""One row of the paper's Table 1: derive a network, train it, and score it on the setting's test frames.
+
+    python -m experiments table1 ours
+    python -m experiments table1 direct_joint --recipe paper --iterations 13500 --seed 2
+    python -m experiments table1 ours --limit-weight 10 --limit-norm L2
+    python -m experiments table1 ours_bones --setting many_hands
+
+docs/results/table1.md has the rows of all networks and the meaning of the columns. A setting is a data set, by default
+in data/SETTING: "one_hand" (test: the same hand, and a second, smaller one, as in NYU), "many_hands" (hands of many
+people in the same poses) and "nyu" (NYU itself, prepared by tools/prepare_nyu.py). The synthetic ones take 5 GB each:
+
+    python tools/make_synthetic.py --recipe one_hand --out data/one_hand --train 72757 --test 4096
+
+Recipes: "adam" (synthetic_solver.prototxt, SmoothL1Loss, no dropout) has a constant rate, then linearly to 0 over the
+last 30% of the iterations; "paper" (nyu_solver.prototxt) a tenth of the rate for the last 10%. The first run of a
+setting fits the hand to its joints, in a folder next to the data. Ctrl-C writes a snapshot, from which the same command
+continues.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from handpose.body import nyu
+from handpose.estimate.nets import trained
+from handpose.fit.joints import angles, companions
+from handpose.fit.joints.fit_joints import fit_joints
+from handpose.scoring import metrics
+from handpose.scoring.held_out import Predictions, figures_of, predict_all
+from layers.hand import skeleton as skeletons
+from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError, NetlibError
+from netlib.files import atomic, hdf5, make_folder
+from netlib.files.paths import ROOT
+from netlib.proto import prototxt
+from netlib.proto.prototxt import Message, Scalar
+from netlib.training import solver_parameter
+from tools.common import training
+from tools.common.arguments import seed, weight, whole, workers
+from tools.common.console import DONE, aligned, say
+from tools.common.progress import ProgressBar
+
+PROTOTXT = ROOT / "prototxt"
+STATE, WEIGHTS = ".solverstate.h5", ".caffemodel.h5"
+TEST_BATCH = 256
+ROBUST_WEIGHT = 0.1  # loss weight of a SmoothL1Loss with sigma 10, as in synthetic_train_test.prototxt
+ROBUST = "smooth_l1_loss_param { sigma: 10 }"
+BOTTLENECK = 30  # components
+RIDGE = 3e-4  # of the fit to all joints; sufficient, because 31 joints determine nearly all angles
+
+
+# The files of the networks, in prototxt/.
+NETWORKS = {
+    "direct_joint": "table1/direct_joint.prototxt",
+    "direct_parameter": "table1/direct_parameter.prototxt",
+    "no_limit": "table1/no_limit.prototxt",
+    "ours": "nyu_train_test.prototxt",
+    "bottleneck": "table1/bottleneck.prototxt",  # DeepPrior's
+    "direct_parameter_exact": "table1/direct_parameter.prototxt",
+    "ours_scale": "table1/ours_scale.prototxt",
+    "ours_bones": "table1/ours_bones.prototxt",
+}
+FITTED, EXACT = "direct_parameter", "direct_parameter_exact"  # learn the fitted angles, the exact ones
+SETTINGS = ("one_hand", "many_hands", "nyu")
+
+
+class Recipe(NamedTuple):
+    """A solver, and its changes to a net."""
+
+    solver: Path
+    length: int  # iterations by default
+    end: float  # fraction of the iterations with a decreasing rate
+    batch: int
+    robust: bool  # SmoothL1Loss, no dropout, FC2 filled by xavier, as in synthetic_train_test.prototxt
+
+
+RECIPES = {
+    "adam": Recipe(PROTOTXT / "synthetic_solver.prototxt", 30_000, 0.3, batch=64, robust=True),
+    "paper": Recipe(PROTOTXT / "nyu_solver.prototxt", 10_000, 0.1, batch=512, robust=False),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("network", choices=NETWORKS, metavar="NETWORK", help=", ".join(NETWORKS))
+    parser.add_argument("--setting", choices=SETTINGS, default="one_hand", help="default: %(default)s")
+    parser.add_argument("--data", type=Path, metavar="FOLDER", help="folder of the setting's data sets")
+    parser.add_argument("--recipe", choices=RECIPES, default="adam", help="default: %(default)s")
+    parser.add_argument("--iterations", type=whole(2), metavar="N", help="default: 30000, with --recipe paper 10000")
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument("--limit-weight", type=weight, default=1.0, metavar="W", help="of PhysLimit (default: 1)")
+    parser.add_argument("--limit-norm", choices=("L1", "L2"), default="L1", help="of PhysLimit (default: L1)")
+    parser.add_argument("--threads", type=workers, metavar="N", help="training threads (default: one per processor)")
+    parser.add_argument("--work", type=Path, default=Path("snapshots/table1"), metavar="FOLDER",
+                        help="folder of nets, snapshots and logs (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train the network, score it, and print its row. Raises NetlibError."""
+    recipe, data = RECIPES[args.recipe], args.data or Path("data") / args.setting
+    if args.setting == "nyu" and args.network == EXACT:
+        raise NetlibError(f"{args.network}: the exact angles of NYU's frames are unknown; expected a synthetic setting")
+    lists = {split: data / f"{split}.txt" for split in ("train", "test")}
+    files = {split: _files(path, args.setting) for split, path in lists.items()}
+    skeleton = skeletons.load()
+    fitted = _fitted_angles(files["test"], lists["test"], skeleton)
+    if args.network == FITTED:
+        _fitted_angles(files["train"], lists["train"], skeleton)
+        lists = {split: _companions(path) / path.name for split, path in lists.items()}
+    net = derived_net(args.network, recipe, lists)
+    limit = "" if (args.limit_weight, args.limit_norm) == (1, "L1") else f"_{args.limit_norm}_{args.limit_weight:g}"
+    if limit:
+        set_limit(net, args.limit_weight, args.limit_norm)
+    length = args.iterations or recipe.length
+    prefix = args.work / f"{args.setting}_{args.network}{limit}_{args.recipe}_{length}_seed{args.seed}"
+    components = files["train"] if args.network == "bottleneck" else ()
+    status = train(prefix, net, recipe, length, args.seed, args.threads, components)
+    if status != DONE:
+        return status
+    predictions = predict_all(trained(f"{prefix}_net.prototxt", f"{prefix}_iter_{length}{WEIGHTS}"))
+    exact = None if args.setting == "nyu" else column(files["test"], "dof", len(skeleton.initial))
+    bones = column(files["test"], "bones", len(skeleton.bones)) if args.setting == "many_hands" else None
+    with ProgressBar(len(predictions.joints), what="angles") as progress:
+        inputs = angles_of(predictions, skeleton, progress)
+    row = {"network": args.network + limit, "recipe": args.recipe, "iterations": str(length), "seed": str(args.seed),
+           **scores(predictions, inputs, fitted, exact, bones, skeleton)}
+    say(f"{len(predictions.joints)} test frames of {data} ({predictions.made_from}); errors in mm of 14 joints")
+    print(aligned([list(row), list(row.values())]))
+    return DONE
+
+
+def _files(path: Path, setting: str) -> list[Path]:
+    try:
+        return hdf5.read_list(str(path), None)
+    except DataError as error:
+        how = f"make_synthetic.py --recipe {setting} --out {path.parent} --train {nyu.TRAIN_FRAMES} --test 4096"
+        how = "prepare_nyu.py NYU_ROOT" if setting == "nyu" else how
+        raise DataError(f"{error}; make it with 'python tools/{how}'") from None
+
+
+def _companions(path: Path) -> Path:
+    return path.parent.with_name(f"{path.parent.name}_angles")
+
+
+def _fitted_angles(files: Sequence[Path], path: Path, skeleton: Skeleton) -> Array:
+    """The inputs (N, D) of the hand fitted to all joints, from files next to the data. Raises DataError."""
+    rows = sum(hdf5.File(file, ("joint",)).rows for file in files)
+    with ProgressBar(rows, what=f"angles of {path.stem}") as progress:
+        return companions.fit_list(files, _companions(path), path.name, skeleton, ridge=RIDGE, progress=progress)[0]
+
+
+# ---------------------------------------------------------------------------------------------- the net
+
+
+def derived_net(network: str, recipe: Recipe, lists: dict[str, Path]) -> Message:
+    """A network's file with other data and the recipe's changes; its ``str`` is a prototxt. Raises PrototxtError."""
+    net = prototxt.parse_file(PROTOTXT / NETWORKS[network])
+    for layer in layers_of(net):
+        kind = text_of(layer, "type")
+        if kind == "HDF5Data":
+            phase = text_of(_part(layer, "include"), "phase")
+            block = _part(layer, "hdf5_data_param")
+            source = Scalar("string", str(lists[phase.lower()].absolute()), block.position)
+            _put(block, f"source: {source} batch_size: {recipe.batch if phase == 'TRAIN' else TEST_BATCH}")
+        if kind == "EuclideanLoss" and recipe.robust:
+            loss_weight = ROBUST_WEIGHT * float(text_of(layer, "loss_weight"))
+            _put(layer, f'type: "SmoothL1Loss" loss_weight: {loss_weight} {ROBUST}')
+        if text_of(layer, "name") == "FC2" and recipe.robust:
+            _put(_part(layer, "inner_product_param"), 'weight_filler { type: "xavier" }')
+    if recipe.robust:
+        dropout = [id(layer) for layer in layers_of(net) if text_of(layer, "type") == "Dropout"]
+        net.fields = [field for field in net.fields if id(field.value) not in dropout]
+    return net
+
+
+def set_limit(net: Message, loss_weight: float, norm: str) -> None:
+    """Change the weight and norm of the net's PhysLimit. Raises NetlibError if it has none."""
+    found = [layer for layer in layers_of(net) if text_of(layer, "type") == "PhysLimit"]
+    if not found:
+        raise NetlibError("this network has no PhysLimit; expected one with it for --limit-weight and --limit-norm")
+    _put(found[0], f"loss_weight: {loss_weight} phys_limit_param {{ norm: {norm} }}")
+
+
+def layers_of(net: Message) -> Iterator[Message]:
+    """The layers of a net."""
+    return (field.value for field in net.fields if field.name == "layer" and isinstance(field.value, Message))
+
+
+def text_of(message: Message, name: str) -> str:
+    """The value of a field, as written; empty if it is missing."""
+    return next((value.text for value in message.values(name) if isinstance(value, Scalar)), "")
+
+
+def _part(message: Message, name: str) -> Message:
+    return next(value for value in message.values(name) if isinstance(value, Message))
+
+
+def _put(message: Message, fields: str) -> None:
+    """Set fields, each in the place of the one of its name, or at the end."""
+    for new in prototxt.parse(fields).fields:
+        places = [i for i, old in enumerate(message.fields) if old.name == new.name]
+        if places:
+            message.fields[places[0]] = new
+        else:
+            message.fields.append(new)
+
+
+def write_components(path: Path, files: Sequence[Path]) -> None:
+    """Write weights of DeepPrior's layer "joints": mean and largest principal components of the joints in the files.
+
+    Components are scaled by their standard deviation, so the numbers of the bottleneck have about unit size
+    (Oberweger et al. 2015, Sec. 3.2). Raises DataError.
+    """
+    joints = column(files, "joint", 3 * len(nyu.ANNOTATION_OF_JOINT))
+    mean = joints.mean(axis=0)
+    values, vectors = np.linalg.eigh(joints.T @ joints / len(joints) - np.outer(mean, mean))
+    scaled = vectors[:, ::-1][:, :BOTTLENECK] * np.sqrt(np.maximum(values[::-1][:BOTTLENECK], 0))
+    with hdf5.created(path) as file:
+        file["data/joints/0"], file["data/joints/1"] = scaled.astype(np.float32), mean.astype(np.float32)
+
+
+def column(files: Sequence[Path], name: str, width: int) -> Array:
+    """The rows (N, width) of a data set, of all files. Raises DataError."""
+    parts = [hdf5.File(path, (name,)).datasets[0].numbers() for path in files]
+    for path, part in zip(files, parts):
+        if part.shape[1:] != (width,) or not np.isfinite(part).all():
+            raise DataError(f"{path}: data set {name!r} has shape {part.shape}, expected (N, {width}) finite numbers")
+    return np.concatenate(parts)
+
+
+# ---------------------------------------------------------------------------------------------- training
+
+
+def train(
+    prefix: Path, net: Message, recipe: Recipe, length: int, seed: int, threads: int | None, components: Sequence[Path]
+) -> int:
+    """Train to the end, from the newest snapshot if there is one; returns the exit status.
+
+    prefix      of the files: net, solver, log, snapshots
+    components  files of joints whose principal components the bottleneck starts from; else empty
+
+    Raises NetlibError, also if there are snapshots of another net.
+    """
+    model = Path(f"{prefix}_net.prototxt")
+    make_folder(prefix.parent)
+    if _newest(prefix) and atomic.text_of(model) != str(net):
+        raise NetlibError(f"{model}: its snapshots are of another net; remove them, or choose another --work")
+    atomic.replace_text(model, str(net))
+    first = [Path(f"{prefix}_components{WEIGHTS}")] if components else []
+    if components:
+        write_components(first[0], components)
+    own = {"net": model, "display": 100, "snapshot": 5000, "snapshot_format": "HDF5", "snapshot_prefix": prefix,
+           "random_seed": seed}
+    for last, tree in solvers(recipe, length, own):
+        state = _newest(prefix)
+        if state is not None and _iteration(state) >= last:
+            continue
+        solver = Path(f"{prefix}_solver.prototxt")
+        atomic.replace_text(solver, str(tree))
+        status = training.train(solver, snapshot=state, weights=() if state else first, threads=threads,
+                                log_file=f"{prefix}.log")
+        if status != DONE:
+            return status
+    return DONE
+
+
+def solvers(recipe: Recipe, length: int, own: dict[str, object]) -> list[tuple[int, Message]]:
+    """The solvers of a training run, one after the other, each with its last iteration. Raises PrototxtError.
+
+    own  fields of the solvers; a path becomes a string, other values are prototxt text
+    """
+    begin = length - max(1, int(length * recipe.end))
+    if not recipe.robust:
+        return [(length, _solver(recipe, stepvalue=begin, max_iter=length, **own))]
+    # poly falls from base_lr at iteration 0 to 0 at max_iter; at ``begin`` it equals the constant rate.
+    rate = solver_parameter.read(recipe.solver).base_lr / (1 - begin / length)
+    return [(begin, _solver(recipe, lr_policy='"fixed"', max_iter=begin, **own)),
+            (length, _solver(recipe, base_lr=rate, rampup_interval=0, max_iter=length, **own))]
+
+
+def _solver(recipe: Recipe, **own: object) -> Message:
+    """The recipe's solver with other fields, without tests and snapshots."""
+    solver = prototxt.parse_file(recipe.solver)
+    kept = [f for f in solver.fields if not f.name.startswith(("test_", "snapshot")) and f.name not in own]
+    written = {name: Scalar("string", value.as_posix(), solver.position) if isinstance(value, Path) else value
+               for name, value in own.items()}
+    added = prototxt.parse("\n".join(f"{name}: {value}" for name, value in written.items())).fields
+    return Message([*kept, *added], solver.position)
+
+
+def _newest(prefix: Path) -> Path | None:
+    states = [path for path in prefix.parent.glob(f"*{STATE}") if path.name.startswith(f"{prefix.name}_iter_")]
+    return max(states, key=_iteration, default=None)
+
+
+def _iteration(state: Path) -> int:
+    return int(state.name.removesuffix(STATE).rpartition("_")[2])
+
+
+# ---------------------------------------------------------------------------------------------- scores
+
+
+def angles_of(predictions: Predictions, skeleton: Skeleton, progress: Callable[[int], None]) -> Array:
+    """Inputs (N, D) of the hand that a network predicts: its own, or fitted within the limits to its joints."""
+    if predictions.dof is not None:
+        return np.where(skeleton.fixed, 0.0, predictions.dof.astype(np.float64))
+    return fit_joints(skeleton, predictions.joints.astype(np.float64), limits=True, starts=4, progress=progress).inputs
+
+
+def scores(
+    predictions: Predictions, inputs: Array, fitted: Array, exact: Array | None, bones: Array | None, skeleton: Skeleton
+) -> dict[str, str]:
+    """The columns of a row, as text; a dash where a score does not exist.
+
+    inputs  (N, D) of ``angles_of``
+    fitted  (N, D) inputs of the hand fitted to the true joints
+    exact   (N, D) inputs that posed the frames; None for real ones
+    bones   (N, K) signed lengths of the bones in half-cubes; None if all have the skeleton's
+    """
+    scale = predictions.half_cube[:, None, None]
+
+    def errors_of(joints: Array) -> Array:
+        """Mean errors (N,) in mm over the 14 joints."""
+        return metrics.mean_errors_14(joints * scale, predictions.truth * scale)
+
+    errors, figures = errors_of(predictions.joints), figures_of(predictions, skeleton)
+    row = {"error": f"{errors.mean():.2f}"}
+    cubes = np.round(2 * predictions.half_cube)
+    for cube in np.unique(cubes)[::-1] if len(np.unique(cubes)) == 2 else ():
+        row[f"cube of {cube:.0f}"] = f"{errors[cubes == cube].mean():.2f}"
+    for name, truth in (("fitted angles", fitted), ("exact angles", exact)):
+        row[name] = "–" if truth is None else f"{angles.angle_errors(skeleton, inputs, truth).mean():.2f}°"
+    row["out of limits"] = f"{figures['out_of_limits']:.1%}" if "out_of_limits" in figures else "–"
+    row["max <= 40"] = f"{figures['within_40_mm']:.1%}"
+    if bones is not None and predictions.dof is not None:
+        size = np.abs(bones).sum(axis=1, keepdims=True) / np.abs(skeleton.bones).sum()
+        for name, own in (("scaled hand", skeleton.bones * size), ("person's bones", bones)):
+            row[name] = f"{errors_of(kinematics_of(skeleton).joints(inputs, own)).mean():.2f}"
+    return row

@@ -1,0 +1,164 @@
+"""The tracker on synthetic recordings: errors, missed and invented hands, handedness, jitter, lag, speed.
+
+    python -m experiments tracking
+    python -m experiments tracking --scripts minute two_hands --cameras nyu kinect2 --seeds 0 1 --frame-by-frame
+    python -m experiments tracking --scripts moving --rate 60 --seconds 5 --raw --fit accurate
+
+The scripts are those of tools/make_recording.py. There is a row for each of their hands. Joint errors are in mm, over
+frames in which the hand is visible and "found", that is, reported with a mean error of at most 100 mm; "mean 14" is for
+NYU's 14 joints. "ids" and "flips" count changes of its id and of its reported side; "wrong side" counts frames in which
+that is wrong. "jitter" is in mm while the hand rests, "lag" in ms while it moves, "bone" is the largest change of a
+bone length in mm. The last line has all hands, the hands reported where there is none, and the speed of the tracker
+without rendering.
+
+--frame-by-frame also fits each frame, or every N-th, with the same plan, without history, but given the true centre of
+the crop and side: "same" and "alone" are the mean errors of the track and of these fits in frames in which both find
+the hand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from handpose import CAMERAS, Camera, Tracker, load_predictor
+from handpose.body.sides import SIDES
+from handpose.frames.recording import DepthFrame
+from handpose.scoring.matching import BOUND_MM, match
+from handpose.scoring.tracks import TrackScores, score
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sequences.scripts import SCRIPTS
+from handpose.tracking.track import TrackedFrame
+from netlib.blob import Array
+from netlib.errors import DataError
+from tools.common.arguments import add_engine, count, seconds, seed
+from tools.common.console import DONE, aligned, say
+from tools.common.progress import ProgressBar
+from tools.common.sources import rate
+
+COLUMNS = ("in sight", "found", "mean", "median", "mean 14", "same", "alone", "ids", "wrong side", "flips", "jitter",
+           "lag", "bone")
+Alone = Callable[[DepthFrame, TrackedFrame], dict[int, Array]]  # errors (K,) in mm of true hands, by their ids
+
+
+class Tracked(NamedTuple):
+    """A tracked recording.
+
+    scores   of all hands
+    both     by hand: mean errors in mm (n, 2) of the track and of a single frame, in frames in which both find it
+    seconds  used by the tracker, without rendering the frames
+    """
+
+    scores: TrackScores
+    both: dict[int, Array]
+    seconds: float
+
+
+def follow(
+    recording: SyntheticRecording,
+    tracker: Tracker,
+    alone: Alone | None = None,
+    every: int = 1,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Tracked:
+    """Track a recording to its end; every ``every``-th frame is also predicted ``alone``. Raises NetlibError.
+
+    progress  called with the number of further frames done
+    """
+    tracked, true = [], []
+    singles: dict[int, dict[int, Array]] = {}
+    seconds = 0.0
+    for number in range(recording.count):
+        frame, truth = recording.frame(number), recording.truth(number)
+        begun = time.perf_counter()
+        tracked.append(tracker.step(frame))
+        seconds += time.perf_counter() - begun
+        true.append(truth)
+        if alone is not None and number % every == 0:
+            singles[number] = alone(frame, truth)
+        progress(1)
+    both = {id: np.array([(_error(one.tracked.xyz, one.true.xyz).mean(), singles[one.number][id].mean())
+                          for one in hand.seen if one.tracked and id in singles.get(one.number, ())]).reshape(-1, 2)
+            for id, hand in match(tracked, true).hands.items()}
+    return Tracked(score(tracker.header(recording.name), tracked, true), both, seconds)
+
+
+def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | None) -> Alone:
+    """A prediction of hands in single frames of a camera, with the true crop centre and side. Raises NetlibError."""
+    predictors = {side: load_predictor(camera, hand=side, refine=0, fit=fit, engine=engine, min_confidence=0)
+                      for side in SIDES}
+
+    def alone(frame: DepthFrame, true: TrackedFrame) -> dict[int, Array]:
+        errors = {}
+        for hand in true.hands:
+            try:
+                found = predictors[hand.hand].in_frame(frame.depth, hand.center_uvd)
+            except DataError:  # out of sight
+                continue
+            errors[hand.id] = _error(found.xyz, hand.xyz)
+        return {id: error for id, error in errors.items() if error.mean() <= BOUND_MM}
+
+    return alone
+
+
+def _error(xyz: Array, true: Array) -> Array:
+    return np.asarray(np.linalg.norm(xyz - true, axis=1))
+
+
+def cells_of(tracked: Tracked, id: int) -> list[str]:
+    """The columns of a hand; empty where a score does not exist."""
+    hand = tracked.scores.hands[id]
+    same, alone = tracked.both[id].mean(axis=0) if len(tracked.both[id]) else (np.nan, np.nan)
+    found = hand.found / hand.in_sight if hand.in_sight else np.nan
+    values = (("{}", hand.in_sight), ("{:.1%}", found), ("{:.1f}", hand.errors.mean), ("{:.1f}", hand.errors.median),
+              ("{:.1f}", hand.errors14.mean), ("{:.1f}", same), ("{:.1f}", alone), ("{}", hand.id_switches),
+              ("{}", hand.wrong_side), ("{}", hand.side_switches), ("{:.2f}", hand.jitter_mm), ("{:.0f}", hand.lag_ms),
+              ("{:.2f}", max(hand.bone_change_mm, default=np.nan)))
+    return ["" if np.isnan(value) else form.format(value) for form, value in values]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("--scripts", choices=SCRIPTS, nargs="+", default=list(SCRIPTS), metavar="NAME",
+                        help=f"some of {', '.join(SCRIPTS)} (default: all)")
+    parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
+                        help=f"some of {', '.join(CAMERAS)} (default: nyu)")
+    parser.add_argument("--seeds", type=seed, nargs="+", default=[0], metavar="N", help="default: 0")
+    parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ", help="frames per second (default: 30)")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="duration (default: the script's)")
+    parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
+    parser.add_argument("--raw", action="store_true", help="do not smooth")
+    parser.add_argument("--frame-by-frame", type=count, nargs="?", const=1, metavar="N",
+                        help="also fit each frame, or every N-th, independently")
+    add_engine(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure the tracker. Raises NetlibError."""
+    recordings = [
+        (script, camera, seed, SyntheticRecording(script, CAMERAS[camera], rate=args.rate, seconds=args.seconds,
+                                                  seed=seed))
+        for camera in args.cameras for script in args.scripts for seed in args.seeds
+    ]
+    rows, done = [], []
+    with ProgressBar(sum(recording.count for *_, recording in recordings), what="tracking") as progress:
+        for script, camera, seed, recording in recordings:
+            tracker = Tracker(load_predictor(recording.camera, fit=args.fit, engine=args.engine), smooth=not args.raw,
+                              min_confidence=0)
+            alone = alone_of(recording.camera, args.fit, args.engine) if args.frame_by_frame else None
+            tracked = follow(recording, tracker, alone, args.frame_by_frame or 1, progress)
+            done.append(tracked)
+            rows += [[script, camera, str(seed), f"{id} {hand.hand}", *cells_of(tracked, id)]
+                     for id, hand in tracked.scores.hands.items()]
+    print(aligned([["script", "camera", "seed", "hand", *COLUMNS], *rows]))
+    hands = [hand for tracked in done for hand in tracked.scores.hands.values()]
+    found, frames = sum(hand.found for hand in hands), sum(tracked.scores.frames for tracked in done)
+    error = sum(hand.found * hand.errors.mean for hand in hands if hand.found) / max(found, 1)
+    say(f"{found} of {sum(hand.in_sight for hand in hands)} visible hands found, mean error {error:.1f} mm; "
+        f"{sum(tracked.scores.invented for tracked in done)} reported where there is none; "
+        f"{frames} frames, {frames / sum(tracked.seconds for tracked in done):.0f} per second")
+    return DONE
