@@ -7,15 +7,12 @@ from __future__ import annotations
 
 import functools
 import re
-import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
 from docs.making.made import place_of
 from docs.making.markdown import title_of
-from exercises.checking import steps
-from exercises.relu import OneAtZero
-from exercises.runner import LocalRunner
+from exercises.check import steps
 from exercises.table import EXERCISES
 from netlib.files.paths import ROOT
 
@@ -54,11 +51,10 @@ def _chapter(number: int) -> str:
 
 
 def _example() -> Iterator[str]:
-    """What is printed of a ReLU whose gradient at 0 is 1."""
+    """What is printed of a ReLU whose gradient at 0 is 1, its third known mistake."""
     exercise = EXERCISES["relu"]
+    [part] = exercise.mistakes[2].parts(exercise)
     yield "```text"
-    for step in steps(exercise, LocalRunner(exercise, OneAtZero)):
-        yield f"{'✓' if step.passed else '✗'} {step.title}"
-        for line in step.lines:
-            yield from (f"    {part}" for part in textwrap.wrap(line, 110))
+    for step in steps(exercise, part):
+        yield step.report()
     yield "```"

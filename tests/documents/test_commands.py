@@ -253,7 +253,7 @@ RUN_BY = {
     "handpose": "tests/handpose/test_main.py",
     "netlib.caffe": "tests/netlib/test_install.py",
     "tests.caffe.reduce": "tests/caffe/test_caffe_whole.py",
-    "tests.exercises.reduce_recordings": "tests/exercises/test_exercise_stubs.py",
+    "tests.exercises.reduce_recordings": "tests/exercises/test_exercises.py",
     "tests.faults.campaign": "tests/documents/test_commands.py",  # make faults
     "tests.handpose.estimate.moved_frames": "tests/handpose/estimate/test_processors.py",
     "tests.support.random_programs": "tests/fast/test_random_programs.py",

@@ -1024,20 +1024,6 @@ def read_camera_json(path: Path) -> Any:
     calibration_of(given, given, given, raw.shape, raw.dtype, str(path)).decoder(str(path))(raw)
 
 
-def make_passed() -> list[str]:
-    """Write the list of exercises that have passed."""
-    from exercises import solutions
-
-    return [put(str(solutions.PASSED), '{"relu": "2c26b46b68ffc68ff99b453c1d304134", "sgd": "13422d706483bfa0"}')]
-
-
-def read_passed(path: Path) -> Any:
-    """Read the list; an unreadable one counts as empty."""
-    from exercises import solutions
-
-    return solutions.passed()
-
-
 def make_depth_folders() -> list[str]:
     """Write frames by number, and frames of MSRA15."""
     Path("frames").mkdir()
@@ -1164,6 +1150,5 @@ READERS: tuple[Reader, ...] = (
     Reader("prepared data",
            ("handpose/datasets/parts.py", "handpose/datasets/preparation.py", "netlib/files/atomic.py"),
            make_parts, read_parts),
-    Reader("exercises that have passed", ("exercises/solutions.py",), make_passed, read_passed),
     Reader("track", ("handpose/output/tracks/json_file.py",), make_tracks, read_tracks),
 )
