@@ -1,6 +1,6 @@
 """Check a reader's file: the steps of an exercise, up to the first that fails, with an explanation.
 
-    python exercises/check.py NAME FILE ITERATIONS
+    python exercises/check.py NAME FILE ITERATIONS LIMIT_S
 
 solutions.py runs this as a process with a time limit, because the reader's code may loop without end or crash. The exit
 status is PASSED or FAILED; Python itself ends with neither of them. What the reader's code prints goes to stderr.
@@ -140,8 +140,7 @@ def _described(error: BaseException, path: Path | None) -> str:
     if isinstance(error, NotImplementedError) and frames:
         return f"{frames[-1].name} is not written yet: {path}:{frames[-1].lineno}."
     text = reason_of(error).strip().split("\n")[0]
-    name = type(error).__name__
-    described = text if isinstance(error, NetlibError) else f"{name}: {text}" if text else name
+    described = text if isinstance(error, NetlibError) else f"{type(error).__name__}: {text}".removesuffix(": ")
     place = f"{path}:{frames[-1].lineno} ({frames[-1].line}): " if frames else f"{path}: " if path else ""
     return place + described
 
@@ -176,10 +175,12 @@ def loaded(exercise: Exercise, path: Path) -> Part:
     return part
 
 
-def main(name: str, path: str, iterations: str) -> int:
+def main(name: str, path: str, iterations: str, limit_s: str) -> int:
     """Check a file and print the result of each step; returns PASSED or FAILED."""
     from exercises.table import EXERCISES
 
+    if hasattr(signal, "alarm"):
+        signal.alarm(int(limit_s))  # ends this process even if the one with the time limit was killed
     sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     exercise, file, out = EXERCISES[name], Path(path), sys.stdout
     with contextlib.redirect_stdout(sys.stderr):

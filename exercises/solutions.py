@@ -54,7 +54,7 @@ def check(exercise: Exercise, path: Path | None, iterations: int, limit_s: float
         start_it = f"; run {command('exercise')} {exercise.name} --start to create it" * (path == place(exercise))
         raise ExerciseError(f"{path}: not found{start_it}")
     print(printable(f"{exercise.title} ({path})"), flush=True)
-    words = [sys.executable, str(CHECK), exercise.name, str(path), str(iterations)]
+    words = [sys.executable, str(CHECK), exercise.name, str(path), str(iterations), str(int(limit_s) + 2)]
     try:
         status = subprocess.run(words, timeout=limit_s, check=False).returncode
     except subprocess.TimeoutExpired:
