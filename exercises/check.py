@@ -126,7 +126,7 @@ def _of_error(error: BaseException, check: Check, case: Case, path: Path | None)
         yield "data and diff are arrays that other layers share: write into them, with [...] = on the left."
     if check.hint:
         yield check.hint
-    elif re.search("broadcast|mismatch in its core dimension|not aligned", str(error)):
+    elif not check.option and re.search("broadcast|mismatch in its core dimension|not aligned", str(error)):
         yield (
             "The shapes do not fit. Write the axes of each array next to it: a factor may need a transpose, "
             "swapaxes(1, 2) if the first axis is the group or the image, or another axis in a sum."

@@ -69,10 +69,10 @@ def _distinct(a: float, b: float) -> tuple[str, str]:
 def advice(exercise: Exercise, check: Check, part: Part, found: Difference) -> str | None:
     """Return the advice of the known mistake that reproduces the reader's results; None if there is none.
 
-    Of several, the one that reproduces most wrong cases of the step is chosen. One that reproduces at least half of
-    them is reported as a similar one.
+    Of several, the one that reproduces most wrong cases of the method in this step is chosen. One that reproduces at
+    least half of them is reported as a similar one.
     """
-    mine = {case: tried(case, part) for case in check.cases}
+    mine = {case: tried(case, part) for case in check.cases if case.method == found.case.method}
     right = [case for case, values in mine.items() if is_right(case, values)]
     wrong = [first_difference(case, values) for case, values in mine.items() if values and case not in right]
 
@@ -84,8 +84,8 @@ def advice(exercise: Exercise, check: Check, part: Part, found: Difference) -> s
             return 0.0
         return float(np.mean([bool(other and _same(other, tried(other.case, mistaken))) for other in wrong]))
 
-    if not wrong:  # the results change from call to call
-        return None
+    if not _same(found, mine[found.case]):
+        return "The value changes from call to call: draw random numbers from self.rng, never from np.random."
     shares = {mistake: max(map(explains, mistake.parts(exercise))) for mistake in exercise.mistakes}
     best = max(shares, key=lambda mistake: shares[mistake], default=None)  # of equals the first: the most frequent one
     if best is None or shares[best] < 0.5:

@@ -46,15 +46,15 @@ EXERCISE = layer_exercise(
     examples=[
         Example(_options(), (numbers(3, 3),)),
         Example(_options(outputs=2), (numbers(3, 4, seed=4),)),
-        Example(_options(outputs=2), (numbers(3, 2, 1, 2, seed=5),), "items with several axes"),
-        Example(_options(outputs=7), option="items with several axes", caffe="ip_4d"),
+        Example(_options(outputs=2), (numbers(3, 2, 1, 2, seed=5),), "an item with several axes"),
+        Example(_options(outputs=7), option="an item with several axes", caffe="ip_4d"),
         Example(_options("bias_term: false", 2), (numbers(2, 3, seed=2),), "bias_term: false"),
         Example(_options("transpose: true"), (numbers(3, 3, seed=1),), "transpose: true"),
         Example(_options("axis: 2"), (numbers(2, 2, 2, 2, seed=3),), "axis: 2"),
         Example(_options("axis: 2", 7), option="axis: 2", caffe="ip_axis2"),
     ],
     hints={
-        "items with several axes": "All axes from self.axis on are the inputs of one item, and one axis of size "
+        "an item with several axes": "All axes from self.axis on are the inputs of one item, and one axis of size "
         "num_output replaces them. rows() flattens them, as a view.",
         "bias_term: false": "There is no self.bias then: use it only if self.param.bias_term.",
         "transpose: true": "The parameter and its diff are stored as (I, O) then; output_first() returns both as "

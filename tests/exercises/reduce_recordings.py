@@ -74,7 +74,6 @@ def of_training() -> Iterator[tuple[str, np.ndarray]]:
 
 
 def main() -> None:
-    """Write the file."""
     np.savez_compressed(recorded.FILE, **arrays())
 
 
