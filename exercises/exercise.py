@@ -1,26 +1,34 @@
 """The definition of an exercise: a part of the project to write, the cases that check it and the known mistakes.
 
-A *part* is what the reader writes, in the form that the project uses: a layer class, an update rule, a few functions.
-A mistake is a part that is correct except for one thing. The reader's mistake is identified by running the known
-mistakes on the same inputs until one reproduces the result of the reader's part.
+A *part* is a module with what the reader writes: a layer class, an update rule, a few functions. A mistake is the
+project's source with one change. The reader's mistake is identified by running the known mistakes on the same inputs
+until one reproduces the results of the reader's part.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from netlib import files
 from netlib.blob import Array
+from netlib.errors import NetlibError
+from netlib.files.paths import own
 
-Part = Any  # a class, a function or several of them
-Progress = Callable[[int], None]  # called with the number of iterations completed since the last call
+Part = Any  # a module with the names of the project's
 Values = dict[str, Array]  # by their names in the docstring of the source
+
+
+class ExerciseError(NetlibError):
+    """Raised if a reader's file cannot be read, written or checked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +41,7 @@ class Case:
     source     where the expected results come from, for messages: "Caffe has"
     axes       names of the axes of each result, for the index in a message
     tolerance  relative to the largest value of the same array, or to 1 if that is larger; 0: bit for bit
-    method     the reader's method that computes the results
+    method     the reader's function that computes the results
     """
 
     title: str
@@ -42,7 +50,7 @@ class Case:
     source: str
     axes: Mapping[str, Sequence[str]]
     tolerance: float
-    method: str = ""
+    method: str
 
     @functools.cached_property
     def expected(self) -> Values:
@@ -50,64 +58,61 @@ class Case:
         with unwarned():
             return self.wanted()
 
+    def results(self, part: Part) -> Values:
+        """Return the results of a part. Passes on its exceptions."""
+        with unwarned():
+            found = self.run(part)
+            return {name: np.asarray(found[name], np.float64) for name in self.expected}
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Check:
-    """A step: a group of cases."""
+    """A step: a group of cases.
+
+    option  what the cases need beyond the steps without an option: "stride: 2"; empty: nothing
+    hint    what a part must do for the option
+    """
 
     title: str
     cases: tuple[Case, ...]
+    option: str = ""
+    hint: str = ""
 
 
-@dataclass(frozen=True)
 class Mistake:
-    """A part with one mistake, and the advice for a reader who makes the same mistake."""
+    """A mistake, and the advice for a reader who makes it.
 
-    part: Part
-    advice: str
-
-
-def known(*parts: Part) -> tuple[Mistake, ...]:
-    """Return Mistakes whose advice is the docstring of each part."""
-    return tuple(Mistake(part, advice_of(part)) for part in parts)
-
-
-def known_in(module: Mapping[str, Any], reference: type) -> tuple[Mistake, ...]:
-    """Return the mistakes of a module, given its names: its public subclasses of the reference, in their order."""
-    parts = (thing for name, thing in module.items() if not name.startswith("_") and isinstance(thing, type))
-    return known(*(part for part in parts if issubclass(part, reference) and part.__module__ == module["__name__"]))
-
-
-def advice_of(thing: Any) -> str:
-    """Return the docstring of a class or function on one line."""
-    return " ".join((thing.__doc__ or "").split())
-
-
-@dataclass(frozen=True)
-class Remedy:
-    """A mistake that any part can contain: ``cured`` returns a corrected part, if this is its only mistake.
-
-    looks_like  whether a wrong array can result from this mistake
+    forms  pairs (old, new): a text that occurs once in the project's source, and the mistake in its place. A mistake
+           has several forms if its results differ, say in a loop over windows and in one over images
     """
 
-    cured: Callable[[Part], Part]
-    advice: str
-    looks_like: Callable[[Array], bool] = lambda got: True
+    def __init__(self, advice: str, *forms: tuple[str, str]) -> None:
+        self.advice, self.forms = advice, forms
+
+    def sources(self, exercise: Exercise) -> list[str]:
+        """Return the project's source with each form of the mistake. Raises ValueError if it cannot be placed."""
+        text = exercise.source()
+        for old, _ in self.forms:
+            if text.count(old) != 1:
+                raise ValueError(f"{exercise.file}: {text.count(old)} times {old!r}; expected once")
+        return [text.replace(old, new) for old, new in self.forms]
+
+    @functools.cache  # noqa: B019  mistakes are constants of a module
+    def parts(self, exercise: Exercise) -> list[Part]:
+        """Return a part with each form of the mistake."""
+        return [module_of(text, exercise.file) for text in self.sources(exercise)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Exercise:
     """An exercise.
 
     title      what to write, in a few words
     chapter    of the book
     file       the source that the stub is generated from, relative to the root of the project
-    to_do      maps a function or method to its instructions, a comment in the stub
-    keep       the top-level names of the source to include in the stub; empty: all
-    names      what a reader's file must define; methods as ``Class.method``
-    part_of    returns the part from the reader's module
-    reference  the part in the project's source
+    to_do      maps a function or ``Class.method`` to its instructions, a comment in the stub
     train      trains the paper's network with a part and returns the loss of each iteration
+    end        text of the source before which the stub ends; empty: the stub has all of it
     last       title of the last step; {} is the number of iterations
     drift      allowed difference of the losses from the reference, as Case.tolerance
     """
@@ -117,16 +122,21 @@ class Exercise:
     chapter: int
     file: str
     to_do: Mapping[str, str]
-    names: tuple[str, ...]
-    part_of: Callable[[Any], Part]
-    reference: Part
     checks: tuple[Check, ...]
     mistakes: tuple[Mistake, ...]
-    train: Callable[[Part, int, Progress], Array]
-    keep: tuple[str, ...] = ()
-    remedies: tuple[Remedy, ...] = ()
+    train: Callable[[Part, int], Array]
+    end: str = ""
     last: str = "the paper's network, {} iterations: the losses agree with the reference"
     drift: float = 1e-3  # another order of summation changes float32 losses by less than a tenth of this
+
+    def source(self) -> str:
+        """Return the project's source. Raises DataError if it cannot be read."""
+        return files.read_text(own(self.file), "the source")
+
+    def losses(self, part: Part, iterations: int) -> Array:
+        """Train the paper's network with a part. Passes on its exceptions."""
+        with unwarned():
+            return np.asarray(self.train(part, iterations), np.float64)
 
 
 @dataclass(frozen=True)
@@ -145,6 +155,24 @@ class Difference:
     got: Array
     wanted: Array
     count: int = 0
+
+
+def module_of(text: str, path: str, name: str = "") -> ModuleType:
+    """Execute the text of a module. Its default name is that of the project's module ``path``."""
+    module = ModuleType(name or path.removesuffix(".py").replace("/", "."))
+    sys.modules.setdefault(module.__name__, module)  # dataclasses look up the module of a class
+    exec(compile(text, path, "exec", dont_inherit=True), vars(module))
+    return module
+
+
+@contextlib.contextmanager
+def replaced(table: MutableMapping[str, Any], key: str, value: object) -> Iterator[None]:
+    """Replace an entry of a table, such as the class of a layer type, within the context."""
+    before, table[key] = table[key], value
+    try:
+        yield
+    finally:
+        table[key] = before
 
 
 @contextlib.contextmanager

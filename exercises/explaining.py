@@ -3,40 +3,39 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
-from typing import TypeVar
+from collections.abc import Iterator
 
 import numpy as np
 
-from exercises.exercise import (
-    Case,
-    Difference,
-    Exercise,
-    Mistake,
-    Remedy,
-    Values,
-    agree,
-    first_difference,
-    unwarned,
-)
-from exercises.runner import Runner, results
+from exercises.exercise import Case, Check, Difference, Exercise, Part, Values, agree, first_difference
 from netlib.blob import Array
 
-T = TypeVar("T")
-NO_IDEA = "This is not a known mistake. Compare your code with the formulas at the top of the file."
+COMPARE = "Compare your code with the formulas at the top of the file."
+NO_IDEA = f"This is not a known mistake. {COMPARE}"
+UNWRITTEN = "Some elements are NaN, their initial value. Write every element, with [...] = on the left."
+UNASSIGNED = (
+    "Some elements are NaN, their initial value: the diff of a bottom contains old values. backward must assign every "
+    "element, also zeros, with bottom[0].diff[...] = ..., and must not add."
+)
+OVERWRITTEN = (
+    "backward overwrites the diff of a parameter. It must add, with +=: the diff accumulates the gradients of several "
+    "batches and of layers that share the parameter."
+)
 SMALL = 12  # size up to which a result is shown in full
+NARROW = 3e-7  # relative error of some operations in float32
 FACTORS = 1e-5  # tolerance of a constant factor or offset
-COARSE = {"float16": 2e-3, "float32": 3e-6}  # relative error after rounding to the type
 
 
-def sentences(exercise: Exercise, runner: Runner, found: Difference) -> Iterator[str]:
+def sentences(exercise: Exercise, check: Check, part: Part, found: Difference) -> Iterator[str]:
     """Yield what differs, then the likely reason."""
     yield _what_differs(found)
-    yield advice(exercise, runner, found) or _unsteady(runner, found) or _pattern(found) or NO_IDEA
-    if where := where_wrong(found):
-        yield where
-    if found.index is not None and 1 < found.got.size <= SMALL:
-        yield f"Found: {_listed(found.got)}; expected: {_listed(found.wanted)}."
+    otherwise = (check.hint or COMPARE) if check.option else NO_IDEA
+    yield advice(exercise, check, part, found) or _pattern(found) or otherwise
+    if found.index is not None:
+        if where := where_wrong(found):
+            yield where
+        if 1 < found.got.size <= SMALL:
+            yield f"Found: {_listed(found.got)}; expected: {_listed(found.wanted)}."
 
 
 def _listed(array: Array) -> str:
@@ -63,174 +62,82 @@ def _what_differs(found: Difference) -> str:
 
 def _distinct(a: float, b: float) -> tuple[str, str]:
     """Format two numbers with as many digits as needed to distinguish them."""
-    for digits in range(4, 17):
-        pair = f"{a:.{digits}g}", f"{b:.{digits}g}"
-        if pair[0] != pair[1]:
-            break
-    return pair
+    digits = next((d for d in range(4, 17) if f"{a:.{d}g}" != f"{b:.{d}g}"), 17)
+    return f"{a:.{digits}g}", f"{b:.{digits}g}"
 
 
-def advice(exercise: Exercise, runner: Runner, found: Difference) -> str | None:
+def advice(exercise: Exercise, check: Check, part: Part, found: Difference) -> str | None:
     """Return the advice of the known mistake that reproduces the reader's results; None if there is none.
 
-    The mistake must be correct where the reader's part is, and wrong in the same way elsewhere, in every case of the
-    step. Of several candidates, the one that agrees with the reader's part in most other results is chosen. A mistake
-    that gives the same results in half of the wrong cases is reported as a similar one.
+    Of several, the one that reproduces most wrong cases of the method in this step is chosen. One that reproduces at
+    least half of them is reported as a similar one.
     """
-    for remedy in exercise.remedies:
-        if remedy.looks_like(found.got) and _is_cured(found.case, runner, remedy):
-            return remedy.advice
-    like = [m for m in exercise.mistakes if _same(found, _by_mistake(found.case, m) or {})]
-    if not like:
+    mine = {case: tried(case, part) for case in check.cases if case.method == found.case.method}
+    right = [case for case, values in mine.items() if is_right(case, values)]
+    wrong = [first_difference(case, values) for case, values in mine.items() if values and case not in right]
+
+    def explains(mistaken: Part) -> float:
+        """Share of the wrong cases that a mistake reproduces; 0 if it breaks a case that the reader has right."""
+        if not all(is_right(case, tried(case, mistaken)) for case in right):
+            return 0.0
+        if not _same(found, tried(found.case, mistaken)):
+            return 0.0
+        return float(np.mean([bool(other and _same(other, tried(other.case, mistaken))) for other in wrong]))
+
+    if not _same(found, mine[found.case]):
+        return "The value changes from call to call: draw random numbers from self.rng, never from np.random."
+    shares = {mistake: max(map(explains, mistake.parts(exercise))) for mistake in exercise.mistakes}
+    best = max(shares, key=lambda mistake: shares[mistake], default=None)  # of equals the first: the most frequent one
+    if best is None or shares[best] < 0.5:
         return None
-    step = next(check.cases for check in exercise.checks if found.case in check.cases)
-    mine = {case: _run(case, runner) for case in step}
-    differences = {case: _difference(case, values) for case, values in mine.items() if values is not None}
-    right = [case for case, difference in differences.items() if difference is None]
-    wrong = [difference for difference in differences.values() if difference]
-    if not wrong:  # the results change from call to call
-        return None
-    like = [m for m in like if all(_mistake_passes(case, m) for case in right)]
-    shares = {m: np.mean([_same(other, _by_mistake(other.case, m) or {}) for other in wrong]) for m in like}
-    whole = [m for m in like if shares[m] == 1]
-    if not whole:
-        half = [m for m in like if shares[m] >= 0.5]
-        return f"In some examples it looks like this: {half[0].advice}" if half else None
-    like = whole
-    if len(like) == 1:
-        return like[0].advice
-    mine |= {case: _run(case, runner) for check in exercise.checks for case in check.cases if case not in mine}
-
-    def agreement(mistake: Mistake) -> int:
-        return sum(_alike(case, values or {}, _by_mistake(case, mistake) or {}) for case, values in mine.items())
-
-    return max(like, key=agreement).advice
-
-
-def _run(case: Case, runner: Runner) -> Values | None:
-    """Return the results of the reader's part, None if it raises."""
-    return tried(lambda: results(runner, case))
-
-
-def _difference(case: Case, values: Values) -> Difference | None:
-    """Return the first difference of results; None if there is none."""
-    return tried(lambda: first_difference(case, values))
-
-
-def _is_cured(case: Case, runner: Runner, remedy: Remedy) -> bool:
-    """Return whether a case passes with a remedy."""
-    return bool(tried(lambda: first_difference(case, results(runner, case, remedy)) is None))
+    return best.advice if shares[best] == 1 else f"In some examples it looks like this: {best.advice}"
 
 
 @functools.cache
-def _by_mistake(case: Case, mistake: Mistake) -> Values | None:
-    """Return the results of a known mistake, None if it raises."""
-    return tried(lambda: case.run(mistake.part))
-
-
-@functools.cache
-def _mistake_passes(case: Case, mistake: Mistake) -> bool:
-    """Return whether a known mistake makes no difference in a case."""
-    values = _by_mistake(case, mistake)
-    return values is not None and bool(tried(lambda: first_difference(case, values) is None))
-
-
-def tried(compute: Callable[[], T]) -> T | None:
-    """Return ``compute()``, or None if it raises: the part may contain another mistake."""
+def tried(case: Case, part: Part) -> Values | None:
+    """Return the results of a case, or None if the part raises: it may contain another mistake."""
     try:
-        with unwarned():
-            return compute()
-    except Exception:
+        return case.results(part)
+    except BaseException:
         return None
 
 
-def _same(found: Difference, values: Values) -> bool:
-    other = values.get(found.name)
+def is_right(case: Case, values: Values | None) -> bool:
+    """Return whether results agree with the expected ones; None does not."""
+    return values is not None and first_difference(case, values) is None
+
+
+def _same(found: Difference, values: Values | None) -> bool:
+    """Return whether results have the array of a difference, up to the tolerance of its case."""
+    other = (values or {}).get(found.name)
     if other is None or other.shape != found.got.shape:
         return False
-    tolerance = found.case.tolerance
-    got, array = found.got, np.asarray(other, np.float64)
-    return bool((agree(got, array, tolerance) | (np.isnan(got) & np.isnan(array))).all())
-
-
-def _alike(case: Case, mine: Values, theirs: Values) -> int:
-    """Return the number of results that agree."""
-    return sum(
-        _same(Difference(case, name, None, np.asarray(array, np.float64), array), theirs)
-        for name, array in mine.items()
-    )
+    both_nan = np.isnan(found.got) & np.isnan(other)
+    return bool((agree(found.got, other, found.case.tolerance) | both_nan).all())
 
 
 def where_wrong(found: Difference) -> str | None:
-    """Describe where the wrong elements are, by axis, border or sign; None if everywhere or nowhere in particular."""
-    if found.index is None:
-        return None
+    """Describe the axes along which few indices have wrong elements; None if there is no such axis."""
     wrong = ~agree(found.got, found.wanted, found.case.tolerance)
-    if wrong.all() or wrong.size < 2:
+    if wrong.sum() < 2:  # the message has the index of a single one
         return None
     letters = found.case.axes.get(found.name, ())
-    places = [
-        place
-        for k, size in enumerate(wrong.shape)
-        if wrong.sum() > 1  # otherwise the message has its index
-        if (place := _along(letters[k] if len(letters) == wrong.ndim else f"axis {k}", wrong, k, size))
-    ]
-    of_images = tuple(letters[-2:]) == ("h", "w") and min(wrong.shape[-2:]) > 2
-    if not places and of_images and not wrong[..., 1:-1, 1:-1].any():
-        places.append("at the border of the image")
-    for what, mask in (
-        ("0 is expected", found.wanted == 0),
-        ("a non-zero value is expected", found.wanted != 0),
-        ("a positive value is expected", found.wanted > 0),
-        ("a negative value is expected", found.wanted < 0),
-    ):
-        if mask.any() and np.array_equal(wrong, mask):
-            places.append(f"where {what}")
-            break
-    return f"Only elements {', '.join(places)} are wrong." if places else None
-
-
-def _along(letter: str, wrong: Array, k: int, size: int) -> str | None:
-    """Describe the indices of the wrong elements along one axis."""
-    at = np.flatnonzero(wrong.any(axis=tuple(i for i in range(wrong.ndim) if i != k)))
-    if len(at) == size or size < 2:
-        return None
-    if len(at) == 1:
-        name = {0: ", the first", size - 1: ", the last"}.get(int(at[0]), "")
-        return f"with {letter}={at[0]}{name}"
-    if at[0] > 0 and len(at) == size - at[0]:
-        return f"with {letter}={at[0]} and after"
-    if at[-1] < size - 1 and len(at) == at[-1] + 1:
-        return f"with {letter}={at[-1]} and before"
-    return f"with {letter} in {', '.join(map(str, at))}" if len(at) <= size // 2 else None
-
-
-def _unsteady(runner: Runner, found: Difference) -> str | None:
-    """Return advice if the result changes from call to call."""
-    again = _run(found.case, runner)
-    if again is None or _same(found, again):
-        return None
-    return (
-        "The value changes from call to call. Draw a layer's random numbers from self.rng, whose state a resume "
-        "restores, and never from np.random."
-    )
+    places = []
+    for k, size in enumerate(wrong.shape):
+        at = np.flatnonzero(wrong.any(axis=tuple(i for i in range(wrong.ndim) if i != k)))
+        if len(at) <= size // 2:
+            letter = letters[k] if len(letters) == wrong.ndim else f"axis {k}"
+            places.append(f"{letter}={at[0]}" if len(at) == 1 else f"{letter} in {', '.join(map(str, at))}")
+    return f"Only elements with {', '.join(places)} are wrong." if places else None
 
 
 def _pattern(found: Difference) -> str | None:
     """Describe the pattern of a difference that no known mistake reproduces."""
     got, wanted = found.got, found.wanted
     if found.index is None:
-        return _pattern_of_shapes(got, wanted)
-    if np.isnan(got).all() and not np.isnan(wanted).all():
-        return (
-            "All elements are NaN, their initial value: nothing was written, or values were added to them. Write into "
-            "the array, with [...] = on the left."
-        )
-    if np.isnan(got[found.index]) and not np.isnan(wanted[found.index]):
-        return (
-            "It is NaN, its initial value: the element was never written, or was computed from one that was not. "
-            "Write every element."
-        )
+        return "The axes are in reverse order." if got.ndim and got.shape == wanted.shape[::-1] else None
+    if (np.isnan(got) & ~np.isnan(wanted)).any():
+        return UNASSIGNED if found.case.method == "backward" else UNWRITTEN
     if np.isinf(got[found.index]) and np.isfinite(wanted[found.index]):
         return "It is infinite: a division by 0 or an overflow."
     if not np.isfinite(got).all() or not np.isfinite(wanted).all():
@@ -240,40 +147,22 @@ def _pattern(found: Difference) -> str | None:
             "All elements are 0: nothing was written into the array, or 0 overwrote it. An assignment to a name, y = "
             "... or dw = ..., changes no array: write y[...] = ..., and dw[...] += ... for a parameter."
         )
-    if text := _coarse(got, wanted):
-        return text
+    return _relation(found) if wanted.size > 1 else None
+
+
+def _relation(found: Difference) -> str | None:
+    """Describe a simple relation between all elements and the expected ones."""
+    got, wanted = found.got, found.wanted
+    if found.case.tolerance < NARROW and agree(got, wanted, NARROW).all():
+        return "The values are correct to the precision of float32 only. Use the type of the input arrays throughout."
     factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
-    if wanted.size > 1 and agree(got, factor * wanted, FACTORS).all() and min(abs(factor), abs(factor - 1)) > FACTORS:
+    if agree(got, factor * wanted, FACTORS).all() and min(abs(factor), abs(factor - 1)) > FACTORS:
         if abs(factor + 1) < FACTORS:
             return "All elements have the wrong sign."
         return f"All elements are {factor:.5g} times the expected value: a factor is missing or superfluous."
-    off, near = got - wanted, FACTORS * max(1.0, float(np.abs(wanted).max()))
-    if wanted.size > 1 and np.ptp(off) <= near < abs(float(off.flat[0])):
-        return (
-            f"All elements exceed the expected value by {float(off.flat[0]):.5g}: a constant is superfluous or missing."
-        )
-    return None
-
-
-def _coarse(got: Array, wanted: Array) -> str | None:
-    """Return advice if the result is correct up to rounding to a narrower type."""
-    how = None
-    with np.errstate(all="ignore"):  # overflow in the narrower type
-        if wanted.size > 1 and (got == np.trunc(wanted)).all():
-            how = "whole numbers"
-        for dtype, tolerance in COARSE.items():
-            lost = (wanted != wanted.astype(dtype)).mean() > 0.5  # otherwise the expected values fit the type
-            if wanted.size > 1 and lost and (got == got.astype(dtype)).all() and agree(got, wanted, tolerance).all():
-                how = how or dtype
-    return how and (
-        f"The values are correct to the precision of {how}: an intermediate array has that type. Use the type "
-        "of the input arrays."
-    )
-
-
-def _pattern_of_shapes(got: Array, wanted: Array) -> str | None:
-    if got.shape == () != wanted.shape:
-        return "It is a scalar: the array was not given a shape, or all axes were summed."
-    if got.ndim and got.shape == wanted.shape[::-1]:
-        return "The axes are in reverse order."
+    off = got - wanted
+    if found.case.method == "backward" and agree(off, np.full(off.shape, -1.0), FACTORS).all():
+        return OVERWRITTEN
+    if np.ptp(off) <= FACTORS * max(1.0, float(np.abs(wanted).max())) < abs(by := float(off.flat[0])):
+        return f"All elements exceed the expected value by {by:.5g}: a constant is superfluous or missing."
     return None

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
-
 import numpy as np
 
 from exercises import network
-from exercises.exercise import Progress
-from exercises.layers import in_place_of
+from exercises.exercise import Part, replaced
+from layers import LAYER_TYPES
 from layers.hand.hand_model import HandModel
-from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import NYU_HAND, Skeleton, load
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.blob import Array
 from netlib.proto import prototxt, schema
 
-FINGER = """
+# Three joints, with a shared DoF, a fixed DoF and a rotation about a negative axis.
+TEXT = """
 name: "finger"
 dof { name: "slide" } dof { name: "yaw" initial: 0.3 } dof { name: "bend" }
 dof { name: "stiff" initial: 0.4 fixed: true }
@@ -27,35 +24,13 @@ joint { name: "middle" parent: "base" rotate { axis: X dof: "bend" } bone { axis
 joint { name: "tip" parent: "middle" translate { axis: Z dof: "slide" } rotate { axis: X dof: "bend" }
         bone { axis: NEG_Z length: 0.75 } }
 """
+FINGER = Skeleton(schema.read(prototxt.parse(TEXT, "<finger>"), SkeletonParameter))
+POSES = np.random.default_rng(0).uniform(-1, 1, (2, len(FINGER.dof_names)))  # two random poses of the finger
+NYU = load(NYU_HAND)  # the paper's hand
 
 
-def finger() -> Skeleton:
-    """Return a skeleton of three joints with a shared DoF, a fixed DoF and a rotation about a negative axis."""
-    return Skeleton(schema.read(prototxt.parse(FINGER, "<finger>"), SkeletonParameter))
-
-
-def nyu_hand() -> Skeleton:
-    """Return the skeleton of the paper's hand."""
-    return load(NYU_HAND)
-
-
-def poses(skeleton: Skeleton, count: int = 2, seed: int = 0) -> Array:
-    """Return random inputs (count, D)."""
-    return np.asarray(np.random.default_rng(seed).uniform(-1, 1, (count, len(skeleton.dof_names))))
-
-
-@contextlib.contextmanager
-def in_hand_model(kinematics: type[Kinematics]) -> Iterator[None]:
-    """Make HandModel layers use this class."""
-
-    class Exercised(HandModel):
-        kinematics_type = kinematics
-
-    with in_place_of("HandModel", Exercised):
-        yield
-
-
-def losses(kinematics: type[Kinematics], iterations: int, progress: Progress) -> Array:
-    """Train the paper's network with this class; returns the loss of each iteration."""
-    with in_hand_model(kinematics):
-        return network.losses(iterations, progress)
+def losses(part: Part, iterations: int) -> Array:
+    """Train the paper's network with the class Kinematics of the part; returns the loss of each iteration."""
+    exercised = type("Exercised", (HandModel,), {"kinematics_type": part.Kinematics})
+    with replaced(LAYER_TYPES, "HandModel", exercised):
+        return network.losses(iterations)

@@ -2,154 +2,26 @@
 
 from __future__ import annotations
 
-import numpy as np
+from exercises.exercise import Mistake
+from exercises.layers import Example, Letters, layer_exercise, numbers
 
-from exercises.exercise import known_in
-from exercises.layer_examples import Example, Letters, numbers
-from exercises.layers import layer_exercise
-from layers.common.inner_product import InnerProduct
-from netlib.blob import Array, Blobs
-
-
-class KeepsAxes(InnerProduct):
-    """Only the last axis is replaced. All axes from self.axis on are the inputs of one item; one axis of size
-    num_output replaces all of them.
-    """
-
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(*bottom[0].shape[:-1], self.param.num_output)
-
-
-class FlattensAll(InnerProduct):
-    """The option axis is ignored: every axis before self.axis is a batch axis, not only the first."""
-
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape[0], self.param.num_output)
-
-
-class TakesColumns(InnerProduct):
-    """w has one row per output, (O, I), so y = x wᵀ, not x w."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
-        y[...] = x @ w
-        if self.param.bias_term:
-            y += self.blobs[1].data
-
-
-class IgnoresTranspose(InnerProduct):
-    """With transpose: true the parameter is stored as (I, O). self.output_first() transposes it."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x, y = self.rows(bottom[0].data), self.rows(top[0].data)
-        y[...] = x @ self.blobs[0].data.T
-        if self.param.bias_term:
-            y += self.blobs[1].data
-
-
-class NoBias(InnerProduct):
-    """The bias is missing: y = x wᵀ + b, if self.param.bias_term."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
-        y[...] = x @ w.T
-
-
-class BiasPerItem(InnerProduct):
-    """b is added along the items. It has one value per output, the last axis of y, so y += b is enough."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
-        y[...] = x @ w.T
-        if self.param.bias_term:
-            y += self.blobs[1].data[:, None]
-
-
-class TransposedInBackward(InnerProduct):
-    """dx = dy w, without a transpose: y = x wᵀ already has one, and transposing it again gives w."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        super().backward(top, [False], bottom)
-        if propagate_down[0]:
-            self.rows(bottom[0].diff)[...] = self.rows(top[0].diff) @ self.output_first(self.blobs[0].data).T
-
-
-class IgnoresTransposeBackward(InnerProduct):
-    """backward always takes the parameter as (O, I). With transpose: true it is stored as (I, O), and so is its diff:
-    self.output_first() transposes both.
-    """
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        kept = self.blobs[0].diff.copy()
-        super().backward(top, [False], bottom)
-        dy = self.rows(top[0].diff)
-        self.blobs[0].diff[...] = kept + dy.T @ self.rows(bottom[0].data)
-        if propagate_down[0]:
-            self.rows(bottom[0].diff)[...] = dy @ self.blobs[0].data
-
-
-class WeightGradientTransposed(InnerProduct):
-    """dw has the shape of w, (O, I): dyᵀ x, not xᵀ dy."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        kept = self.blobs[0].diff.copy()
-        super().backward(top, propagate_down, bottom)
-        self.blobs[0].diff[...] = kept + self.rows(bottom[0].data).T @ self.rows(top[0].diff)
-
-
-class Means(InnerProduct):
-    """A parameter gradient is divided by the number of items. dw and db are sums over the items: a loss that is a mean
-    divides in its own backward.
-    """
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        before = [blob.diff.copy() for blob in self.blobs]
-        super().backward(top, propagate_down, bottom)
-        items = len(self.rows(top[0].diff))
-        for blob, kept in zip(self.blobs, before):
-            blob.diff[...] = kept + (blob.diff - kept) / items
-
-
-class BiasOverOutputs(InnerProduct):
-    """db is summed over the outputs. b[o] is added to y[n, o] of every item n, so sum over the items: axis 0."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        kept: Array | None = self.blobs[1].diff.copy() if self.param.bias_term else None
-        super().backward(top, propagate_down, bottom)
-        if kept is not None:
-            self.blobs[1].diff[...] = kept + self.rows(top[0].diff).sum(axis=1)
-
-
-class ForgetsBiasGradient(InnerProduct):
-    """db is not added: self.bias.diff is unchanged."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        kept = [blob.diff.copy() for blob in self.blobs[1:]]
-        super().backward(top, propagate_down, bottom)
-        for blob, diff in zip(self.blobs[1:], kept):
-            blob.diff[...] = diff
-
-
-class AssignsWeights(InnerProduct):
-    """dw[...] = inside the loop over the items replaces the sum of the items before, and what earlier batches have
-    added. Use dw[...] += there.
-    """
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        super().backward(top, propagate_down, bottom)
-        dw = self.output_first(self.blobs[0].diff)
-        dw[...] = np.outer(self.rows(top[0].diff)[-1], self.rows(bottom[0].data)[-1])
-
-
-class AssignsBias(InnerProduct):
-    """db[...] = inside the loop over the items replaces the sum of the items before, and what earlier batches have
-    added. Use db[...] += there.
-    """
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        super().backward(top, propagate_down, bottom)
-        for blob in self.blobs[1:]:
-            blob.diff[...] = self.rows(top[0].diff)[-1]
+ADD_WEIGHTS = "self.output_first(self.weight.diff)[...] += dy.T @ x"
+ADD_BIAS = "self.bias.diff[...] += dy.sum(axis=0, dtype=np.float64)"
+MISTAKES = (
+    Mistake("w has a row for each output, (O, I). y[n, o] is the product of row n of x and row o of w: y = x wᵀ, not x"
+            " w.",
+            ("y[...] = x @ w.T", "y[...] = x @ w")),
+    Mistake("dx = dy w, without a transpose: y = x wᵀ already has one, and transposing it again gives w.",
+            ("[...] = dy @ w", "[...] = dy @ w.T")),
+    Mistake("dw has the shape of w, (O, I): dyᵀ x, not xᵀ dy.",
+            (ADD_WEIGHTS, "self.output_first(self.weight.diff)[...] += x.T @ dy")),
+    Mistake("A gradient is assigned in a loop over the items, which replaces the sum of the items before and what "
+            "earlier batches have added. Use dw[...] += and db[...] += there.",
+            (ADD_WEIGHTS, "self.output_first(self.weight.diff)[...] = np.outer(dy[-1], x[-1])"),
+            (ADD_BIAS, "self.bias.diff[...] = dy[-1]")),
+    Mistake("db is summed over the outputs. b[o] is added to y[n, o] of every item n, so sum over the items: axis 0.",
+            (ADD_BIAS, "self.bias.diff[...] += dy.sum(axis=1, dtype=np.float64)")),
+)
 
 
 def _options(more: str = "", outputs: int = 3) -> str:
@@ -173,14 +45,21 @@ EXERCISE = layer_exercise(
     letters=Letters(("x",), ("y",), ("w", "b"), {"x": "ni", "y": "no", "w": "oi", "b": "o"}),
     examples=[
         Example(_options(), (numbers(3, 3),)),
-        Example(_options("transpose: true"), (numbers(3, 3, seed=1),)),
-        Example(_options("bias_term: false", 2), (numbers(2, 3, seed=2),)),
-        Example(_options("axis: 2"), (numbers(2, 2, 2, 2, seed=3),)),
-        Example(_options(outputs=2), (numbers(3, 2, 1, 2, seed=4),)),
+        Example(_options(outputs=2), (numbers(3, 4, seed=4),)),
+        Example(_options(outputs=2), (numbers(3, 2, 1, 2, seed=5),), "an item with several axes"),
+        Example(_options(outputs=7), option="an item with several axes", caffe="ip_4d"),
+        Example(_options("bias_term: false", 2), (numbers(2, 3, seed=2),), "bias_term: false"),
+        Example(_options("transpose: true"), (numbers(3, 3, seed=1),), "transpose: true"),
+        Example(_options("axis: 2"), (numbers(2, 2, 2, 2, seed=3),), "axis: 2"),
+        Example(_options("axis: 2", 7), option="axis: 2", caffe="ip_axis2"),
     ],
-    from_caffe={
-        "ip_4d": Example("inner_product_param { num_output: 7 }", ()),
-        "ip_axis2": Example("inner_product_param { num_output: 7 axis: 2 }", ()),
+    hints={
+        "an item with several axes": "All axes from self.axis on are the inputs of one item, and one axis of size "
+        "num_output replaces them. rows() flattens them, as a view.",
+        "bias_term: false": "There is no self.bias then: use it only if self.param.bias_term.",
+        "transpose: true": "The parameter and its diff are stored as (I, O) then; output_first() returns both as "
+        "(O, I), as views.",
+        "axis: 2": "Every axis before self.axis counts items, not only the first.",
     },
-    mistakes=known_in(globals(), InnerProduct),
+    mistakes=MISTAKES,
 )

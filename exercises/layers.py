@@ -1,79 +1,170 @@
-"""Layer exercises, and the mistakes that any layer can contain."""
+"""Layer exercises: the steps that check a layer, without options first, then with one option after the other."""
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import DTypeLike
 
-from exercises import network
-from exercises.exercise import Exercise, Mistake, Part, Progress, Remedy
-from exercises.layer_checks import checks
-from exercises.layer_examples import Example, Letters
+from exercises import network, recorded
+from exercises.exercise import Case, Check, Exercise, Mistake, Part, Values, replaced
 from layers import LAYER_TYPES
-from netlib.blob import Array, Blobs
+from netlib import gradcheck
+from netlib.blob import Array, Blob, Blobs
 from netlib.layer import Layer
+from netlib.proto.schema import Phase
+
+SINGLE, DIFFERENCES, DOUBLE = 1e-5, 2e-6, 1e-10  # tolerances: Caffe's float32, finite differences, float64 reference
 
 
-def _clears(part: type[Layer]) -> type[Layer]:
-    class Clears(part):  # type: ignore[valid-type,misc]
-        """Zeroes the bottom diffs before backward."""
+@dataclass(frozen=True)
+class Letters:
+    """The names of a layer's blobs in its docstring, and the axes of each."""
 
-        def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-            for blob in bottom:
-                if not any(blob is other for other in top):
-                    blob.diff[...] = 0
-            super().backward(top, propagate_down, bottom)
+    bottoms: tuple[str, ...]
+    tops: tuple[str, ...]
+    params: tuple[str, ...] = ()
+    axes: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
-    return Clears
-
-
-def _adds(part: type[Layer]) -> type[Layer]:
-    class Adds(part):  # type: ignore[valid-type,misc]
-        """Adds the parameter gradients of backward to the previous diffs."""
-
-        def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-            before = [blob.diff.copy() for blob in self.blobs]
-            for blob in self.blobs:
-                blob.diff[...] = 0
-            super().backward(top, propagate_down, bottom)
-            for blob, kept in zip(self.blobs, before):
-                blob.diff[...] += kept
-
-    return Adds
+    def all_axes(self) -> dict[str, Sequence[str]]:
+        """Return the axes of each blob's data and diff, by name."""
+        after = {f"{name} (after forward)": axes for name, axes in self.axes.items()}
+        return {f"{d}{name}": axes for name, axes in self.axes.items() for d in ("", "d")} | after
 
 
-REMEDIES = (
-    Remedy(
-        _clears,
-        "backward adds to the diff of a bottom. It must assign, bottom[0].diff[...] = ...: the diff is not cleared and "
-        "contains old values, here NaN.",
-        lambda got: bool(np.isnan(got).all()),
-    ),
-    Remedy(
-        _clears,
-        "backward leaves some elements of the diff of a bottom unchanged. It must write every element, also zeros: "
-        "the diff is not cleared and contains old values, here NaN.",
-        lambda got: bool(np.isnan(got).any()),
-    ),
-    Remedy(
-        _adds,
-        "backward overwrites the diff of a parameter. It must add, with +=: the diff accumulates the gradients of "
-        "several batches and of layers that share the parameter.",
-    ),
-)
+@dataclass(frozen=True, eq=False)
+class Example:
+    """A layer with its inputs, which avoid points where it is not differentiable unless ``on_kinks``.
+
+    options   the fields of its ``layer { ... }`` except the type
+    option    the option that it shows, in a separate step; empty: none
+    caffe     name of the recorded case that holds the inputs, parameters and Caffe's results
+    wanted    which bottoms get a gradient; default: all
+    gradient  whether to check it
+    on_kinks  compare the gradient with the reference layer's, not with finite differences
+    """
+
+    options: str
+    bottoms: tuple[Array, ...] = ()
+    option: str = ""
+    caffe: str = ""
+    tops: int = 1
+    phase: Phase = "TRAIN"
+    in_place: bool = False
+    wanted: tuple[bool, ...] | None = None
+    gradient: bool = True
+    on_kinks: bool = False
+
+    @property
+    def inputs(self) -> Sequence[Array]:
+        """The data of the bottoms."""
+        return recorded.of_layer(self.caffe, "in") if self.caffe else self.bottoms
+
+    @property
+    def title(self) -> str:
+        """Description for messages."""
+        bottoms = " and ".join(str(array.shape) for array in self.inputs)
+        return "; ".join(part for part in (self.options, f"bottom {bottoms}") if part)
 
 
-@contextlib.contextmanager
-def in_place_of(type_name: str, part: type[Layer]) -> Iterator[None]:
-    """Make nets use this class for layers of the type."""
-    before = LAYER_TYPES[type_name]
-    LAYER_TYPES[type_name] = part
-    try:
-        yield
-    finally:
-        LAYER_TYPES[type_name] = before
+def numbers(*shape: int, seed: int = 0) -> Array:
+    """Return random values of both signs with magnitudes from 0.2 to 1, away from 0."""
+    rng = np.random.default_rng(seed)
+    return np.asarray(rng.choice([-1.0, 1.0], shape) * rng.uniform(0.2, 1, shape))
+
+
+@dataclass(frozen=True)
+class _Runner:
+    """Runs the class ``class_name`` of a part on an example."""
+
+    type_name: str
+    class_name: str
+    letters: Letters
+    example: Example
+
+    def built(self, part: Part, dtype: DTypeLike) -> tuple[Layer, Blobs, Blobs]:
+        """Return the layer with its bottoms, filled, and its tops, which have their shapes."""
+        example, params = self.example, recorded.of_layer(self.example.caffe, "param")
+        with replaced(LAYER_TYPES, self.type_name, getattr(part, self.class_name)):
+            layer = gradcheck.make_layer(f'type: "{self.type_name}" {example.options}', example.inputs, example.tops,
+                                         example.phase, dtype=dtype)
+        for i, blob in enumerate(layer.blobs):
+            blob.data[...] = params[i] if params else numbers(*blob.shape, seed=10 + i)
+        bottom = Blobs([Blob(array.shape, dtype) for array in example.inputs], dtype)
+        for blob, array in zip(bottom, example.inputs):
+            blob.data[...] = array
+        top = Blobs([bottom[0]] if example.in_place else [Blob((), dtype) for _ in range(example.tops)], dtype)
+        layer.reshape(bottom, top)
+        return layer, bottom, top
+
+    def shapes(self, part: Part) -> Values:
+        """Return tops of zeros."""
+        _, _, top = self.built(part, np.float64)
+        return {name: np.zeros(blob.shape) for name, blob in zip(self.letters.tops, top)}
+
+    def values(self, part: Part) -> Values:
+        """Run forward with tops initialized to NaN; returns the tops, then the bottoms, which must not change."""
+        layer, bottom, top = self.built(part, np.float32 if self.example.caffe else np.float64)
+        for blob in [] if self.example.in_place else top:
+            blob.data[...] = np.nan
+        layer.forward(bottom, top)
+        bottoms = [] if self.example.in_place else [f"{name} (after forward)" for name in self.letters.bottoms]
+        names = [*self.letters.tops[: len(top)], *bottoms]
+        return {name: blob.data.copy() for name, blob in zip(names, [*top, *bottom])}
+
+    def gradient(self, part: Part) -> Values:
+        """Run backward with bottom diffs initialized to NaN and parameter diffs to 1; returns the gradients."""
+        if not self.example.caffe:
+            return {name: gradient.analytic for name, gradient in self._gradients(part)}
+        layer, bottom, top = self.built(part, np.float32)
+        layer.forward(bottom, top)
+        for blob, diff in zip(top, recorded.of_layer(self.example.caffe, "topdiff")):
+            blob.diff[...] = diff
+        for blob in bottom:
+            blob.diff[...] = np.nan
+        for blob in layer.blobs:
+            blob.diff[...] = 1
+        layer.backward(top, [True] * len(bottom), bottom)
+        return self._by_letter([blob.diff.copy() for blob in bottom] + [blob.diff - 1 for blob in layer.blobs])
+
+    def differences(self, part: Part) -> Values:
+        """Return the finite differences of forward."""
+        return {name: gradient.differences() for name, gradient in self._gradients(part)}
+
+    def _gradients(self, part: Part) -> Iterator[tuple[str, gradcheck.Gradient]]:
+        layer, _, _ = self.built(part, np.float64)
+        example = self.example
+        found = gradcheck.gradients(layer, example.inputs, example.tops, example.wanted, in_place=example.in_place)
+        for gradient in found:
+            names = self.letters.bottoms if gradient.kind == "bottom" else self.letters.params
+            yield f"d{names[gradient.number]}", gradient
+
+    def _by_letter(self, gradients: Sequence[Array]) -> Values:
+        return {f"d{name}": array for name, array in zip(self.letters.bottoms + self.letters.params, gradients)}
+
+    def cases(self, reference: Part, shaped_by: str) -> Iterator[Case]:
+        """Yield the cases: the shapes, forward, and backward unless its gradient is not checked."""
+        example, ours = self.example, "the reference layer has"
+
+        def case(run: Callable[[Part], Values], wanted: Callable[[], Values], source: str, tolerance: float,
+                 method: str) -> Case:
+            return Case(example.title, run, wanted, source, self.letters.all_axes(), tolerance, method)
+
+        yield case(self.shapes, lambda: self.shapes(reference), "expected", 0, shaped_by)
+        if example.caffe:
+            tops, diffs, of_params = (recorded.of_layer(example.caffe, kind) for kind in ("top", "indiff", "pdiff"))
+            yield case(self.values, lambda: dict(zip(self.letters.tops, tops)), "Caffe has", SINGLE, "forward")
+            yield case(self.gradient, lambda: self._by_letter(diffs + of_params), "Caffe has", SINGLE, "backward")
+            return
+        yield case(self.values, lambda: self.values(reference), ours, DOUBLE, "forward")
+        if example.on_kinks:
+            yield case(self.gradient, lambda: self.gradient(reference), ours, DOUBLE, "backward")
+        elif example.gradient:
+            yield case(self.gradient, lambda: self.differences(reference), "finite differences give", DIFFERENCES,
+                       "backward")
 
 
 def layer_exercise(
@@ -86,31 +177,45 @@ def layer_exercise(
     to_do: Mapping[str, str],
     letters: Letters,
     examples: Sequence[Example],
-    from_caffe: Mapping[str, Example],
-    mistakes: Sequence[Mistake],
+    mistakes: tuple[Mistake, ...],
+    hints: Mapping[str, str] | None = None,
     shaped_by: str = "reshape",
 ) -> Exercise:
-    """Return the exercise for a layer; ``to_do`` maps its methods to instructions, ``shaped_by`` is the method that
-    sets the tops' shapes.
-    """
-    reference = LAYER_TYPES[type_name]
-    cls = reference.__name__
+    """Return the exercise for a layer.
 
-    def train(part: Part, iterations: int, progress: Progress) -> Array:
-        with in_place_of(type_name, part):
-            return network.losses(iterations, progress)
+    to_do      maps its methods to instructions
+    examples   those without an option first; the options in the order in which a reader adds them
+    hints      what the layer must do for an option of the examples
+    shaped_by  the method that sets the tops' shapes
+    """
+    cls = LAYER_TYPES[type_name]
+    reference = sys.modules[cls.__module__]
+    cases: dict[str, list[Case]] = {}  # by option
+    for example in examples:
+        runner = _Runner(type_name, cls.__name__, letters, example)
+        cases.setdefault(example.option, []).extend(runner.cases(reference, shaped_by))
+    by_method = {method: tuple(case for case in cases[""] if case.method == method)
+                 for method in (shaped_by, "forward", "backward")}
+
+    source = "Caffe" if any(example.caffe and not example.option for example in examples) else "the reference"
+
+    def train(part: Part, iterations: int) -> Array:
+        with replaced(LAYER_TYPES, type_name, getattr(part, cls.__name__)):
+            return network.losses(iterations)
 
     return Exercise(
         name=name,
         title=title,
         chapter=chapter,
         file=file,
-        to_do={f"{cls}.{method}": task for method, task in to_do.items()},
-        names=tuple(f"{cls}.{method}" for method in ("setup", "reshape", "forward", "backward")),
-        part_of=lambda module: getattr(module, cls),
-        reference=reference,
-        checks=checks(type_name, letters, examples, from_caffe, reference, shaped_by),
-        mistakes=tuple(mistakes),
+        to_do={f"{cls.__name__}.{method}": task for method, task in to_do.items()},
+        checks=(
+            Check("shapes", by_method[shaped_by]),
+            Check(f"values: forward agrees with {source}", by_method["forward"]),
+            Check(f"gradient: backward agrees with finite differences and with {source}", by_method["backward"]),
+            *(Check(f"with {option}", tuple(found), option, (hints or {}).get(option, ""))
+              for option, found in cases.items() if option),
+        ),
+        mistakes=mistakes,
         train=train,
-        remedies=REMEDIES,
     )

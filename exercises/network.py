@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from exercises.exercise import Progress
 from handpose.synthetic.files import DataSet
 from handpose.synthetic.generator import Generator
 from netlib import files
@@ -21,7 +21,6 @@ from netlib.proto.messages import SolverParameter
 from netlib.solver import Solver
 
 FRAMES = BATCH = 4  # small, as a reader's layer may loop over pixels; the same batch each time, so the loss falls
-SEED = 1
 RATE = 'type: "SGD" base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" weight_decay: 0.0005'
 
 
@@ -40,26 +39,27 @@ def net_text(folder: Path) -> str:
     return text.replace("batch_size: 512", f"batch_size: {BATCH}")
 
 
-def solver_of(net: str, options: str = RATE, seed: int = SEED) -> Solver:
+def solver_of(net: str, options: str = RATE, seed: int = 1) -> Solver:
     """Return a solver of a net given as text, on the plain engine, which runs the layer classes themselves."""
     param = schema.read(prototxt.parse(options, "<exercise>"), SolverParameter, "solver")
     param = schema.changed(param, net_param=prototxt.parse(net, "<exercise>"), display=0, max_iter=10**6)
     return Solver(param, "<exercise>", seed=seed, engine="plain")
 
 
-def losses(iterations: int, progress: Progress = lambda count: None) -> Array:
-    """Return the loss of each iteration. ``progress(1)`` is called after each."""
+def losses(iterations: int) -> Array:
+    """Return the loss of each iteration."""
     with frames() as folder:
-        return trained(solver_of(net_text(folder)), iterations, progress)
+        return trained(solver_of(net_text(folder)), iterations)
 
 
-def trained(solver: Solver, iterations: int, progress: Progress = lambda count: None) -> Array:
-    """Train for a number of iterations; returns the loss of each."""
+def trained(solver: Solver, iterations: int) -> Array:
+    """Train for a number of iterations; returns the loss of each. A terminal shows a dot for each."""
     found = []
-    for _ in range(iterations):
+    for i in range(iterations):
         solver.step(1)
         found.append(solver.net.loss())
-        progress(1)
+        if sys.stderr.isatty():
+            print("." * (i + 1), end="\r", file=sys.stderr, flush=True)
     return np.array(found)
 
 

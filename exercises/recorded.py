@@ -8,12 +8,10 @@
 from __future__ import annotations
 
 import functools
-import io
 from pathlib import Path
 
 import numpy as np
 
-from netlib import files
 from netlib.blob import Array
 
 FILE = Path(__file__).with_name("recorded.npz")
@@ -21,9 +19,8 @@ FILE = Path(__file__).with_name("recorded.npz")
 
 @functools.cache
 def everything() -> dict[str, Array]:
-    """Return all arrays by name. Raises DataError if the file cannot be read."""
-    content = files.read_bytes(FILE, "the recorded numbers")
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+    """Return all arrays by name."""
+    with np.load(FILE, allow_pickle=False) as arrays:
         return dict(arrays)
 
 

@@ -1,24 +1,71 @@
-"""The reader's solutions in the working directory, and a record of those that have passed.
-
-The file .exercises.json there maps an exercise to the checksum of its passed solution.
-"""
+"""The reader's solutions in the working directory: list them, start one, plant a mistake, check one."""
 
 from __future__ import annotations
 
-import hashlib
-import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
-from typing import Any
 
-from exercises.exercise import Exercise
-from exercises.reading import MAX_BYTES, ExerciseError
-from handpose.frames.json_fields import parsed
-from netlib import files
-from netlib.errors import NetlibError
+from exercises.check import FAILED, PASSED
+from exercises.exercise import Exercise, ExerciseError
+from exercises.stubs import bugs, stub
+from exercises.table import EXERCISES
+from netlib.errors import printable
 from netlib.files import atomic
 from netlib.files.paths import command, exists
 
-PASSED = Path(".exercises.json")
+CHECK = Path(__file__).with_name("check.py")
+
+
+def show_all() -> None:
+    """List the exercises in the order of the book, with a mark for those whose file exists."""
+    for number, exercise in enumerate(EXERCISES.values(), 1):
+        mark = "·" if exists(place(exercise)) else " "
+        print(f"{mark} {number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})")
+    print(f"Start one: {command('exercise')} relu --start")
+
+
+def start(exercise: Exercise) -> None:
+    """Write the stub. Raises ExerciseError if the file exists."""
+    path = place(exercise)
+    _write_new(path, stub(exercise))
+    print(f"wrote {path}: {exercise.title}")
+    print(f"Write {', '.join(exercise.to_do)}; then: {command('exercise')} {exercise.name}")
+
+
+def plant(exercise: Exercise, number: int) -> None:
+    """Write a file with a mistake to find. Raises ExerciseError if there is no such mistake or the file exists."""
+    texts, path = bugs(exercise), Path(f"{exercise.name}_bug{number}.py")
+    if number > len(texts):
+        raise ExerciseError(f"--bug {number}: {exercise.name} has bugs 1 to {len(texts)}")
+    _write_new(path, texts[number - 1])
+    print(f"wrote {path}: bug {number} of {len(texts)}. Read it, fix it, then: "
+          f"{command('exercise')} {exercise.name} --file {path}")
+
+
+def check(exercise: Exercise, path: Path | None, iterations: int, limit_s: float) -> bool:
+    """Check a file, by default the one in the working directory, and print the result; returns whether it passed.
+
+    Raises ExerciseError, also if the check does not end within ``limit_s`` seconds.
+    """
+    path = path or place(exercise)
+    if not exists(path):
+        start_it = f"; run {command('exercise')} {exercise.name} --start to create it" * (path == place(exercise))
+        raise ExerciseError(f"{path}: not found{start_it}")
+    print(printable(f"{exercise.title} ({path})"), flush=True)
+    words = [sys.executable, str(CHECK), exercise.name, str(path), str(iterations), str(int(limit_s) + 2)]
+    try:
+        status = subprocess.run(words, timeout=limit_s, check=False).returncode
+    except subprocess.TimeoutExpired:
+        raise ExerciseError(f"{path}: not finished after {limit_s:g} s; look for an endless loop, or use a larger "
+                            "--limit") from None
+    if status not in (PASSED, FAILED):
+        how = f"signal {signal.Signals(-status).name}" if status < 0 else f"status {status}"
+        raise ExerciseError(f"{path}: the check ended with {how}: the code crashed, or ended the process")
+    if status == PASSED:
+        print(f"Everything is correct. For comparison, the project's file: {exercise.file}")
+    return status == PASSED
 
 
 def place(exercise: Exercise) -> Path:
@@ -26,54 +73,7 @@ def place(exercise: Exercise) -> Path:
     return Path(f"{exercise.name}.py")
 
 
-def write_new(path: Path, text: str) -> None:
-    """Write a file. Raises ExerciseError if it exists, as it is the reader's work."""
+def _write_new(path: Path, text: str) -> None:
     if exists(path) or path.is_symlink():
         raise ExerciseError(f"{path}: already exists and is kept; remove it to start again")
     atomic.replace_text(path, text)
-
-
-def to_check(exercise: Exercise) -> Path:
-    """Return the solution in the working directory. Raises ExerciseError if there is none."""
-    path = place(exercise)
-    if exists(path):
-        return path
-    raise ExerciseError(f"{path}: not found; run {command('exercise')} {exercise.name} --start to create it")
-
-
-def mark(exercise: Exercise, passed: dict[str, Any]) -> str:
-    """Return a tick if the solution has passed, a dot if it has not or was changed since, a space if there is none.
-
-    Something other than a regular file is no solution.
-    """
-    try:
-        same = passed.get(exercise.name) == checksum(exercise, place(exercise))
-    except ExerciseError:
-        return "·" if _is_file(place(exercise)) else " "
-    return "✓" if same else "·"
-
-
-def note(exercise: Exercise, checksum: str) -> None:
-    """Record that the solution with this checksum has passed. Raises OSError."""
-    atomic.replace_text(PASSED, json.dumps(passed() | {exercise.name: checksum}, indent=1) + "\n")
-
-
-def passed() -> dict[str, Any]:
-    """Return the checksums by exercise; empty if the file is missing or unreadable."""
-    try:
-        found = parsed(files.read_text(PASSED, "the list of exercises", limit=MAX_BYTES), str(PASSED))
-    except NetlibError:
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def checksum(exercise: Exercise, path: Path) -> str:
-    """Return the checksum of a solution. Raises ExerciseError if it cannot be read."""
-    return hashlib.sha256(files.read_bytes(path, f"the exercise {exercise.name}", ExerciseError, MAX_BYTES)).hexdigest()
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:
-        return False

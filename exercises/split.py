@@ -2,74 +2,25 @@
 
 from __future__ import annotations
 
-from exercises.exercise import known_in
-from exercises.layer_examples import Example, Letters, numbers
-from exercises.layers import layer_exercise
-from layers.common.split import Split
-from netlib.blob import Blobs
+from exercises.exercise import Mistake
+from exercises.layers import Example, Letters, layer_exercise, numbers
 
+COPY = "y.data[...] = bottom[0].data"
+SUM = """bottom[0].diff[...] = top[0].diff
+            for y in top[1:]:
+                bottom[0].diff[...] += y.diff"""
 
-class ShapesOne(Split):
-    """Reshape every top, not only the first: for y in top."""
-
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
-
-
-class WritesOne(Split):
-    """Copy into every top, not only the first: for y in top."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].data[...] = bottom[0].data
-
-
-class Divides(Split):
-    """x is not divided among the consumers: each gets all of it."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        for y in top:
-            y.data[...] = bottom[0].data / len(top)
-
-
-class TakesLast(Split):
-    """dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L depends
-    on x through all tops, so their gradients are summed.
-    """
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        for y in top:
-            bottom[0].diff[...] = y.diff
-
-
-class TakesFirst(Split):
-    """dx contains only the gradient of the first top. L depends on x through all tops, so sum their gradients."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        bottom[0].diff[...] = top[0].diff
-
-
-class Means(Split):
-    """dx is the mean of the gradients. By the chain rule it is their sum."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        super().backward(top, propagate_down, bottom)
-        bottom[0].diff[...] /= len(top)
-
-
-class CountsFirstTwice(Split):
-    """The gradient of the first top is counted twice: it is assigned first, then added with the others."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        super().backward(top, propagate_down, bottom)
-        bottom[0].diff[...] += top[0].diff
-
-
-class TwoOnly(Split):
-    """Only two gradients are summed; there may be any number: loop over top."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        bottom[0].diff[...] = top[0].diff + top[1].diff
-
+MISTAKES = (
+    Mistake("dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L"
+            " depends on x through all tops, so their gradients are summed.",
+            (SUM, SUM.replace("+=", "="))),
+    Mistake("dx is the mean of the gradients. By the chain rule it is their sum.",
+            (SUM, f"{SUM}\n            bottom[0].diff[...] /= len(top)")),
+    Mistake("The gradient of the first top is counted twice: it is assigned first, then added with the others.",
+            (SUM, SUM.replace("top[1:]", "top"))),
+    Mistake("x is not divided among the consumers: each gets all of it.", (COPY, f"{COPY} / len(top)")),
+    Mistake("Copy into every top, not only the first: for y in top.", (COPY, f"top[0].{COPY.removeprefix('y.')}")),
+)
 
 EXERCISE = layer_exercise(
     "split",
@@ -85,9 +36,9 @@ EXERCISE = layer_exercise(
     },
     letters=Letters(("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}),
     examples=[
-        Example("", (numbers(2, 3),), tops=2, note="2 tops"),
-        Example("", (numbers(3, 2, seed=1),), tops=3, note="3 tops"),
+        Example("", (numbers(2, 3),), tops=2),
+        Example("", (numbers(3, 2, seed=1),), tops=3),
+        Example("", caffe="split_explicit", tops=3),
     ],
-    from_caffe={"split_explicit": Example("", (), tops=3)},
-    mistakes=known_in(globals(), Split),
+    mistakes=MISTAKES,
 )

@@ -11,9 +11,7 @@ from __future__ import annotations
 import ast
 import textwrap
 
-from exercises.checking import steps
-from exercises.relu import OneAtZero
-from exercises.runner import LocalRunner
+from exercises.check import steps
 from exercises.table import EXERCISES
 from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.body.joint_formats.points import POINTS
@@ -67,14 +65,10 @@ def exercises() -> None:
 
 
 def failed_exercise() -> None:
-    """The report on a ReLU whose gradient at 0 is 1."""
+    """The report on a ReLU whose gradient at 0 is 1, its third known mistake."""
     exercise = EXERCISES["relu"]
-    print("```text")
-    for step in steps(exercise, LocalRunner(exercise, OneAtZero)):
-        print(f"{'✓' if step.passed else '✗'} {step.title}")
-        for line in step.lines:
-            print(textwrap.indent(textwrap.fill(line, 110), "    "))
-    print("```")
+    [part] = exercise.mistakes[2].parts(exercise)
+    print("```text", *(step.report() for step in steps(exercise, part)), "```", sep="\n")
 
 
 def joint_formats() -> None:

@@ -1,0 +1,172 @@
+"""Every stub fails, every solution passes, every known mistake gets its own advice, and options come one by one."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exercises import recorded
+from exercises.check import Step, in_network, loaded, steps
+from exercises.exercise import Exercise, Mistake, module_of
+from exercises.stubs import bugs, stub
+from exercises.table import EXERCISES
+from layers import LAYER_TYPES
+from netlib.updates import RULES
+from tests.exercises import reduce_recordings
+from tests.exercises.solutions import CONVOLUTION, POOLING, WITHOUT
+
+exercises = pytest.mark.parametrize("exercise", EXERCISES.values(), ids=list(EXERCISES))
+MISTAKES = [
+    pytest.param(exercise, mistake, id=f"{exercise.name}-{number}")
+    for exercise in EXERCISES.values()
+    for number, mistake in enumerate(exercise.mistakes, 1)
+]
+RELU = {
+    "reshape": "top[0].reshape(bottom[0].shape)",
+    "forward": "top[0].data[...] = np.where(bottom[0].data > 0, 1, self.slope) * bottom[0].data",
+    "backward": "bottom[0].diff[...] = np.where(bottom[0].data > 0, 1, self.slope) * top[0].diff",
+}
+
+
+def filled(name: str, bodies: dict[str, str]) -> str:
+    """Return the stub with these bodies, by the names of the functions."""
+    text = stub(EXERCISES[name])
+    for function, body in bodies.items():
+        before, head, after = text.partition(f"    def {function}(")
+        indented = "\n".join(f"        {line}" for line in body.strip("\n").splitlines())
+        text = before + head + after.replace("        raise NotImplementedError", indented, 1)
+    return text
+
+
+def last_step(name: str, text: str) -> Step:
+    *_, step = steps(EXERCISES[name], module_of(text, f"{name}.py", f"a solution of {name}"))
+    return step
+
+
+def lines_of(name: str, bodies: dict[str, str]) -> str:
+    step = last_step(name, filled(name, bodies))
+    assert not step.passed
+    return "\n".join(step.lines)
+
+
+def test_the_dozen_is_there() -> None:
+    chapters = [exercise.chapter for exercise in EXERCISES.values()]
+    assert len(EXERCISES) == 12 and chapters == sorted(chapters) and set(chapters) == set(range(1, 11))
+    for exercise in EXERCISES.values():
+        assert len({mistake.advice for mistake in exercise.mistakes}) == len(bugs(exercise)) == 5
+
+
+@exercises
+def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise, tmp_path: Path) -> None:
+    text, path = stub(exercise), tmp_path / "mine.py"
+    path.write_text(text, encoding="utf-8")
+    assert ast.get_docstring(ast.parse(text)) == ast.get_docstring(ast.parse(exercise.source()))
+    assert text.count("raise NotImplementedError") == len(exercise.to_do)
+    words = " ".join(line.strip().lstrip("# ") for line in text.splitlines())
+    assert all(" ".join(task.split()) in words for task in exercise.to_do.values())
+    *_, step = steps(exercise, loaded(exercise, path), path)
+    name, _, place = step.lines[0].partition(f" is not written yet: {path}:")
+    assert not step.passed and any(task.split(".")[-1] == name for task in exercise.to_do)
+    assert text.splitlines()[int(place.removesuffix(".")) - 1].strip() == "raise NotImplementedError"
+
+
+@exercises
+def test_the_projects_source_passes(exercise: Exercise) -> None:
+    before = dict(LAYER_TYPES), dict(RULES)
+    part = module_of(exercise.source(), exercise.file, f"the source of {exercise.name}")
+    made = [*steps(exercise, part), in_network(exercise, part, 20 if exercise.name == "relu" else 2)]
+    assert [step for step in made if not step.passed] == []
+    assert len(made) == len(exercise.checks) + 1
+    assert before == (LAYER_TYPES, RULES)
+
+
+@pytest.mark.parametrize(("exercise", "mistake"), MISTAKES)
+def test_a_mistake_gets_its_own_advice(exercise: Exercise, mistake: Mistake) -> None:
+    for text in mistake.sources(exercise):
+        lines = last_step(exercise.name, text).lines
+        given = [other.advice for other in exercise.mistakes if any(line.endswith(other.advice) for line in lines)]
+        assert given == [mistake.advice]
+
+
+@pytest.mark.parametrize(("name", "bodies"), [("convolution", CONVOLUTION), ("pooling", POOLING), ("relu", RELU)])
+def test_a_solution_with_plain_loops_passes(name: str, bodies: dict[str, str]) -> None:
+    assert last_step(name, filled(name, bodies)).passed
+
+
+def test_the_recorded_numbers_are_caffes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    mine = recorded.everything()
+    monkeypatch.setattr(recorded, "FILE", tmp_path / "again.npz")
+    reduce_recordings.main()
+    theirs = np.load(recorded.FILE)
+    assert mine.keys() == theirs.keys()
+    assert all(np.array_equal(mine[name], array) and mine[name].dtype == array.dtype for name, array in theirs.items())
+    assert recorded.FILE.stat().st_size < 180_000  # it is installed
+
+
+def without(options: str, *methods: str) -> dict[str, str]:
+    """Return the convolution without these options, in some methods or in all."""
+    bodies = dict(CONVOLUTION)
+    for method in methods or bodies:
+        for option in options.split():
+            bodies[method] = bodies[method].replace(*WITHOUT[option])
+    return bodies
+
+
+@pytest.mark.parametrize(
+    ("bodies", "said"),
+    [
+        (without("bias_term stride pad dilation group"),
+         "with kernel_h: 2 kernel_w: 3; bias_term: false is not handled in forward, nor stride: 2, pad: 1, dilation"),
+        (without("stride pad dilation group"), "kernel_w: 3; stride: 2 is not handled, nor pad: 1, dilation: 2, group"),
+        (without("stride pad", "forward"), "group: 2; stride: 2 is not handled in forward, nor pad: 1, a combination"),
+        (without("stride", "backward"), "; stride: 2 is not handled in backward, nor a combination of options."),
+        (without("pad dilation group"), "stride: 2; pad: 1 is not handled, nor dilation: 2, group: 2, a combination"),
+        (without("dilation group"), "pad: 1; dilation: 2 is not handled, nor group: 2, a combination"),
+        (without("group"), "dilation: 2; group: 2 is not handled in forward, nor a combination of options."),
+    ],
+)
+def test_each_stage_of_a_convolution_is_told_the_next_option(bodies: dict[str, str], said: str) -> None:
+    lines = lines_of("convolution", bodies)
+    assert lines.splitlines()[1].startswith("This passes without options") and said in lines
+    assert "not a known mistake" not in lines and "shapes do not fit" not in lines
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("if self.is_max", "if True", "; pool: AVE is not handled in forward, nor AVE and an overlap of windows"),
+        ("+= dy[n, c, h, v] /", "= dy[n, c, h, v] /", "AVE and an overlap of windows is not handled in backward"),
+        ("+= dy[n, c, h, v] /", "= dy[n, c, h, v] /", "dx is assigned where it must be added to"),
+        ("+= dy[n, c, h, v]\n", "= dy[n, c, h, v]\n", "dx is assigned where it must be added to"),
+        ("/ area[h, v]", "/ k / l", "; AVE and a size that is rounded up is not handled in forward, nor AVE and pad"),
+    ],
+)
+def test_a_pooling_is_told_the_next_option(old: str, new: str, said: str) -> None:
+    lines = lines_of("pooling", {name: body.replace(old, new) for name, body in POOLING.items()})
+    assert said in lines and "not a known mistake" not in lines
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"forward": "top[0].data = 0"}, "write into them, with [...] = on the left"),
+        ({"forward": "y = np.maximum(bottom[0].data, 0)"}, "NaN, their initial value. Write every element"),
+        ({"backward": "bottom[0].diff[bottom[0].data > 0] = 1"}, "backward must assign every element, also zeros"),
+        ({"forward": "top[0].data[...] = np.random.rand(*top[0].shape)"}, "changes from call to call: draw random"),
+        ({"forward": "raise SystemExit(3)"}, "SystemExit: 3\nThe input was: bottom (2, 3, 4)."),
+    ],
+)
+def test_the_first_errors_of_a_beginner(changes: dict[str, str], said: str) -> None:
+    assert said in lines_of("relu", RELU | changes)
+
+
+def test_the_network_finds_what_small_examples_do_not() -> None:
+    exercise = EXERCISES["relu"]
+    later = "self.calls = getattr(self, 'calls', 0) + (top[0].count > 1000)\nif self.calls > 1: top[0].data[...] = 0"
+    part = module_of(filled("relu", RELU | {"forward": f"{RELU['forward']}\n{later}"}), "relu.py", "a solution")
+    assert all(step.passed for step in steps(exercise, part))
+    step = in_network(exercise, part, 2)
+    assert not step.passed and step.lines[0].startswith("The loss of iteration ")
