@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -189,7 +189,7 @@ def layer_exercise(
     shaped_by  the method that sets the tops' shapes
     """
     cls = LAYER_TYPES[type_name]
-    reference = sys.modules[cls.__module__]
+    reference = SimpleNamespace(**{cls.__name__: cls})
     cases: dict[str, list[Case]] = {}  # by option
     for example in examples:
         runner = _Runner(type_name, cls.__name__, letters, example)
