@@ -39,7 +39,6 @@ class SearchRegion:
     before      the body expected from earlier frames, or None
     size        of the hand, if known
     moved_mm    distance of the last fit from the network's joints; None runs the network again
-    alone       remove the surroundings of the hand from the crop
     """
 
     center_uvd: Array
@@ -47,7 +46,6 @@ class SearchRegion:
     before: WorldPose | None = None
     size: float | None = None
     moved_mm: float | None = None
-    alone: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

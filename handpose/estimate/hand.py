@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -13,14 +14,18 @@ from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import THICKNESS, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.observation import HandCrops
-from handpose.fit.pose_confidence import judged_poses, side_chance, side_evidence, unknown_finger_errors
+from handpose.fit.pose_confidence import (
+    Evidence,
+    evidence_of,
+    judged,
+    side_chance,
+    side_evidence,
+    unknown_finger_errors,
+)
 from handpose.fit.rejection import rejection_score
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
-# Mean error in mm by each joint in empty space. A finger has 5 of a hand's 31 joints, and misses its place by about
-# 100 mm. With it, fewer hands have such joints in the recording of a Kinect; other values were not measured.
-EMPTY_SPACE_MM = 3.0
 MIN_CONFIDENCE = 0.3  # of a hand whose joints are given, unless the user asks for others
 
 
@@ -40,9 +45,9 @@ class Hand:
     is_tracked  True if the fit started from the pose expected from earlier frames
     is_predicted  False if the network was not run; then ``network_mm`` are the joints expected from earlier frames
     other       the same crop fitted as a hand of the other side, if both sides were tried
-    quality     expected error in mm and confidence by the whole frame (``judged``); None: those of the fit
+    quality     expected error in mm and confidence by the whole frame (``judge``); None: those of the fit
+    evidence    what the whole frame shows of the pose; None before it is judged
     finger_error_mm  (5,) expected error of each finger by the whole frame, from the thumb on; NaN before it is judged
-    in_empty_space  number of joints before something far behind them in the whole frame; 0 if it was not compared
     in_frame    False for a crop without its frame: then camera and centre are assumed
 
     The values of the fit are NaN, and its surface and pose are errors, without a fit, and of a hand whose joints are
@@ -60,10 +65,10 @@ class Hand:
     known_size: bool = False
     is_tracked: bool = False
     is_predicted: bool = True
-    in_empty_space: int = 0
     in_frame: bool = True
     other: Hand | None = None
     quality: tuple[float, float] | None = None
+    evidence: Evidence | None = None
     finger_error_mm: Array = field(default_factory=unknown_finger_errors)
 
     # ---------------------------------------------------------------------------------------- where it is
@@ -106,31 +111,6 @@ class Hand:
         """The expected mean error of the joints; NaN likewise."""
         return self.quality[0] if self.quality else self._of_fit("error_mm")
 
-    def judged(self, readings: NDArray[np.generic]) -> Hand:
-        """This hand with the error and the confidence of its pose in its frame (height, width) in mm.
-
-        If both sides were fitted, the confidence is multiplied by the probability of this one, and the expected errors
-        of the hand and of its fingers are those of this side or the distances of the other's joints, weighted by the
-        probabilities. Unchanged without a fit, or if the errors of the network were not measured.
-        """
-        if self.fit is None or np.isnan(self.error_mm):
-            return self
-        found = judged_poses(
-            self._the_model, self.fit.x, self.mirrored_center_mm[None], mirror_of(self.hand)[None], self.fit.signs,
-            self.fit.joints, np.asarray(readings, np.float32), self.camera,
-        )
-        error_mm, confidence, of_fingers = (values[0] for values in found)
-        if self.other is not None:
-            chance = side_chance(side_evidence(self.cost, self.other.cost))
-            apart = np.linalg.norm(self.xyz - self.other.xyz, axis=1)
-            error_mm = chance * error_mm + (1 - chance) * max(apart.mean(), error_mm)
-            if self._the_model.fingers is not None:
-                own = self._the_model.fingers.joints(np.stack([self.xyz, self.other.xyz]))
-                apart = np.linalg.norm(own[0] - own[1], axis=2).mean(axis=1)
-                of_fingers = chance * of_fingers + (1 - chance) * np.maximum(apart, of_fingers)
-            confidence = chance * confidence
-        return replace(self, quality=(float(error_mm), float(confidence)), finger_error_mm=of_fingers)
-
     @property
     def uncertainty(self) -> float:
         """The uncertainty of the fit (``handpose.fit.network_errors``)."""
@@ -144,7 +124,7 @@ class Hand:
     @property
     def signs(self) -> Array:
         """(5,) the signs that determine the uncertainty, as in ``DepthFit``."""
-        return np.asarray(self._the_fit.signs[0])
+        return np.asarray(self.the_fit.signs[0])
 
     @property
     def moved_mm(self) -> float:
@@ -153,18 +133,14 @@ class Hand:
 
     @property
     def selection_cost(self) -> float:
-        """Compares poses of different plans: the expected error in mm, or the cost if it is unknown.
-
-        Joints in empty space are wrong, but a fit does not tell: the residuals of what is far away are robust.
-        """
-        error = self.error_mm
-        return (self.cost if np.isnan(error) else error) + EMPTY_SPACE_MM * self.in_empty_space
+        """Compares poses of different plans: the expected error in mm, or the cost if it is unknown."""
+        return self.cost if np.isnan(self.error_mm) else self.error_mm
 
     @cached_property
     def rejection_score(self) -> float:
         """How unlike a hand the place is, in mm (``handpose.fit.rejection``)."""
         crops = HandCrops.of_sides(self.crop[None], self.center_uvd, self.camera, self.cube_mm, self.hand)
-        return float(rejection_score(self._the_model, self._the_fit, crops, known_size=self.known_size)[0])
+        return float(rejection_score(self.the_model, self.the_fit, crops, known_size=self.known_size)[0])
 
     @property
     def has_joints(self) -> bool:
@@ -196,17 +172,17 @@ class Hand:
     @property
     def x(self) -> Array:
         """(V,) the variables of the model; for a left hand, those of its mirror image."""
-        return np.asarray(self._the_fit.x[0])
+        return np.asarray(self.the_fit.x[0])
 
     @property
     def inputs(self) -> Array:
         """(D,) of the skeleton; for a left hand, those of its mirror image."""
-        return np.asarray(self._the_fit.inputs[0])
+        return np.asarray(self.the_fit.inputs[0])
 
     @property
     def whole_inputs(self) -> Array:
         """(D',) of the whole body, likewise: ``inputs`` and the degrees of freedom of the surface alone."""
-        return np.asarray(self._the_model.whole_inputs_of(self._the_fit.x)[0])
+        return np.asarray(self.the_model.whole_inputs_of(self.the_fit.x)[0])
 
     @property
     def mirrored_center_mm(self) -> Array:
@@ -216,22 +192,64 @@ class Hand:
     @cached_property
     def body(self) -> WorldPose:
         """The pose in space, in the axes of the fit. Raises NetlibError for bodies that cannot be followed."""
-        return world_pose(self._the_model, self.x, self.mirrored_center_mm)
+        return world_pose(self.the_model, self.x, self.mirrored_center_mm)
 
     def capsules(self, *, in_space: bool = False) -> Capsules:
         """The surface in mm, camera axes, from the crop's centre, or from the camera."""
         origin = self.mirrored_center_mm if in_space else np.zeros(3)
-        return self._the_model.capsules(self._the_fit.x, origin[None]).mirrored(mirror_of(self.hand))
+        return self.the_model.capsules(self.the_fit.x, origin[None]).mirrored(mirror_of(self.hand))
 
     @property
-    def _the_fit(self) -> DepthFit:
+    def the_fit(self) -> DepthFit:
+        """The fit; an error without one."""
         assert self.fit is not None, "a hand without a fit"
         return self.fit
 
     @property
-    def _the_model(self) -> CapsuleModel:
+    def the_model(self) -> CapsuleModel:
+        """The model of the fit; an error without one."""
         assert self.model is not None, "a hand without a fit"
         return self.model
 
     def _of_fit(self, name: str) -> float:
         return float("nan") if self.fit is None else float(getattr(self.fit, name)[0])
+
+
+def judge(hands: Sequence[Hand], readings: NDArray[np.generic]) -> list[Hand]:
+    """Fitted hands with the error and the confidence of their poses in their frame (height, width) in mm.
+
+    Hands without a fit, or of a network whose errors were not measured, are unchanged.
+    """
+    if not hands or any(hand.fit is None or np.isnan(hand.error_mm) for hand in hands):
+        return list(hands)
+    fits, center = DepthFit.concatenate([hand.the_fit for hand in hands]), [hand.mirrored_center_mm for hand in hands]
+    evidence = evidence_of(
+        hands[0].the_model, fits.x, np.stack(center), np.stack([mirror_of(hand.hand) for hand in hands]), fits.signs,
+        fits.joints, np.asarray(readings, np.float32), hands[0].camera,
+    )
+    found = judged(evidence)
+    return [
+        replace(hand, quality=(float(found.error_mm[n]), float(found.confidence[n])),
+                finger_error_mm=found.finger_error_mm[n], evidence=evidence.take(slice(n, n + 1)))
+        for n, hand in enumerate(hands)
+    ]
+
+
+def as_one_side(hand: Hand) -> Hand:
+    """A judged hand that was fitted as either side, with the errors and the confidence if the side may be wrong.
+
+    The confidence is multiplied by the probability of this side, and the expected errors of the hand and of its fingers
+    are those of this side or the distances of the other's joints, weighted by the probabilities.
+    """
+    other = hand.other
+    if other is None or hand.quality is None:
+        return hand
+    chance = side_chance(side_evidence(hand.cost, other.cost))
+    apart = np.linalg.norm(hand.xyz - other.xyz, axis=1)
+    error_mm = chance * hand.error_mm + (1 - chance) * max(float(apart.mean()), hand.error_mm)
+    of_fingers, fingers = hand.finger_error_mm, hand.the_model.fingers
+    if fingers is not None:
+        own = fingers.joints(np.stack([hand.xyz, other.xyz]))
+        apart = np.linalg.norm(own[0] - own[1], axis=2).mean(axis=1)
+        of_fingers = chance * of_fingers + (1 - chance) * np.maximum(apart, of_fingers)
+    return replace(hand, quality=(error_mm, chance * hand.confidence), finger_error_mm=of_fingers)

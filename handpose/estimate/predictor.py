@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
-from handpose.estimate.hand import MIN_CONFIDENCE, Hand
+from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side, judge
 from handpose.estimate.locator import Locator, depth_around, find_hand
 from handpose.estimate.nets import cube_of, hand_layer, is_hand
 from handpose.estimate.pipeline import HandPipeline
@@ -122,7 +122,7 @@ class Predictor:
                 finds are fitted by the fast plan, and the best of them by the plan. Between the sides in one crop the
                 uncertainty of the fit decides, between places its rejection score and the locator's odds
 
-        The hand's error and confidence are judged in the whole frame (``Hand.judged``).
+        The hand's error and confidence are judged in the whole frame (``judge``, ``as_one_side``).
 
         Raises UnitError for depths that cannot be mm, DataError, NetlibError.
         """
@@ -137,7 +137,8 @@ class Predictor:
         else:
             starts, odds = [self._start(depth, center)], [0.0]
         found = self.pipeline.in_frame(depth, camera, starts, odds, search=locator is not None)[0]
-        return found.judged(depth).given(self.min_confidence)
+        [judged] = judge([found], depth)
+        return as_one_side(judged).given(self.min_confidence)
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.

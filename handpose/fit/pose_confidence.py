@@ -134,6 +134,15 @@ class Evidence(NamedTuple):
         support = Support(*map(np.concatenate, zip(*supports)))
         return cls(np.concatenate(signs), np.concatenate(lags), support, of_fingers)
 
+    def lagging(self, model: CapsuleModel, joints: Array, fit_joints: Array) -> Evidence:
+        """The same for poses with joints (N, K, 3) in mm instead of those of the fits, in one system of axes."""
+        lag = np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1)
+        if model.fingers is None or self.fingers is None:
+            return self._replace(lag_mm=lag)
+        apart = model.fingers.joints(joints) - model.fingers.joints(fit_joints)
+        fingers = self.fingers._replace(lag_mm=np.linalg.norm(apart, axis=3).mean(axis=2))
+        return self._replace(lag_mm=lag, fingers=fingers)
+
     def take(self, rows: slice) -> Evidence:
         """What is shown of some of the poses."""
         of_fingers = None if self.fingers is None else OfFingers(*(part[rows] for part in self.fingers))
@@ -166,14 +175,6 @@ def judged(evidence: Evidence, weights: Array = WEIGHTS, constant: float = CONST
         return Judged(whole, confidence, np.tile(unknown_finger_errors(), (len(signs), 1)))
     of_fingers = finger_errors(whole, *fingers)
     return Judged(np.maximum(np.sqrt(whole * of_fingers.mean(axis=1)), least), confidence, of_fingers)
-
-
-def judged_poses(
-    model: CapsuleModel, x: Array, center_mm: Array, mirror: Array, fit_signs: Array, fit_joints: Array,
-    readings: NDArray[np.floating], camera: Camera,
-) -> Judged:
-    """What the image shows of N poses (``evidence_of``) as their errors and confidence."""
-    return judged(evidence_of(model, x, center_mm, mirror, fit_signs, fit_joints, readings, camera))
 
 
 def evidence_of(

@@ -29,10 +29,6 @@ from netlib.blob import Array
 APART_MM = 20.0  # a reading this far from the surface of a fit is of something else
 FAR_MM = 80.0  # maximum contribution of a joint to ``JointDepths``
 SELF_MM = 5.0  # a sphere this far in front of another covers it
-IN_PLANE_MM = 1.5  # a reading this close to a plane is in it
-PLANES = 100  # number of planes that are tried
-MIN_AREA_MM2 = 200.0  # area of the triangle of the three readings that give a plane, at least
-MIN_READINGS = 20  # on a hand, for its share in a plane
 ALONG = np.array([1, 3]) / 4  # positions of the spheres on a capsule's axis
 ACROSS = np.array([[1, 1, 1]]) / 3  # of those on a flat part, between its corners
 
@@ -168,35 +164,6 @@ def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> 
     behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
     count = np.maximum(read.sum(axis=1), 1)
     return JointDepths(*(np.clip(way * behind, 0, FAR_MM).sum(axis=1) / count for way in (1, -1)))
-
-
-def share_in_a_plane(
-    capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floating], camera: Camera
-) -> float:
-    """The share of the readings on one hand's own surface that are in one plane; 0 for fewer than MIN_READINGS.
-
-    It is the largest of PLANES planes, each through three of the readings, which are the same in every call. A flat
-    object whose readings vary by less than 1 mm has nearly all of them in one plane; with a noise of 1.5 mm (standard
-    deviation) it has no more than a hand. Arguments as ``support``, of one pose.
-    """
-    _, spheres, reading, inside, bare = _surface(capsules, limbs, depth, camera)
-    seen = inside & bare & (reading > 0) & (np.abs(reading - spheres.front) <= APART_MM)
-    points = spheres.nearest[seen] * (reading / spheres.front)[seen][:, None]
-    if len(points) < MIN_READINGS:
-        return 0.0
-    a, b, c = np.moveaxis(points[np.random.default_rng(0).integers(len(points), size=(PLANES, 3))], 1, 0)
-    normal = np.cross(b - a, c - a)
-    area = np.linalg.norm(normal, axis=1) / 2
-    a, normal = a[area > MIN_AREA_MM2], normal[area > MIN_AREA_MM2]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    distance = np.abs(normal @ points.T - (normal * a).sum(axis=1, keepdims=True))
-    return float((distance <= IN_PLANE_MM).mean(axis=1).max(initial=0.0))
-
-
-def joints_in_empty_space(joints: Array, depth: NDArray[np.floating], camera: Camera) -> NDArray[np.int_]:
-    """The number (N,) of the joints (N, K, 3) in mm, camera axes, whose pixel shows something far behind them."""
-    reading, inside = _readings(joints, depth, camera)
-    return np.asarray((inside & (reading > joints[..., 2] + APART_MM)).sum(axis=1))
 
 
 def _readings(

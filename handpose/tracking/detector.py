@@ -59,10 +59,6 @@ class Detector:
         self._left = self._left[:0]
         self._begun = self._last = -np.inf
 
-    def probability_at(self, depth: NDArray[np.float32], middle: Array) -> float:
-        """The probability of a hand at a place (3,) in mm."""
-        return float(self.locator.at(depth, middle[None], self.camera)[0].max(initial=0.0))
-
     def probability(self, depth: NDArray[np.float32], middle: Array) -> float:
         """The probability of a hand at a place (3,) in mm, the highest while the locator moves to its prediction."""
         highest, places = 0.0, middle[None]

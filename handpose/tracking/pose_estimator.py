@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -17,15 +16,14 @@ from numpy.typing import NDArray
 from handpose.body.render import Capsules, in_front, normalise_depth, render_crop
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import Hand, judge
 from handpose.estimate.locator import recenter
 from handpose.estimate.predictor import Predictor
 from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
-from handpose.fit.support import APART_MM, Support, joints_in_empty_space, share_in_a_plane, support
+from handpose.fit.support import APART_MM, support
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import BACKGROUND, SIZE, clear_crop, unread, with_hidden
-from handpose.frames.segmentation import alone
 from handpose.tracking.reasons import LEAVING, Expected
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -70,11 +68,8 @@ class PoseEstimator:
         for i, region in enumerate(regions):
             with contextlib.suppress(DataError):  # outside the image
                 candidates[i] = self._candidate(depth, region, readings)
-        found = dict(zip(candidates, self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan)))
-        if found:
-            joints = np.array([hand.xyz for hand in found.values()])
-            empty = joints_in_empty_space(joints, depth, self.camera).tolist()
-            found = {i: replace(hand, in_empty_space=n) for (i, hand), n in zip(found.items(), empty)}
+        hands = self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan)
+        found = dict(zip(candidates, judge(hands, depth if readings is None else readings)))
         return [found.get(i) for i in range(len(regions))]
 
     def _candidate(
@@ -82,8 +77,6 @@ class PoseEstimator:
     ) -> Candidate:
         """A region with its crop. Raises DataError outside the image."""
         shown = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera)
-        if region.alone:
-            shown = alone(shown, region.center_uvd, self.cube_mm, self.camera)
         if readings is None or region.before is None:
             return Candidate(**vars(region), crop=shown)
         crop = self._with_unknown(shown, readings, region, self._capsules(region.before, region.side))
@@ -101,7 +94,7 @@ class PoseEstimator:
         if seen.hidden[0] >= HIDING:
             crop = with_hidden(crop, readings, uvd, self.cube_mm, self.camera)
         missing = seen.missing[0] >= UNREAD and seen.outside[0] < LEAVING
-        if missing and not region.alone and self._explained(shown, body, uvd) >= EXPLAINED:
+        if missing and self._explained(shown, body, uvd) >= EXPLAINED:
             own = self._rendered(body.chosen(~limbs), uvd) < 1
             around = cv2.dilate(own.astype(np.uint8), self._around) > 0
             crop = np.where(around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop)
@@ -118,16 +111,6 @@ class PoseEstimator:
         d, cube = center_uvd[2:], self.cube_mm
         image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, self.camera)
         return normalise_depth(image, d, cube)[0]
-
-    def surroundings(self, depth: NDArray[np.float32], center_uvd: Array) -> float:
-        """The share of the readings in a crop about a centre (3,) that do not belong to a hand there; 0 without any."""
-        try:
-            crop = clear_crop(depth, center_uvd, self.cube_mm, self.camera)
-        except DataError:  # outside the image
-            return 0.0
-        seen = crop < BACKGROUND
-        own = alone(crop, center_uvd, self.cube_mm, self.camera) < BACKGROUND
-        return float(1 - own.sum() / max(seen.sum(), 1)) if seen.any() else 0.0
 
     def center_of(self, body: WorldPose, side: Side) -> Array:
         """The crop centre (3,) of a body, px, px, mm."""
@@ -147,14 +130,6 @@ class PoseEstimator:
         """The surface of a body in camera axes."""
         x = crop_variables(self.model, body, body.place)[None]
         return self.model.capsules(x, body.place[None]).mirrored(mirror_of(side))
-
-    def support(self, depth: NDArray[np.float32], hand: Hand) -> Support:
-        """The support of a pose by an image with all readings, mm."""
-        return support(hand.capsules(in_space=True), self.model.surface.limbs, depth, self.camera)
-
-    def share_in_a_plane(self, depth: NDArray[np.float32], hand: Hand) -> float:
-        """The share of the readings on a hand's own surface that are in one plane."""
-        return share_in_a_plane(hand.capsules(in_space=True), self.model.surface.limbs, depth, self.camera)
 
     def hand_near(self, depth: NDArray[np.float32], hand: Hand) -> Array:
         """The crop centre (3,) by the locator, px, px, mm; otherwise by the network, if it was run."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.body.sides import MIRROR, SIDES, Side, mirror_of
-from handpose.estimate.hand import EMPTY_SPACE_MM, Hand
+from handpose.estimate.hand import Hand, as_one_side, judge
 from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
@@ -80,14 +80,15 @@ def test_errors_that_were_not_measured(model: CapsuleModel) -> None:
     assert empty.chance == 0
     known = fitted(model, "right")
     assert known.chance == known.confidence and known.selection_cost == known.error_mm
-    assert replace(known, in_empty_space=4).selection_cost == known.error_mm + 4 * EMPTY_SPACE_MM
 
 
 def test_the_side_lowers_the_confidence(model: CapsuleModel) -> None:
     """A side no cheaper than the other is at most half as sure, and may be as wrong as the other is far away."""
     hand, other = fitted(model, "right"), fitted(model, "left")
     readings = np.full((NYU.height, NYU.width), 700.0)
-    alone, doubtful = hand.judged(readings), replace(hand, other=other).judged(readings)
+    [alone] = judge([hand], readings)
+    assert as_one_side(alone) is alone
+    doubtful = as_one_side(replace(alone, other=other))
     assert doubtful.confidence == pytest.approx(alone.confidence / 2)
     apart = np.linalg.norm(hand.xyz - other.xyz, axis=1).mean()
     assert doubtful.error_mm == pytest.approx((alone.error_mm + max(apart, alone.error_mm)) / 2)
@@ -102,5 +103,6 @@ def test_the_side_lowers_the_confidence(model: CapsuleModel) -> None:
 def test_nothing_is_judged_that_was_not_measured(model: CapsuleModel) -> None:
     """Without a fit, or for a network whose errors were not measured, the values stay NaN."""
     unknown = fitted(model, "right", error_mm=np.nan, confidence=np.nan)
-    assert unknown.judged(np.full((NYU.height, NYU.width), 700.0)) is unknown
+    [found] = judge([unknown], np.full((NYU.height, NYU.width), 700.0))
+    assert found is unknown and as_one_side(replace(unknown, other=unknown)).quality is None
     assert np.isnan(unknown.finger_error_mm).all()

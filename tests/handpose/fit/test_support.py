@@ -13,8 +13,6 @@ from handpose.fit.support import (
     FAR_MM,
     Support,
     joint_depths,
-    joints_in_empty_space,
-    share_in_a_plane,
     support,
     support_of_parts,
 )
@@ -56,22 +54,6 @@ def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str
     assert sum(share[0] for share in found) == pytest.approx(1)
 
 
-def test_a_cut_out_is_in_one_plane(model: CapsuleModel, image: np.ndarray) -> None:
-    """All readings on a plate that is cut out like a hand, and inclined like it, are in one plane; few of a hand's."""
-    capsules, limbs = model.capsules(np.zeros((1, model.variables)), CENTER), model.surface.limbs
-    rows, columns = np.nonzero(image < 520)
-    readings = image[rows, columns]
-    x, y = ((columns - CAMERA.u0) * readings, (rows - CAMERA.v0) * readings)
-    plane = np.linalg.lstsq(np.column_stack([x, y, np.ones(len(x))]), readings, rcond=None)[0]
-    across, down = np.arange(512) - CAMERA.u0, np.arange(424)[:, None] - CAMERA.v0
-    plate = np.where(image < 520, plane[2] / (1 - plane[0] * across - plane[1] * down), image)
-    assert share_in_a_plane(capsules, limbs, image, CAMERA) < 0.6
-    assert share_in_a_plane(capsules, limbs, plate, CAMERA) > 0.95
-    noise = np.random.default_rng(0).normal(0, 0.7, plate.shape)
-    assert share_in_a_plane(capsules, limbs, plate + noise, CAMERA) > 0.8
-    assert share_in_a_plane(capsules, limbs, np.zeros_like(image), CAMERA) == 0
-
-
 def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
     """Of a hand whose index finger is covered, only that finger is hidden; shares of disjoint parts make the whole."""
     assert model.fingers is not None
@@ -102,11 +84,7 @@ def test_joints_in_the_image(image: np.ndarray) -> None:
     joints = np.stack([surface * (1 + dz / d) for dz in (12, -30, 500)])[None]
     found = joint_depths(joints, image, CAMERA)
     np.testing.assert_allclose([found.behind[0], found.before[0]], [(12 + FAR_MM) / 3, 10], rtol=1e-4)
-    assert joints_in_empty_space(joints, image, CAMERA) == [1]
-    assert joints_in_empty_space(joints * (1 - 35 / d), image, CAMERA) == [2]
-    assert joints_in_empty_space(joints * (1 + 15 / d), image, CAMERA) == [0]  # 15 mm in front
     missing = image.copy()
     missing[v, u] = np.nan
     for nothing in (missing, np.zeros_like(image)):
-        assert joints_in_empty_space(joints, nothing, CAMERA) == [0]
         assert [*np.ravel(joint_depths(joints, nothing, CAMERA))] == [0, 0]

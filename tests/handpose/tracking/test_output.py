@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,8 +10,9 @@ import pytest
 
 from handpose.body.render import render
 from handpose.body.sides import Side, mirror_of
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import Hand, judge
 from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.track import joints_of
@@ -28,12 +28,6 @@ def image(model: CapsuleModel) -> np.ndarray:
     return render(model.capsules(variables(model)[None], NYU.unproject(CENTER)[None]), x[None], y[None], [1500.0])[0]
 
 
-@pytest.fixture(scope="module")
-def estimator(model: CapsuleModel) -> Any:
-    """The used attributes of an estimator."""
-    return SimpleNamespace(model=model, cube_mm=300.0, camera=NYU)
-
-
 def variables(model: CapsuleModel) -> np.ndarray:
     """A pose (V,)."""
     x = np.random.default_rng(0).uniform(0, 0.2, model.variables)
@@ -42,25 +36,25 @@ def variables(model: CapsuleModel) -> np.ndarray:
 
 
 def track(
-    model: CapsuleModel, estimator: Any, side: Side = "right", size: float | None = None, *, apart: float = 6.0,
-    error_mm: float = 7.0,
+    model: CapsuleModel, side: Side = "right", size: float | None = None, *, apart: float = 6.0, error_mm: float = 7.0,
+    readings: np.ndarray = EMPTY, center_uvd: np.ndarray = CENTER,
 ) -> Any:
     """A track with this pose, smoothed to one ``apart`` mm farther along x."""
-    x = variables(model)[None]
-    fit: Any = SimpleNamespace(
-        confidence=np.array([0.9]), error_mm=np.array([error_mm]), signs=np.array([[30.0, 2, 0.2, 5, 10]]),
-        joints=model.joints(x), x=x,
-    )
-    seen = Hand(side, np.zeros((128, 128), np.float32), CENTER, 300.0, NYU, np.zeros((31, 3)), fit, model)
+    x, one = variables(model)[None], np.ones(1)
+    signs = np.array([[30.0, 2, 0.2, 5, 10]])
+    fit = DepthFit(model.inputs_of(x), one, model.joints(x), model.joints(x), one, one, error_mm * one, 0.9 * one, x,
+                   signs, one)
+    hand = Hand(side, np.zeros((128, 128), np.float32), center_uvd, 300.0, NYU, np.zeros((31, 3)), fit, model)
+    [seen] = judge([hand], readings)
     smooth = seen.body._replace(place=seen.body.place + (apart, 0, 0))
     best = SimpleNamespace(estimate=seen, smooth=smooth)
     return SimpleNamespace(id=4, size=size, best=best, hand=side, sides={side: best}, side_confidence=1.0, time=0.0)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_a_hand(model: CapsuleModel, estimator: Any, side: Side) -> None:
+def test_a_hand(model: CapsuleModel, side: Side) -> None:
     """The joints are those of the body and of the reported inputs; all else is as estimated."""
-    hand = tracked_hand(track(model, estimator, side), estimator, EMPTY, smooth=False, surface=False)
+    hand = tracked_hand(track(model, side), model, smooth=False, surface=False)
     mirror = mirror_of(side)
     expected = model.joints(variables(model)[None])[0] * mirror + NYU.unproject(CENTER)
     np.testing.assert_allclose(hand.xyz, expected, atol=1e-4)
@@ -73,37 +67,37 @@ def test_a_hand(model: CapsuleModel, estimator: Any, side: Side) -> None:
 
 
 @pytest.mark.parametrize(("side", "x"), [("right", 6), ("left", -6)])
-def test_smoothed(model: CapsuleModel, estimator: Any, side: Side, x: float) -> None:
+def test_smoothed(model: CapsuleModel, side: Side, x: float) -> None:
     """The smoothed pose is reported, about the same crop, for a left hand mirrored."""
-    one = track(model, estimator, side)
-    raw, smooth = (tracked_hand(one, estimator, EMPTY, smooth=smooth, surface=False) for smooth in (False, True))
+    one = track(model, side)
+    raw, smooth = (tracked_hand(one, model, smooth=smooth, surface=False) for smooth in (False, True))
     np.testing.assert_allclose(smooth.xyz - raw.xyz, np.tile([x, 0, 0], (31, 1)), atol=1e-6)
     np.testing.assert_array_equal(smooth.origin_mm, raw.origin_mm)
 
 
-def test_a_known_size(model: CapsuleModel, estimator: Any) -> None:
+def test_a_known_size(model: CapsuleModel) -> None:
     """A known size determines the bones, regardless of the size found in this frame."""
-    hand = tracked_hand(track(model, estimator, size=1.08), estimator, EMPTY, smooth=True, surface=False)
+    hand = tracked_hand(track(model, size=1.08), model, smooth=True, surface=False)
     np.testing.assert_allclose(hand.bones, 1.08 * model.skeleton.bones)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_surface(model: CapsuleModel, estimator: Any, side: Side) -> None:
+def test_surface(model: CapsuleModel, side: Side) -> None:
     """The surface surrounds the reported joints."""
-    hand = tracked_hand(track(model, estimator, side), estimator, EMPTY, smooth=True, surface=True)
+    hand = tracked_hand(track(model, side), model, smooth=True, surface=True)
     assert hand.capsules is not None
     ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])
     nearest = np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)
     assert np.median(nearest) < 10 and (hand.capsules.radius_a > 0).all()
 
 
-def test_confidence_and_error_are_of_the_reported_pose(model: CapsuleModel, estimator: Any, image: np.ndarray) -> None:
+def test_confidence_and_error_are_of_the_reported_pose(model: CapsuleModel, image: np.ndarray) -> None:
     """A smoothed pose apart from the fit, a covered hand and a hand without readings are less certain."""
     covered = image.copy()
     covered[:, : int(np.median(np.argwhere(image < 1000)[:, 1]))] = 400
 
     def judged(readings: np.ndarray, smooth: bool = False, **options: float) -> tuple[float, float]:
-        hand = tracked_hand(track(model, estimator, **options), estimator, readings, smooth=smooth, surface=False)
+        hand = tracked_hand(track(model, readings=readings, **options), model, smooth=smooth, surface=False)
         return hand.confidence, hand.error_mm
 
     whole, error = judged(image)
@@ -115,7 +109,7 @@ def test_confidence_and_error_are_of_the_reported_pose(model: CapsuleModel, esti
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_the_error_of_each_finger(model: CapsuleModel, estimator: Any, image: np.ndarray, side: Side) -> None:
+def test_the_error_of_each_finger(model: CapsuleModel, image: np.ndarray, side: Side) -> None:
     """What covers the thumb raises its expected error most; a left hand in a mirrored image has the same."""
     places = model.joints(variables(model)[None])[0] + NYU.unproject(CENTER)
     tip = np.rint(NYU.project(places[model.skeleton.joint_names.index("thumb_tip")])).astype(int)
@@ -123,22 +117,19 @@ def test_the_error_of_each_finger(model: CapsuleModel, estimator: Any, image: np
     covered[tip[1] - 15 : tip[1] + 15, tip[0] - 15 : tip[0] + 15] = 400
 
     def errors(readings: np.ndarray) -> np.ndarray:
-        if side == "right":
-            return tracked_hand(
-                track(model, estimator), estimator, readings, smooth=False, surface=False
-            ).finger_error_mm
-        one, middle = track(model, estimator, "left"), 2 * NYU.u0
-        seen = replace(one.best.estimate, center_uvd=CENTER * (-1, 1, 1) + (middle, 0, 0))
-        one.best.estimate = one.sides["left"].estimate = seen
-        columns = np.rint(middle - np.arange(NYU.width)).astype(int).clip(0, NYU.width - 1)
-        return tracked_hand(one, estimator, readings[:, columns], smooth=False, surface=False).finger_error_mm
+        center, middle = CENTER, 2 * NYU.u0
+        if side == "left":
+            columns = np.rint(middle - np.arange(NYU.width)).astype(int).clip(0, NYU.width - 1)
+            readings, center = readings[:, columns], CENTER * (-1, 1, 1) + (middle, 0, 0)
+        one = track(model, side, readings=readings, center_uvd=center)
+        return tracked_hand(one, model, smooth=False, surface=False).finger_error_mm
 
     whole, worse = errors(image), errors(covered)
     assert whole.shape == (5,) and (whole > 0).all()
     assert worse[0] > 1.3 * whole[0] and (worse[1:] < 1.1 * whole[1:]).all()
 
 
-def test_errors_that_were_not_measured(model: CapsuleModel, estimator: Any, image: np.ndarray) -> None:
+def test_errors_that_were_not_measured(model: CapsuleModel, image: np.ndarray) -> None:
     """Confidence and expected error are those of the fit, that is unknown, without a table of the network's errors."""
-    hand = tracked_hand(track(model, estimator, error_mm=np.nan), estimator, image, smooth=True, surface=False)
+    hand = tracked_hand(track(model, error_mm=np.nan, readings=image), model, smooth=True, surface=False)
     assert np.isnan(hand.error_mm) and hand.confidence == 0.9 and np.isnan(hand.finger_error_mm).all()

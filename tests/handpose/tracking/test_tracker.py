@@ -14,6 +14,7 @@ from handpose.estimate.predictor import Predictor
 from handpose.frames.cameras import ICVL, NYU
 from handpose.frames.images import UnitError
 from handpose.frames.recording import DepthFrame
+from handpose.tracking import pose_estimator
 from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.reasons import NO_HAND
 from handpose.tracking.track import LEFT, LostHand, TrackedFrame, TrackedHand, joints_of
@@ -193,42 +194,29 @@ def test_what_becomes_of_a_hand(shown: Take, begun: Callable[[], Tracker]) -> No
 def test_what_does_not_look_like_a_hand_is_dropped(
     shown: Take, begun: Callable[[], Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A hand is dropped after some frames that do not look like one, even if the fit is certain.
-
-    The locator alone drops no hand whose score is low.
-    """
+    """A pose whose confidence by the frame is low is none, and the hand is lost when its credit is used up."""
     tracker = begun()
-    monkeypatch.setattr(tracker.detector, "probability", lambda depth, middle: 0.0)
+    (track,) = tracker.tracks
     monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
-    assert all(tracker.step(frame).hands for frame in shown.frames[6:12])
-    tracker = begun()
-    monkeypatch.setattr(tracker.detector, "probability", lambda depth, middle: 0.0)
-    monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
-    monkeypatch.setattr(Hand, "rejection_score", 120.0)
-    reported = [tracker.step(frame) for frame in shown.frames[6:24]]
-    assert reported[0].hands and not reported[-1].hands
-    assert reported[-1].lost[0].reason.startswith(NO_HAND)
 
+    def doubtful(hands: list[Hand], readings: np.ndarray) -> list[Hand]:
+        return [dataclasses.replace(hand, quality=(60.0, 0.2)) for hand in hands]
 
-def test_what_is_never_trusted_is_dropped(
-    shown: Take, begun: Callable[[], Tracker], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A hand that was reported without confidence for more than a second is lost, and its place is skipped."""
-    tracker = begun()
-    skipped: list[np.ndarray] = []
-    monkeypatch.setattr(tracker.detector, "reject", lambda place, time: skipped.append(place))
-    monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
-    tracker.tracks[0].trusted -= 1.1
-    reported = tracker.step(shown.frames[6])
-    assert not reported.hands and [lost.id for lost in reported.lost] == [0]
-    assert np.linalg.norm(skipped[0] - shown.truth[6].hands[0].origin_mm) < 100
+    monkeypatch.setattr(pose_estimator, "judge", doubtful)
+    assert tracker.step(shown.frames[6]).lost[0].reason == f"{NO_HAND} (confidence 20%)"
+    for frame in shown.frames[7:24]:
+        reported = tracker.step(frame)
+        assert not reported.hands and reported.lost[0].reason
+        assert track.is_tracked == (track.credit > 0)
+    assert not track.is_tracked
 
 
 def test_after_a_gap_in_time(shown: Take, begun: Callable[[], Tracker]) -> None:
-    """The hand's position is unknown: it is lost, with that reason, until it is found again."""
+    """A hand that is not at its place after a gap is lost at once, until it is found again."""
     tracker = begun()
     reported = tracker.step(DepthFrame(99, 9.0, np.full((240, 320), 1500, np.float32)))
-    assert not reported.hands and reported.lost[0].reason == "no frame for 8.7 s, and not found again"
+    assert not reported.hands and not tracker.tracks
+    assert reported.lost[0].reason.startswith("only background at its last position")
     for n in range(20):
         reported = tracker.step(DepthFrame(100 + n, 9.1 + n / RATE, shown.frames[n].depth))
         if reported.hands:
@@ -278,22 +266,6 @@ def test_both_hands_are_found_at_once(two: Take, predictor: Predictor, apart: fl
     frames = [frame._replace(time=apart * n) for n, frame in enumerate(two.frames[first : first + 6 : 2])]
     for reported in Tracker(predictor).follow(frames):
         assert {hand.hand for hand in reported.hands} == {"right", "left"}
-
-
-def test_a_second_hand_is_taken_to_be_as_large(two: Take, predictor: Predictor) -> None:
-    """A second hand uses the first one's size until its own is known."""
-    tracker = Tracker(predictor, smooth=False)
-    for frame in two.frames:
-        reported = tracker.step(frame)
-        if len(reported.hands) == 2 and reported.hands[1].id == 1 and tracker.known[1].size is None:
-            break
-    else:
-        pytest.fail("no second hand whose size is not known yet")
-    tracker.known[0].size = 0.97
-    later = two.frames[two.frames.index(frame) + 1]
-    by_id = {hand.id: hand for hand in tracker.step(later).hands}
-    np.testing.assert_allclose(by_id[1].bones, 0.97 * predictor.skeleton.bones, rtol=2e-3)
-    assert tracker.known[1].size is None
 
 
 def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
