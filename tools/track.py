@@ -47,7 +47,7 @@ from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import MAX_HANDS
 from netlib.errors import DataError
 from tools.common import findings, hand_arguments
-from tools.common.arguments import add_engine, count, parser_of, positive_number, whole
+from tools.common.arguments import add_engine, count, parser_of, positive_number, seed, whole
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
@@ -65,6 +65,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
     parser.add_argument("--size", type=_size, metavar="S", help="relative to the skeleton (default: estimated)")
     hand_arguments.add_min_confidence(parser)
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of random starts (default: %(default)s)")
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
     add_engine(parser)
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         seen = inspect(recording)
         print_inspection(seen, talk)
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine,
-                                   min_confidence=args.min_confidence)
+                                   min_confidence=args.min_confidence, seed=args.seed)
         if args.look is not None:
             return findings.draw_first(seen, predictor, args.look)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args),

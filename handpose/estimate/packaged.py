@@ -105,19 +105,19 @@ def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> L
 def load_predictor(
     camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "either", refine: int = 3,
     fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
-    min_confidence: float = MIN_CONFIDENCE,
+    min_confidence: float = MIN_CONFIDENCE, seed: int = 0,
 ) -> Predictor:
-    """A predictor with a packaged model; for the options see ``Predictor``. Raises NetlibError."""
+    """A predictor with a packaged model; for the options see ``Predictor`` and ``DepthFitter``. Raises NetlibError."""
     check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence)
     card = read_card(folder)
     return predictor_of(checked_net(card), checked_content(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
-                        fit=fit, engine=engine, min_confidence=min_confidence)
+                        fit=fit, engine=engine, min_confidence=min_confidence, seed=seed)
 
 
 def predictor_of(
     model: str | Path, weights: str | Path | Content, camera: Camera, *, cube_mm: float | None = None,
     hand: SoughtSide | None = None, refine: int = 3, fit: Fit | None = None, engine: str | None = None,
-    min_confidence: float = MIN_CONFIDENCE,
+    min_confidence: float = MIN_CONFIDENCE, seed: int = 0,
 ) -> Predictor:
     """A predictor with any net and its weights. Raises NetlibError.
 
@@ -133,7 +133,7 @@ def predictor_of(
     hand = hand or ("right" if fit == "no" else "either")
     layer, fitter = hand_layer(net), None
     if fit != "no" and layer is not None:
-        fitter = DepthFitter.of_file(layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2)
+        fitter = DepthFitter.of_file(layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2, seed=seed)
     return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, fitter=fitter,
                      locator=functools.partial(load_locator, engine=engine), min_confidence=min_confidence)
 

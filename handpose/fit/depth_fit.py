@@ -86,27 +86,29 @@ class DepthFitter:
 
     errors   of the network that predicts the starts; by default those of an unknown network
     weights  of the terms
+    seed     of the drawn starts
     """
 
     def __init__(
-        self, model: CapsuleModel, errors: NetworkErrors | None = None, weights: Weights | None = None
+        self, model: CapsuleModel, errors: NetworkErrors | None = None, weights: Weights | None = None, seed: int = 0
     ) -> None:
-        self.model = model
+        self.model, self.seed = model, seed
         self.errors = errors or unknown_errors(self.model)
         self.objective = Objective(self.model, weights or Weights(), self.errors.poses)
         self.precision = np.linalg.inv(self.errors.limbs)
 
     @classmethod
     def of_file(
-        cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, weights: Weights | None = None
+        cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, weights: Weights | None = None,
+        seed: int = 0,
     ) -> DepthFitter:
         """A fitter for crops of two such units, with the network's errors of a weights file. Raises DataError."""
         model = CapsuleModel(skeleton, unit_mm)
-        return cls(model, read_errors(path, model), weights)
+        return cls(model, read_errors(path, model), weights, seed)
 
     def fit(
         self, seen: Observation, starts: Sequence[Array], plan: Plan, *, size: float | Array | None = None,
-        before: Array | None = None, seed: int = 0,
+        before: Array | None = None,
     ) -> DepthFit:
         """Fit every frame and return the best fits. Raises DataError.
 
@@ -116,7 +118,6 @@ class DepthFitter:
         starts  x (N, V) predicted in the crops, one array for each quarter turn of the plan
         size    of the body, one or (N,), if it is known
         before  x (N, V) expected from earlier frames: one more start, with a prior about itself; NaN without
-        seed    of the drawn starts
         """
         model = self.model
         if len(starts) != len(plan.quarters):
@@ -132,7 +133,7 @@ class DepthFitter:
             priors.append(np.where(unknown, first, self._expected(before))[None])
             cost_factors.append(np.where(unknown, np.inf, STAY).T)
         if plan.draws:
-            tried.append(drawn(model, first, self.errors.limbs, plan.draws, seed))
+            tried.append(drawn(model, first, self.errors.limbs, plan.draws, self.seed))
             priors.append(np.tile(first, (plan.draws, 1, 1)))
             cost_factors.append(np.ones((plan.draws, len(seen))))
         found = self._searched(

@@ -47,9 +47,9 @@ SAME_MM = 70.0  # palms closer together are the same hand
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
 
 
-def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tracker:
-    """A tracker with the packaged weights; for the options see ``Tracker``. Raises NetlibError."""
-    return Tracker(load_predictor(camera, fit=fit), **options)  # type: ignore[arg-type]
+def load_tracker(camera: Camera, *, fit: Fit = "fast", seed: int = 0, **options: object) -> Tracker:
+    """A tracker with the packaged weights; ``seed`` of its fits, other options as ``Tracker``. Raises NetlibError."""
+    return Tracker(load_predictor(camera, fit=fit, seed=seed), **options)  # type: ignore[arg-type]
 
 
 class Tracker:

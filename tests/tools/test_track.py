@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from handpose.estimate.predictor import Predictor
+from handpose.fit import depth_fit
 from handpose.frames.cameras import ICVL
 from handpose.frames.opening import open_recording
 from handpose.frames.recording import DepthFrame
@@ -297,3 +298,14 @@ def test_no_source() -> None:
     ):
         assert run_tool("track", source, status=1).err.startswith(line)
     assert files() == []
+
+
+def test_a_seed_repeats_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The random starts have the given seed, and a second run gives the same track, to the last digit."""
+    seeds, draw = [], depth_fit.drawn
+    monkeypatch.setattr(depth_fit, "drawn", lambda *args: seeds.append(args[-1]) or draw(*args))
+    documents = []
+    for _ in range(2):
+        run_tool("track", "takes/take.npz", "--seed", "7", "--json", "t.json")
+        documents.append(json.loads(Path("t.json").read_text(encoding="utf-8")))
+    assert documents[0] == documents[1] and set(seeds) == {7}
