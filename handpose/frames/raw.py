@@ -1,7 +1,7 @@
 """From stored values to depth, for all sources: byte order, unit, holes, size, lens.
 
-calibration = calibration_of(given, own, camera_json, raw.shape, raw.dtype, "take.mkv")   # by order of precedence
-decode = calibration.decoder("take.mkv")
+calibration = calibration_of(given, own, camera_json, raw.shape, raw.dtype, "take.bag")   # by order of precedence
+decode = calibration.decoder("take.bag")
 decode(raw)                                                                               # (height, width) mm
 """
 

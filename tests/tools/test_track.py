@@ -172,7 +172,7 @@ def test_which_hand_is_known(hand: str) -> None:
 
 @pytest.mark.parametrize(
     ("source", "name"),
-    [("takes/wave.mkv", "wave"), ("takes/wave", "wave"), ("takes/wave/", "wave"), ("takes/*.png", "takes"),
+    [("takes/wave.bag", "wave"), ("takes/wave", "wave"), ("takes/wave/", "wave"), ("takes/*.png", "takes"),
      ("takes/left_*.png", "left"), ("realsense", "realsense"), ("takes/a b;c.npz", "a_b_c"),
      ("camera.npz", "camera_track"), (".", "here"), ("../here", "here")],
 )

@@ -64,10 +64,10 @@ def test_nothing_is_asked() -> None:
     """Without output options nothing is written, unless default names are set from the source."""
     assert written() == [] and list(Path().iterdir()) == []
     parser = argparse.ArgumentParser()
-    args = argparse.Namespace(**vars(parsed()), source="takes/wave.mkv")
+    args = argparse.Namespace(**vars(parsed()), source="takes/wave.bag")
     settle_outputs(args, parser)
     assert (args.json, args.sheet, args.csv, args.video) == ("wave.json", "wave.png", None, None)
-    named = argparse.Namespace(**vars(parsed("--rerun")), source="takes/wave.mkv")
+    named = argparse.Namespace(**vars(parsed("--rerun")), source="takes/wave.bag")
     settle_outputs(named, parser)
     assert named.json is None and named.sheet is None
 

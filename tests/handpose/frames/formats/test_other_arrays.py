@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 
@@ -208,16 +207,6 @@ def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert line.startswith("arrays 'foo', 'color', 'notes' are not used; ") and line.endswith("(docs/camera.md)")
     many = opened(tmp_path, **{f"a{i}": i for i in range(12)})
     assert "'a7' and 4 more are not used" in many.warnings[0]
-
-
-def test_hdf5(tmp_path: Path) -> None:
-    """Data sets and attributes, in one file."""
-    with h5py.File(tmp_path / "take.h5", "w") as file:
-        file["depth"], file["timestamps_ms"], file["K"], file["foo/bar"] = DEPTH, 1000 * SECONDS, MATRIX, 1
-        file.attrs["depth_scale"] = 0.0005
-    recording = open_stack(tmp_path / "take.h5")
-    assert (recording.camera.fx, recording.unit_mm) == (60, pytest.approx(0.5))
-    assert times_of(recording) == pytest.approx(SECONDS) and "array 'foo' is not used" in recording.warnings[0]
 
 
 @bad_inputs(DataError, {
