@@ -2,8 +2,8 @@
 
 PATH is a .bag, a .db3, an .mcap or a folder of ROS 2; PATH#TOPIC selects the images if several topics have depth.
 
-Messages are read as the ROS types of their topics. A bag also contains definitions, from which the library
-would generate code: they are ignored.
+Messages are read as the ROS types of their topics. A bag also contains definitions of types, from which rosbags'
+AnyReader generates code and runs it; the readers of ROS 1 and 2 that are used here ignore them.
 """
 
 from __future__ import annotations
@@ -18,15 +18,14 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.formats import ros_limits
 from handpose.frames.formats import ros_messages as messages
-from handpose.frames.formats.contained import Contained
 from handpose.frames.raw import Calibration, calibration_of
-from handpose.frames.recording import CameraInfo, Recording
+from handpose.frames.recording import CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
+MAX_DISTANCE_BACK = 1.0  # s; a larger step back means that the clock was set
 REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` repairs it"
 
 
@@ -51,22 +50,13 @@ class Bag(NamedTuple):
         return found
 
     def messages(self, topic: str, *kinds: str) -> Iterator[tuple[int, Any]]:
-        """The time of recording in nanoseconds of each message of a topic, and the message.
+        """The time of recording in nanoseconds of each message of a topic, of some types, and the message.
 
-        ``kinds`` are the allowed types: a bag may have several connections for one topic, with different types. Raises
-        DataError for messages of more than one of them, and rosbags' errors.
+        Raises rosbags' errors.
         """
         connections = [one for one in self.reader.connections if one.topic == topic and one.msgtype in kinds]
-        there = sorted({one.msgtype for one in connections if one.msgcount})
-        if len(there) > 1:
-            raise DataError(f"{self.where}: {topic}: messages of {len(there)} types, {', '.join(there)}; expected one")
-        ids = {one.id for one in connections}
-        with ros_limits.named_limits():
-            for connection, time, content in self.reader.messages(connections=connections) if connections else ():
-                if connection.id not in ids:
-                    raise ValueError(f"the index leads to a message of {connection.topic}, {connection.msgtype}")
-                ros_limits.check_message(content)
-                yield time, self._message(content, connection.msgtype)
+        for connection, time, content in self.reader.messages(connections=connections) if connections else ():
+            yield time, self._message(content, connection.msgtype)
 
     def _message(self, content: bytes, kind: str) -> Any:
         store = _types(self.is_ros1)
@@ -103,13 +93,10 @@ def _opened(path: Path) -> Iterator[Bag]:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
         raise NetlibError(f"rosbags is missing: pip install rosbags ({reason_of(error)})") from error
-    ros_limits.check_files(path)
-    ros_limits.limit_reading()
     is_ros1 = path.suffix.lower() == ".bag" and not path.is_dir()
     try:
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)
-        with ros_limits.limited_rows(), ros_limits.named_limits():
-            reader.open()
+        reader.open()
     except Exception as error:  # for a damaged bag the library may raise any exception
         if system := system_error_of(error):
             raise DataError(f"{path}: cannot read the bag: {reason_of(system)}") from error
@@ -134,14 +121,37 @@ def open_bag(path: Path, given: CameraInfo) -> Recording:
         return _BagRecording(path, calibration, topic, bag.topics(*messages.IMAGES)[topic])
 
 
-class _BagRecording(Contained):
-    """The images of one topic."""
+class _BagRecording(Recording):
+    """The images of one topic, until the end of the bag or of its intact part. Every iteration opens it again."""
 
     def __init__(self, path: Path, calibration: Calibration, topic: str, count: int) -> None:
-        super().__init__(path, calibration, count)
-        self._topic = topic
+        self.name, self.count = str(path), count
+        self.camera, self.unit_mm, self.rate = calibration.camera, calibration.unit_mm, calibration.rate
+        self.remarks = self._assumed = calibration.remarks
+        self._path, self._topic, self._decode = path, topic, calibration.decoder(self.name)
+
+    def __iter__(self) -> Iterator[DepthFrame]:
+        self.cut, self.remarks = "", self._assumed
+        clock = Clock(self.name)
+        number = -1
+        try:
+            for number, (time, raw) in enumerate(self._stored()):
+                seconds = clock(time)
+                if seconds is not None:
+                    yield DepthFrame(number, seconds, self._decode(raw, f"{self.name}: frame {number}"))
+        except NetlibError:
+            raise
+        except Exception as error:  # for a damaged bag the library may raise any exception
+            if system := system_error_of(error):
+                raise DataError(f"{self.name}: cannot read the frames: {reason_of(system)}") from error
+            if number < 0:
+                raise DataError(f"{self.name}: not one frame can be read: {reason_of(error)}") from error
+            self.cut = f"damaged or cut after frame {number}: {reason_of(error)}"
+        if clock.late:
+            self.remarks += (f"frames left out because they are not later than the one before: {clock.late}",)
 
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
+        """Seconds by the images' clock, or if they have none by the bag's, and stored values."""
         with _opened(self._path) as bag:
             first = None
             for received, image in bag.messages(self._topic, *messages.IMAGES):
@@ -151,6 +161,33 @@ class _BagRecording(Contained):
                     first = taken if stamped else received
                 seconds = ((taken if stamped else received) - first) / 1e9
                 yield seconds, messages.values_of(image, f"{self.name}: {self._topic}")
+
+
+class Clock:
+    """Seconds since the first frame; raises DataError where the clock was set back or forward.
+
+    late  number of frames that were not later than the one before them
+    """
+
+    def __init__(self, where: str) -> None:
+        self.late = 0
+        self._where = where
+        self._first: float | None = None
+        self._last = 0.0
+
+    def __call__(self, time: float) -> float | None:
+        """The time of a frame; None if it is not later than the one before."""
+        if self._first is None:
+            self._first = self._last = time
+            return 0.0
+        if time < self._last - MAX_DISTANCE_BACK:
+            raise DataError(f"{self._where}: the clock goes back from {self._last:.3f} s to {time:.3f} s; "
+                            "expected one recording")
+        if time - self._first <= self._last - self._first:
+            self.late += 1
+            return None
+        self._last = time
+        return time - self._first
 
 
 def _depth_topic(bag: Bag, asked: str) -> str:

@@ -1,8 +1,8 @@
 """ROS messages of depth cameras: images, raw or compressed, and the camera's parameters.
 
 A CompressedImage on a topic IMAGE/compressed has the bytes of a PNG or TIFF of 16 bits. On IMAGE/compressedDepth, 12
-bytes precede a PNG: an unused number, then A and B, both float32; or they precede width, height and an RVL image. For
-32FC1 a stored value v > 0 is A / (v - B) metres (compressed_depth_image_transport, codec.cpp).
+bytes precede a PNG: an unused number, then A and B, both float32. For 32FC1 a stored value v > 0 is A / (v - B) metres
+(compressed_depth_image_transport, codec.cpp).
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import Camera
-from handpose.frames.formats import rvl
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
@@ -30,7 +29,6 @@ ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 # Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their unit elsewhere.
 UNITS_MM = {"16UC1": 1.0, "32FC1": 1000.0}
 HEADER = struct.Struct("<iff")  # of a compressedDepth
-RVL_SIZE = struct.Struct("<II")  # width and height, before an RVL image
 PICTURES = (pictures.PNG, b"II*\0", b"MM\0*")  # beginnings of a PNG and of TIFFs
 GREY_16 = b"\x10\x00"  # bits and type of colours in the header of a PNG
 
@@ -78,13 +76,10 @@ def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
     content = bytes(message.data)
     has_header = not content.startswith(PICTURES)
     picture = content[HEADER.size :] if has_header else content
-    if picture.startswith(PICTURES):
-        values = pictures.decode(picture, cv2.IMREAD_UNCHANGED, where)
-    elif str(message.format).strip().endswith("rvl"):
-        values = _rvl(picture, where)
-    else:
+    if not picture.startswith(PICTURES):
         raise DataError(f"{where}: compressed depth of the format {message.format!r}; expected a PNG or TIFF of 16 "
-                        "bits, or RVL")
+                        "bits (of RVL, `ros2 run image_transport republish` makes raw images)")
+    values = pictures.decode(picture, cv2.IMREAD_UNCHANGED, where)
     if encoding == "32FC1" and values.dtype == np.float32 and values.ndim == 2:
         return values
     if values.dtype != np.uint16 or values.ndim != 2:
@@ -100,17 +95,6 @@ def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
     with np.errstate(all="ignore"):  # a value next to B is infinitely far away, which counts as no reading
         metres = np.float32(a) / (values.astype(np.float32) - np.float32(b))
     return np.where(values > 0, metres, np.float32(0))
-
-
-def _rvl(content: bytes, where: str) -> NDArray[Any]:
-    """The values of an RVL image with its size in front. Raises DataError."""
-    width, height = RVL_SIZE.unpack_from(content) if len(content) >= RVL_SIZE.size else (0, 0)
-    if not 0 < width * height <= pictures.MAX_PIXELS:
-        raise DataError(f"{where}: {width} x {height} pixels; expected those of a depth camera")
-    try:
-        return rvl.decompress(content[RVL_SIZE.size :], height, width)
-    except ValueError as error:
-        raise DataError(f"{where}: {error}") from None
 
 
 def nanoseconds_of(message: Any) -> int:
