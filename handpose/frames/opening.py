@@ -13,7 +13,7 @@ from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
 
-STACKS, BAGS, PICTURES = (".npy", ".npz"), (".bag", ".db3", ".mcap"), (".png", ".tif", ".tiff", ".bin")
+STACKS, BAGS, PICTURES = (".npy", ".npz"), (".bag", ".db3", ".mcap"), (".png", ".tif", ".tiff")
 LIVE = ("realsense", "orbbec", "oak", "ros2")
 EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *BAGS))}, or a camera that is "
             "connected: realsense, orbbec or oak, each with or without :SERIAL, or ros2:TOPIC")
