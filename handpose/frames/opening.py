@@ -6,7 +6,6 @@ with open_recording("frames") as recording:      # a folder, frames/left_*.png, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
@@ -14,9 +13,9 @@ from netlib.errors import DataError
 from netlib.files.paths import exists
 
 STACKS, BAGS, PICTURES = (".npy", ".npz"), (".bag", ".db3", ".mcap"), (".png", ".tif", ".tiff")
-LIVE = ("realsense", "orbbec", "oak", "ros2")
+LIVE = "realsense"
 EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *BAGS))}, or a camera that is "
-            "connected: realsense, orbbec or oak, each with or without :SERIAL, or ros2:TOPIC")
+            "connected: realsense or realsense:SERIAL")
 
 FROM_VIDEO = (  # also of the videos that tools/record.py wrote: their tag CAMERA is a camera.json
     "import av, cv2, os; os.mkdir('frames'); v = av.open({name!r}); "
@@ -38,9 +37,11 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
     Raises DataError, and NetlibError if the source needs a package that is missing.
     """
     name, path = str(source), Path(source)
-    if (kind := name.partition(":")[0]) in LIVE and not exists(path):
+    if name.partition(":")[0] == LIVE and not exists(path):
+        from handpose.frames.formats.realsense import open_live
+
         _refuse_time_unit(name, given)
-        return _live(kind)(name.partition(":")[2] or None, given)
+        return open_live(name.partition(":")[2] or None, given)
     file = path if exists(path) else Path(name.partition("#/")[0])  # a bag's topic may follow
     suffix = file.suffix.lower()
     if exists(file) and file.is_dir():
@@ -64,25 +65,6 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
 
         return open_folder(path, given)
     raise DataError(f"{source}: not a recording; expected {EXPECTED}")
-
-
-def _live(kind: str) -> Callable[[str | None, CameraInfo], Recording]:
-    """The function that opens a camera of this kind."""
-    if kind == "realsense":
-        from handpose.frames.formats import realsense
-
-        return realsense.open_live
-    if kind == "orbbec":
-        from handpose.frames.formats import orbbec
-
-        return orbbec.open_live
-    if kind == "oak":
-        from handpose.frames.formats import oak
-
-        return oak.open_live
-    from handpose.frames.formats import ros2
-
-    return ros2.open_live
 
 
 def _refuse_time_unit(source: str, given: CameraInfo) -> None:
