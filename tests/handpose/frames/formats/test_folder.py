@@ -30,7 +30,7 @@ def test_frames_by_number(folder: Path) -> None:
     assert [frame.depth[20, 30] for frame in frames] == [500.5, 501, 502]
     assert recording.remarks == (
         "frames in the order of the numbers in their names; numbers missing between 1 and 4: 1, which stay gaps in "
-        "time", "camera own, by --camera")
+        "time (--time-unit if they are times)", "camera own, by --camera")
 
 
 def test_the_rate_is_assumed_and_said(folder: Path) -> None:
@@ -62,13 +62,6 @@ def test_a_given_unit_of_the_times(tmp_path: Path) -> None:
     assert [frame.time for frame in open_folder(tmp_path, given)] == [0, 0.1, 0.2]
     counted = open_folder(tmp_path, replace(GIVEN, rate=100.0, time_unit="frames"))
     assert [frame.time for frame in counted] == [0, 1, 2]
-
-
-def test_ms_of_a_camera_in_names(tmp_path: Path) -> None:
-    """Fractional ms of a camera's clock are times."""
-    for i in range(4):
-        put(tmp_path / f"{51234.5 + 33.3333 * i:.4f}.png", hand_sized())
-    assert [frame.time for frame in open_folder(tmp_path, GIVEN)] == pytest.approx([i / 30 for i in range(4)], abs=1e-6)
 
 
 def test_a_pattern_and_a_name(tmp_path: Path) -> None:
