@@ -2,7 +2,7 @@
 """Track hands in a depth recording: joints, angles, handedness and confidence for every frame.
 
     python tools/track.py takes/wave --json wave.json --video wave.mp4
-    python tools/track.py take.bag --bvh wave.bvh --csv wave.csv --sheet wave.png
+    python tools/track.py take.bag --csv wave.csv --sheet wave.png
     python tools/track.py "frames/left_*.png" --camera sr305 --json left.json
     python tools/track.py realsense --json - | my_program
     python tools/track.py realsense --serve

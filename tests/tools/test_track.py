@@ -144,13 +144,13 @@ def test_the_minimum_confidence(options: list[str], expected: list[int], monkeyp
                 for item, frame in release(self, count)]
 
     monkeypatch.setattr(TwoWaySmoothing, "_release", doubtful)
-    done = run_tool("track", "takes/take.npz", "--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh", *options)
+    done = run_tool("track", "takes/take.npz", "--json", "a.json", "--csv", "a.csv", *options)
     frames = read_track("a.json").frames
     assert [frame.number for frame in frames if frame.hands] == expected
     assert [frame.number for frame in frames if frame.lost] == [n for n in range(COUNT) if n not in expected]
     rows = [line.split(",") for line in Path("a.csv").read_text().splitlines()[1:]]
     assert [int(row[0]) for row in rows if not row[4] and row[-1]] == expected
-    assert len(rows) == COUNT and Path("a_right_0.bvh").exists()
+    assert len(rows) == COUNT
     summary = f"{COUNT - len(expected)} frames have a hand with a confidence below"
     assert (summary in done.out) == (len(expected) < COUNT)
 
@@ -213,9 +213,10 @@ def test_a_first_look_at_hands_that_are_not_sure(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize(
     "argv",
-    [["--json", "a.txt"], ["--csv", "a.json"], ["--bvh", "a.fbx"], ["--video", "a.avi"], ["--sheet", "a.pdf"],
+    [["--json", "a.txt"], ["--csv", "a.json"], ["--video", "a.avi"], ["--sheet", "a.pdf"],
      ["--rerun", "a.json"], ["--look", "a.txt"], ["--hand", "both"],
-     ["--hands", "0"], ["--joints", "smpl"], ["--joints", "mano", "--bvh", "a.bvh"], ["--gestures", "--bvh", "a.bvh"],
+     ["--hands", "0"], ["--joints", "smpl"],
+     ["--joints", "mano", "--sheet", "a.png"], ["--gestures", "--sheet", "a.png"],
      ["--frames", "0"], ["--size", "0"], ["--min-confidence", "1.1"], ["--min-confidence", "-1"], ["--fit", "no"],
      ["--serve", "x"], ["--serve", ":80"], ["--serve", "a:65536"],
      ["--serve", "a:-1"], ["--udp", "a"], ["--udp", "a:0"], ["--look", "a.png", "--serve"]],
@@ -230,12 +231,11 @@ def test_wrong_usage(argv: list[str]) -> None:
 def test_a_signal_leaves_whole_files(number: int, status: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A signal leaves complete files up to the current frame, and the summary is printed."""
     stopped_at(monkeypatch, 3, lambda: signal.raise_signal(number))
-    outputs = ["--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh"]
+    outputs = ["--json", "a.json", "--csv", "a.csv"]
     _, out, error = run_tool("track", "takes/take.npz", *outputs, status=status)
     found = read_track("a.json")
     assert found.cut and [frame.number for frame in found.frames] == [0, 1, 2, 3]
-    assert files() == ["a.csv", "a.json", "a_right_0.bvh"] and Path("a.csv").read_text().endswith("\n")
-    assert "Frames: 4" in Path("a_right_0.bvh").read_text()
+    assert files() == ["a.csv", "a.json"] and Path("a.csv").read_text().endswith("\n")
     assert error == "stopped after 4 frames\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
 
 

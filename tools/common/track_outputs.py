@@ -37,7 +37,7 @@ from tools.common.arguments import name_in
 from tools.common.console import say
 from tools.common.hand_arguments import add_joints_option
 
-FILES = ("json", "csv", "bvh")
+FILES = ("json", "csv")
 DRAWN = ("video", "sheet", "rerun")
 LIVE = ("serve", "udp")
 LOCAL = "127.0.0.1"
@@ -51,8 +51,6 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
                         help="joints, angles, crops: .json, .jsonl (one line per frame), or - for such lines on "
                              "standard output")
     parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="one row per frame and hand")
-    parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
-                        help="bones and angles for Blender and other programs; one file per hand")
     add_joints_option(parser, "in --json in addition to NYU's, in --csv instead")
     parser.add_argument("--gestures", action="store_true",
                         help="gesture of each hand and its confidence, in --json and --csv")
@@ -143,7 +141,7 @@ class Outputs:
         self._view = RerunView(header, Path(args.rerun) if args.rerun else None) if args.rerun is not None else None
         self._live = LiveOutput(args, header, live) if _given(args, *LIVE) else None
         self._writers: list[TrackWriter] = [
-            open_writer(path, header, rate, args.joints, args.gestures) for path in _given(args, *FILES)
+            open_writer(path, header, args.joints, args.gestures) for path in _given(args, *FILES)
         ]
         self._open: list[TrackWriter | VideoFile | RerunView | LiveOutput] = []
         self.written: list[str] = []
