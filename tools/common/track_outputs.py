@@ -1,4 +1,4 @@
-"""Outputs of tracking: files of joints and angles, a video, a contact sheet, Rerun's viewer, and live output."""
+"""Outputs of tracking: files of joints and angles, a video, a contact sheet, and live output."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from handpose import Recording
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import PICTURES, FolderRecording
-from handpose.output.drawing.rerun_view import RerunView
 from handpose.output.drawing.sheets import ContactSheet
 from handpose.output.drawing.tracks import Painter
 from handpose.output.drawing.video_file import VideoFile
@@ -38,7 +37,7 @@ from tools.common.console import say
 from tools.common.hand_arguments import add_joints_option
 
 FILES = ("json", "csv")
-DRAWN = ("video", "sheet", "rerun")
+DRAWN = ("video", "sheet")
 LIVE = ("serve", "udp")
 LOCAL = "127.0.0.1"
 TOKEN = "HANDPOSE_TOKEN"  # environment variable
@@ -58,8 +57,6 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
                         help="skeleton and surface on the depth image, and hands in space")
     parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="contact sheet of the track")
-    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=name_in(".rrd"),
-                        help="show in Rerun's viewer, or write its file")
     parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
                         help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
                              f"(default: {LOCAL}, which other machines do not reach, and any free port)")
@@ -107,7 +104,7 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
     inputs = [source, *camera_file.places_next_to(frames or source), *own]
-    for name in filter(None, _given(args, *FILES, *DRAWN, "look", "addresses")):
+    for name in _given(args, *FILES, *DRAWN, "look", "addresses"):
         outputs.refuse_inputs(name, inputs)
         place = Path(os.path.realpath(name))
         if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
@@ -123,7 +120,7 @@ def is_drawn(args: argparse.Namespace) -> bool:
 
 
 def _given(args: argparse.Namespace, *names: str) -> list[Any]:
-    """The values of those of the options that are given; --rerun without a file has the value False."""
+    """The values of those of the options that are given."""
     return [value for name in names if (value := getattr(args, name)) is not None]
 
 
@@ -138,18 +135,17 @@ class Outputs:
         self._painter = Painter(header) if args.video or args.sheet else None
         self._sheet = ContactSheet() if args.sheet else None
         self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
-        self._view = RerunView(header, Path(args.rerun) if args.rerun else None) if args.rerun is not None else None
         self._live = LiveOutput(args, header, live) if _given(args, *LIVE) else None
         self._writers: list[TrackWriter] = [
             open_writer(path, header, args.joints, args.gestures) for path in _given(args, *FILES)
         ]
-        self._open: list[TrackWriter | VideoFile | RerunView | LiveOutput] = []
+        self._open: list[TrackWriter | VideoFile | LiveOutput] = []
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
         for name in filter(None, (self._args.video, self._args.sheet)):  # created later, but checked now
             outputs.check_place(Path(name))
-        every = (*self._writers, self._video, self._view, self._live)
+        every = (*self._writers, self._video, self._live)
         named = [output for output in every if output is not None]
         with contextlib.ExitStack() as stack:
             for output in named:
@@ -183,8 +179,6 @@ class Outputs:
                 self._sheet.add(frame.time, lambda: image[painter.depth_part])
         elif painter and self._sheet:
             self._sheet.add(frame.time, lambda: painter.seen(depth, frame))
-        if self._view:
-            self._view.log(depth, frame)
         if self._live:
             self._live.write(depth, frame)
 
@@ -206,8 +200,6 @@ class Outputs:
             self.written.append(self._video.note)
         elif self._video and Path(self._args.video).exists():
             self.written.append(self._args.video)
-        if self._args.rerun:
-            self.written.append(self._args.rerun)
         if failure is not None and failure is not error:
             raise failure
 

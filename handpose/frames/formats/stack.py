@@ -70,7 +70,7 @@ class _Npy:
     names: Sequence[str] = ()
 
     def __init__(self, path: Path) -> None:
-        with _errors_of(path, "no array as NumPy writes it"), files.opened(path, WHAT):
+        with _errors_of(path, "cut, or not an array as NumPy writes it"), files.opened(path, WHAT):
             array = npy.open_memmap(path, mode="r")
         self._array = array[None] if array.ndim == 2 else array
         self.shape, self.dtype = _stack_shape(array.shape, array.dtype, str(path)), array.dtype

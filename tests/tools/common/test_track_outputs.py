@@ -68,7 +68,7 @@ def test_nothing_is_asked() -> None:
     args = argparse.Namespace(**vars(parsed()), source="takes/wave.bag")
     settle_outputs(args, parser)
     assert (args.json, args.sheet, args.csv, args.video) == ("wave.json", "wave.png", None, None)
-    named = argparse.Namespace(**vars(parsed("--rerun")), source="takes/wave.bag")
+    named = argparse.Namespace(**vars(parsed("--csv", "a.csv")), source="takes/wave.bag")
     settle_outputs(named, parser)
     assert named.json is None and named.sheet is None
 
@@ -76,7 +76,7 @@ def test_nothing_is_asked() -> None:
 @pytest.mark.parametrize(
     ("argv", "drawn"),
     [(["--json", "-"], False), (["--csv", "a.csv"], False), (["--sheet", "a.jpg"], True),
-     (["--video", "a.mp4"], True), (["--rerun"], True), (["--rerun", "a.rrd"], True)],
+     (["--video", "a.mp4"], True)],
 )
 def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
     """Only pictures and videos need the surface of the hand."""
@@ -86,8 +86,7 @@ def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
 @pytest.mark.parametrize(
     ("option", "name", "expected"),
     [("--json", "a.txt", ".json, .jsonl, -"), ("--csv", "a.json", ".csv"),
-     ("--video", "a.avi", ".mp4"), ("--sheet", "-", ".png, .jpg"), ("--rerun", "a.rec", ".rrd"),
-     ("--csv", "-", ".csv")],
+     ("--video", "a.avi", ".mp4"), ("--sheet", "-", ".png, .jpg"), ("--csv", "-", ".csv")],
 )
 def test_other_endings(option: str, name: str, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     """An unsupported suffix is a usage error."""
@@ -167,17 +166,9 @@ def test_a_video() -> None:
     assert cv2.imread("a.png") is not None
 
 
-def test_a_recording_for_rerun() -> None:
-    """A recording for Rerun is written if the package is installed."""
-    pytest.importorskip("rerun")
-    assert written("--rerun", "a.rrd") == ["a.rrd"] and Path("a.rrd").stat().st_size > 0
-
-
-@pytest.mark.parametrize("option", [("--video", "a.mp4"), ("--rerun", "a.rrd"), ("--rerun",)])
-def test_what_is_missing(option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     """A missing package is reported before any file is written."""
     monkeypatch.setitem(sys.modules, "av", None)
-    monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(NetlibError, match="is missing: pip install"):
-        written(*ALL, *option)
+        written(*ALL, "--video", "a.mp4")
     assert list(Path().iterdir()) == []

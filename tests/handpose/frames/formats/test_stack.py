@@ -149,10 +149,11 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
                   "...a.npz: an array of shape (0, 4, 5); expected (frames, ..."),
     "objects": (lambda tmp: save(tmp / "take.npz", np.full((3, 4, 5), None)),  # not unpickled
                 "...take.npz: values of type object; expected depths, of 16 bits or more"),
-    "a text file": (lambda tmp: text(tmp / "take.npy"), "...take.npy: no array as NumPy writes it: ..."),
+    "a text file": (lambda tmp: text(tmp / "take.npy"), "...take.npy: cut, or not an array as NumPy writes it: ..."),
     "a negative depth": (lambda tmp: save(tmp / "take.npy", np.where(DEPTH == 1001, -1.0, DEPTH)),
                          "...take.npy: frame 1: a depth of -0.5 mm; expected 0 where nothing was read, else more"),
-    "a cut array": (lambda tmp: cut(save(tmp / "take.npy"), 9000), "...take.npy: no array as NumPy writes it: ..."),
+    "a cut array": (lambda tmp: cut(save(tmp / "take.npy"), 9000),
+                    "...take.npy: cut, or not an array as NumPy writes it: ..."),
     "a wrong checksum": (lambda tmp: cut(archive(tmp / "take.npz", depth=DEPTH), flip=5000),
                          "...take.npz: a damaged .npz file: Bad CRC-32..."),
     "a cut archive": (lambda tmp: cut(archive(tmp / "take.npz", depth=DEPTH), 9000),
