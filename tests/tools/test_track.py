@@ -221,7 +221,7 @@ def test_a_first_look_at_hands_that_are_not_sure(monkeypatch: pytest.MonkeyPatch
      ["--joints", "mano", "--sheet", "a.png"], ["--gestures", "--sheet", "a.png"],
      ["--frames", "0"], ["--size", "0"], ["--min-confidence", "1.1"], ["--min-confidence", "-1"], ["--fit", "no"],
      ["--serve", "x"], ["--serve", ":80"], ["--serve", "a:65536"],
-     ["--serve", "a:-1"], ["--udp", "a"], ["--udp", "a:0"], ["--look", "a.png", "--serve"]],
+     ["--serve", "a:-1"], ["--look", "a.png", "--serve"]],
     ids=lambda argv: " ".join(argv),
 )
 def test_wrong_usage(argv: list[str]) -> None:

@@ -234,7 +234,7 @@ def test_frames_of_one_value(begun: Tracker, resting: Take, value: float) -> Non
 
 
 def test_all_outputs(begun: Tracker, resting: Take, tmp_path: Path) -> None:
-    """Files, and the messages sent by WebSocket and UDP, have no pose of a covered hand, and the reason."""
+    """Files, and the messages sent by WebSocket, have no pose of a covered hand, and the reason."""
     header = begun.header("a recording")
     frames = [*after(begun, resting, 1.0, 0.6, 3)]
     for name in ("t.json", "t.csv"):
@@ -245,8 +245,7 @@ def test_all_outputs(begun: Tracker, resting: Take, tmp_path: Path) -> None:
     messages = Messages(header)
     records = [messages.record(frame) for frame in frames]
     sent = [json.loads(messages.line(record)) for record in records]
-    datagrams = [json.loads(messages.datagram(record)) for record in records]
-    for written in (document["frames"], sent, datagrams):
+    for written in (document["frames"], sent):
         assert [frame["hands"] for frame in written] == [[]] * 3
         assert [lost["reason"] for frame in written for lost in frame["lost"]] == [REASON] * 3
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))

@@ -114,8 +114,7 @@ def test_no_output_has_the_joints(tmp_path: Path) -> None:
     records = [messages.record(frame) for frame in frames]
     written = json.loads((tmp_path / "t.json").read_text())["frames"]
     lines = [json.loads(line) for line in (tmp_path / "t.jsonl").read_text().splitlines()[1:]]
-    for every in (written, lines, [json.loads(messages.line(one)) for one in records],
-                  [json.loads(messages.datagram(one)) for one in records]):
+    for every in (written, lines, [json.loads(messages.line(one)) for one in records]):
         assert [len(frame["hands"]) for frame in every] == [1, 0, 0]
         assert [one["reason"] for one in every[1]["lost"]] == ["the pose is uncertain (confidence 10%)"]
         assert every[2]["refused"] == [
