@@ -19,7 +19,7 @@ from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.body.joint_formats.points import POINTS
 from netlib.files.paths import ROOT
 
-FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "openxr": "OpenXR", "mano": "MANO"}
+FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "mano": "MANO"}
 
 
 def code(name: str, *names: str) -> None:

@@ -240,10 +240,10 @@ def test_the_table_says_where_the_hand_is(frame):
     assert len(joints) == 31 and all(abs(float(line.split()[-1]) - 700) < 300 for line in joints)
 
 
-@pytest.mark.parametrize("name", ["mediapipe", "openxr", "mano", "nyu"])
+@pytest.mark.parametrize("name", ["mediapipe", "mano", "nyu"])
 def test_joints_of_another_format(frame, name):
     """With --joints JSON has the other format in addition; the table shows its joints and angles instead."""
-    count = {"mediapipe": 21, "openxr": 26, "mano": 21, "nyu": 14}[name]
+    count = {"mediapipe": 21, "mano": 21, "nyu": 14}[name]
     options = [*OWN, "frame.png", "--camera", "kinect2", *CENTER, "--out", "p", "--joints", name]
     lines = run_tool("predict", *options, "--json", "hands.json").out.splitlines()
     (found,) = hands_of(Path("hands.json").read_text())
@@ -281,7 +281,7 @@ def test_a_table_of_frames(frame):
     assert len(rows[0]) == 4 + 5 + 93
 
 
-@pytest.mark.parametrize("name", ["mediapipe", "openxr", "mano", "nyu"])
+@pytest.mark.parametrize("name", ["mediapipe", "mano", "nyu"])
 def test_a_table_of_another_format(snapshot, name):
     """For a crop the columns are those of a track, with joints relative to the crop's centre."""
     options = ["crop.png", "--out", "p", "--json", "--csv", "hands.csv", "--joints", name]

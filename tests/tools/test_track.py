@@ -113,15 +113,15 @@ def test_lines_for_another_program() -> None:
 def test_joints_of_another_format() -> None:
     """With --joints JSON has the other format in addition to the unchanged hands; CSV has it instead."""
     run_tool("track", "takes/take.npz", "--frames", "3", "--json", "plain.json")
-    options = ["--frames", "3", "--json", "a.json", "--csv", "a.csv", "--joints", "openxr"]
+    options = ["--frames", "3", "--json", "a.json", "--csv", "a.csv", "--joints", "mano"]
     run_tool("track", "takes/take.npz", *options)
     plain, found = (json.loads(Path(name).read_text()) for name in ("plain.json", "a.json"))
-    assert found.pop("joint_format")["name"] == "openxr"
+    assert found.pop("joint_format")["name"] == "mano"
     for frame in found["frames"]:
         for hand in frame["hands"]:
-            assert len(hand.pop("openxr")["positions_m"]) == 26 and len(hand.pop("anatomical_deg")) == 20
+            assert len(hand.pop("mano")["positions_m"]) == 21 and len(hand.pop("anatomical_deg")) == 20
     assert found == plain
-    assert "INDEX_TIP_qw" in Path("a.csv").read_text().splitlines()[0]
+    assert "index1_x_m" in Path("a.csv").read_text().splitlines()[0]
 
 
 def test_options() -> None:

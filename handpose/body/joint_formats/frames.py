@@ -41,7 +41,6 @@ MIN_SHARE = 1e-6  # minimum length of a bone relative to the palm, and sine of a
 class HandFrames:
     """Directions of one right hand; all of length 1.
 
-    unit_mm   of the skeleton: its size
     dorsal    (3,) out of the back of the hand, perpendicular to the plane of wrist, index and little knuckle
     radial    (3,) in that plane, from the little finger to the index, perpendicular to the middle metacarpal
     bones     by finger the directions (3, 3) of its phalanges, from the palm to the tip; of the thumb the metacarpal
@@ -50,7 +49,6 @@ class HandFrames:
     palm      by finger the direction (3,) of its metacarpal; that of "thumb" is the index finger's
     """
 
-    unit_mm: float
     dorsal: Array
     radial: Array
     bones: dict[str, Array]
@@ -86,7 +84,8 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
     point, bones without a length, or a metacarpal perpendicular to the palm.
     """
     rest, right = _rest(skeleton), joints_of(skeleton, "right", right)
-    R, unit_mm = _pose_of(rest.palm, right[rest.palm_joints])
+    moved = right[rest.palm_joints]
+    R = best_rotation(rest.palm - rest.palm.mean(axis=0), moved - moved.mean(axis=0))
     points = rest.points @ right  # wrist, then cmc and mcp of every finger
     wrist, cmc, mcp = points[0], points[1::2], points[2::2]
     sides = mcp[[0, -1]] - wrist
@@ -117,7 +116,7 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
         else:
             a, b = _spread_and_bend(d, rest.ahead[finger])
             back[finger] = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
-    return HandFrames(unit_mm, dorsal, radial, bones, back, palm)
+    return HandFrames(dorsal, radial, bones, back, palm)
 
 
 def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
@@ -168,12 +167,6 @@ def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
     forward = 1.0 if y >= 0 else -1.0
     spread = float(np.clip(np.arctan2(-forward * x, forward * y), -MAX_SPREAD, MAX_SPREAD))
     return ahead + spread, float(np.arctan2(d[2], forward * np.hypot(x, y)))
-
-
-def _pose_of(rest: Array, found: Array) -> tuple[Array, float]:
-    """The rotation that moves points (N, 3) best onto others, about their means, and the relative size of both."""
-    a, b = rest - rest.mean(axis=0), found - found.mean(axis=0)
-    return best_rotation(a, b), float(np.sqrt((b**2).sum() / (a**2).sum()))
 
 
 def unit(vector: Array) -> Array:

@@ -78,9 +78,6 @@ def _points() -> dict[str, Point]:
                 _beyond(finger, SKIN), "the end of the finger in the surface model", _beyond(finger, NYU_SKIN)
             ),
         }
-    middle = found["middle_cmc"].weights
-    palm = {joint: weight / 2 for joint, weight in middle.items()} | {"middle_mcp": (1 + CARPALS) / 2}
-    found["palm_middle"] = Point(palm, "7 mm dorsal of the middle of the palm")
     return found
 
 
