@@ -9,7 +9,7 @@ import numpy as np
 
 from handpose.output.drawing import hands, strokes
 from handpose.output.drawing.sheets import ContactSheet
-from handpose.output.drawing.tracks import annotated
+from handpose.output.drawing.tracks import Painter
 from handpose.output.tracks.writing import open_writer
 from handpose.tracking.track import TrackedFrame
 from netlib.errors import DataError
@@ -32,7 +32,7 @@ PICTURE, DEPTH = np.ones((128, 128), np.uint8), np.zeros((480, 640), np.float32)
                   "joints of shape (31, 3), expected (31, 3) finite numbers"),
     "an oblong crop": (lambda: hands.overlay(np.ones((10, 20)), JOINTS, SKELETON),
                        "crop of shape (10, 20), expected a square of depths"),
-    "another size": (lambda: annotated(DEPTH, TrackedFrame(30, 1.0, (), ()), HEADER),
+    "another size": (lambda: Painter(HEADER).picture(DEPTH, TrackedFrame(30, 1.0, ())),
                      "depth image of shape (480, 640), expected (120, 160) of camera 'small'"),
     "a track as text": (lambda: open_writer("a.txt", header_of(SKELETON)), "a.txt: cannot write a track of this kind; "
                         "expected a name in .json, .jsonl or .csv, or - for standard output"),
