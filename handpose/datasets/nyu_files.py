@@ -22,7 +22,6 @@ from handpose.body.nyu import (
     frame_name,
 )
 from handpose.datasets.flaws import Flaw, recognise
-from handpose.datasets.matlab_file import read_variables
 from handpose.datasets.published_frames import PublishedFrames, read_centers
 from handpose.frames.cameras import NYU
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
@@ -87,10 +86,15 @@ def read_annotation(path: Path) -> NyuAnnotation:
 
 def _read_matlab(path: Path) -> dict[str, Any]:
     """The variables of a file of version 5."""
-    found = read_variables(path, ("joint_uvd", "joint_xyz"), ("made_from",))
+    import scipy.io  # imported here: it takes a tenth of a second
+
+    if scipy.io.matlab.matfile_version(str(path))[0] == 0:
+        raise DataError(f"{path}: a MATLAB file of version 4, or none; expected version 5 or 7.3")
+    _check_names(path, [name for name, _, _ in scipy.io.whosmat(str(path))])
+    found = scipy.io.loadmat(str(path), variable_names=["joint_uvd", "joint_xyz", "made_from"])
     if "made_from" in found:
         found["made_from"] = np.ravel(found["made_from"])[0]
-    return found
+    return dict(found)
 
 
 def _read_hdf5(path: Path) -> dict[str, Any]:
@@ -143,7 +147,7 @@ def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
 
 def write_annotation(path: Path, xyz: Array, made_from: str) -> None:
     """Write a ``joint_data.mat`` of one camera, version 5, atomically; xyz (N, 36, 3) mm, camera axes."""
-    import scipy.io  # imported here: it takes a tenth of a second
+    import scipy.io
 
     variables = {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None], "made_from": made_from}
     atomic.replace(path, lambda temporary: scipy.io.savemat(str(temporary), variables, appendmat=False))

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -15,7 +13,7 @@ import pytest
 import scipy.io
 
 from handpose.body.nyu import ANNOTATION_OF_JOINT, frame_name
-from handpose.datasets import matlab_file, matlab_worker, nyu_files, parts
+from handpose.datasets import nyu_files, parts
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop, window
 from handpose.frames.images import pack_depth
@@ -24,18 +22,6 @@ from tests.support.running import Done, run_python, run_tool
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "nyu"
 needs_real = pytest.mark.skipif(not SHARED.is_dir(), reason="needs real NYU frames")
-
-
-@pytest.fixture(autouse=True)
-def matlab_files_are_read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read MATLAB files in this process; test_matlab_file.py tests the separate process."""
-
-    def run_here(path: Path, names: Sequence[str]) -> bytes:
-        out = io.BytesIO()
-        matlab_worker.main(str(path), names, out)
-        return out.getvalue()
-
-    monkeypatch.setattr(matlab_file, "_run_worker", run_here)
 
 
 @pytest.fixture(scope="session")
