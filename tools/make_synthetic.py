@@ -13,13 +13,10 @@ run continues. Data of another origin, of another body, or locator crops in plac
 writes training data of the locator (models/hand_locator): small crops of scenes, with and without a hand.
 
 --recipe nyu          NYU's camera, distances and poses: the default
-         other_flesh  the same with hands whose surface differs from the model of the fit, and more noise, for testing
          any_roll     hands rotated by any angle, 250 to 1200 mm away
          cameras      as any_roll, with hands of many people, sleeves, and Kinect, RealSense and time-of-flight cameras:
                       for training with your own camera
          people       as cameras, with adults and children, any viewpoint and any direction of the arm
-         cluttered    as people, with walls, objects, wide forearms, specks, filtered depth, and fingers whose joints
-                      bend independently
          one_hand     one hand, with NYU's orientations, and in the test split a second, smaller one: the setting of the
                       paper
          many_hands   the same poses, with hands of many people
