@@ -38,8 +38,7 @@ tools.begin(__name__)
 from handpose import CAMERAS, NYU, RecordingWriter
 from handpose.body.sides import SIDES
 from handpose.output.tracks.json_file import JsonWriter
-from handpose.sequences.recordings import SyntheticRecording
-from handpose.sequences.scripts import SCRIPTS
+from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
 from tools.common.arguments import parser_of, seconds, seed

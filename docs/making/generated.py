@@ -16,7 +16,7 @@ from exercises.relu import OneAtZero
 from exercises.runner import LocalRunner
 from exercises.table import EXERCISES
 from handpose.body.joint_formats.formats import FORMATS, FormatName
-from handpose.body.joint_formats.points import POINTS
+from handpose.body.joint_formats.frames import POINTS
 from netlib.files.paths import ROOT
 
 FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "mano": "MANO"}

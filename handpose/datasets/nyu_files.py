@@ -21,8 +21,7 @@ from handpose.body.nyu import (
     cube_of_test_frame,
     frame_name,
 )
-from handpose.datasets.flaws import Flaw, recognise
-from handpose.datasets.published_frames import PublishedFrames, read_centers
+from handpose.datasets.published_frames import Flaw, PublishedFrames, read_centers, recognise
 from handpose.frames.cameras import NYU
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
 from netlib.blob import Array

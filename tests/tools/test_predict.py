@@ -21,7 +21,7 @@ from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.crops import crop
 from handpose.frames.images import pack_depth, read_crop, read_frame
 from handpose.frames.recording import CameraInfo
-from handpose.output.drawing.labels import percent
+from handpose.output.drawing.view import percent
 from handpose.output.hand_page.content import skeleton_values
 from handpose.output.tracks import joint_values
 from handpose.synthetic import prior_file

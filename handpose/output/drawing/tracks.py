@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.output.drawing import hands, strokes, surface
-from handpose.output.drawing.contrast import Contrast
-from handpose.output.drawing.labels import Tags, colour_of, spoken, spoken_loss
 from handpose.output.drawing.space import Space
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.output.drawing.window import View, Window, box_of
+from handpose.output.drawing.view import Contrast, Tags, View, Window, box_of, colour_of, spoken, spoken_loss
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable

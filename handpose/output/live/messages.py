@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.frames.cameras import Camera
-from handpose.output.drawing.contrast import Contrast
-from handpose.output.drawing.window import View, Window, box_of
+from handpose.output.drawing.view import Contrast, View, Window, box_of
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 

@@ -24,10 +24,9 @@ from handpose.frames.crops import (
 )
 from handpose.synthetic import prior_file, recipes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
-from handpose.synthetic.many import generate
+from handpose.synthetic.many import generate, processes
 from handpose.synthetic.places import PlaceGenerator
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
-from handpose.synthetic.workers import processes
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tests.support.bad_input import bad_inputs

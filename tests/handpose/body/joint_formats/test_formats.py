@@ -9,8 +9,7 @@ import pytest
 from posed_hands import MIRROR, PEOPLE, any_pose, right_hand
 
 from handpose.body.joint_formats.formats import FORMATS, FormatName, formatted
-from handpose.body.joint_formats.frames import frames_of
-from handpose.body.joint_formats.points import FINGERS
+from handpose.body.joint_formats.frames import FINGERS, frames_of
 from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.frames.cameras import KINECT2
 from layers.hand.kinematics import Kinematics

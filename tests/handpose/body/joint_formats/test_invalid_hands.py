@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.body.gestures.over_time import GestureReader
-from handpose.body.gestures.shapes import scores
-from handpose.body.joint_formats.angles import anatomical_angles
-from handpose.body.joint_formats.formats import FORMAT_NAMES, FormatName, formatted
+from handpose.body.gestures import GestureReader, scores
+from handpose.body.joint_formats.formats import FORMAT_NAMES, FormatName, anatomical_angles, formatted
 from handpose.body.joint_formats.frames import hand_frames, palm_frame
 from netlib.blob import Array
 from netlib.errors import DataError

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import Camera
-from handpose.frames.formats import ros_messages
+from handpose.frames.formats import ros_bag
 from handpose.frames.formats.ros_bag import open_bag
 from handpose.frames.lens import Lens
 from handpose.frames.opening import open_recording
@@ -339,14 +339,14 @@ def test_a_bag_that_is_cut_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     """The frames before the damage are read, and ``cut`` says why there are no more."""
     path = KINDS["plain.bag"](tmp_path / "a.bag", DEPTH)
     recording = open_bag(path, UNKNOWN)
-    values_of, calls = ros_messages.values_of, iter(range(9))
+    values_of, calls = ros_bag.values_of, iter(range(9))
 
     def failing(message: Any, where: str) -> Any:
         if next(calls) == 2:
             raise EOFError("the chunk ends")
         return values_of(message, where)
 
-    monkeypatch.setattr(ros_messages, "values_of", failing)
+    monkeypatch.setattr(ros_bag, "values_of", failing)
     assert len(list(recording)) == 2 and recording.cut == "damaged or cut after frame 1: the chunk ends"
 
 

@@ -9,10 +9,9 @@ import pytest
 
 from handpose.frames.cameras import CAMERAS, Camera
 from handpose.output.drawing import hands
-from handpose.output.drawing.labels import colour_of
 from handpose.output.drawing.strokes import Image
 from handpose.output.drawing.tracks import HEAD, WIDTH, Painter
-from handpose.output.drawing.window import Window
+from handpose.output.drawing.view import Window, colour_of
 from handpose.tracking.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
 from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
 

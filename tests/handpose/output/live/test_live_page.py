@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from handpose.output.drawing.hands import COLOURS
-from handpose.output.drawing.window import Window
+from handpose.output.drawing.view import Window
 from handpose.output.hand_page.assembly import script_of
 from handpose.output.live.messages import Messages
 from handpose.output.live.page import FOLDER, page

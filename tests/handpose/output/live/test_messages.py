@@ -11,8 +11,7 @@ import pytest
 
 from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.frames.cameras import CAMERAS
-from handpose.output.drawing.contrast import Contrast
-from handpose.output.drawing.window import View, Window
+from handpose.output.drawing.view import Contrast, View, Window
 from handpose.output.live.messages import MAX_SAMPLES, Grid, Messages, grid_of
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import TrackedFrame
