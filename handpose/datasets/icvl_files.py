@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.datasets.flaws import Flaw, recognise
 from handpose.datasets.icvl import CENTER_JOINT, CUBE_MM, JOINTS, TEST_FRAMES, TRAIN_FRAMES
-from handpose.datasets.published_frames import PublishedFrames, read_centers
+from handpose.datasets.published_frames import Flaw, PublishedFrames, read_centers, recognise
 from handpose.frames.cameras import ICVL
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png
 from netlib.blob import Array

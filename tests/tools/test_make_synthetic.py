@@ -12,13 +12,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import h5py
 import numpy as np
 import pytest
 
-from handpose.body.nyu import CENTER_JOINT, frame_name
-from handpose.datasets import nyu_files, parts
+from handpose.datasets import parts
 from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND
@@ -51,19 +49,17 @@ class Made(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Made]:
-    """The results of a small run of either kind, for tests that only read them or work on a copy."""
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """The results of a small run, for tests that only read them or work on a copy."""
     folder = tmp_path_factory.mktemp("made")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(parts, "FRAMES_PER_FILE", 40)
-        files = run_tool("make_synthetic", *arguments(folder / "files"))
-    images = run_tool("make_synthetic", *raw(folder / "raw", train=70))
-    return {"files": Made(folder / "files", files), "raw": Made(folder / "raw", images)}
+        return Made(folder / "files", run_tool("make_synthetic", *arguments(folder / "files")))
 
 
-def test_files_and_lists(made: dict[str, Made]) -> None:
+def test_files_and_lists(made: Made) -> None:
     """Every frame occurs once, in order, as the generator draws it, and the lists name the files."""
-    folder, done = made["files"]
+    folder, done = made
     assert names(folder) == ["test.txt", "test_000.h5", "train.txt", "train_000.h5", "train_001.h5"]
     assert (folder / "train.txt").read_text() == f"{folder}/train_000.h5\n{folder}/train_001.h5\n"
     with h5py.File(folder / "train_001.h5") as file:
@@ -87,18 +83,18 @@ def test_depth_can_be_mapped(tmp_path: Path) -> None:
         np.testing.assert_array_equal(mapped, depth[:])
 
 
-def test_second_run_keeps_everything(made: dict[str, Made], tmp_path: Path) -> None:
+def test_second_run_keeps_everything(made: Made, tmp_path: Path) -> None:
     """A second run changes no file and reports that all exist."""
-    shutil.copytree(made["files"].folder, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(made.folder, tmp_path, dirs_exist_ok=True)
     run_tool("make_synthetic", *arguments(tmp_path))  # rewrites the lists with the new paths
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert "exist already" in run_tool("make_synthetic", *arguments(tmp_path)).out
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
-def test_other_parameters_are_made_again(made: dict[str, Made], tmp_path: Path) -> None:
+def test_other_parameters_are_made_again(made: Made, tmp_path: Path) -> None:
     """A larger number of frames keeps unchanged files; another seed replaces all."""
-    shutil.copytree(made["files"].folder, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(made.folder, tmp_path, dirs_exist_ok=True)
     first = (tmp_path / "train_000.h5").read_bytes()
     run_tool("make_synthetic", *arguments(tmp_path, train=81))
     assert (tmp_path / "train_000.h5").read_bytes() == first
@@ -107,11 +103,11 @@ def test_other_parameters_are_made_again(made: dict[str, Made], tmp_path: Path) 
     assert (tmp_path / "train_000.h5").read_bytes() != first
 
 
-def test_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> None:
+def test_workers_change_no_byte(made: Made, tmp_path: Path) -> None:
     """Files of two processes equal those of one, byte for byte."""
     run_tool("make_synthetic", *arguments(tmp_path)[:-1], "2")
     for name in ("train_000.h5", "train_001.h5", "test_000.h5"):
-        assert (tmp_path / name).read_bytes() == (made["files"].folder / name).read_bytes()
+        assert (tmp_path / name).read_bytes() == (made.folder / name).read_bytes()
 
 
 @pytest.mark.parametrize("name", ["train_001.h5", "elsewhere.h5"])
@@ -224,70 +220,6 @@ def test_usage(wrong: tuple[str, str]) -> None:
 def test_help() -> None:
     """--help shows a command that can be copied."""
     assert "python tools/make_synthetic.py --out data/nyu" in run_tool("make_synthetic", "--help").out
-
-
-# ------------------------------------------------------------------------------------------ NYU's format
-
-
-def raw(out: Path, *more: str, train: int = 5) -> list[str]:
-    """Return the arguments of a small run with --raw."""
-    return ["--raw", "--out", str(out), "--train", str(train), "--test", "3", "--workers", "1", *more]
-
-
-def test_raw_files(made: dict[str, Made]) -> None:
-    """Each split is a folder with one image per frame and the labels of all 36 joints, not clipped to the cube."""
-    folder, done = made["raw"]
-    images = [frame_name(i) for i in range(70)]
-    assert names(folder / "train") == [*images, "joint_data.mat", "synthetic.json"]
-    labels = nyu_files.read_annotation(folder / "train" / nyu_files.ANNOTATION)
-    assert labels.uvd.shape == (70, 36, 3) and np.isfinite(labels.xyz).all() and labels.made_from == "synthetic"
-    from_center = np.abs(labels.xyz - labels.xyz[:, CENTER_JOINT, None])
-    assert 150 < from_center.max() < 260
-    depth = nyu_files.read_nyu_depth(folder / "train" / frame_name(69))
-    assert depth.shape == (480, 640) and (depth == 0).mean() > 0.5
-    assert "70 train and 3 test frames (synthetic, seed 0) in NYU's format" in done.out
-
-
-def test_raw_images_are_solid(made: dict[str, Made]) -> None:
-    """The hand has no grid of holes, although the crop uses every other pixel."""
-    for i in range(5):
-        seen = (nyu_files.read_nyu_depth(made["raw"].folder / "train" / frame_name(i)) > 0).astype(np.uint8)
-        closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-        assert (closed > seen).sum() < 0.03 * seen.sum()
-
-
-def test_raw_keeps_what_is_there(tmp_path: Path) -> None:
-    """A second run keeps the files; fewer frames remove the others; without labels the split is written again."""
-    run_tool("make_synthetic", *raw(tmp_path))
-    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()}
-    assert "exist already" in run_tool("make_synthetic", *raw(tmp_path)).out
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()} == before
-    run_tool("make_synthetic", *raw(tmp_path, train=2))
-    assert len(names(tmp_path / "train")) == 4
-    (tmp_path / "train" / nyu_files.ANNOTATION).unlink()
-    run_tool("make_synthetic", *raw(tmp_path, train=2))
-    assert len(nyu_files.read_annotation(tmp_path / "train" / nyu_files.ANNOTATION)) == 2
-
-
-def test_raw_leaves_real_data_alone(tmp_path: Path) -> None:
-    """A folder that another program made is not changed without --force."""
-    (tmp_path / "train").mkdir()
-    (tmp_path / "train" / frame_name(0)).write_text("a real frame")
-    error = run_tool("make_synthetic", *raw(tmp_path), status=1).err
-    assert error.count("\n") == 1 and "did not make" in error
-    assert (tmp_path / "train" / frame_name(0)).read_text() == "a real frame"
-    run_tool("make_synthetic", *raw(tmp_path, "--force"))
-
-
-def test_raw_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> None:
-    """Images and labels of two processes equal those of one."""
-    assert run_tool("make_synthetic", *raw(tmp_path, train=70)[:-1], "2").err == ""
-    for name in (frame_name(0), frame_name(69)):
-        assert (made["raw"].folder / "train" / name).read_bytes() == (tmp_path / "train" / name).read_bytes()
-    a, b = (
-        nyu_files.read_annotation(folder / "train" / nyu_files.ANNOTATION) for folder in (made["raw"].folder, tmp_path)
-    )
-    np.testing.assert_array_equal(a.xyz, b.xyz)
 
 
 def test_places(tmp_path: Path) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -15,10 +13,11 @@ import pytest
 import scipy.io
 
 from handpose.body.nyu import ANNOTATION_OF_JOINT, frame_name
-from handpose.datasets import matlab_file, matlab_worker, nyu_files, parts
+from handpose.datasets import nyu_files, parts
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop, window
 from handpose.frames.images import pack_depth
+from tests.support.nyu_data_set import write_annotation, write_data_set
 from tests.support.running import Done, run_python, run_tool
 
 ROOT = Path(__file__).parents[2]
@@ -26,24 +25,10 @@ SHARED = ROOT.parent / "shared" / "data" / "nyu"
 needs_real = pytest.mark.skipif(not SHARED.is_dir(), reason="needs real NYU frames")
 
 
-@pytest.fixture(autouse=True)
-def matlab_files_are_read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read MATLAB files in this process; test_matlab_file.py tests the separate process."""
-
-    def run_here(path: Path, names: Sequence[str]) -> bytes:
-        out = io.BytesIO()
-        matlab_worker.main(str(path), names, out)
-        return out.getvalue()
-
-    monkeypatch.setattr(matlab_file, "_run_worker", run_here)
-
-
 @pytest.fixture(scope="session")
 def raw(tmp_path_factory) -> Path:
     """30 training and 20 test frames in NYU's format."""
-    out = tmp_path_factory.mktemp("raw")
-    run_tool("make_synthetic", "--raw", "--out", out, "--train", "30", "--test", "20", "--workers", "1")
-    return out
+    return write_data_set(tmp_path_factory.mktemp("raw"), {"train": 30, "test": 20})
 
 
 @pytest.fixture
@@ -70,7 +55,7 @@ def names(folder: Path) -> list[str]:
 def write_labels(folder: Path, uvd: np.ndarray, made_from: str = "NYU") -> None:
     """Write the labels ``uvd`` (N, 36, 3)."""
     folder.mkdir(parents=True, exist_ok=True)
-    nyu_files.write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(uvd), made_from)
+    write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(uvd), made_from)
 
 
 def hand(count: int) -> np.ndarray:
@@ -89,7 +74,7 @@ def write_frame(path: Path, depth: np.ndarray) -> None:
 def test_raw_equals_direct(tmp_path):
     """Frames converted through NYU's format equal those written directly, with depth to 0.5 mm."""
     count = ["--train", "70", "--test", "10", "--workers", "1"]
-    run_tool("make_synthetic", "--raw", "--out", tmp_path / "root", *count)
+    write_data_set(tmp_path / "root", {"train": 70, "test": 10})
     run_tool("make_synthetic", "--out", tmp_path / "direct", *count)
     out = prepare(tmp_path / "root").out
     for split, frames in (("train", 70), ("test", 10)):
@@ -269,7 +254,7 @@ def test_labels_that_are_no_numbers(root):
     """A frame with NaN in its annotation is a bad frame."""
     labels = nyu_files.read_annotation(root / "test" / nyu_files.ANNOTATION)
     labels.xyz[4, 0] = np.nan
-    nyu_files.write_annotation(root / "test" / nyu_files.ANNOTATION, labels.xyz, "synthetic")
+    write_annotation(root / "test" / nyu_files.ANNOTATION, labels.xyz, "synthetic")
     assert "test frame 4: " in prepare(root, "--splits", "test").err
 
 

@@ -27,11 +27,12 @@ from pathlib import Path
 from types import TracebackType
 
 from handpose.body.fingers import FINGERS, has_fingers
-from handpose.body.gestures.over_time import GestureReader
+from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
-from handpose.output.tracks import angles, joint_values
+from handpose.output.tracks import joint_values
 from handpose.output.tracks.growing import GrowingFile
+from handpose.output.tracks.json_values import free_dofs
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -54,7 +55,7 @@ class CsvWriter:
     ) -> None:
         self.files = [path]
         self._header, self._joints = header, joints
-        self._skeleton, self._angles = header.skeleton, angles.free_dofs(header.skeleton).angles
+        self._skeleton, self._angles = header.skeleton, free_dofs(header.skeleton).angles
         fingers = finger_columns(header.skeleton)
         columns = joint_values.columns(joints) if joints else model_columns(header.skeleton, self._angles)
         self._gestures = GestureReader(header.skeleton) if gestures else None
