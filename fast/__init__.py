@@ -5,8 +5,8 @@
                   plan selects them by the properties of the layer types in traits
     shared_memory blobs of Split, Concat and Slice layers that are parts of one array
     tiles         blobs stored in the order in which matrix products write and pooling layers read
-    per_channel   Scale, Bias and PReLU; batch_norm uses it
-    convolution, pooling, lrn, eltwise, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
+    per_channel   Scale and Bias; batch_norm uses it
+    convolution, pooling, eltwise, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
     columns, rows, row_winograd, winograd, depthwise
                   algorithms for convolutions, of which convolution.py chooses; geometry has what they share, and
