@@ -18,7 +18,7 @@ import numpy as np
 
 from fast.adapters import ByGroup, Contained, Turned
 from fast.columns import Columns
-from fast.depthwise import Bands, Depthwise, Filter
+from fast.depthwise import Depthwise, Filter
 from fast.fast_layer import FastLayer
 from fast.fusing import After, after_of
 from fast.geometry import Algorithm, Geometry, NotFiniteError, Sizes, Sum
@@ -36,7 +36,6 @@ from netlib.blob import Array, Blob, Blobs
 ROW_WINOGRAD, WINOGRAD, ROWS = ByGroup(Contained(RowWinograd())), ByGroup(Contained(Winograd())), ByGroup(Rows())
 FILTER = Contained(Filter())
 ALGORITHMS: tuple[Algorithm, ...] = (
-    Contained(Bands()),
     FILTER,
     Turned(FILTER),
     Depthwise(),

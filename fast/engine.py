@@ -30,7 +30,6 @@ FAST_CLASSES: dict[str, str] = {
     "activation.relu.ReLU": "relu.FastReLU",
     "activation.relu6.ReLU6": "relu.FastReLU6",
     "activation.scale.Scale": "per_channel.FastScale",
-    "common.eltwise.Eltwise": "eltwise.FastEltwise",
     "common.inner_product.InnerProduct": "inner_product.FastInnerProduct",
     "data.hdf5_data.HDF5Data": "hdf5_data.FastHDF5Data",
     "hand.augment.HandAugment": "augment.FastHandAugment",

@@ -12,7 +12,7 @@ import netlib
 from fast.adapters import ByGroup, Contained, Turned
 from fast.columns import Columns
 from fast.convolution import FastConvolution, FastDeconvolution, choose
-from fast.depthwise import Bands, Depthwise, Filter
+from fast.depthwise import Depthwise, Filter
 from fast.fusing import After
 from fast.geometry import Algorithm, Geometry
 from fast.row_winograd import RowWinograd
@@ -150,8 +150,6 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
 
     if isinstance(algorithm, Depthwise):
         return Geometry(two(1, 5), two(1, 4), two(0, 4), two(1, 3), channels)
-    if isinstance(algorithm, Bands):
-        return Geometry(two(1, 5), (1, 1), two(0, 4), (1, 1), channels)
     if isinstance(algorithm, Filter):
         kernel = two(1, 6)
         return Geometry(kernel, two(1, 4), tuple(k // 2 if k % 2 else 0 for k in kernel), (1, 1), channels)
@@ -164,7 +162,7 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
 
 @pytest.mark.parametrize(
     "algorithm",
-    [Bands(), Filter(), Depthwise(), Rows(), RowWinograd(), Winograd()],
+    [Filter(), Depthwise(), Rows(), RowWinograd(), Winograd()],
     ids=lambda algorithm: type(algorithm).__name__,
 )
 @pytest.mark.parametrize("case", range(25))
@@ -219,7 +217,6 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
         ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "RowWinograd"]),
         ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-        ((8, 32, 12, 12), (32, 1, 3, 3), 32, ["Bands", "Depthwise", "Depthwise"]),
         ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
         ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
         ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
