@@ -87,7 +87,7 @@ class SoftmaxWithLoss(Layer):
             raise self.fail("has no gradient for its labels; set propagate_down: false for them")
         if propagate_down[0]:
             labels, counts = self._labels(bottom)
-            dx = self.p.copy()
-            np.put_along_axis(dx, labels, np.take_along_axis(dx, labels, self.axis) - 1, self.axis)
             scale = top[0].diff / labels_of.divisor(self.normalization, counts, self.items)
-            bottom[0].diff[...] = dx * counts * scale
+            weight = (counts * scale).astype(self.dtype)
+            dx = np.multiply(self.p, weight, out=bottom[0].diff)
+            np.put_along_axis(dx, labels, np.take_along_axis(dx, labels, self.axis) - weight, self.axis)
