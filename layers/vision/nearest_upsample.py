@@ -53,6 +53,6 @@ class NearestUpsample(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            s, dy = self.scale, top[0].diff
-            rows = reduce(np.add, (dy[..., i::s, :] for i in range(s)))  # a sum over a short axis takes ten times as long
+            s, dy = self.scale, top[0].diff  # dy.sum over axes of s values takes ten times as long
+            rows = reduce(np.add, (dy[..., i::s, :] for i in range(s)))
             bottom[0].diff[...] = reduce(np.add, (rows[..., j::s] for j in range(s)))
