@@ -8,7 +8,7 @@
     per_channel   Scale and Bias; batch_norm uses it
     convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
-    columns, rows, row_winograd, winograd, depthwise
+    columns, rows, row_winograd, winograd, depthwise, phases
                   algorithms for convolutions, of which convolution.py chooses; geometry has what they share, and
                   adapters extend them to several groups, to dx, and to values that are not finite
     map_pooling   pooling over any windows

@@ -22,6 +22,7 @@ from fast.depthwise import Depthwise, Filter
 from fast.fast_layer import FastLayer
 from fast.fusing import After, after_of
 from fast.geometry import Algorithm, Geometry, NotFiniteError, Sizes, Sum
+from fast.phases import Phases
 from fast.row_tiles import RowTiles
 from fast.row_winograd import RowWinograd
 from fast.rows import Rows
@@ -34,7 +35,7 @@ from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseC
 from netlib.blob import Array, Blob, Blobs
 
 ROW_WINOGRAD, WINOGRAD, ROWS = ByGroup(Contained(RowWinograd())), ByGroup(Contained(Winograd())), ByGroup(Rows())
-FILTER = Contained(Filter())
+FILTER, PHASES = Contained(Filter()), Contained(Phases((ROW_WINOGRAD, WINOGRAD)))
 ALGORITHMS: tuple[Algorithm, ...] = (
     FILTER,
     Turned(FILTER),
@@ -44,6 +45,8 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Turned(ROW_WINOGRAD),
     WINOGRAD,
     Turned(WINOGRAD),
+    PHASES,
+    Turned(PHASES),
     ROWS,
     Turned(ROWS),
     Columns(),
@@ -63,12 +66,11 @@ class Choice:
 
 def choose(g: Geometry, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Choice:
     """The fastest algorithms for x (N, C, ...) and y (N, O, ...), with at least one spatial axis."""
-    s = Sizes(g, x_shape[0], x_shape[1] // g.group, x_shape[2:], y_shape[1] // g.group, y_shape[2:])
+    s, both = Sizes.of(g, x_shape, y_shape), Columns() if Columns.fits_both(g) else None
 
     def first(sum_: Sum) -> Algorithm:
         return next(algorithm for algorithm in ALGORITHMS if algorithm.fits(s, sum_))
 
-    both = Columns() if Columns.fits_both(g) else None
     return Choice(first("correlate"), first("transpose"), first("gradient"), both)
 
 

@@ -100,6 +100,11 @@ class Sizes:
     windows: tuple[int, ...]
     excess: float = 1.0
 
+    @classmethod
+    def of(cls, g: Geometry, x: tuple[int, ...], y: tuple[int, ...]) -> Sizes:
+        """The sizes for arrays x (N, C, ...) and y (N, O, ...)."""
+        return cls(g, x[0], x[1] // g.group, x[2:], y[1] // g.group, y[2:])
+
     @property
     def is_undilated(self) -> bool:
         """Whether this is a sum over images without dilation."""
@@ -123,6 +128,12 @@ class Sizes:
 def at(channels: slice, part: tuple[slice, ...]) -> tuple[slice, ...]:
     """The index of these channels and a part of the spatial axes in an array (C, n, ...)."""
     return channels, slice(None), *part
+
+
+def inside(start: int, step: int, size: int, count: int) -> tuple[int, slice]:
+    """Of ``count`` places from ``start`` in steps, the first inside an axis, and the numbers of those that are."""
+    first, end = (min(max(-(-(edge - start) // step), 0), count) for edge in (0, size))
+    return max(start + first * step, 0), slice(first, max(end, first))
 
 
 Sum = Literal["correlate", "transpose", "gradient"]

@@ -1,4 +1,4 @@
-r"""Rows: convolution of images by one product per row of outputs, with less copying than im2col.
+r"""Rows: convolution by one product per row of outputs, or per plane of a volume, with less copying than im2col.
 
 Im2col copies each value of x kh * kw times. Here it is copied only kw times, to X[h, j, c, n, w] = x[n, c, h, w + j].
 The kh rows of X for a row of outputs are contiguous, so all right factors are one strided view of X:
@@ -6,18 +6,22 @@ The kh rows of X for a row of outputs are contiguous, so all right factors are o
     Y[h] (O, n Wo)  =  w (O, kh kw C) @ X[h : h + kh] (kh kw C, n Wo)
 
 With a stride, X has every second column, for example, and Y[h] starts at every second row. The gradient of x, with
-stride 1, is a convolution of dy with the flipped kernel, the gradient of w the sum of dY[h] Xᵀ over the rows.
+stride 1, is a convolution of dy with the flipped kernel, the gradient of w the sum of dY[h] Xᵀ over the rows. For
+volumes, h is the first axis, and w and j are all others.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, run_blocks, run_parts
+from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, inside, run_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
 from netlib.system.memory import blocks
@@ -32,7 +36,7 @@ COPY = 16  # multiplications that take as long as copying a value
 
 
 class Rows(Algorithm):
-    """The algorithm for images without dilation and groups, and few outputs."""
+    """The algorithm for images and volumes without groups, without dilation of the first axis, and few outputs."""
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
         """Few outputs, so that copying takes as long as the product, and long rows. Up to twice as fast.
@@ -40,36 +44,37 @@ class Rows(Algorithm):
         For dw also few weights, because there is a product for each row of outputs. Up to 1.4 times as fast.
         """
         g = s.geometry
-        if sum_ == "transpose" or not s.is_undilated or g.group > 1 or s.excess > MAX_EXCESS:
+        if sum_ == "transpose" or len(s.sizes) < 2 or g.dilation[0] > 1 or g.group > 1 or s.excess > MAX_EXCESS:
             return False
         if not 8 <= s.outputs <= 96 or not all(k > step for k, step in zip(g.kernel, g.stride)):
             return False
         has_few_weights = s.inputs * math.prod(g.kernel) * s.outputs <= FEW_WEIGHTS
-        is_long = s.images * s.windows[-1] >= (16 if has_few_weights else 64)
+        is_long = s.images * math.prod(s.windows[1:]) >= (16 if has_few_weights else 64)
         return is_long and (has_few_weights or sum_ != "gradient")
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
-        weights = w.transpose(0, 2, 3, 1).reshape(len(w), -1)
+        weights = np.moveaxis(w, 1, -1).reshape(len(w), -1)
 
         def job(images: slice, rows: slice) -> None:
-            X = stacked(g, x[images], rows, y.shape[3])
+            X = stacked(g, x[images], rows, y.shape[3:])
             _correlate(weights, X, after, y[images, :, rows])
 
         run_blocks(job, _blocks(g, x, y.shape), weights.size * y.size // len(w))
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
-        O, C, kh, kw = dw.shape
-        total = np.zeros((kh, kw, C, O), dw.dtype)
+        O, C, *kernel = dw.shape
+        total = np.zeros((*kernel, C, O), dw.dtype)
         for images, rows in _blocks(g, x, dy.shape):
-            X = stacked(g, x[images], rows, dy.shape[3])
+            X = stacked(g, x[images], rows, dy.shape[3:])
             _gradient(X, dy[images, :, rows], total.reshape(-1, O))
-        dw += total.transpose(3, 2, 0, 1)
+        dw += np.moveaxis(total, (-1, -2), (0, 1))
 
 
 def _correlate(weights: Array, X: Array, after: After, y: Array) -> None:
-    """Write the rows y (n, O, rows, Wo) of one block."""
+    """Write the rows y (n, O, rows, ...) of one block."""
+    y = y.reshape(*y.shape[:3], -1)
     n, O, R, Wo = y.shape
     out = scratch("result", (R, O, n * Wo), y.dtype)
     by_row = out.reshape(R, O, n, Wo).transpose(2, 1, 0, 3)
@@ -100,6 +105,7 @@ def by_parts(factor: Array, parts: int) -> Array:
 
 def _gradient(X: Array, dy: Array, total: Array) -> None:
     """Add the products of one block to total (kh kw C, O)."""
+    dy = dy.reshape(*dy.shape[:3], -1)
     n, O, R, Wo = dy.shape
     gradient = scratch("dy", (R, O, n, Wo), dy.dtype)
     gradient[...] = dy.transpose(2, 1, 0, 3)
@@ -112,38 +118,56 @@ def _gradient(X: Array, dy: Array, total: Array) -> None:
     run_parts(job, O, 1, total.size * n * R * Wo)
 
 
-def stacked(g: Geometry, x: Array, rows: slice, width: int) -> Array:
-    """X of x (n, C, H, W) for these rows of outputs, as the view (rows, kh kw C, n Wo)."""
-    n, C, H, W = x.shape
-    (kh, kw), (top, left), (down, right), R = g.kernel, g.pad, g.stride, rows.stop - rows.start
-    X = scratch("columns", ((R - 1) * down + kh, kw, C, n, width), x.dtype)
-    start = rows.start * down - top
+def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
+    """X of x (n, C, H, ...) for these rows of outputs, as the view (rows, kernel C, n L) with L ``outputs`` each."""
+    (n, C, H), across, R = x.shape[:3], g.kernel[1:], rows.stop - rows.start
+    down, elements = g.stride[0], math.prod(across)
+    X = scratch("columns", ((R - 1) * down + g.kernel[0], elements, C, n, *outputs), x.dtype)
+    start = rows.start * down - g.pad[0]
     low, high = max(start, 0), max(min(start + len(X), H), 0)
     above, below = min(low - start, len(X)), max(high - start, 0)
+    places = [_places(*axis) for axis in zip(across, g.dilation[1:], g.pad[1:], g.stride[1:], x.shape[3:], outputs)]
 
     def job(c: slice) -> None:
         X[:above, :, c] = X[below:, :, c] = 0
-        source = x[:, c, low:high].transpose(2, 1, 0, 3)
-        for j in range(kw):
-            first, end = (min(max(-(-edge // right), 0), width) for edge in (left - j, W + left - j))
-            target, column = X[above:below, j, c], first * right + j - left
-            target[..., :first] = target[..., end:] = 0
-            if end > first:
-                target[..., first:end] = source[..., column : column + (end - first - 1) * right + 1 : right]
+        source = x[:, c, low:high].swapaxes(0, 2)
+        for element, windows in enumerate(itertools.product(*places)):
+            target = X[above:below, element, c]
+            for axis, (_, _, edges) in enumerate(windows, 3):
+                for edge in edges:
+                    target[(slice(None),) * axis + (edge,)] = 0
+            own: tuple[Any, ...] = (..., *(own for own, _, _ in windows))
+            taken: tuple[Any, ...] = (..., *(taken for _, taken, _ in windows))
+            target[own] = source[taken]
 
     run_parts(job, C, 1, X.size * COPY)
-    item, length = X.itemsize, n * width
-    shape, row = (R, kh * kw * C, length), kw * C * length
+    item, length, K = X.itemsize, n * math.prod(outputs), elements * C
+    shape, row = (R, g.kernel[0] * K, length), K * length
     return np.ndarray(shape, X.dtype, X, 0, (down * row * item, length * item, item))
+
+
+@lru_cache
+def _places(
+    kernel: int, dilation: int, pad: int, stride: int, size: int, windows: int
+) -> list[tuple[slice, slice, list[slice]]]:
+    """For each element of the kernel along an axis, the windows in which it is inside x, its values there, and the
+    other windows."""
+    found = []
+    for i in range(kernel):
+        first, own = inside(i * dilation - pad, stride, size, windows)
+        count = own.stop - own.start
+        taken = slice(first, first + (count - 1) * stride + 1 if count else first, stride)
+        others = [edge for edge in (slice(0, own.start), slice(own.stop, windows)) if edge.stop > edge.start]
+        found.append((own, taken, others))
+    return found
 
 
 def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
     """The images and rows of outputs of each block: long products, and as many rows as fit in the cache."""
-    N, C = x.shape[:2]
-    _, _, Ho, Wo = y_shape
-    count = -(-N // min(-(-LENGTH // Wo), N)) if N else 0
+    (N, C), Ho, row = x.shape[:2], y_shape[2], math.prod(y_shape[3:])
+    count = -(-N // min(-(-LENGTH // row), N)) if N else 0
     for images in blocks(N, -(-N // max(count, 1)) or 1):
-        row = g.kernel[1] * C * (images.stop - images.start) * Wo * x.itemsize
-        bands = -(-Ho // max((BLOCK_BYTES // row - g.kernel[0]) // g.stride[0] + 1, MIN_ROWS))
+        values = math.prod(g.kernel[1:]) * C * (images.stop - images.start) * row
+        bands = -(-Ho // max((BLOCK_BYTES // (values * x.itemsize) - g.kernel[0]) // g.stride[0] + 1, MIN_ROWS))
         for rows in blocks(Ho, -(-Ho // bands)):
             yield images, rows

@@ -15,6 +15,7 @@ from fast.convolution import FastConvolution, FastDeconvolution, choose
 from fast.depthwise import Depthwise, Filter
 from fast.fusing import After
 from fast.geometry import Algorithm, Geometry
+from fast.phases import Phases
 from fast.row_winograd import RowWinograd
 from fast.rows import Rows
 from fast.winograd import Winograd
@@ -38,6 +39,7 @@ USUAL = [
     "num_output: 64 kernel_size: 3 group: 64",
     "num_output: 8 kernel_size: 3 stride: 2",
     "num_output: 16 kernel_size: 3 pad: 2 dilation: 2 group: 2",
+    "num_output: 64 kernel_size: 3 pad: 2 dilation: 2",
 ]
 
 
@@ -145,24 +147,29 @@ def test_bottoms_of_several_sizes(kind: str, sizes: tuple[int, int], options: st
 def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) -> Geometry:
     """A random geometry that the algorithm supports."""
 
+    axes = 3 if isinstance(algorithm, Rows) and rng.random() < 0.4 else 2
+
     def two(low: int, high: int) -> tuple[int, ...]:
-        return tuple(int(n) for n in rng.integers(low, high, 2))
+        return tuple(int(n) for n in rng.integers(low, high, axes))
 
     if isinstance(algorithm, Depthwise):
         return Geometry(two(1, 5), two(1, 4), two(0, 4), two(1, 3), channels)
     if isinstance(algorithm, Filter):
         kernel = two(1, 6)
         return Geometry(kernel, two(1, 4), tuple(k // 2 if k % 2 else 0 for k in kernel), (1, 1), channels)
+    if isinstance(algorithm, Phases):
+        return Geometry(two(1, 5), (1, 1), two(0, 4), two(1, 4), 1)
     kernel = two(1, 6)
     if isinstance(algorithm, (RowWinograd, Winograd)):
         kernel = (5, 5) if isinstance(algorithm, RowWinograd) and rng.random() < 0.5 else (3, 3)
-    stride = two(1, 4) if isinstance(algorithm, Rows) and rng.random() < 0.5 else (1, 1)
-    return Geometry(kernel, stride, tuple(int(rng.integers(0, k)) for k in kernel), (1, 1), 1)
+    stride = two(1, 4) if isinstance(algorithm, Rows) and rng.random() < 0.5 else (1,) * axes
+    dilation = (1, *two(1, 3)[1:]) if isinstance(algorithm, Rows) else (1, 1)
+    return Geometry(kernel, stride, tuple(int(rng.integers(0, k)) for k in kernel), dilation, 1)
 
 
 @pytest.mark.parametrize(
     "algorithm",
-    [Filter(), Depthwise(), Rows(), RowWinograd(), Winograd()],
+    [Filter(), Depthwise(), Rows(), RowWinograd(), Winograd(), Phases((Columns(),))],
     ids=lambda algorithm: type(algorithm).__name__,
 )
 @pytest.mark.parametrize("case", range(25))
@@ -220,6 +227,7 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
         ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
         ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
+        ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
     ],
 )
 def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]) -> None:
@@ -228,6 +236,14 @@ def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: i
     g = Geometry(w_shape[2:], (1, 1), pad, (1, 1), group)
     chosen = choose(g, x_shape, (x_shape[0], w_shape[0], *x_shape[2:]))
     assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
+
+
+def test_the_choice_with_dilation() -> None:
+    """Maps of many channels are computed in phases, and those of which little is left not."""
+    g = Geometry((3, 3), (1, 1), (2, 2), (2, 2), 1)
+    for size, names in ((32, ["Phases"] * 3), (10, ["Columns"] * 3)):
+        chosen = choose(g, (2, 128, size, size), (2, 128, size, size))
+        assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
 
 
 def name_of(algorithm: Algorithm) -> str:
