@@ -69,14 +69,6 @@ class Geometry:
         """The part of padded axes that is not padding."""
         return tuple(slice(p, p + n) for n, p in zip(sizes, self.pad))
 
-    def band(self, x: Array, rows: slice) -> tuple[Array, tuple[slice, ...], tuple[int, ...]]:
-        """The part of x (C, n, ...) under these rows of outputs, its place in the padded part, and that part's axes."""
-        first = rows.start * self.stride[0] - self.pad[0]
-        end = first + (rows.stop - rows.start - 1) * self.stride[0] + self.dilation[0] * (self.kernel[0] - 1) + 1
-        low, high = min(max(first, 0), x.shape[2]), max(min(end, x.shape[2]), 0)
-        inside = (slice(low - first, max(high, low) - first), *self.inside(x.shape[2:])[1:])
-        return x[:, :, low:high], inside, (end - first, *self.padded(x.shape[2:])[1:])
-
     def windows(self, rows: slice, outputs: Sequence[int]) -> Iterator[tuple[tuple[int, ...], tuple[slice, ...]]]:
         """For each kernel element, the part of the padded axes under it in all windows of these rows of outputs."""
         starts, counts = (rows.start, *(0,) * (len(outputs) - 1)), (rows.stop - rows.start, *outputs[1:])
