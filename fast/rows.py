@@ -12,7 +12,6 @@ volumes, h is the first axis, and w and j are all others.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from functools import lru_cache
@@ -33,6 +32,8 @@ UNPACKED = 1_000_000  # multiplications; OpenBLAS copies the factors of larger p
 MIN_COLUMNS = 32  # of a part; products of fewer columns are slower
 FEW_WEIGHTS = 60_000
 COPY = 16  # multiplications that take as long as copying a value
+
+Index = tuple[Any, ...]
 
 
 class Rows(Algorithm):
@@ -126,18 +127,14 @@ def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
     start = rows.start * down - g.pad[0]
     low, high = max(start, 0), max(min(start + len(X), H), 0)
     above, below = min(low - start, len(X)), max(high - start, 0)
-    places = [_places(*axis) for axis in zip(across, g.dilation[1:], g.pad[1:], g.stride[1:], x.shape[3:], outputs)]
+    plan = _plan(g, x.shape[3:], outputs)
 
     def job(c: slice) -> None:
         X[:above, :, c] = X[below:, :, c] = 0
-        source = x[:, c, low:high].swapaxes(0, 2)
-        for element, windows in enumerate(itertools.product(*places)):
-            target = X[above:below, element, c]
-            for axis, (_, _, edges) in enumerate(windows, 3):
-                for edge in edges:
-                    target[(slice(None),) * axis + (edge,)] = 0
-            own: tuple[Any, ...] = (..., *(own for own, _, _ in windows))
-            taken: tuple[Any, ...] = (..., *(taken for _, taken, _ in windows))
+        source, target = x[:, c, low:high].swapaxes(0, 2), X[above:below, :, c]
+        for own, taken, edges in plan:
+            for edge in edges:
+                target[edge] = 0
             target[own] = source[taken]
 
     run_parts(job, C, 1, X.size * COPY)
@@ -146,20 +143,24 @@ def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
     return np.ndarray(shape, X.dtype, X, 0, (down * row * item, length * item, item))
 
 
-@lru_cache
-def _places(
-    kernel: int, dilation: int, pad: int, stride: int, size: int, windows: int
-) -> list[tuple[slice, slice, list[slice]]]:
-    """For each element of the kernel along an axis, the windows in which it is inside x, its values there, and the
-    other windows."""
-    found = []
-    for i in range(kernel):
-        first, own = inside(i * dilation - pad, stride, size, windows)
-        count = own.stop - own.start
-        taken = slice(first, first + (count - 1) * stride + 1 if count else first, stride)
-        others = [edge for edge in (slice(0, own.start), slice(own.stop, windows)) if edge.stop > edge.start]
-        found.append((own, taken, others))
-    return found
+@lru_cache(maxsize=256)
+def _plan(g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]) -> list[tuple[Index, Index, list[Index]]]:
+    """For each element of the kernel without the first axis, the indices in X of the windows in which it is inside x,
+    those of its values there, and the indices of the other windows."""
+    plan: list[tuple[Index, Index, list[Index]]] = []
+    for element, place in enumerate(np.ndindex(g.kernel[1:])):
+        own: Index = (slice(None), element, ...)
+        taken: Index = (...,)
+        edges: list[Index] = []
+        for i, d, p, step, size, count in zip(place, g.dilation[1:], g.pad[1:], g.stride[1:], sizes, outputs):
+            first, within = inside(i * d - p, step, size, count)
+            others = [slice(0, within.start), slice(within.stop, count)]
+            rest = (slice(None),) * (len(outputs) - len(taken))
+            edges += [(*own, edge, *rest) for edge in others if edge.stop > edge.start]
+            own += (within,)
+            taken += (slice(first, first + max((within.stop - within.start - 1) * step + 1, 0), step),)
+        plan.append((own, taken, edges))
+    return plan
 
 
 def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
