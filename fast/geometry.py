@@ -26,6 +26,9 @@ from netlib.system.memory import blocks
 
 MIN_PART = 32  # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
 MIN_BLOCK_COST = 5_000_000  # multiplications of a block, on average, from which blocks run on several threads
+MAX_OUTLIER = 4000.0  # relative to usual values; the errors of its neighbours are then 5e-4 of usual outputs
+SAMPLE = 256  # sums
+QUARTILE = 0.3186  # of the absolute values of numbers with a normal distribution and standard deviation 1
 MIN_PARTS_COST = 20_000_000  # multiplications; a virtual processor wakes a thread more slowly than a smaller product
 
 
@@ -153,7 +156,7 @@ class Algorithm:
 
 
 class NotFiniteError(Exception):
-    """An algorithm that mixes the values of several windows has found one that is not finite."""
+    """An algorithm that mixes the values of several windows has found one that is not finite, or much larger."""
 
 
 def check_finite(values: Array) -> None:
@@ -163,6 +166,32 @@ def check_finite(values: Array) -> None:
     """
     if not math.isfinite(np.vdot(values, values)):
         raise NotFiniteError
+
+
+def check_spread(sums: Array, x: Array, outputs: int) -> None:
+    """Raise NotFiniteError if the rounding errors of one value of x may be visible in outputs that do not contain it.
+
+    sums     outputs of the windows of a block, before anything is added
+    x        (n, C, ...) the images of the block
+    outputs  per image and window
+
+    One value that is v times as large as the usual ones adds v² outputs / C usual squares to the sum of squares. If
+    that is suspicious, the values of x decide.
+    """
+    squares = float(np.vdot(sums, sums))
+    if not math.isfinite(squares):
+        raise NotFiniteError
+    usual = _usual(sums)
+    is_suspicious = usual and (squares / usual / usual - sums.size) * x.shape[1] > MAX_OUTLIER**2 * outputs
+    if is_suspicious and max(x.max(), -x.min()) > MAX_OUTLIER * _usual(x):
+        raise NotFiniteError
+
+
+def _usual(values: Array) -> float:
+    """An estimate of the standard deviation, which few large values do not change. Zeros are those of a background."""
+    sample = np.abs(values.reshape(-1)[:: max(values.size // SAMPLE, 1) | 1])
+    sample = sample[sample > 0]
+    return float(np.partition(sample, sample.size // 4)[sample.size // 4]) / QUARTILE if sample.size else 0.0
 
 
 def channel_parts(channels: int, group: int, cost: float) -> list[slice]:

@@ -28,8 +28,6 @@ from netlib.system.memory import blocks
 LENGTH = 128  # columns of a product, of several images if their rows are shorter
 BLOCK_BYTES = 1 << 20  # of X
 MIN_ROWS = 8  # of outputs in a block, which reads kh - 1 more rows
-UNPACKED = 1_000_000  # multiplications; OpenBLAS copies the factors of larger products first
-MIN_COLUMNS = 32  # of a part; products of fewer columns are slower
 FEW_WEIGHTS = 60_000
 COPY = 16  # multiplications that take as long as copying a value
 
@@ -79,29 +77,12 @@ def _correlate(weights: Array, X: Array, after: After, y: Array) -> None:
     n, O, R, Wo = y.shape
     out = scratch("result", (R, O, n * Wo), y.dtype)
     by_row = out.reshape(R, O, n, Wo).transpose(2, 1, 0, 3)
-    parts = unpacked_parts(O, weights.shape[1], n * Wo)
 
     def job(o: slice) -> None:
-        np.matmul(weights[o], by_parts(X, parts), out=by_parts(out[:, o], parts))
+        np.matmul(weights[o], X, out=out[:, o])
         after.write(by_row[:, o], y[:, o], o, axis=1)
 
     run_parts(job, O, 1, weights.size * n * R * Wo)
-
-
-def unpacked_parts(rows: int, inner: int, columns: int) -> int:
-    """The number of equal parts of the columns of a product, so that OpenBLAS does not copy the factors; or 1."""
-    for parts in range(1, columns // MIN_COLUMNS + 1):
-        if columns % parts == 0 and rows * inner * (columns // parts) <= UNPACKED:
-            return parts
-    return 1
-
-
-def by_parts(factor: Array, parts: int) -> Array:
-    """View factors (R, K, L), of which L is adjacent, as (R, parts, K, L / parts)."""
-    R, K, L = factor.shape
-    row, column, item = factor.strides
-    shape = (R, parts, K, L // parts)
-    return np.lib.stride_tricks.as_strided(factor, shape, (row, L // parts * item, column, item))
 
 
 def _gradient(X: Array, dy: Array, total: Array) -> None:
