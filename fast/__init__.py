@@ -5,7 +5,7 @@
                   plan selects them by the properties of the layer types in traits
     shared_memory blobs of Split, Concat and Slice layers that are parts of one array
     tiles         blobs stored in the order in which matrix products write and pooling layers read
-    per_channel   Scale and Bias; batch_norm uses it
+    per_channel   Scale; batch_norm uses it
     convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
     columns, rows, row_winograd, winograd, depthwise, phases

@@ -74,20 +74,39 @@ def choose(g: Geometry, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> C
     return Choice(first("correlate"), first("transpose"), first("gradient"), both)
 
 
-class FastConvolution(FastLayer, Convolution):
-    """Convolution by the algorithm that is the fastest for its shapes.
+class ByAlgorithms(FastLayer, Convolution):
+    """Base class.
 
-    tiles       the algorithm on tiles, or None
     algorithms  the algorithms on arrays for each bottom; none for the plain layer
     """
 
-    tiles: RowTiles | WindowTiles | None = None
     algorithms: Sequence[Choice] = ()
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Read the geometry, and create the algorithms that keep matrices of the weights."""
+        """Read the geometry."""
         super().setup(bottom, top)
         self.geometry = Geometry(self.kernel, self.stride, self.pad, self.dilation, self.param.group)
+
+    def fuses_relu(self) -> bool:
+        """Whether an algorithm computes what is behind the layer: not the plain layer."""
+        return len(self.algorithms) > 0
+
+    def fuses_channels(self) -> bool:
+        """The same, if the outputs are the channels of the top."""
+        return self.fuses_relu() and self.axis == 1
+
+
+class FastConvolution(ByAlgorithms):
+    """Convolution by the algorithm that is the fastest for its shapes.
+
+    tiles  the algorithm on tiles, or None
+    """
+
+    tiles: RowTiles | WindowTiles | None = None
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        """Create the algorithms that keep matrices of the weights."""
+        super().setup(bottom, top)
         self.row_tiles, self.window_tiles = RowTiles(), WindowTiles()
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
@@ -103,12 +122,8 @@ class FastConvolution(FastLayer, Convolution):
         return self.tiles is not None and not self.needs_bottom_diff
 
     def fuses_relu(self) -> bool:
-        """Whether the algorithm computes what is behind the layer: not on tiles, nor in the plain layer."""
-        return self.tiles is None and len(self.algorithms) > 0
-
-    def fuses_channels(self) -> bool:
-        """The same, if the outputs are the channels of the top."""
-        return self.fuses_relu() and self.axis == 1
+        """Whether the algorithm computes what is behind the layer: not on tiles."""
+        return self.tiles is None and super().fuses_relu()
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Reshape the tops and choose the algorithm."""
@@ -187,26 +202,8 @@ class FastConvolutionDepthwise(FastConvolution, ConvolutionDepthwise):
     """Convolution of each channel on its own, with as many outputs as channels."""
 
 
-class FastDeconvolution(FastLayer, Deconvolution):
-    """Deconvolution by the algorithm that is the fastest for its shapes.
-
-    algorithms  those for each bottom; none for the plain layer
-    """
-
-    algorithms: Sequence[Choice] = ()
-
-    def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Read the geometry."""
-        super().setup(bottom, top)
-        self.geometry = Geometry(self.kernel, self.stride, self.pad, self.dilation, self.param.group)
-
-    def fuses_relu(self) -> bool:
-        """Whether the algorithm computes what is behind the layer: not on tiles, nor in the plain layer."""
-        return len(self.algorithms) > 0
-
-    def fuses_channels(self) -> bool:
-        """The same, if the outputs are the channels of the top."""
-        return self.fuses_relu() and self.axis == 1
+class FastDeconvolution(ByAlgorithms, Deconvolution):
+    """Deconvolution by the algorithm that is the fastest for its shapes."""
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Reshape the tops and choose the algorithm."""

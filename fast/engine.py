@@ -26,7 +26,6 @@ COPIES = 16  # parts of a large copy, and so the maximum number of threads that 
 
 # The places of plain classes in layers/ and of their fast classes here; files are imported when a net needs them.
 FAST_CLASSES: dict[str, str] = {
-    "activation.bias.Bias": "per_channel.FastBias",
     "activation.relu.ReLU": "relu.FastReLU",
     "activation.relu6.ReLU6": "relu.FastReLU6",
     "activation.scale.Scale": "per_channel.FastScale",

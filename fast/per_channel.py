@@ -1,4 +1,4 @@
-"""FastScale and FastBias: one value per channel, in blocks that stay in the cache.
+"""FastScale: one value per channel, in blocks that stay in the cache.
 
 A blob is viewed as (outer, G, inner): G values of the parameter, each for ``inner`` adjacent values, ``outer`` times. A
 block is some of the outer items, or some of the G values if there are few items. Several operations run on one block
@@ -17,7 +17,6 @@ import numpy as np
 from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.parallel import scratch
-from layers.activation.bias import Bias
 from layers.activation.scale import Scale
 from netlib.blob import Array, Blobs
 from netlib.system.memory import blocks
@@ -118,28 +117,3 @@ class FastScale(FastLayer, Scale):
             self.bias.diff[...] += of_dy.reshape(self.gain.shape)
         if propagate_down[0] and not self.is_fused:
             affine(dy, gain, None, view(bottom[0].diff, self.axis, gain.size))
-
-
-class FastBias(FastLayer, Bias):
-    """Bias with a learned parameter. A second bottom is added by the plain layer."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Compute y = x + b."""
-        if not self.learned:
-            super().forward(bottom, top)
-            return
-        b, axis = self.bias.data.reshape(-1), self._axis(bottom)
-        affine(view(bottom[0].data, axis, b.size), None, b, view(top[0].data, axis, b.size))
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Compute db, and copy dy to dx unless they are one array."""
-        if not self.learned:
-            super().backward(top, propagate_down, bottom)
-            return
-        dy = top[0].diff
-        self.bias.diff[...] += sums(view(dy, self._axis(bottom), self.bias.count))[0].reshape(self.bias.shape)
-        if propagate_down[0] and bottom[0] is not top[0]:
-            bottom[0].diff[...] = dy
-
-    def _axis(self, bottom: Blobs) -> int:
-        return len(bottom[0].shape) - len(self.wide) if self.bias.shape else 0

@@ -1,4 +1,4 @@
-"""BatchNorm, Scale and Bias of the fast engine give the results of the plain layers."""
+"""BatchNorm and Scale of the fast engine give the results of the plain layers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ LAYERS = {
     "scale": 'type: "Scale" scale_param { bias_term: true filler { type: "gaussian" std: 1 } }',
     "scale of two axes": 'type: "Scale" scale_param { num_axes: 2 filler { type: "gaussian" std: 1 } }',
     "one scale": 'type: "Scale" scale_param { num_axes: 0 filler { type: "gaussian" std: 1 } }',
-    "bias": 'type: "Bias" bias_param { filler { type: "gaussian" std: 1 } }',
 }
 
 
