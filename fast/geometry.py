@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -42,17 +42,17 @@ class Geometry:
     dilation: tuple[int, ...]
     group: int
 
-    @property
+    @cached_property
     def is_dense(self) -> bool:
         """Whether neighbouring windows are one value apart and read neighbouring values."""
         return set(self.stride) | set(self.dilation) == {1}
 
-    @property
+    @cached_property
     def one_group(self) -> Geometry:
         """The geometry of one of the groups."""
         return Geometry(self.kernel, self.stride, self.pad, self.dilation, 1)
 
-    @property
+    @cached_property
     def turned(self) -> Geometry:
         """The geometry of the transpose of a convolution with stride 1: a convolution with the flipped kernel."""
         pad = tuple(d * (k - 1) - p for k, p, d in zip(self.kernel, self.pad, self.dilation))

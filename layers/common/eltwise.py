@@ -83,7 +83,7 @@ class Eltwise(Layer):
             if not down:
                 continue
             if self.param.operation == "SUM":
-                x.diff[...] = self.coeff[i] * dy
+                x.diff[...] = dy if self.coeff[i] == 1 else self.coeff[i] * dy
             elif self.param.operation == "MAX":
                 x.diff[...] = dy * (self.winner == i)
             elif self.param.stable_prod_grad:
