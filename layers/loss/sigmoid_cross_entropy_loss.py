@@ -21,21 +21,17 @@ import numpy as np
 
 from layers.activation.elementwise import positive, sigmoid
 from layers.loss import labels as labels_of
-from layers.loss.labels import items_and_values
+from layers.loss.labels import LabelLoss, items_and_values
 from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import forward_aside
 from netlib.proto.messages import LossParameter
 
 
-class SigmoidCrossEntropyLoss(Layer):
+class SigmoidCrossEntropyLoss(LabelLoss):
     """Sigmoid and logistic loss combined, which is more accurate than separate layers."""
 
     param_type = LossParameter
     param_name = "loss_param"
-    bottoms = (2, 2)
-    tops = (1, 1)
-    in_place = False
-    loss_weight = 1.0
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.normalization = labels_of.normalization(self.param, default="BATCH_SIZE")
@@ -43,9 +39,6 @@ class SigmoidCrossEntropyLoss(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.shape = items_and_values(self, bottom)
         top[0].reshape(())
-
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return bottom_index == 0
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, target = (blob.data.reshape(self.shape) for blob in bottom)
