@@ -21,8 +21,10 @@ from netlib.blob import Array
 from netlib.system.memory import blocks
 
 BLOCK_BYTES = 8 << 20  # of the images
-MAX_WASTE = 1.5  # outputs in the tiles of all images, relative to those of y
-MIN_WORK = 200  # multiplications for a value of x or y, so that copying takes little time
+MIN_OUTPUTS = 14  # along an axis of an image, which has kh - 1 more rows
+MAX_WASTE = 1.25  # outputs in the tiles of all images, relative to those of y
+MIN_WORK = 150  # multiplications for a value of x or y, so that copying takes little time
+MIN_COST = 60_000_000  # multiplications, so that the calls take little time
 
 
 class Phases(Algorithm):
@@ -32,14 +34,16 @@ class Phases(Algorithm):
         self.algorithms = algorithms
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """Maps with enough outputs for each image, and for one of the algorithms. Up to twice as fast."""
+        """Maps with enough outputs for each image, and for one of the algorithms. Up to twice as fast, as measured with
+        12 to 192 channels, maps of 27 to 80 pixels and dilations of 2 to 9."""
         g = s.geometry
         if sum_ == "transpose" or len(s.sizes) != 2 or set(g.stride) != {1} or s.excess > MAX_EXCESS:
             return False
         waste = math.prod(-(-n // (d * TILE)) * d * TILE / n for n, d in zip(s.windows, g.dilation))
-        if max(g.dilation) == 1 or waste > MAX_WASTE:
+        if max(g.dilation) == 1 or waste > MAX_WASTE or min(_sizes(s).windows) < MIN_OUTPUTS:
             return False
-        if math.prod(g.kernel) * s.inputs * s.outputs < MIN_WORK * (s.inputs + s.outputs):
+        work = math.prod(g.kernel) * s.inputs * s.outputs
+        if work < MIN_WORK * (s.inputs + s.outputs) or s.images * math.prod(s.windows) * work < MIN_COST:
             return False
         return any(one.fits(_sizes(s), sum_) for one in self.algorithms)
 
